@@ -1,0 +1,33 @@
+"""The bench file: which devices stand on which ports, and the limits of the place."""
+
+from bench.benchfile._drivers import ENTRY_POINT_GROUP, ROLES, driver_path, known_drivers
+from bench.benchfile._load import bench_file_from, load_bench_file
+from bench.benchfile._model import (
+    BenchFile,
+    BenchSection,
+    ChamberSection,
+    GyroSection,
+    LimitsSection,
+    RecordingSection,
+    SafeSection,
+    TableSection,
+)
+from bench.benchfile._write import bench_file_text
+
+__all__ = [
+    "ENTRY_POINT_GROUP",
+    "ROLES",
+    "BenchFile",
+    "BenchSection",
+    "ChamberSection",
+    "GyroSection",
+    "LimitsSection",
+    "RecordingSection",
+    "SafeSection",
+    "TableSection",
+    "bench_file_from",
+    "bench_file_text",
+    "driver_path",
+    "known_drivers",
+    "load_bench_file",
+]

@@ -1,0 +1,147 @@
+"""What must agree between the sections of a bench file, checked on the raw data."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bench.benchfile._drivers import ROLES, known_drivers, one_of
+from bench.benchfile._model import LimitsSection, SafeSection
+
+_RESERVED_NAMES = ("table", "turntable", "chamber", "manifest", "events")
+"""Words that name other files and ports of a run folder."""
+
+_Devices = list[tuple[str, str, Mapping[str, Any]]]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One thing wrong with a bench file."""
+
+    key: str
+    found: str
+    expected: str
+
+
+def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mistake]:
+    """Check keys against each other, on raw data so that one bad type hides nothing else.
+
+    `resolve_links`: two names of one device on this machine are one port.
+    """
+    if data.get("gyro") in ([], ()):
+        yield Mistake(
+            "gyro", "an empty list", "at least one [[gyro]] with name, driver, unit, axis and a port"
+        )
+    devices = list(_devices(data))
+    yield from _drivers(devices)
+    yield from _names(devices)
+    yield from _connections(devices)
+    yield from _shared_ports(devices, resolve_links)
+    yield from _axes_and_sensors(data, devices)
+    yield from _limits(data)
+
+
+def _devices(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    """Yield (role, key, section) of every device section that is a table."""
+    for role in ROLES:
+        section = data.get(role)
+        if isinstance(section, dict):
+            yield role, role, section
+        elif isinstance(section, list):
+            for at, entry in enumerate(section):
+                if isinstance(entry, dict):
+                    yield role, f"{role}[{at}]", entry
+
+
+def _drivers(devices: _Devices) -> Iterator[Mistake]:
+    for role, key, section in devices:
+        kind = section.get("driver")
+        known = known_drivers(role)
+        if isinstance(kind, str) and kind not in known:
+            yield Mistake(f"{key}.driver", repr(kind), one_of(kind, known))
+
+
+def _names(devices: _Devices) -> Iterator[Mistake]:
+    seen: dict[str, str] = {}
+    for role, key, section in devices:
+        name = section.get("name")
+        if role != "gyro" or not isinstance(name, str):
+            continue
+        if name in _RESERVED_NAMES:
+            yield Mistake(f"{key}.name", repr(name), "a name that the run folder does not use itself")
+        elif name in seen:
+            yield Mistake(f"{key}.name", repr(name), f"a name of its own ({seen[name]} has this one)")
+        seen.setdefault(name, key)
+
+
+def _connections(devices: _Devices) -> Iterator[Mistake]:
+    for role, key, section in devices:
+        if role != "gyro":
+            continue
+        given = [name for name in ("port", "interface", "channel") if section.get(name) is not None]
+        on_can = section.get("driver") == "sbg_ellipse" or "interface" in given or "channel" in given
+        if "port" in given and on_can:
+            found = " and ".join(given)
+            yield Mistake(
+                key, found, "either port (serial) or interface and channel (CAN), as the driver has it"
+            )
+        elif on_can:
+            for name in ("interface", "channel"):
+                if name not in given:
+                    yield Mistake(f"{key}.{name}", "nothing", "a python-can interface and its channel")
+        elif "port" not in given:
+            yield Mistake(
+                f"{key}.port", "nothing", "a serial port, or interface and channel for a unit on CAN"
+            )
+
+
+def _shared_ports(devices: _Devices, resolve_links: bool) -> Iterator[Mistake]:
+    seen: dict[str, str] = {}
+    for _, key, section in devices:
+        name = "channel" if section.get("port") is None else "port"
+        port = section.get(name)
+        if not isinstance(port, str):
+            continue
+        place = os.path.realpath(port) if resolve_links and port.startswith("/") else port
+        if place in seen:
+            yield Mistake(f"{key}.{name}", repr(port), f"a port of its own ({seen[place]} is on this one)")
+        seen.setdefault(place, key)
+
+
+def _axes_and_sensors(data: Mapping[str, Any], devices: _Devices) -> Iterator[Mistake]:
+    chamber = data.get("chamber")
+    auxiliary = chamber.get("auxiliary", {}) if isinstance(chamber, dict) else {}
+    numbers = {str(number) for number in auxiliary} if isinstance(auxiliary, dict) else set()
+    for role, key, section in devices:
+        axis, axes, sensor = section.get("axis"), section.get("axes", "x"), section.get("case_sensor")
+        if role != "gyro":
+            continue
+        if isinstance(axis, str) and isinstance(axes, str) and axis not in axes:
+            yield Mistake(f"{key}.axis", repr(axis), f"one of the unit's axes, {axes!r}")
+        if isinstance(sensor, int) and str(sensor) not in numbers:
+            have = ", ".join(sorted(numbers)) or "none"
+            yield Mistake(f"{key}.case_sensor", str(sensor), f"a number in chamber.auxiliary ({have})")
+
+
+def _limits(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    limits = data.get("limits", {})
+    low = _number(limits, "min_temp_c", LimitsSection().min_temp_c)
+    high = _number(limits, "max_temp_c", LimitsSection().max_temp_c)
+    safe = _number(data.get("safe", {}), "chamber_set_point_c", SafeSection().chamber_set_point_c)
+    if low is None or high is None:
+        return
+    if low >= high:
+        yield Mistake("limits.min_temp_c", f"{low:g}", f"less than max_temp_c ({high:g})")
+    elif safe is not None and not low <= safe <= high:
+        yield Mistake(
+            "safe.chamber_set_point_c",
+            f"{safe:g}",
+            f"a temperature within [limits], {low:g} to {high:g} degC",
+        )
+
+
+def _number(section: object, name: str, default: float) -> float | None:
+    value = section.get(name, default) if isinstance(section, dict) else None
+    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None

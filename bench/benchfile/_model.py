@@ -1,0 +1,165 @@
+"""What a bench file may hold: frozen models, a description for every key (the text an error quotes)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
+
+Baudrate = Annotated[int, Field(ge=50, le=12_000_000)]
+Port = Annotated[str, Field(min_length=1)]
+_PORT_TEXT = "a port: a serial device such as '/dev/ttyUSB0', or 'socket://host:port'"
+
+
+def _sensor_numbers(value: Any) -> Any:
+    """Turn TOML's keys, which are always text, into sensor numbers; leave what is none for the check."""
+    if not isinstance(value, dict):
+        return value
+    return {
+        int(key) if isinstance(key, str) and key.isdecimal() else key: text for key, text in value.items()
+    }
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+
+class BenchSection(_Section):
+    """`[bench]`: the place."""
+
+    name: str = Field(min_length=1, description="a name for the bench, as text")
+    latitude_deg: float = Field(
+        ge=-90, le=90, allow_inf_nan=False, description="the bench's latitude in degrees, north positive"
+    )
+    clock: str | None = Field(
+        default=None,
+        pattern=r"^virtual://[^/:]+:\d{1,5}$",
+        description="'virtual://host:port' of an emulated lab; leave it out for the wall clock",
+    )
+
+
+class TableSection(_Section):
+    """`[table]`: the rate table."""
+
+    driver: str = Field(description="the kind of table driver")
+    port: Port = Field(description=_PORT_TEXT)
+    baudrate: Baudrate = Field(default=9600, description="the baud rate, a whole number of bit/s")
+    axis: int = Field(default=1, ge=1, le=9, description="the number of the table axis that carries the unit")
+
+
+class ChamberSection(_Section):
+    """`[chamber]`: the thermal chamber. `auxiliary` maps a sensor's number to what it is glued to."""
+
+    driver: str = Field(description="the kind of chamber driver")
+    port: Port = Field(description=_PORT_TEXT)
+    baudrate: Baudrate = Field(default=9600, description="the baud rate, a whole number of bit/s")
+    address: int = Field(default=1, ge=0, le=31, description="the chamber's bus address, 0 to 31")
+    simserv: bool = Field(default=True, description="true if the chamber's port also answers SimServ")
+    start_channel: int = Field(
+        default=1, ge=1, le=32, description="the number of the digital output that starts the chamber"
+    )
+    auxiliary: Annotated[dict[Annotated[int, Field(ge=1)], str], BeforeValidator(_sensor_numbers)] = Field(
+        default_factory=dict,
+        description='sensor number (1, 2, ...) = what it is glued to, e.g. {1 = "fog_1 case"}',
+    )
+
+
+class GyroSection(_Section):
+    """`[[gyro]]`: a unit under test, on a serial port (`port`) or a CAN bus (`interface`, `channel`)."""
+
+    name: str = Field(
+        pattern=r"^[a-z][a-z0-9_]{0,31}$",
+        description="a short name of lower-case letters, digits and _ that starts with a letter",
+    )
+    driver: str = Field(description="the kind of gyro driver")
+    unit: str = Field(min_length=1, description="the serial number or id of the unit under test, as text")
+    axis: Literal["x", "y", "z"] = Field(description="the axis under test: 'x', 'y' or 'z'")
+    axes: str = Field(
+        default="x",
+        pattern=r"^(x|y|z|xy|xz|yz|xyz)$",
+        description="the axes the unit has, in order: 'x', 'xyz', ...",
+    )
+    port: Port | None = Field(default=None, description=_PORT_TEXT)
+    baudrate: Baudrate = Field(default=921_600, description="the baud rate, a whole number of bit/s")
+    frame_format: Literal["A", "B", "C"] = Field(
+        default="A", description="the frame format the unit is told to send: 'A', 'B' or 'C'"
+    )
+    interface: str | None = Field(
+        default=None,
+        min_length=1,
+        description="a python-can interface, e.g. 'socketcan' or 'gyrobench_slcan'",
+    )
+    channel: str | None = Field(
+        default=None, min_length=1, description="the CAN channel, e.g. 'can0', or the slcan adapter's port"
+    )
+    bitrate: int = Field(
+        default=500_000, ge=10_000, le=1_000_000, description="the CAN bit rate, a whole number of bit/s"
+    )
+    rate_hz: float = Field(
+        default=100.0, gt=0, le=20_000, allow_inf_nan=False, description="the sample rate in Hz"
+    )
+    case_sensor: int | None = Field(
+        default=None, ge=1, description="the number of the chamber's auxiliary sensor on the unit's case"
+    )
+
+    @property
+    def on_can(self) -> bool:
+        """Whether the unit is on a CAN bus rather than a serial port."""
+        return self.port is None
+
+
+class LimitsSection(_Section):
+    """`[limits]`: what nobody may demand of this bench, whatever its devices could do."""
+
+    max_rate_dps: float = Field(
+        default=20.0, gt=0, allow_inf_nan=False, description="the highest table rate allowed, deg/s"
+    )
+    min_temp_c: float = Field(
+        default=-60.0, ge=-200, allow_inf_nan=False, description="the lowest set point allowed, degC"
+    )
+    max_temp_c: float = Field(
+        default=85.0, le=400, allow_inf_nan=False, description="the highest set point allowed, degC"
+    )
+    max_ramp_k_per_min: float = Field(
+        default=25.0, gt=0, allow_inf_nan=False, description="the fastest temperature ramp allowed, K/min"
+    )
+
+
+class SafeSection(_Section):
+    """`[safe]`: where the bench is left when something goes wrong."""
+
+    chamber_set_point_c: float = Field(
+        default=25.0, allow_inf_nan=False, description="the chamber's set point after a stop, degC"
+    )
+
+
+class RecordingSection(_Section):
+    """`[recording]`: how soon bytes reach the disk."""
+
+    flush_interval_s: float = Field(
+        default=1.0, gt=0, le=60, allow_inf_nan=False, description="seconds of bench time between flushes"
+    )
+
+
+class BenchFile(_Section):
+    """A bench, as its file describes it. `sha256` is the checksum of the file as it was read."""
+
+    bench: BenchSection = Field(description="a [bench] section with name and latitude_deg")
+    table: TableSection = Field(description="a [table] section with driver and port")
+    chamber: ChamberSection = Field(description="a [chamber] section with driver and port")
+    gyro: tuple[GyroSection, ...] = Field(
+        strict=False, description="at least one [[gyro]] with name, driver, unit, axis and a port"
+    )
+    limits: LimitsSection = Field(default=LimitsSection(), description="a [limits] section")
+    safe: SafeSection = Field(default=SafeSection(), description="a [safe] section")
+    recording: RecordingSection = Field(default=RecordingSection(), description="a [recording] section")
+    _sha256: str = PrivateAttr(default="")
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the bytes this was read from, in hexadecimal."""
+        return self._sha256
+
+    def gyro_named(self, name: str) -> GyroSection:
+        """Return the gyro of that name; raises KeyError."""
+        return {gyro.name: gyro for gyro in self.gyro}[name]

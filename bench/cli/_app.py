@@ -1,0 +1,179 @@
+"""The commands of `gyrobench`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.cli._fits import fit_app, scheme_app
+from bench.cli._gaps import gap_app
+from drivers.errors import BenchError, RunAborted
+
+app = typer.Typer(
+    name="gyrobench",
+    help="Run gyro test procedures on a bench of turntable, thermal chamber and gyros - real or emulated.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+runs_app = typer.Typer(help="Look at recorded runs.", no_args_is_help=True)
+app.add_typer(runs_app, name="runs")
+campaign_app = typer.Typer(help="Many runs and one fit.", no_args_is_help=True)
+app.add_typer(campaign_app, name="campaign")
+app.add_typer(fit_app, name="fit")
+app.add_typer(scheme_app, name="scheme")
+app.add_typer(gap_app, name="gap")
+
+Bench = Annotated[Path, typer.Option("--bench", help="bench file (TOML)", show_default=True)]
+RunsFolder = Annotated[Path, typer.Option("--runs", help="folder that holds the runs")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", "-s", help="parameter, as name=value; repeat for several")
+]
+PlantFile = Annotated[
+    Path | None, typer.Option("--plant", help="plant file (TOML): physics behind the emulated devices")
+]
+Seed = Annotated[int | None, typer.Option("--seed", help="seed of the emulated lab")]
+
+DEFAULT_BENCH = Path("lab.toml")
+DEFAULT_RUNS = Path("runs")
+
+
+def main() -> None:
+    """Run the command line; an error of ours is one paragraph and exit code 2, an aborted run exit code 3."""
+    try:
+        app()
+    except BenchError as error:
+        _complain(str(error))
+        sys.exit(3 if isinstance(error, RunAborted) else 2)
+    except KeyboardInterrupt:
+        _complain("stopped by Ctrl-C")
+        sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+
+
+def _complain(text: str) -> None:
+    from rich.console import Console
+
+    Console(stderr=True).print(f"error: {text}", style="bold red", highlight=False, markup=False)
+
+
+@app.command()
+def procedures(name: Annotated[str | None, typer.Argument(help="show this one in full")] = None) -> None:
+    """List the procedures with parameters, units, defaults and expected duration."""
+    from bench.cli._procedures import show_procedures
+
+    show_procedures(name)
+
+
+@app.command()
+def run(
+    procedure: str,
+    bench: Bench = DEFAULT_BENCH,
+    runs: RunsFolder = DEFAULT_RUNS,
+    set_: Set = None,
+    yes: Annotated[bool, typer.Option("--yes", help="answer operator questions beforehand")] = False,
+) -> None:
+    """Run a procedure on the bench that the bench file describes."""
+    from bench.cli._run import run_command
+
+    sys.exit(run_command(procedure, bench, runs, set_ or [], yes))
+
+
+@app.command()
+def rehearse(
+    procedure: str,
+    bench: Bench = DEFAULT_BENCH,
+    runs: RunsFolder = DEFAULT_RUNS,
+    set_: Set = None,
+    plant: PlantFile = None,
+    seed: Seed = None,
+) -> None:
+    """Run a procedure on an emulated lab that matches the bench file: time plan, log size and plots."""
+    from bench.cli._run import rehearse_command
+
+    sys.exit(rehearse_command(procedure, bench, runs, set_ or [], plant, seed))
+
+
+@app.command()
+def lab(
+    bench: Bench = DEFAULT_BENCH,
+    plant: PlantFile = None,
+    seed: Seed = None,
+    virtual: Annotated[
+        bool, typer.Option("--virtual", help="serve a virtual clock instead of following the wall clock")
+    ] = False,
+    write: Annotated[
+        Path | None, typer.Option("--write", help="write a bench file that reaches this lab's ports")
+    ] = None,
+) -> None:
+    """Serve an emulated lab that matches the bench file, for any software, until Ctrl-C."""
+    from bench.cli._run import lab_command
+
+    lab_command(bench, plant, seed, virtual, write)
+
+
+@app.command()
+def report(
+    run: Annotated[Path, typer.Argument(help="a run folder")],
+    out: Annotated[Path | None, typer.Option(help="HTML file; default report.html in that folder")] = None,
+) -> None:
+    """Write a self-contained HTML report of a run; a fit writes its own."""
+    from bench.cli._fit import report_command
+
+    report_command(run, out)
+
+
+@campaign_app.command("rehearse")
+def campaign_rehearse(
+    campaign: Annotated[Path, typer.Argument(help="campaign file (TOML)")],
+    bench: Bench = DEFAULT_BENCH,
+    out: Annotated[Path, typer.Option(help="new folder for runs, compensation and report")] = Path(
+        "campaign"
+    ),
+    plant: PlantFile = None,
+    seed: Seed = None,
+    jobs: Annotated[int | None, typer.Option(help="runs at the same time; default one a processor")] = None,
+) -> None:
+    """Run a whole campaign on emulated labs, fit the compensation and write the report."""
+    from bench.cli._campaign import rehearse_command
+
+    sys.exit(rehearse_command(campaign, bench, out, plant, seed, jobs))
+
+
+@app.command()
+def ports() -> None:
+    """List serial ports and CAN channels of this machine."""
+    from bench.cli._ports import ports_command
+
+    ports_command()
+
+
+@runs_app.command("list")
+def runs_list(runs: RunsFolder = DEFAULT_RUNS) -> None:
+    """List the runs in a folder."""
+    from bench.cli._runs import list_command
+
+    list_command(runs)
+
+
+@runs_app.command("show")
+def runs_show(run: Path) -> None:
+    """Show what a run was, on what, and how it ended."""
+    from bench.cli._runs import show_command
+
+    show_command(run)
+
+
+@runs_app.command("verify")
+def runs_verify(run: list[Path]) -> None:
+    """Recompute the checksums of runs and rebuild their decoded tables from the raw bytes."""
+    from bench.cli._runs import verify_command
+
+    sys.exit(verify_command(run))

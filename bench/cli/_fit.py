@@ -1,0 +1,111 @@
+"""`gyrobench fit` and `gyrobench report`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.export import c_header, lstm_to_onnx
+from bench.fitting import Compensation, LstmModel, Study, load_runs, run_study
+from bench.fitting_report import study_content
+from bench.recording import Run
+from bench.report import render_campaign, render_run, run_content
+from drivers.errors import ConfigurationError
+
+REPORT_FILE = "report.html"
+
+
+def fit_command(
+    train: Sequence[Path],
+    validate: Sequence[Path],
+    test: Sequence[Path],
+    gyro: str | None,
+    out: Path,
+    models: str | None,
+    jobs: int,
+) -> None:
+    """Fit, choose, judge, and write compensation, exports and report to `out`."""
+    console = Console()
+    names = [name.strip() for name in models.split(",")] if models else None
+    with console.status("loading runs"):
+        sets = [load_runs(folders, gyro) for folders in (train, validate)]
+        tests = load_runs(test, gyro, allow_invalid=True)
+    with console.status("fitting models"):
+        study = run_study(sets[0], sets[1], tests, names, n_jobs=jobs)
+    write_study(study, [*train, *validate, *test], out, title="Cold-shock compensation")
+    console.print(score_table(study))
+    console.print(f"chosen on {_names(study)}: {study.chosen}; files in {out}", highlight=False)
+    if study.judged_on_chosen:
+        console.print("no --test runs: the figures are on the runs that chose the model", style="yellow")
+
+
+def write_study(study: Study, folders: Sequence[Path], out: Path, *, title: str) -> None:
+    """Write compensation.gyrocomp, compensation.h, lstm.onnx (if fitted) and report.html to `out`."""
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "compensation.gyrocomp"
+    study.compensation.save(path)
+    saved = Compensation.load(path)
+    (out / "compensation.h").write_text(c_header(saved), encoding="utf-8")
+    network = study.models.get(LstmModel.name)
+    if isinstance(network, LstmModel):
+        (out / "lstm.onnx").write_bytes(lstm_to_onnx(network))
+    content = study_content(study, [Run.open(folder) for folder in folders], path, title)
+    (out / REPORT_FILE).write_text(render_campaign(content), encoding="utf-8")
+
+
+def score_table(study: Study) -> Table:
+    """Return the models' mean figures over the test runs."""
+    table = Table(title="means over the test runs")
+    table.add_column("model", no_wrap=True)
+    for heading in (
+        "1σ of 100 s, deg/h",
+        "less by %",
+        "of attainable %",
+        "peak deg/h",
+        "SF rms ppm",
+        "max ppm",
+    ):
+        table.add_column(heading, justify="right")
+    for score in study.selection:
+        rows = study.scores[score.name]
+        cells = [
+            _mean([row.stability_dph for row in rows], ".4f"),
+            _mean([row.improvement_pct for row in rows], ".1f"),
+            _mean(
+                [None if row.attained_fraction is None else 100 * row.attained_fraction for row in rows],
+                ".1f",
+            ),
+            _mean([row.true_max_dph for row in rows], ".3f"),
+            _mean([row.sf_true_rms_ppm or row.sf_rms_ppm for row in rows], ".2f"),
+            _mean([row.sf_true_max_ppm or row.sf_max_ppm for row in rows], ".1f"),
+        ]
+        style = "bold green" if score.name == study.chosen else ""
+        table.add_row(score.name, *cells, style=style)
+    return table
+
+
+def report_command(folder: Path, out: Path | None) -> None:
+    """Write the report of a run folder; a fit's report is written by the fit itself."""
+    if not (folder / "manifest.json").exists():
+        raise ConfigurationError(
+            "no run to report on",
+            where=str(folder),
+            found="no manifest.json",
+            expected="a run folder",
+            remedy="`gyrobench fit` writes the report of a fit into its own folder",
+        )
+    page = out or folder / REPORT_FILE
+    page.write_text(render_run(run_content(Run.open(folder))), encoding="utf-8")
+    Console().print(f"{page}", highlight=False)
+
+
+def _names(study: Study) -> str:
+    return ", ".join(run.run_id for run in study.validation)
+
+
+def _mean(values: Sequence[float | None], spec: str) -> str:
+    known = [value for value in values if value is not None]
+    return format(sum(known) / len(known), spec) if known else "-"

@@ -1,0 +1,174 @@
+"""`gyrobench gap diagnose` and `gyrobench gap close`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.gap import (
+    Cause,
+    Diagnosis,
+    GapRun,
+    Model,
+    Shrinkage,
+    closed_model,
+    diagnose,
+    load_gap_runs,
+    model_text,
+    read_mapped_runs,
+    read_model,
+    shrinkage,
+)
+
+_SIGNIFICANT = 0.01
+_SHOWN = 8
+
+
+def gap_diagnose_command(
+    runs: Sequence[Path], model: Path, held_out: Sequence[Path], gyro: str | None, as_json: bool
+) -> None:
+    """Say where simulation and bench part, which effect is missing, and how far the gap closes with it."""
+    console = Console()
+    nominal = read_model(model)
+    with console.status("diagnosing"):
+        found = diagnose(_load(runs, gyro), nominal)
+        shrunk = _judged(found, _load(held_out, gyro), nominal) if held_out else None
+    if as_json:
+        console.print_json(json.dumps(_facts(found, shrunk)))
+        return
+    _print(console, found, shrunk)
+
+
+def gap_close_command(runs: Sequence[Path], model: Path, gyro: str | None, out: Path | None) -> None:
+    """Write the nominal model with the effects that the runs show: fitted parameters, uncertainties, runs."""
+    console = Console()
+    found = diagnose(_load(runs, gyro), read_model(model))
+    closed = closed_model(found)
+    names = "+".join(cause.name for cause in found.causes)
+    if not names:
+        console.print(f"{found.verdict}: there is no effect to put into the model", style="yellow")
+        return
+    path = out or model.with_name(f"{model.stem}+{names}.toml")
+    path.write_text(model_text(closed), encoding="utf-8")
+    console.print(f"{path}", highlight=False)
+
+
+def _load(folders: Sequence[Path], gyro: str | None) -> list[GapRun]:
+    """Read run folders, and mapping files (.toml) of recordings made elsewhere."""
+    runs: list[GapRun] = []
+    for path in folders:
+        runs += read_mapped_runs(path) if path.suffix == ".toml" else load_gap_runs(path, gyro)
+    return runs
+
+
+def _judged(found: Diagnosis, held_out: Sequence[GapRun], nominal: Model) -> Shrinkage:
+    before = Model(nominal.name, found.model.terms, found.model.noise)
+    return shrinkage(before, closed_model(found), held_out, found.floor)
+
+
+def _print(console: Console, found: Diagnosis, shrunk: Shrinkage | None) -> None:
+    console.print(f"unit {found.unit_id}: [bold]{found.verdict}[/bold]")
+    for cause in found.causes:
+        console.print(f"  {_sentence(cause)}", highlight=False)
+    for name, probability in found.stochastic.items():
+        console.print(f"  {name} ({100 * probability:.0f} %)", highlight=False)
+    if found.unknown_probability > 0.5:
+        near = ", ".join(cause.name for cause in found.resembles) or "nothing in the catalogue"
+        chance = f"{100 * found.unknown_probability:.0f} %"
+        console.print(
+            f"  something that the catalogue lacks ({chance}); it resembles {near}", highlight=False
+        )
+    console.print(_map("where", [p for p in found.places if p.p_value < _SIGNIFICANT][:_SHOWN]))
+    if any(p.p_value < _SIGNIFICANT for p in found.left_places):
+        console.print(_map("left", [p for p in found.left_places if p.p_value < _SIGNIFICANT][:_SHOWN]))
+    console.print(_closing(shrunk), highlight=False)
+    for warning in found.warnings:
+        console.print(f"  {warning}", style="yellow", highlight=False)
+    if found.unidentifiable:
+        names = ", ".join(found.unidentifiable)
+        console.print(f"  not to be seen in these runs: {names}", style="dim", highlight=False)
+
+
+def _sentence(cause: Cause) -> str:
+    names = [parameter.name for parameter in cause.term.variant.effect.parameters]
+    values = ", ".join(
+        f"{name} = {value:.4g} +- {sigma:.2g}"
+        for name, value, sigma in zip(names, cause.term.values, cause.term.sigmas, strict=True)
+    )
+    rivals = ", ".join(f"{name} {100 * value:.0f} %" for name, value in cause.alternatives.items())
+    told = f"; in its place could stand {rivals}" if rivals else ""
+    return f"{cause.name} ({100 * cause.probability:.0f} %): {cause.meaning} {values}{told}"
+
+
+def _map(title: str, places: Sequence[Any]) -> Table:
+    table = Table("profile", "runs", "time scale", "rms deg/h", "share %", "energy / floor", title=title)
+    for place in places:
+        table.add_row(
+            place.profile,
+            place.parity,
+            place.band,
+            f"{place.rms_dph:.4f}",
+            f"{100 * place.share:.0f}",
+            f"{place.energy_ratio:.1f}",
+        )
+    return table
+
+
+def _closing(shrunk: Shrinkage | None) -> str:
+    if shrunk is None:
+        return "no held-out runs: how far the gap shrinks is not known"
+    if not shrunk.cells:
+        return "no gap above the floor on the held-out runs"
+    return (
+        f"on held-out runs {100 * shrunk.share:.1f} % of the reducible gap is gone "
+        f"({100 * shrunk.low:.1f} to {100 * shrunk.high:.1f} %): "
+        f"{shrunk.rms_before_dph:.4f} -> {shrunk.rms_after_dph:.4f} deg/h rms above the floor"
+    )
+
+
+def _facts(found: Diagnosis, shrunk: Shrinkage | None) -> dict[str, Any]:
+    return {
+        "unit": found.unit_id,
+        "verdict": found.verdict,
+        "causes": [_cause_facts(cause) for cause in found.causes],
+        "resembles": [_cause_facts(cause) for cause in found.resembles],
+        "stochastic": dict(found.stochastic),
+        "unknown_probability": found.unknown_probability,
+        "no_gap_probability": found.null_probability,
+        "sets": {" + ".join(sorted(names)): value for names, value in found.set_probabilities.items()},
+        "places": [vars(place) for place in found.places],
+        "phases": [vars(place) for place in found.phases],
+        "left": [vars(place) for place in found.left_places],
+        "unidentifiable": dict(found.unidentifiable),
+        "warnings": list(found.warnings),
+        "runs": dict(found.run_checksums),
+        "held_out": None if shrunk is None or not shrunk.cells else _shrinkage_facts(shrunk),
+    }
+
+
+def _cause_facts(cause: Cause) -> dict[str, Any]:
+    names = [parameter.name for parameter in cause.term.variant.effect.parameters]
+    return {
+        "name": cause.name,
+        "probability": cause.probability,
+        "alternatives": dict(cause.alternatives),
+        "parameters": dict(zip(names, cause.term.values, strict=True)),
+        "sigma": dict(zip(names, cause.term.sigmas, strict=True)),
+        "shape": dict(cause.term.variant.shape),
+        "explained_where_it_acts": cause.credibility,
+    }
+
+
+def _shrinkage_facts(shrunk: Shrinkage) -> dict[str, Any]:
+    return {
+        "share": shrunk.share,
+        "interval_95": [shrunk.low, shrunk.high],
+        "rms_before_dph": shrunk.rms_before_dph,
+        "rms_after_dph": shrunk.rms_after_dph,
+        "by_profile": {name: value for name, value in shrunk.by_profile.items() if value == value},
+    }

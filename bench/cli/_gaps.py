@@ -1,0 +1,47 @@
+"""The commands `gyrobench gap ...`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+gap_app = typer.Typer(
+    help="Where simulation and bench part, and which effect is missing.", no_args_is_help=True
+)
+
+Runs = Annotated[list[Path], typer.Argument(help="run folders, or mapping files of foreign recordings")]
+Model = Annotated[Path, typer.Option("--model", help="nominal model (TOML)")]
+GyroName = Annotated[str | None, typer.Option(help="gyro to diagnose; default the first of the runs")]
+
+
+@gap_app.command("diagnose")
+def gap_diagnose(
+    runs: Runs,
+    model: Model,
+    held_out: Annotated[
+        list[Path] | None, typer.Option("--held-out", help="run to judge the closing on; repeat for several")
+    ] = None,
+    gyro: GyroName = None,
+    json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
+) -> None:
+    """Say where the gap is, which effect explains it, and how far it closes on held-out runs."""
+    from bench.cli._gap import gap_diagnose_command
+
+    gap_diagnose_command(runs, model, held_out or [], gyro, json)
+
+
+@gap_app.command("close")
+def gap_close(
+    runs: Runs,
+    model: Model,
+    gyro: GyroName = None,
+    out: Annotated[
+        Path | None, typer.Option(help="file; default nominal+<effect>.toml beside the model")
+    ] = None,
+) -> None:
+    """Write the nominal model with the missing effect fitted into it."""
+    from bench.cli._gap import gap_close_command
+
+    gap_close_command(runs, model, gyro, out)

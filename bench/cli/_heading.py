@@ -1,0 +1,118 @@
+"""`gyrobench fit-heading`: the heading effect of a platform INS from its log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.heading import (
+    SIDEREAL_DAY_S,
+    Form,
+    HeadingStudy,
+    Site,
+    earth_rotation_deg,
+    load_log,
+    save_model,
+    study_heading,
+)
+from bench.recording import checksum
+from bench.report._heading import HeadingContent, mixed_text, render_heading
+from drivers.clock import utc_now
+from drivers.errors import ConfigurationError
+
+MODEL_FILE = "heading.gyrocomp"
+REPORT_FILE = "report.html"
+
+
+def heading_command(
+    log: Path,
+    latitude_deg: float,
+    longitude_deg: float,
+    tests: Sequence[Path] = (),
+    out: Path = Path("heading-fit"),
+    columns: Sequence[str] = (),
+    epoch_s: float | None = None,
+    damping: float = 0.0,
+    form: str = "lag9",
+    window_h: float = 1.5 * SIDEREAL_DAY_S / 3600.0,
+) -> int:
+    """Fit `log`, judge on `tests`, write compensation and report to `out`; return the exit code.
+
+    `epoch_s`: s since 1970 (UTC) at time 0 of the logs. Exit code 4 when temperature is not what drives the
+    drift: then there is a report and no compensation.
+    """
+    console = Console()
+    if form not in ("lag9", "lag15"):
+        raise ConfigurationError(f"there is no model {form!r}", where="--form", expected="lag9 or lag15")
+    zero_deg = None if epoch_s is None else earth_rotation_deg(epoch_s)
+    site, named = Site(latitude_deg, longitude_deg, zero_deg, damping), parse_columns(columns)
+    calibration, other = load_log(log, site, named)
+    held_out = {path.stem: load_log(path, site, named)[0] for path in tests}
+    study = study_heading(
+        calibration, held_out, form=cast(Form, form), window_s=3600.0 * window_h, other_temp_c=other
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    caused = study.model.evidence.cause == "temperature"
+    model_path = out / MODEL_FILE
+    if caused:
+        save_model(model_path, study.model)
+    else:
+        model_path.unlink(missing_ok=True)
+    sums = {path.name: checksum(path).sha256 for path in (log, *tests)}
+    content = HeadingContent(study, log.stem, utc_now(), sums, MODEL_FILE if caused else "")
+    (out / REPORT_FILE).write_text(render_heading(content), encoding="utf-8")
+    for finding in study.findings:
+        console.print(f"{finding.what}: {finding.consequence}", style="yellow", highlight=False)
+    if not caused:
+        console.print(not_temperature(study), style="bold red", highlight=False)
+        return 4
+    if study.model.evidence.mixed:
+        console.print(mixed_text(study), style="yellow", highlight=False)
+    console.print(judgement_table(study))
+    console.print(f"time constant {study.model.tau_s / 3600.0:.2f} h; files in {out}", highlight=False)
+    return 0
+
+
+def parse_columns(pairs: Sequence[str]) -> dict[str, str]:
+    """Return quantity -> column of `quantity=column` texts; ConfigurationError for anything else."""
+    named = {}
+    for pair in pairs:
+        quantity, equals, column = pair.partition("=")
+        if not equals or not quantity or not column:
+            raise ConfigurationError(
+                "a column that is not quantity=column",
+                where="--column",
+                found=pair,
+                expected="e.g. temp_c=coil_temp",
+            )
+        named[quantity.strip()] = column.strip()
+    return named
+
+
+def not_temperature(study: HeadingStudy) -> str:
+    """Say what drives the drift instead."""
+    if study.model.evidence.cause == "none":
+        return "no heading effect beyond the noise of this run: nothing to compensate"
+    return (
+        "the drift steps with heading and does not follow the temperature (friction, magnetic field, "
+        "cables?): "
+        "compensating with temperature would add error, no compensation was written"
+    )
+
+
+def judgement_table(study: HeadingStudy) -> Table:
+    """Return the position errors before and after each model, a row for each log and model."""
+    table = Table("log", "model", "before arcmin", "after arcmin", "reduction %")
+    for row in study.judgements:
+        table.add_row(
+            row.name + ("" if row.held_out else " (fitted on)"),
+            row.method,
+            f"{row.rms_before_as / 60.0:.3f}",
+            f"{row.rms_after_as / 60.0:.3f}",
+            f"{row.reduction_percent:.1f}",
+        )
+    return table

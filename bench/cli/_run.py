@@ -1,0 +1,139 @@
+"""`gyrobench run`, `rehearse` and `lab`."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.benchfile import bench_file_text, load_bench_file
+from bench.cli._display import RunDisplay, duration, size
+from bench.emulated import EmulatedLab, Plant, load_plant, save_truth
+from bench.procedure import find_procedure
+from bench.questions import AssumeYes, StageHand
+from bench.questions import Console as ConsoleOperator
+from bench.recording import Run
+from bench.runner import RunRequest, RunResult, run_procedure
+from drivers.clock import host_seconds
+from drivers.errors import ConfigurationError
+
+EXIT_CODES = {"completed": 0, "invalid": 4, "aborted": 3}
+
+
+def parse_settings(pairs: list[str]) -> dict[str, str]:
+    """Return name -> value of `name=value` texts; ConfigurationError for anything else."""
+    settings = {}
+    for pair in pairs:
+        name, equals, value = pair.partition("=")
+        if not equals or not name.strip():
+            raise ConfigurationError(
+                "a parameter that is not name=value", where="--set", found=pair, expected="e.g. soak_min=60"
+            )
+        settings[name.strip()] = value.strip()
+    return settings
+
+
+def run_command(name: str, bench: Path, runs: Path, pairs: list[str], yes: bool) -> int:
+    """Run on the bench file's own devices."""
+    console = Console()
+    procedure = find_procedure(name)
+    parameters = procedure.parse(parse_settings(pairs))
+    file = load_bench_file(bench)
+    operator = (
+        AssumeYes() if yes else ConsoleOperator(lambda text: console.input(f"[bold]{text}[/bold] [yes/no] "))
+    )
+    with RunDisplay(console, name, procedure.expected_duration_s(parameters)) as display:
+        result = run_procedure(RunRequest(procedure, parameters, file, runs, operator, display))
+    say_result(console, result)
+    return EXIT_CODES[result.outcome]
+
+
+def rehearse_command(
+    name: str, bench: Path, runs: Path, pairs: list[str], plant_file: Path | None, seed: int | None
+) -> int:
+    """Run on an emulated lab in virtual time, then print time plan and log size."""
+    console = Console()
+    procedure = find_procedure(name)
+    parameters = procedure.parse(parse_settings(pairs))
+    plant = plant_with_seed(plant_file, seed)
+    file = load_bench_file(bench)
+    started = host_seconds()
+    with (
+        EmulatedLab(file, plant) as lab,
+        RunDisplay(console, f"rehearsal of {name}", procedure.expected_duration_s(parameters)) as display,
+    ):
+        request = RunRequest(
+            procedure,
+            parameters,
+            lab.file,
+            runs,
+            StageHand(lab.perform),
+            display,
+            emulated={"seed": plant.seed, "model": plant.summary(file)},
+            before_close=lambda folder: save_truth(lab, folder),
+        )
+        result = run_procedure(request)
+    say_result(console, result)
+    console.print(_time_plan(result.folder))
+    log_bytes = sum(path.stat().st_size for path in result.folder.rglob("*") if path.is_file())
+    wall = host_seconds() - started
+    console.print(
+        f"{duration(result.duration_s)} of bench time in {wall:.1f} s ({result.duration_s / wall:,.0f} x); "
+        f"the run folder takes {size(log_bytes)}"
+    )
+    if result.outcome != "aborted":
+        from bench.report import render_run, run_content
+
+        page = result.folder / "report.html"
+        page.write_text(render_run(run_content(Run.open(result.folder))), encoding="utf-8")
+        console.print(f"plots: {page}")
+    return EXIT_CODES[result.outcome]
+
+
+def lab_command(
+    bench: Path, plant_file: Path | None, seed: int | None, virtual: bool, write: Path | None
+) -> None:
+    """Serve a lab until Ctrl-C."""
+    console = Console()
+    plant = plant_with_seed(plant_file, seed)
+    with EmulatedLab(load_bench_file(bench), plant, clock="virtual" if virtual else "wall") as lab:
+        table = Table("device", "port")
+        for name, port in lab.ports.items():
+            table.add_row(name, port)
+        console.print(table)
+        if lab.clock_url:
+            console.print(f"clock: {lab.clock_url}")
+        if write is not None:
+            write.write_text(bench_file_text(lab.file), encoding="utf-8")
+            console.print(f"bench file for these ports: {write}", highlight=False)
+        console.print("Ctrl-C ends the lab.")
+        signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))
+        try:
+            lab.wait()
+        except KeyboardInterrupt:
+            console.print("lab closed")
+
+
+def plant_with_seed(path: Path | None, seed: int | None) -> Plant:
+    """Return the plant file's settings with the seed of the command line, if one is given."""
+    plant = load_plant(path)
+    return plant if seed is None else plant.model_copy(update={"seed": seed})
+
+
+def say_result(console: Console, result: RunResult) -> None:
+    """Print how a run ended."""
+    style = {"completed": "green", "invalid": "yellow", "aborted": "red"}[result.outcome]
+    console.print(f"[{style}]{result.outcome}[/{style}]  {result.folder}", highlight=False)
+    if result.reason:
+        console.print(result.reason, style=style, highlight=False, markup=False)
+    for warning in result.warnings:
+        console.print(f"warning: {warning}", style="yellow", highlight=False, markup=False)
+
+
+def _time_plan(folder: Path) -> Table:
+    table = Table("start", "length", "phase", title="time plan")
+    for phase in Run.open(folder).phases():
+        table.add_row(duration(phase.start_s), duration(phase.end_s - phase.start_s), phase.name)
+    return table

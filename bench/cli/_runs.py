@@ -1,0 +1,103 @@
+"""`gyrobench runs`: list, show, verify."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.cli._display import duration
+from bench.recording import Run, list_runs, verify
+from bench.run_record import decode_run
+
+_STYLES = {"completed": "green", "invalid": "yellow", "aborted": "red", "running": "cyan"}
+
+
+def list_command(root: Path) -> None:
+    """Print the runs below `root`."""
+    console = Console()
+    entries = list_runs(root)
+    if not entries:
+        console.print(f"no runs in {root}", highlight=False)
+        return
+    table = Table("run", "procedure", "units", "outcome", "bench time", "started (UTC)")
+    for entry in entries:
+        if entry.manifest is None:
+            table.add_row(entry.folder.name, "-", "-", f"unreadable: {entry.problem}", "-", "-")
+            continue
+        found = entry.manifest
+        style = _STYLES[found.outcome]
+        length = "-" if found.duration_s is None else duration(found.duration_s)
+        units = ", ".join(found.units.values())
+        table.add_row(
+            entry.folder.name,
+            found.procedure,
+            units,
+            f"[{style}]{found.outcome}[/{style}]",
+            length,
+            found.started_utc[:19],
+        )
+    console.print(table)
+
+
+def show_command(folder: Path) -> None:
+    """Print a run's parameters, devices, measurements and streams."""
+    console = Console()
+    run = Run.open(folder)
+    found = run.manifest
+    style = _STYLES[found.outcome]
+    console.print(
+        f"[bold]{found.run_id}[/bold]  [{style}]{found.outcome}[/{style}]  {found.reason}", highlight=False
+    )
+    length = "not closed" if found.duration_s is None else duration(found.duration_s)
+    console.print(f"{found.procedure}, started {found.started_utc}, bench time {length}", highlight=False)
+    console.print(
+        "parameters: " + ", ".join(f"{k}={v}" for k, v in found.parameters.items()), highlight=False
+    )
+    devices = Table("device", "kind", "maker", "model", "serial number", "firmware")
+    for name, device in found.devices.items():
+        devices.add_row(name, device.kind, device.maker, device.model, device.serial_number, device.firmware)
+    console.print(devices)
+    if found.measurements:
+        measured = Table("measurement", "value", "unit", "low", "high", "passed")
+        for row in found.measurements:
+            low, high = ("-" if row[key] is None else f"{row[key]:g}" for key in ("low", "high"))
+            measured.add_row(row["name"], f"{row['value']:.6g}", row["unit"], low, high, str(row["passed"]))
+        console.print(measured)
+    streams = Table("gyro", "frames", "lost", "rejected", "sample rate Hz", "clock error ppm")
+    for name, stream in found.stream.items():
+        rejected = sum((stream.get("rejected") or {}).values())
+        rate, error = stream.get("sample_rate_hz"), stream.get("clock_error_ppm")
+        streams.add_row(
+            name,
+            str(stream.get("frames", "-")),
+            str(stream.get("lost", "-")),
+            str(rejected),
+            "-" if rate is None else f"{rate:.6f}",
+            "-" if error is None else f"{error:+.2f}",
+        )
+    console.print(streams)
+
+
+def verify_command(folders: Sequence[Path]) -> int:
+    """Verify runs; 0 when nothing differs, 1 otherwise."""
+    console = Console()
+    failed = False
+    for folder in folders:
+        report = verify(folder, lambda run, out: _decode(run, out))
+        if report.passed:
+            console.print(
+                f"[green]verified[/green]  {folder}: {report.files} checksums, {report.tables} tables rebuilt"
+            )
+            continue
+        failed = True
+        console.print(f"[red]differs[/red]  {folder}", highlight=False)
+        for problem in report.problems:
+            console.print(f"  {problem.path}: {problem.text}", highlight=False, markup=False)
+    return 1 if failed else 0
+
+
+def _decode(run: Path, out: Path) -> None:
+    decode_run(run, out)

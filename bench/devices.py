@@ -1,0 +1,52 @@
+"""From a bench file to open devices: driver kinds by name, the clock by URL."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, cast
+
+from bench.benchfile import BenchFile, GyroSection, driver_path
+from drivers.clock import Clock, WallClock
+from drivers.instruments import ChamberKind, GyroKind, Settings, TableKind
+from drivers.virtual_clock import VirtualClock
+
+
+def open_clock(url: str | None) -> Clock:
+    """Return the clock of the bench file: an emulated lab's, or the wall clock when there is no URL."""
+    return WallClock() if url is None else VirtualClock(url)
+
+
+def table_kind(file: BenchFile) -> TableKind:
+    """Return the table's driver."""
+    return cast(TableKind, _load("table", file.table.driver))
+
+
+def chamber_kind(file: BenchFile) -> ChamberKind:
+    """Return the chamber's driver."""
+    return cast(ChamberKind, _load("chamber", file.chamber.driver))
+
+
+def gyro_kind(section: GyroSection) -> GyroKind:
+    """Return a gyro's driver."""
+    return cast(GyroKind, _load("gyro", section.driver))
+
+
+def table_settings(file: BenchFile) -> Settings:
+    """Return the table's section as plain values."""
+    return {"name": "table", **file.table.model_dump()}
+
+
+def chamber_settings(file: BenchFile) -> Settings:
+    """Return the chamber's section as plain values, with the set point it is left at."""
+    safe = {"safe_set_point_c": file.safe.chamber_set_point_c}
+    return {"name": "chamber", **file.chamber.model_dump(), **safe}
+
+
+def gyro_settings(section: GyroSection) -> Settings:
+    """Return a gyro's section as plain values."""
+    return section.model_dump()
+
+
+def _load(role: str, kind: str) -> Any:
+    module, _, attribute = driver_path(role, kind).partition(":")
+    return getattr(importlib.import_module(module), attribute)

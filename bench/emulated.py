@@ -1,0 +1,220 @@
+"""An emulated lab that matches a bench file: started as a process of its own, spoken to through its stage door.
+
+The only things the bench learns of it are ports and a clock URL, which it puts in the bench file's place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from bench.benchfile import BenchFile, GyroSection
+from drivers.errors import BenchError, ConfigurationError
+
+_MODELS = {"kvh1750": "fog_mid", "sbg_ellipse": "mems", "rlg2t": "rlg"}
+
+
+class Plant(BaseModel):
+    """What physics stands behind the emulated devices. Units not named get their driver's usual model."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    seed: int = Field(default=1, ge=0)
+    room_temp_c: float = 25.0
+    chamber: str = "standard"
+    delivery_s: float = Field(default=4.0, gt=0, le=4)
+    models: dict[str, str] = Field(default_factory=dict)
+    """Unit id -> model name (fog_mid, fog_nav, mems, ins_triad, rlg)."""
+    mount_azimuth_error_deg: float = Field(default=0.3, ge=-5, le=5)
+    clock_error_ppm: dict[str, float] = Field(default_factory=dict)
+    """Gyro name -> error of its sample clock, positive when it is fast."""
+
+    def model_of(self, gyro: GyroSection) -> str:
+        """Return the name of the physics behind a gyro."""
+        return self.models.get(gyro.unit, _MODELS.get(gyro.driver, "fog_mid"))
+
+    def summary(self, file: BenchFile) -> str:
+        """Return in a few words what is emulated."""
+        units = ", ".join(f"{gyro.name} {self.model_of(gyro)}" for gyro in file.gyro)
+        return f"{self.chamber} chamber, {units}"
+
+
+def unit_seed(unit: str) -> int:
+    """Return the seed that makes an emulated unit itself: the same serial number is the same unit every day."""
+    return int.from_bytes(hashlib.sha256(unit.encode()).digest()[:4], "little")
+
+
+class EmulatedLab:
+    """A running lab; use as a context manager. `file` is the bench file that reaches it."""
+
+    def __init__(
+        self,
+        file: BenchFile,
+        plant: Plant,
+        *,
+        clock: Literal["virtual", "wall"] = "virtual",
+        lane: int | None = None,
+    ) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "simulators.lab"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for the bench: the lab lives until the bench lets go of it
+        )
+        self._answers = self._process.stdout
+        cpu = _cpu_of(os.getpid() if lane is None else lane)
+        try:
+            self.perform_raw({**_lab_config(file, plant, clock), "cpu": cpu})
+            ready = self._read()
+        except BaseException:
+            self.close()
+            raise
+        self.ports: dict[str, str] = ready["ports"]
+        self.clock_url: str | None = ready["clock"]
+        self.file = _with_ports(file, self.ports, self.clock_url)
+
+    def perform(self, act: dict[str, Any]) -> dict[str, Any]:
+        """Have a stage hand do `act` in the lab; BenchError says why it could not."""
+        self.perform_raw(act)
+        answer = self._read()
+        if not answer.get("ok"):
+            raise BenchError(f"the emulated lab could not do {act}: {answer.get('error')}")
+        return answer
+
+    def perform_raw(self, message: dict[str, Any]) -> None:
+        """Write one line to the stage door."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(message).encode() + b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError as error:
+            raise _ended() from error
+
+    def wait(self) -> None:
+        """Wait until the lab's process ends."""
+        self._process.wait()
+
+    def close(self) -> None:
+        """Close the stage door: the lab's process ends."""
+        if self._process.stdin is not None:
+            with suppress(BrokenPipeError):
+                self._process.stdin.close()
+        try:
+            self._process.wait(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._answers is not None:
+            self._answers.close()
+
+    def __enter__(self) -> EmulatedLab:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _read(self) -> dict[str, Any]:
+        line = self._answers.readline() if self._answers is not None else b""
+        if not line:
+            raise _ended()
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+
+def save_truth(lab: EmulatedLab, folder: Path) -> None:
+    """Keep the true drift of every emulated unit beside the run: for judging fits, never for fitting."""
+    for gyro in lab.file.gyro:
+        path = (folder / f"truth_{gyro.name}.npz").resolve()
+        lab.perform({"act": "truth", "unit": gyro.name, "path": str(path)})
+
+
+def _ended() -> BenchError:
+    return BenchError("the emulated lab ended before it was asked to", remedy="its own output says why")
+
+
+def load_plant(path: Path | None) -> Plant:
+    """Read a plant file (TOML); None gives the defaults."""
+    if path is None:
+        return Plant()
+    import tomllib
+
+    try:
+        return Plant.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(
+            "the plant file cannot be used",
+            where=str(path),
+            found=str(error),
+            expected="keys of the plant file",
+        ) from error
+
+
+def _cpu_of(lane: int) -> int | None:
+    """Return the processor that lab and bench share; labs that run side by side have different lanes."""
+    if not hasattr(os, "sched_getaffinity"):
+        return None
+    allowed = sorted(os.sched_getaffinity(0))
+    return allowed[lane % len(allowed)]
+
+
+def _transport(port: str | None) -> str:
+    return "tcp" if port is not None and port.startswith("socket://") else "pty"
+
+
+def _lab_config(file: BenchFile, plant: Plant, clock: str) -> dict[str, Any]:
+    return {
+        "clock": clock,
+        "seed": plant.seed,
+        "latitude_deg": file.bench.latitude_deg,
+        "room_temp_c": plant.room_temp_c,
+        "chamber_model": plant.chamber,
+        "delivery_s": plant.delivery_s if clock == "virtual" else 0.02,
+        "table": {
+            "driver": file.table.driver,
+            "transport": _transport(file.table.port),
+            "settings": file.table.model_dump(mode="json"),
+        },
+        "chamber": {
+            "driver": file.chamber.driver,
+            "transport": _transport(file.chamber.port),
+            "settings": file.chamber.model_dump(mode="json"),
+        },
+        "gyros": [
+            {
+                "name": gyro.name,
+                "driver": gyro.driver,
+                "transport": "pty" if gyro.on_can else _transport(gyro.port),
+                "settings": gyro.model_dump(mode="json"),
+                "model": plant.model_of(gyro),
+                "unit_seed": unit_seed(gyro.unit),
+                "mount_azimuth_error_deg": plant.mount_azimuth_error_deg,
+                "clock_error_ppm": plant.clock_error_ppm.get(gyro.name, 0.0),
+            }
+            for gyro in file.gyro
+        ],
+    }
+
+
+def _with_ports(file: BenchFile, ports: dict[str, str], clock_url: str | None) -> BenchFile:
+    gyros = tuple(
+        gyro.model_copy(update={"interface": "gyrobench_slcan", "channel": ports[gyro.name]})
+        if gyro.on_can
+        else gyro.model_copy(update={"port": ports[gyro.name]})
+        for gyro in file.gyro
+    )
+    return file.model_copy(
+        update={
+            "bench": file.bench.model_copy(update={"clock": clock_url}),
+            "table": file.table.model_copy(update={"port": ports["table"]}),
+            "chamber": file.chamber.model_copy(update={"port": ports["chamber"]}),
+            "gyro": gyros,
+        }
+    )

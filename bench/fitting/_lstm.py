@@ -1,0 +1,191 @@
+"""The recurrent model of the patent: a small LSTM on [T_in, dT, G], applied in plain numpy.
+
+Method of patent CN115855016B: inputs min-max normalised to [-1, 1] over the training runs only, one LSTM
+layer, a linear head on [bias, scale factor]. The state starts at zero and is warmed up by repeating the first
+sample, because a cold state is wrong by tens of ppm at the start. torch is needed to fit (`_lstm_training`),
+never to apply.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.fitting._types import Array, FeatureRun, Prediction
+from drivers.errors import BenchError
+
+INPUTS = ("t_in", "dt_60", "gradient")
+TARGETS = ("bias_dph", "sf_error_ppm")
+
+
+class FitError(BenchError):
+    """A fit that cannot be made from these runs, or a model used before it was fitted."""
+
+
+@dataclass(frozen=True)
+class LstmSettings:
+    """What a fit does; the defaults are the reference figures of the design notes.
+
+    `chunk` is the length in steps of the truncated back-propagation, `warm_up` how often the first sample is
+    fed before the run.
+    """
+
+    hidden: int = 24
+    epochs: int = 300
+    learning_rate: float = 6e-3
+    final_learning_rate: float = 2e-4
+    chunk: int = 60
+    warm_up: int = 180
+    gradient_clip: float = 1.0
+    weight_decay: float = 1e-5
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class LstmWeights:
+    """Everything the network needs to run; h = hidden units, gate rows in the order i, f, g, o.
+
+    `input_low`, `input_high` (3,) in the order of `INPUTS`; `target_mid`, `target_scale` (2,) in the order
+    of `TARGETS`; `w_input` (4h, 3), `w_hidden` (4h, h), `bias` (4h,) on the normalised inputs; `w_output`
+    (2, h), `b_output` (2,) give the normalised targets.
+    """
+
+    input_low: Array
+    input_high: Array
+    target_mid: Array
+    target_scale: Array
+    w_input: Array
+    w_hidden: Array
+    bias: Array
+    w_output: Array
+    b_output: Array
+
+    @property
+    def hidden(self) -> int:
+        """Number of units h."""
+        return int(self.w_hidden.shape[1])
+
+    def normalise(self, inputs: Array) -> Array:
+        """Map (..., 3) inputs to [-1, 1] over the training range, without clipping outside it."""
+        return (inputs - self.input_low) * (2.0 / (self.input_high - self.input_low)) - 1.0
+
+    def denormalise(self, outputs: Array) -> Array:
+        """Map (..., 2) network outputs to deg/h and ppm."""
+        return outputs * self.target_scale + self.target_mid
+
+
+def input_matrix(run: FeatureRun) -> Array:
+    """Return the inputs of a run, shape (n, 3), columns as in `INPUTS`."""
+    return np.column_stack([run.t_in, run.dt_60, run.gradient])
+
+
+class LstmStepper:
+    """The network on a stream: the state lives here, one call per step."""
+
+    def __init__(self, weights: LstmWeights, warm_up: int) -> None:
+        self._weights = weights
+        self._warm_up = warm_up
+        self._h = np.zeros(weights.hidden)
+        self._c = np.zeros(weights.hidden)
+        self._started = False
+        # sigmoid(x) = (1 + tanh(x / 2)) / 2 never overflows, however far an input is out of range.
+        self._slope = np.repeat([0.5, 0.5, 1.0, 0.5], weights.hidden)
+
+    def step(self, t_in: float, t_out: float, dt_60: float, gradient: float) -> tuple[float, float]:
+        """Return (bias_dph, sf_error_ppm) after this sample; `t_out` is not an input of this network."""
+        x = self._weights.normalise(np.array([t_in, dt_60, gradient]))
+        driven = self._weights.w_input @ x + self._weights.bias
+        if not self._started:
+            self._started = True
+            for _ in range(self._warm_up):
+                self._advance(driven)
+        self._advance(driven)
+        outputs = self._weights.w_output @ self._h + self._weights.b_output
+        bias_dph, sf_error_ppm = self._weights.denormalise(outputs)
+        return float(bias_dph), float(sf_error_ppm)
+
+    def _advance(self, driven: Array) -> None:
+        n = self._weights.hidden
+        gates = np.tanh(self._slope * (driven + self._weights.w_hidden @ self._h))
+        forget, update = 0.5 + 0.5 * gates[n : 2 * n], (0.5 + 0.5 * gates[:n]) * gates[2 * n : 3 * n]
+        self._c = forget * self._c + update
+        self._h = (0.5 + 0.5 * gates[3 * n :]) * np.tanh(self._c)
+
+
+class LstmModel:
+    """The LSTM as a `ThermalModel`.
+
+    Bias runs teach only the bias output and scale-factor groups only the other, so the two kinds need no
+    pairing. A target that no training run carries is predicted as zero.
+    """
+
+    name = "lstm"
+
+    def __init__(self, settings: LstmSettings | None = None) -> None:
+        self.settings = settings or LstmSettings()
+        self._weights: LstmWeights | None = None
+
+    @property
+    def weights(self) -> LstmWeights:
+        """The fitted network; raises `FitError` before a fit."""
+        if self._weights is None:
+            raise FitError(f"model {self.name} has not been fitted", remedy="call fit first")
+        return self._weights
+
+    def fit(self, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> None:
+        """Train on whole runs and keep the epoch that is best on `validation` (on `train` if that is empty).
+
+        Deterministic for `settings.seed` on one machine. Raises `FitError` without a usable training sample.
+        """
+        from bench.fitting._lstm_training import train_lstm
+
+        self._weights = train_lstm(train, validation, self.settings)
+
+    def predict(self, run: FeatureRun) -> Prediction:
+        """Return the drift over a whole run, sample by sample through the stepper: causal by construction."""
+        stepper = self.stepper()
+        rows = zip(run.t_in, run.t_out, run.dt_60, run.gradient, strict=True)
+        outputs = np.array([stepper.step(*row) for row in rows]).reshape(-1, 2)
+        return Prediction(bias_dph=outputs[:, 0].copy(), sf_error_ppm=outputs[:, 1].copy())
+
+    def stepper(self) -> LstmStepper:
+        """Return a fresh streaming form."""
+        return LstmStepper(self.weights, self.settings.warm_up)
+
+    def out_of_range(self, run: FeatureRun) -> NDArray[np.bool_]:
+        """Return, shape (n,), where an input of this network leaves the range it was trained on."""
+        x = self.weights.normalise(input_matrix(run))
+        inside: NDArray[np.bool_] = np.all(np.abs(x) <= 1.0 + 1e-9, axis=1)
+        return ~inside
+
+    def to_state(self) -> dict[str, Any]:
+        """Return settings and weights."""
+        weights = self.weights
+        return {
+            "settings": asdict(self.settings),
+            "weights": {item.name: getattr(weights, item.name) for item in fields(weights)},
+        }
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> Self:
+        """Restore a fitted model from `to_state`; raises `FitError` if the arrays do not fit together."""
+        model = cls(LstmSettings(**state["settings"]))
+        weights = LstmWeights(
+            **{key: np.asarray(value, dtype=np.float64) for key, value in state["weights"].items()}
+        )
+        n = model.settings.hidden
+        shapes = {"w_input": (4 * n, 3), "w_hidden": (4 * n, n), "bias": (4 * n,), "w_output": (2, n)}
+        for key, shape in shapes.items():
+            if getattr(weights, key).shape != shape:
+                raise FitError(
+                    "the weights of the network do not fit together",
+                    where=key,
+                    found=str(getattr(weights, key).shape),
+                    expected=str(shape),
+                )
+        model._weights = weights
+        return model

@@ -1,0 +1,47 @@
+"""Where simulation and bench part, which effect is missing, and how much of the gap closes once it is in."""
+
+from bench.gap._close import Shrinkage, closed_model, shrinkage
+from bench.gap._data import GapRun, Group, check_runs, group_runs
+from bench.gap._diagnose import Cause, Diagnosis, diagnose
+from bench.gap._exam import Answer, Closed, Sealed, close, examined, make_case, nominal_model
+from bench.gap._fit import Floor
+from bench.gap._import import read_mapped_runs
+from bench.gap._model_file import Model, Term, model_text, parse_model, read_model
+from bench.gap._noise import Noise
+from bench.gap._run_folder import load_gap_runs
+from bench.gap._score import Line, Marked, table
+from bench.gap._where import PhasePlace, Place
+
+__all__ = [
+    "Answer",
+    "Cause",
+    "Closed",
+    "Diagnosis",
+    "Floor",
+    "GapRun",
+    "Group",
+    "Line",
+    "Marked",
+    "Model",
+    "Noise",
+    "PhasePlace",
+    "Place",
+    "Sealed",
+    "Shrinkage",
+    "Term",
+    "check_runs",
+    "close",
+    "closed_model",
+    "diagnose",
+    "examined",
+    "group_runs",
+    "load_gap_runs",
+    "make_case",
+    "model_text",
+    "nominal_model",
+    "parse_model",
+    "read_mapped_runs",
+    "read_model",
+    "shrinkage",
+    "table",
+]

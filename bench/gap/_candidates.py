@@ -1,0 +1,53 @@
+"""Candidates: the catalogue's variants that a model lacks, and which of them these runs can show at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.gap._evidence import Candidate
+from bench.gap._model_file import Model
+from simulators.effects import Effect, Variant, catalogue
+
+Array = NDArray[np.float64]
+_LEAST_DETECTABLE = 5.0
+
+
+def candidate_variants(model: Model) -> list[Variant]:
+    """Return the catalogue's variants that the model does not have as terms."""
+    names = {term.name for term in model.terms}
+    effects = [each for each in catalogue().values() if isinstance(each, Effect) and each.name not in names]
+    return [variant for effect in effects for variant in effect.variants()]
+
+
+def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:
+    """Return the variants as candidates; their columns follow the data in the reduced system."""
+    result, column = [], 1
+    for index, variant in enumerate(variants):
+        k = len(variant.effect.parameters)
+        own = tuple(range(column, column + k))
+        result.append(Candidate(variant.effect.name, index, own, len(variant.effect.shapes)))
+        column += k
+    return result
+
+
+def possible_candidates(
+    system: Array, gram: Array, candidates: Sequence[Candidate], variants: Sequence[Variant], q: int
+) -> tuple[list[int], dict[str, str]]:
+    """Return candidates that could show in these runs, and for effects without any the reason."""
+    possible: list[int] = []
+    reasons: dict[str, str] = {}
+    for index, candidate in enumerate(candidates):
+        at = np.array(candidate.columns)
+        apart, whole = np.diag(system)[at], np.diag(gram)[at + q]
+        bounds = np.array([max(-p.low, p.high) for p in variants[index].effect.parameters])
+        if whole.max() <= 0.0 or (bounds * np.sqrt(np.maximum(apart, 0.0))).max() < _LEAST_DETECTABLE:
+            reasons[candidate.effect] = f"{variants[index].effect.follows} does not change within any run"
+        elif (apart / np.maximum(whole, 1e-300)).max() < 1e-6:
+            reasons[candidate.effect] = "cannot be told from the nominal model's own terms in these runs"
+        else:
+            possible.append(index)
+    shown = {candidates[index].effect for index in possible}
+    return possible, {name: reason for name, reason in reasons.items() if name not in shown}

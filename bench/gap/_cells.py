@@ -1,0 +1,158 @@
+"""Whitened runs cut into cells (parity of runs, octave-like band) and their Gram matrices.
+
+A cell's Gram matrix of [data, columns] is all that later steps need: every fit is small linear algebra.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from bench.gap._data import GapRun, Group, bridged
+from bench.gap._noise import Noise, spectrum
+
+Array = NDArray[np.float64]
+BAND_EDGES_S = (3500.0, 1400.0, 560.0, 300.0, 150.0, 75.0, 38.0, 20.0, 10.0, 5.0)
+"""Periods between the bands, slowest band first."""
+BANDS = (
+    "over 58 min",
+    "23..58 min",
+    "9..23 min",
+    "5..9 min",
+    "150..300 s",
+    "75..150 s",
+    "38..75 s",
+    "20..38 s",
+    "10..20 s",
+    "5..10 s",
+    "under 5 s",
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Part of the data: `gram` (1 + p, 1 + p) of [data, columns] whitened, `count` coefficients.
+
+    `power` is the noise's mean power per coefficient, (deg/h)^2, `samples` the number of samples of the runs.
+    """
+
+    profile: str
+    parity: str
+    repeatable: bool
+    band: int
+    count: int
+    gram: Array
+    power: float
+    samples: int
+
+
+def transformed(run: GapRun, rows: Array) -> Array:
+    """Return the orthonormal DCT-II of rows (p, n) less coefficient 0, the run's free bias; (p, n - 1)."""
+    return np.asarray(dct(bridged(rows, np.isnan(run.output_dph)), norm="ortho", axis=-1)[:, 1:])
+
+
+def mixing(group: Group) -> tuple[list[str], list[bool], Array]:
+    """Return `contrasts` of a group, or each run by itself where repeats are unequal."""
+    if group.balanced:
+        return contrasts(group.conditions, len(group.runs[0]))
+    runs = [run.run_id for each in group.runs for run in each]
+    return runs, [True] * len(runs), np.eye(len(runs))
+
+
+def mixed_whitened(group: Group, stacked: NDArray[Any], noise: Noise) -> Array:
+    """Return the parity runs, whitened, from the runs' coefficients (runs, p, n - 1), condition-major."""
+    n = stacked.shape[2] + 1
+    power = spectrum(noise, np.arange(1, n) / n, group.runs[0][0].stimulus.period_s)
+    mix = mixing(group)[2]
+    scale = (1.0 / np.sqrt(power)).astype(stacked.dtype)
+    result = np.tensordot(mix.astype(stacked.dtype), stacked, axes=1) if len(mix) > 1 else stacked.copy()
+    result *= scale
+    return np.asarray(result)
+
+
+def band_slices(n: int, period_s: float) -> list[slice]:
+    """Return for each band its slice of coefficients 1 .. n-1; number k has a period of 2 n / k samples."""
+    edges = [math.floor(2.0 * n * period_s / edge) for edge in BAND_EDGES_S]
+    cuts = [0, *(min(max(edge, 0), n - 1) for edge in edges), n - 1]
+    return [slice(low, high) for low, high in pairwise(cuts)]
+
+
+def contrasts(conditions: Sequence[str], repeats: int) -> tuple[list[str], list[bool], Array]:
+    """Return names, whether repeatable, and orthonormal rows (m, m), m = conditions x repeats, run order c-major.
+
+    Opposite rates give common, odd in rate and, with a zero run, even in rate. Differences of repeats come last.
+    """
+    names, between = _between(conditions)
+    within = _helmert(repeats)
+    rows, labels, repeatable = [], [], []
+    for repeat in range(repeats):
+        for index, name in enumerate(names):
+            rows.append(np.kron(between[index], within[repeat]))
+            labels.append(name)
+            repeatable.append(repeat == 0)
+    return labels, repeatable, np.array(rows)
+
+
+def _between(conditions: Sequence[str]) -> tuple[list[str], Array]:
+    if len(conditions) == 1:
+        return ["run"], np.ones((1, 1))
+    rates = _rates(conditions)
+    if rates is not None and len(rates) in (2, 3) and np.isclose(rates.sum(), 0.0):
+        order = np.argsort(-rates)
+        rows = np.zeros((len(rates), len(rates)))
+        rows[0] = 1.0
+        rows[1, order[0]], rows[1, order[-1]] = 1.0, -1.0
+        if len(rates) == 3:
+            rows[2, order] = (1.0, -2.0, 1.0)
+        names = ["common", "odd in rate", "even in rate"][: len(rates)]
+        return names, rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return ["common", *(f"orientation {k}" for k in range(1, len(conditions)))], _helmert(len(conditions))
+
+
+def _rates(conditions: Sequence[str]) -> Array | None:
+    try:
+        return np.array([float(each) for each in conditions])
+    except ValueError:
+        return None
+
+
+def _helmert(n: int) -> Array:
+    rows = np.zeros((n, n))
+    rows[0] = 1.0
+    for k in range(1, n):
+        rows[k, :k], rows[k, k] = 1.0, -float(k)
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+
+def group_cells(group: Group, parity_runs: Array, noise: Noise) -> list[Cell]:
+    """Return the cells of a group from `mixed_whitened`'s parity runs, (runs, 1 + p, n - 1)."""
+    n, period_s = parity_runs.shape[2] + 1, group.runs[0][0].stimulus.period_s
+    names, repeatable, _ = mixing(group)
+    power = spectrum(noise, np.arange(1, n) / n, period_s)
+    cells = []
+    for index, name in enumerate(names):
+        for band, part in enumerate(band_slices(n, period_s)):
+            if part.stop <= part.start:
+                continue
+            rows = parity_runs[index][:, part].astype(np.float64)
+            mean_power = float(power[part].mean())
+            count = part.stop - part.start
+            cells.append(
+                Cell(group.profile, name, repeatable[index], band, count, rows @ rows.T, mean_power, n)
+            )
+    return cells
+
+
+def rescaled(cells: Sequence[Cell], floor: Array) -> list[Cell]:
+    """Return the cells with the noise's variance in each band multiplied by `floor` (bands,)."""
+    return [
+        replace(cell, gram=cell.gram / floor[cell.band], power=cell.power * floor[cell.band])
+        for cell in cells
+    ]

@@ -1,0 +1,126 @@
+"""How far the gap shrinks: fitted effects applied to runs that took no part in choice or fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.gap._cells import BANDS, Cell, group_cells, mixed_whitened, rescaled, transformed
+from bench.gap._data import GapRun, check_runs, group_runs
+from bench.gap._diagnose import Diagnosis
+from bench.gap._fit import Floor, counts
+from bench.gap._model_file import Model
+from drivers.errors import ConfigurationError
+
+Array = NDArray[np.float64]
+_ACTIVE = 3.0
+"""Standard deviations of energy above the floor from which a cell counts as part of the gap."""
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """Part of the reducible gap that is gone on held-out runs, with its 95 % interval; sizes before and after.
+
+    `rms_*_dph` are what is left above the floor. `by_profile` holds the same share for each profile (NaN where it
+    had no gap). `cells` counts the cells with a gap, `active` says which; with none the share is NaN.
+    """
+
+    share: float
+    low: float
+    high: float
+    rms_before_dph: float
+    rms_after_dph: float
+    by_profile: dict[str, float]
+    cells: int
+    active: tuple[bool, ...]
+
+
+def closed_model(diagnosis: Diagnosis, *, resembling: bool = False) -> Model:
+    """Return the nominal model with the causes in it, fitted, and the runs that they were fitted on.
+
+    `resembling` adds the effects that fit a part of what is called unknown: they shrink the gap without being its
+    cause.
+    """
+    causes = diagnosis.causes + (diagnosis.resembles if resembling else ())
+    name = "+".join([diagnosis.model.name, *(cause.name for cause in causes)])
+    terms = diagnosis.model.terms + tuple(cause.term for cause in causes)
+    return replace(diagnosis.model, name=name, terms=terms, fitted_on=dict(diagnosis.run_checksums))
+
+
+def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor) -> Shrinkage:
+    """Return how much of the gap of `before` is gone with `after` on held-out `runs`.
+
+    Both are used as they are, nothing is fitted but each run's bias. The two fastest bands are left out: their
+    floor is not known to a few per cent. ConfigurationError if a run was used for the fit.
+    """
+    check_runs(runs)
+    used = [run.run_id for run in runs if run.run_id in after.fitted_on]
+    if used:
+        raise ConfigurationError(
+            "a run that the model was fitted on cannot judge it",
+            found=", ".join(used),
+            expected="held-out runs",
+        )
+    cells = rescaled(judged_cells(before, after, runs), floor.ratio)
+    number = counts(cells)
+    first, then = (np.array([cell.gram[k, k] for cell in cells]) for k in (0, 1))
+    deviation = np.sqrt(2.0 * number + (number * floor.sigma[[cell.band for cell in cells]]) ** 2)
+    active = first - number > _ACTIVE * deviation
+    share, sigma = _share(first[active], then[active], number[active], deviation[active])
+    return Shrinkage(
+        share,
+        share - 1.96 * sigma,
+        share + 1.96 * sigma,
+        _rms(cells, first, active),
+        _rms(cells, then, active),
+        {
+            profile: _share(
+                *(
+                    values[active & np.array([cell.profile == profile for cell in cells])]
+                    for values in (first, then, number, deviation)
+                )
+            )[0]
+            for profile in dict.fromkeys(cell.profile for cell in cells)
+        },
+        int(active.sum()),
+        tuple(active.tolist()),
+    )
+
+
+def judged_cells(before: Model, after: Model, runs: Sequence[GapRun]) -> list[Cell]:
+    """Return cells of what both models leave of runs, Gram (2, 2), in all but the two fastest bands."""
+    cells = []
+    for group in group_runs(runs):
+        stacked = np.stack(
+            [
+                transformed(
+                    run, run.output_dph - np.stack([model.predict(run.stimulus) for model in (before, after)])
+                )
+                for each in group.runs
+                for run in each
+            ]
+        )
+        cells += group_cells(group, mixed_whitened(group, stacked, after.noise), after.noise)
+    return [cell for cell in cells if cell.band < len(BANDS) - 2]
+
+
+def _share(first: Array, then: Array, number: Array, deviation: Array) -> tuple[float, float]:
+    """Return 1 - excess after / excess before and its standard deviation."""
+    reducible = float((first - number).sum())
+    if not len(first) or reducible <= 0.0:
+        return math.nan, math.nan
+    left = then - number
+    variance = deviation**2 + 4.0 * np.maximum(left, 0.0)
+    return 1.0 - float(left.sum()) / reducible, math.sqrt(float(variance.sum())) / reducible
+
+
+def _rms(cells: Sequence[Cell], energy: Array, active: NDArray[np.bool_]) -> float:
+    """Return the rms over the runs of what is above the floor in the active cells, deg/h."""
+    samples = {(cell.profile, cell.parity, cell.repeatable): cell.samples for cell in cells}
+    power = np.array([cell.power for cell in cells])
+    excess = (np.maximum(energy - counts(cells), 0.0) * power)[active].sum()
+    return math.sqrt(float(excess) / sum(samples.values()))

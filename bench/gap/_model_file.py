@@ -1,0 +1,163 @@
+"""The nominal model: effects with parameters and priors, and the gyro's noise, as a TOML file."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.gap._noise import NAMES, Noise
+from drivers.errors import ConfigurationError
+from simulators.effects import Effect, Stimulus, Variant, catalogue
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect in a model: its shape, the values of its parameters and their uncertainties (1 sigma)."""
+
+    variant: Variant
+    values: tuple[float, ...]
+    sigmas: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.variant.effect.name
+
+
+@dataclass(frozen=True)
+class Model:
+    """A nominal model; `fitted_on` maps run ids to checksums if a diagnosis wrote it."""
+
+    name: str
+    terms: tuple[Term, ...]
+    noise: Noise
+    fitted_on: Mapping[str, str] = field(default_factory=dict)
+
+    def predict(self, stimulus: Stimulus) -> NDArray[np.float64]:
+        """Return the output in deg/h that the model expects, without noise, (n,)."""
+        total = stimulus.input_rate_dph.copy()
+        for term in self.terms:
+            total += np.asarray(term.values) @ term.variant.columns(stimulus)
+        return total
+
+    def columns(self, stimulus: Stimulus) -> NDArray[np.float64]:
+        """Return the columns of all terms, (q, n)."""
+        blocks = [term.variant.columns(stimulus) for term in self.terms]
+        return np.concatenate(blocks) if blocks else np.zeros((0, len(stimulus)))
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """Prior standard deviations of all parameters, (q,)."""
+        return np.array([sigma for term in self.terms for sigma in term.sigmas])
+
+
+def read_model(path: Path) -> Model:
+    """Read a model file; ConfigurationError says what is wrong with it."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(
+            "the model file cannot be read", where=str(path), found=str(error), expected="a TOML file"
+        ) from error
+    return parse_model(text, str(path))
+
+
+def parse_model(text: str, where: str) -> Model:
+    """Return the model that a file's text describes; ConfigurationError names `where`."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError(
+            "the model is not TOML", where=where, found=str(error), expected="a TOML file"
+        ) from error
+    if data.get("format") != FORMAT:
+        raise ConfigurationError(
+            "not a model file of this version",
+            where=where,
+            found=f"format = {data.get('format')}",
+            expected=f"format = {FORMAT}",
+        )
+    effects = catalogue()
+    terms = tuple(_term(each, effects, where) for each in data.get("effect", []))
+    return Model(
+        str(data.get("name", "nominal")), terms, _noise(data, where), dict(data.get("fitted_on", {}))
+    )
+
+
+def _noise(data: Mapping[str, Any], where: str) -> Noise:
+    table = data.get("noise", {})
+    unknown = sorted(set(table) - set(NAMES))
+    if unknown or not table.get("arw_deg_per_sqrt_h", 0.0) > 0.0:
+        raise ConfigurationError(
+            "the model's [noise] cannot be used",
+            where=where,
+            found=", ".join(unknown) or f"arw_deg_per_sqrt_h = {table.get('arw_deg_per_sqrt_h')}",
+            expected="arw_deg_per_sqrt_h > 0 and optionally " + ", ".join(NAMES[1:]),
+            remedy="take angle random walk and bias instability from the data sheet",
+        )
+    return Noise(**{name: float(value) for name, value in table.items()})
+
+
+def _term(table: Mapping[str, Any], effects: Mapping[str, object], where: str) -> Term:
+    name = table.get("name")
+    effect = effects.get(str(name))
+    if not isinstance(effect, Effect):
+        known = sorted(key for key, value in effects.items() if isinstance(value, Effect))
+        raise ConfigurationError(
+            "the model has an effect that the catalogue lacks",
+            where=where,
+            found=str(name),
+            expected=", ".join(known),
+        )
+    shape = table.get("shape", dict(effect.shapes[0]))
+    given, sigma = table.get("parameters", {}), table.get("sigma", {})
+    wanted = {parameter.name for parameter in effect.parameters}
+    if set(given) != wanted or set(sigma) != wanted or set(shape) != set(effect.shapes[0]):
+        raise ConfigurationError(
+            "an effect's parameters are not complete",
+            where=f"{where}: {name}",
+            found=f"parameters {sorted(given)}, sigma {sorted(sigma)}, shape {sorted(shape)}",
+            expected=f"parameters and sigma {sorted(wanted)}, shape {sorted(effect.shapes[0])}",
+        )
+    for parameter in effect.parameters:
+        value = float(given[parameter.name])
+        if not parameter.low <= value <= parameter.high or not float(sigma[parameter.name]) > 0.0:
+            raise ConfigurationError(
+                "a parameter is out of bounds",
+                where=f"{where}: {name}.{parameter.name}",
+                found=f"{value} +- {sigma[parameter.name]}",
+                expected=f"{parameter.low} to {parameter.high}, sigma > 0",
+            )
+    values = tuple(float(given[parameter.name]) for parameter in effect.parameters)
+    sigmas = tuple(float(sigma[parameter.name]) for parameter in effect.parameters)
+    return Term(Variant(effect, {key: float(value) for key, value in shape.items()}), values, sigmas)
+
+
+def model_text(model: Model) -> str:
+    """Return a model as the text of its file; `read_model` reads it back to the last bit."""
+    lines = [f"format = {FORMAT}", f"name = {json.dumps(model.name)}", "", "[noise]"]
+    lines += [f"{name} = {getattr(model.noise, name)!r}" for name in NAMES]
+    for term in model.terms:
+        lines += ["", "[[effect]]", f"name = {json.dumps(term.name)}"]
+        names = [parameter.name for parameter in term.variant.effect.parameters]
+        lines.append(_inline("parameters", dict(zip(names, term.values, strict=True))))
+        lines.append(_inline("sigma", dict(zip(names, term.sigmas, strict=True))))
+        if term.variant.shape:
+            lines.append(_inline("shape", term.variant.shape))
+    if model.fitted_on:
+        lines += ["", "[fitted_on]"]
+        lines += [f"{json.dumps(run)} = {json.dumps(text)}" for run, text in model.fitted_on.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _inline(key: str, values: Mapping[str, float]) -> str:
+    return f"{key} = {{ " + ", ".join(f"{name} = {float(value)!r}" for name, value in values.items()) + " }"

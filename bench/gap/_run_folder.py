@@ -1,0 +1,148 @@
+"""Runs of this project as the diagnosis sees them: 1 s means of output, temperatures and table angle."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.gap._data import GapRun
+from bench.recording import MANIFEST_FILE, Phase, Run, checksum, seconds
+from drivers.errors import ConfigurationError
+from simulators.effects import Stimulus
+
+Array = NDArray[np.float64]
+_HOUR_S = 3600.0
+_TURNING_DPS = 0.05
+
+
+def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
+    """Return the stretches of a run folder: one, or one for each section of a scale-factor group.
+
+    `gyro` defaults to the first of the bench file. A stretch starts with the first phase after the table took its
+    position (`equilibrium`, or a section's `reference`) and covers whole seconds. ConfigurationError names what a
+    folder lacks.
+    """
+    run = Run.open(folder)
+    name = gyro or next(iter(run.manifest.units))
+    if name not in run.manifest.units:
+        raise ConfigurationError(
+            "the run has no such gyro",
+            where=str(folder),
+            found=name,
+            expected=", ".join(run.manifest.units),
+        )
+    sections = [float(event["time_s"]) for event in run.events if event["kind"] == "section"]
+    phases = run.phases()
+    if not phases:
+        raise ConfigurationError(
+            "the run has no phases", where=str(folder), expected="a run that got beyond its first phase"
+        )
+    ends = [*sections[1:], phases[-1].end_s]
+    if not sections:
+        start = next((phase.start_s for phase in phases if phase.name == "equilibrium"), phases[0].start_s)
+        return [_stretch(run, name, start, ends[-1], "")]
+    stretches = []
+    for number, (start, end) in enumerate(zip(sections, ends, strict=True), 1):
+        own = [phase for phase in phases if start <= phase.start_s < end and phase.name == "reference"]
+        stretches.append(_stretch(run, name, own[0].start_s if own else start, end, f" {number}"))
+    return stretches
+
+
+def _stretch(run: Run, gyro: str, start_s: float, end_s: float, suffix: str) -> GapRun:
+    start, end = math.ceil(start_s), math.floor(end_s)
+    output, temp_c, lost = _second_means(run, gyro, start, end)
+    edges = np.arange(float(start), end + 1.0)
+    angle = _table_angle(run, edges) + _azimuth_error_deg(run)
+    turning = float(np.median(np.diff(angle)))
+    upright = run.manifest.mounting == "axis_up" or abs(turning) > _TURNING_DPS
+    elevation = np.full(end - start, 90.0 if upright else 0.0)
+    stimulus = Stimulus(
+        edges[1:],
+        _filled(temp_c, run, "the gyro's temperature"),
+        _case_temp(run, gyro, edges[:-1] + 0.5),
+        angle,
+        elevation,
+        float(run.manifest.bench["bench"]["latitude_deg"]),
+    )
+    phases = [phase for phase in run.phases() if phase.end_s > start and phase.start_s < end]
+    condition = f"{round(turning):+d}" if upright else f"{round(float(np.median(angle))) % 360} deg"
+    return GapRun(
+        run.manifest.run_id + suffix,
+        run.manifest.units[gyro],
+        run.manifest.procedure,
+        condition,
+        stimulus,
+        3600.0 * output,
+        _phase_names(phases, edges[1:]),
+        checksum(run.folder / MANIFEST_FILE).sha256,
+        lost,
+    )
+
+
+def _second_means(run: Run, gyro: str, start: int, end: int) -> tuple[Array, Array, float]:
+    """Return 1 s means of rate (deg/s) and temperature, (2 of n,), NaN where empty, and the lost fraction."""
+    count = end - start
+    sums, samples = np.zeros((2, count)), np.zeros((2, count))
+    lost = frames = 0
+    edges = np.append(np.arange(float(start), float(end), _HOUR_S), float(end))
+    for low, high in pairwise(edges):
+        table = run.gyro(gyro, ("time_ns", "rate_dps", "temp_c", "valid", "lost_before"), low, high)
+        row = np.clip(np.ceil(seconds(table) - start).astype(np.int64) - 1, 0, count - 1)
+        frames += len(row)
+        lost += int(table["lost_before"].sum())
+        for index, column in enumerate(("rate_dps", "temp_c")):
+            values = table[column].astype(np.float64)
+            use = ~np.isnan(values) & (table["valid"].astype(bool) | (index == 1))
+            sums[index] += np.bincount(row[use], values[use], count)
+            samples[index] += np.bincount(row[use], minlength=count)
+    means = np.where(samples > 0.0, sums / np.maximum(samples, 1.0), np.nan)
+    return means[0], means[1], lost / max(frames + lost, 1)
+
+
+def _filled(values: Array, run: Run, what: str) -> Array:
+    """Bridge single missing seconds; ConfigurationError if a fifth or more is missing."""
+    known = ~np.isnan(values)
+    if known.mean() < 0.8:
+        raise ConfigurationError(
+            f"{what} is missing",
+            where=str(run.folder),
+            found=f"{100 * (1 - known.mean()):.0f} % of the seconds without a value",
+            expected="a temperature for every second",
+            remedy="without it no effect of temperature can be told",
+        )
+    at = np.arange(len(values))
+    return np.asarray(np.interp(at, at[known], values[known]))
+
+
+def _table_angle(run: Run, times_s: Array) -> Array:
+    table = run.turntable(("time_ns", "angle_deg"), float(times_s[0]) - 2.0, float(times_s[-1]) + 2.0)
+    return np.asarray(np.interp(times_s, seconds(table), np.unwrap(table["angle_deg"], period=360.0)))
+
+
+def _azimuth_error_deg(run: Run) -> float:
+    found = (row["value"] for row in run.manifest.measurements if row["name"] == "azimuth_error")
+    return float(next(found, 0.0))
+
+
+def _case_temp(run: Run, gyro: str, times_s: Array) -> Array:
+    sensor = run.manifest.devices[gyro].case_sensor
+    if sensor is None:
+        raise ConfigurationError(
+            "the gyro has no case temperature sensor",
+            where=str(run.folder),
+            found=f"{gyro}: case_sensor is not set in the bench file",
+            expected="the number of the chamber's auxiliary sensor on the unit's case",
+            remedy="without it effects of temperature differences cannot be told",
+        )
+    table = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))
+    return np.asarray(np.interp(times_s, seconds(table), table[f"aux_{sensor}_temp_c"]))
+
+
+def _phase_names(phases: list[Phase], times_s: Array) -> NDArray[np.str_]:
+    names = np.array([phase.name for phase in phases])
+    starts = np.array([phase.start_s for phase in phases])
+    return np.asarray(names[np.maximum(np.searchsorted(starts, times_s - 0.5, side="right") - 1, 0)])

@@ -1,0 +1,44 @@
+"""Recent telemetry in bounded memory: one ring of rows (time, values) per instrument."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class History:
+    """The last `capacity` rows of (time_s, *columns); reading returns copies, oldest first."""
+
+    def __init__(self, columns: tuple[str, ...], capacity: int = 65536) -> None:
+        self._names = ("time_s", *columns)
+        self._rows = np.full((capacity, len(self._names)), np.nan)
+        self._count = 0
+        self._lock = threading.Lock()
+
+    def __len__(self) -> int:
+        return min(self._count, len(self._rows))
+
+    def append(self, time_s: float, *values: float) -> None:
+        """Add a row."""
+        with self._lock:
+            self._rows[self._count % len(self._rows)] = (time_s, *values)
+            self._count += 1
+
+    @property
+    def last(self) -> dict[str, float]:
+        """The newest row by column name; empty before the first."""
+        if not self._count:
+            return {}
+        row = self._rows[(self._count - 1) % len(self._rows)]
+        return dict(zip(self._names, row.tolist(), strict=True))
+
+    def since(self, start_s: float) -> dict[str, NDArray[np.float64]]:
+        """Return the rows with time >= `start_s`, arrays of shape (n,) by column name."""
+        with self._lock:
+            at = self._count % len(self._rows) if self._count > len(self._rows) else 0
+            parts = (self._rows[at : self._count], self._rows[:at])
+            recent = [part[np.searchsorted(part[:, 0], start_s) :] for part in parts]
+            rows = np.concatenate(recent)
+        return {name: rows[:, i].copy() for i, name in enumerate(self._names)}

@@ -1,0 +1,58 @@
+"""The run folder: written while a run goes on, decoded from its raw bytes, verified and read."""
+
+from bench.recording._decode import (
+    GyroSource,
+    StreamReport,
+    decode_gyro,
+    decode_instrument,
+)
+from bench.recording._events import EventLog, Events, read_events
+from bench.recording._journal import Journal, PortJournal
+from bench.recording._manifest import (
+    MANIFEST_FILE,
+    DeviceEntry,
+    EmulatedLab,
+    FileEntry,
+    Manifest,
+    checksum,
+    read_manifest,
+    seal,
+    write_manifest,
+)
+from bench.recording._raw import read_exchanges
+from bench.recording._read import Phase, Run, RunEntry, list_runs, read_table, seconds
+from bench.recording._timing import StreamTimer, StreamTiming
+from bench.recording._verify import FileProblem, VerifyReport, verify
+
+__all__ = [
+    "MANIFEST_FILE",
+    "DeviceEntry",
+    "EmulatedLab",
+    "EventLog",
+    "Events",
+    "FileEntry",
+    "FileProblem",
+    "GyroSource",
+    "Journal",
+    "Manifest",
+    "Phase",
+    "PortJournal",
+    "Run",
+    "RunEntry",
+    "StreamReport",
+    "StreamTimer",
+    "StreamTiming",
+    "VerifyReport",
+    "checksum",
+    "decode_gyro",
+    "decode_instrument",
+    "list_runs",
+    "read_events",
+    "read_exchanges",
+    "read_manifest",
+    "read_table",
+    "seal",
+    "seconds",
+    "verify",
+    "write_manifest",
+]

@@ -1,0 +1,90 @@
+"""events.jsonl: what happened in a run, one JSON object a line; a torn last line is told, not hidden."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.recording._append import AppendFile, record_error
+from drivers.errors import RecordError
+
+EVENTS_FILE = "events.jsonl"
+
+Event = dict[str, Any]
+
+
+class EventLog:
+    """The event log being written; every line is handed to the operating system at once.
+
+    `Journal.adopt(log.file)` has it synced to the disk on the journal's cadence.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.file = AppendFile(folder / EVENTS_FILE)
+
+    def event(self, time_s: float, kind: str, **fields: Any) -> None:
+        """Write one line: bench time in s, kind and fields (numbers that are not finite become null)."""
+        line = {"time_s": round(time_s, 9), "kind": kind} | fields
+        text = json.dumps(_plain(line), ensure_ascii=False, allow_nan=False)
+        self.file.pending += text.encode("utf-8") + b"\n"
+        self.file.write()
+
+    def close(self) -> None:
+        """Sync and close; raises RecordError."""
+        if self.file.closed:
+            return
+        try:
+            self.file.write()
+            self.file.sync()
+        except OSError as error:
+            raise record_error(self.file.path, error) from error
+        finally:
+            self.file.close()
+
+
+@dataclass(frozen=True)
+class Events:
+    """Events as read; `torn` is the text of an incomplete last line, empty if there was none."""
+
+    rows: tuple[Event, ...]
+    torn: str = ""
+
+
+def read_events(folder: Path) -> Events:
+    """Read events.jsonl of a run folder; a line broken in the middle of the file raises RecordError."""
+    path = folder / EVENTS_FILE
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return Events(())
+    whole, _, torn = content.rpartition(b"\n")
+    rows: list[Event] = []
+    for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
+        try:
+            row = json.loads(line)
+            if not (isinstance(row, dict) and "time_s" in row and "kind" in row):
+                raise ValueError("no object with time_s and kind")
+        except ValueError as error:
+            raise RecordError(
+                "the event log is damaged",
+                where=f"{path}, line {number}",
+                found=f"{line[:60]!r} ({error})",
+                expected="one JSON object a line with time_s and kind",
+                remedy="restore the file from a copy; raw bytes and tables are not affected",
+            ) from error
+        rows.append(row)
+    return Events(tuple(rows), torn.decode("utf-8", "replace"))
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` as JSON types: numpy scalars unwrapped, NaN and infinities as None."""
+    if isinstance(value, dict):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,149 @@
+"""manifest.json: what was asked, on what, how it ended, and the checksums that seal a run."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from bench.recording._append import record_error
+from drivers.errors import RecordError
+
+MANIFEST_FILE = "manifest.json"
+
+Outcome = Literal["running", "completed", "invalid", "aborted"]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
+
+
+class DeviceEntry(_Part):
+    """One device as it identified itself, and its place on the bench."""
+
+    kind: str
+    role: str
+    maker: str = ""
+    model: str = ""
+    serial_number: str = ""
+    firmware: str = ""
+    axis: str | int | None = None
+    case_sensor: int | None = None
+
+
+class EmulatedLab(_Part):
+    """Present if the devices were emulated."""
+
+    seed: int
+    model: str
+
+
+class FileEntry(_Part):
+    """Checksum and size of a file of the run."""
+
+    sha256: str
+    bytes: int
+
+
+class Manifest(_Part):
+    """The manifest as written; outcome "running" until the run has been closed."""
+
+    format: Literal[1] = 1
+    run_id: str
+    procedure: str
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    mounting: str = ""
+    outcome: Outcome = "running"
+    reason: str = ""
+    started_utc: str
+    ended_utc: str | None = None
+    duration_s: float | None = None
+    bench: dict[str, Any] = Field(default_factory=dict)
+    bench_file_sha256: str = ""
+    devices: dict[str, DeviceEntry] = Field(default_factory=dict)
+    units: dict[str, str] = Field(default_factory=dict)
+    emulated: EmulatedLab | None = None
+    software: dict[str, str] = Field(default_factory=dict)
+    stream: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    measurements: tuple[dict[str, Any], ...] = ()
+    files: dict[str, FileEntry] = Field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run was closed and sealed, whatever its outcome."""
+        return self.outcome != "running"
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write manifest.json in one piece: a reader finds the old one or the new one. Raises RecordError."""
+    path = folder / MANIFEST_FILE
+    part = folder / f"{MANIFEST_FILE}.part"
+    try:
+        with part.open("w", encoding="utf-8") as file:
+            file.write(manifest.model_dump_json(indent=2) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+        _sync_folder(folder)
+    except OSError as error:
+        raise record_error(path, error) from error
+
+
+def seal(folder: Path, manifest: Manifest) -> Manifest:
+    """Write the final manifest with the checksums of the run's files; return it. Raises RecordError.
+
+    `manifest` has its outcome, which must not be "running" any more.
+    """
+    if not manifest.complete:
+        raise RecordError("a running run cannot be sealed", where=str(folder))
+    sealed = manifest.model_copy(update={"files": checksums(folder)})
+    write_manifest(folder, sealed)
+    return sealed
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read manifest.json of a run folder; RecordError if it is missing or not a manifest."""
+    path = folder / MANIFEST_FILE
+    try:
+        return Manifest.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise RecordError(
+            "this is not a run folder",
+            where=str(folder),
+            found=f"{MANIFEST_FILE}: {error.strerror}",
+            expected="a folder with manifest.json, events.jsonl and raw/",
+            remedy="`gyrobench runs` lists the runs there are",
+        ) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise RecordError(
+            "the manifest cannot be read",
+            where=str(path),
+            found=f"{'.'.join(map(str, first['loc']))}: {first['msg']} ({error.error_count()} in all)",
+            expected="a manifest of format 1",
+            remedy="restore the file from a copy, or read the run with the version that wrote it",
+        ) from error
+
+
+def checksums(folder: Path) -> dict[str, FileEntry]:
+    """Return the checksums of the run's own files by relative path: events, raw/ and tables."""
+    paths = [folder / "events.jsonl", *(folder / "raw").glob("*"), *folder.glob("*.parquet")]
+    return {path.relative_to(folder).as_posix(): checksum(path) for path in sorted(paths) if path.is_file()}
+
+
+def checksum(path: Path) -> FileEntry:
+    """Return SHA-256 and size of a file."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256")
+        return FileEntry(sha256=digest.hexdigest(), bytes=file.tell())
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,182 @@
+"""Reads runs: what was asked, what happened, and just the columns and stretch of data that are needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from bench.recording._arrow import from_arrow
+from bench.recording._decode import gyro_table
+from bench.recording._events import Event, Events, read_events
+from bench.recording._manifest import MANIFEST_FILE, Manifest, read_manifest
+from drivers.errors import RecordError
+
+Table = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A phase of a run, bench time in s; the last one ends with the last event."""
+
+    name: str
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder, read as asked for."""
+
+    folder: Path
+    manifest: Manifest
+
+    @classmethod
+    def open(cls, folder: Path | str) -> Run:
+        """Open a run folder; RecordError if it is none."""
+        return cls(Path(folder), read_manifest(Path(folder)))
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run was closed; one that was not can still be read as far as it was written."""
+        return self.manifest.complete
+
+    @cached_property
+    def _event_log(self) -> Events:
+        return read_events(self.folder)
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """The event log, one dictionary a line."""
+        return self._event_log.rows
+
+    @property
+    def torn_event(self) -> str:
+        """An incomplete last line of the event log, empty if there is none."""
+        return self._event_log.torn
+
+    def phases(self) -> tuple[Phase, ...]:
+        """Return the phases in order; a phase that was entered twice is there twice."""
+        marks = [(str(row["phase"]), float(row["time_s"])) for row in self.events if row["kind"] == "phase"]
+        if not marks:
+            return ()
+        ends = [start for _, start in marks[1:]] + [max(float(row["time_s"]) for row in self.events)]
+        return tuple(Phase(name, start, end) for (name, start), end in zip(marks, ends, strict=True))
+
+    @property
+    def gyros(self) -> tuple[str, ...]:
+        """Names of the gyros with a decoded table."""
+        prefix, suffix = gyro_table("*").split("*")
+        return tuple(
+            sorted(
+                path.name.removeprefix(prefix).removesuffix(suffix)
+                for path in self.folder.glob(gyro_table("*"))
+            )
+        )
+
+    def gyro(
+        self,
+        name: str,
+        columns: Sequence[str] | None = None,
+        start_s: float | None = None,
+        end_s: float | None = None,
+    ) -> Table:
+        """Return columns of a gyro, shape (n,) each, for start_s <= time < end_s; see `read_table`."""
+        return read_table(self.folder / gyro_table(name), columns, start_s, end_s)
+
+    def turntable(
+        self, columns: Sequence[str] | None = None, start_s: float | None = None, end_s: float | None = None
+    ) -> Table:
+        """Return the table's telemetry: time_ns, angle_deg, rate_dps."""
+        return read_table(self.folder / "turntable.parquet", columns, start_s, end_s)
+
+    def chamber(
+        self, columns: Sequence[str] | None = None, start_s: float | None = None, end_s: float | None = None
+    ) -> Table:
+        """Return the chamber's telemetry: time_ns, air_temp_c, set_point_c, aux_<n>_temp_c."""
+        return read_table(self.folder / "chamber.parquet", columns, start_s, end_s)
+
+
+def read_table(
+    path: Path,
+    columns: Sequence[str] | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
+) -> Table:
+    """Return columns (default all) of a decoded table for start_s <= time < end_s, bench time.
+
+    Only the row groups that overlap the stretch and the columns asked for are read. RecordError names a table or
+    column that is not there.
+    """
+    if not path.exists():
+        raise RecordError(
+            "there is no such table",
+            where=str(path),
+            found=", ".join(sorted(each.name for each in path.parent.glob("*.parquet")))
+            or "no tables at all",
+            expected="a decoded table",
+            remedy="a run that was killed has raw bytes only; its tables can be made from them",
+        )
+    with pq.ParquetFile(path) as file:
+        names = file.schema_arrow.names
+        wanted = list(names if columns is None else columns)
+        if unknown := [name for name in wanted if name not in names]:
+            raise RecordError(
+                "the table has no such column",
+                where=str(path),
+                found=", ".join(unknown),
+                expected=", ".join(names),
+            )
+        low = -(1 << 62) if start_s is None else round(start_s * 1e9)
+        high = 1 << 62 if end_s is None else round(end_s * 1e9)
+        groups = _overlapping(file, low, high)
+        table = file.read_row_groups(
+            groups, columns=list(dict.fromkeys(["time_ns", *wanted])), use_threads=False
+        )
+    data = {name: from_arrow(table[name]) for name in table.column_names}
+    keep = (data["time_ns"] >= low) & (data["time_ns"] < high)
+    return {name: data[name] if keep.all() else data[name][keep] for name in wanted}
+
+
+def _overlapping(file: pq.ParquetFile, low: int, high: int) -> list[int]:
+    at = file.schema_arrow.names.index("time_ns")
+    groups = []
+    for group in range(file.metadata.num_row_groups):
+        statistics = file.metadata.row_group(group).column(at).statistics
+        if statistics is None or (statistics.max >= low and statistics.min < high):
+            groups.append(group)
+    return groups
+
+
+@dataclass(frozen=True)
+class RunEntry:
+    """A run in a list; `manifest` is None and `problem` says why if it cannot be read."""
+
+    folder: Path
+    manifest: Manifest | None
+    problem: str = ""
+
+
+def list_runs(root: Path | str) -> list[RunEntry]:
+    """Return the runs directly below `root`, oldest first; those that cannot be read come last."""
+    entries = []
+    for path in sorted(Path(root).glob(f"*/{MANIFEST_FILE}")):
+        try:
+            entries.append(RunEntry(path.parent, read_manifest(path.parent)))
+        except RecordError as error:
+            entries.append(RunEntry(path.parent, None, str(error)))
+    return sorted(
+        entries,
+        key=lambda entry: (entry.manifest is None, entry.manifest.started_utc if entry.manifest else ""),
+    )
+
+
+def seconds(table: Table) -> NDArray[np.float64]:
+    """Return the time column of a table in s of bench time, shape (n,)."""
+    return np.asarray(table["time_ns"] * 1e-9, dtype=np.float64)

@@ -1,0 +1,45 @@
+"""Reports: one self-contained HTML file each, made from plain content; content, figures and layout apart."""
+
+from bench.report._campaign import render_campaign
+from bench.report._content import (
+    CampaignContent,
+    Comparison,
+    CompensationSummary,
+    Device,
+    Measurement,
+    ModelScore,
+    RunContent,
+    RunSummary,
+    StreamStatistics,
+    Trace,
+    ValidRange,
+)
+from bench.report._rlg import render_rlg_study
+from bench.report._run import render_run
+from bench.report._run_content import run_content
+from bench.report._standard import render_standard_test
+from bench.report._whirl import render_whirl
+from bench.report._whirl_content import WhirlContent, WhirlJudgement, WhirlLine
+
+__all__ = [
+    "CampaignContent",
+    "Comparison",
+    "CompensationSummary",
+    "Device",
+    "Measurement",
+    "ModelScore",
+    "RunContent",
+    "RunSummary",
+    "StreamStatistics",
+    "Trace",
+    "ValidRange",
+    "WhirlContent",
+    "WhirlJudgement",
+    "WhirlLine",
+    "render_campaign",
+    "render_rlg_study",
+    "render_run",
+    "render_standard_test",
+    "render_whirl",
+    "run_content",
+]

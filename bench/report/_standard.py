@@ -1,0 +1,157 @@
+"""The report of a standard test: every figure with its definition, and the Allan deviation it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.report._figures import Curve, Lane, lanes
+from bench.report._layout import render_page
+from bench.report._numbers import DASH, moment, significant, unit_text
+from bench.report._page import (
+    Block,
+    Cell,
+    Column,
+    Definitions,
+    Fact,
+    Figures,
+    Headline,
+    Notes,
+    Page,
+    Row,
+    Section,
+    Table,
+    Verdict,
+)
+from bench.report._palette import BLUE, MUTED, ORANGE
+
+if TYPE_CHECKING:
+    from bench.standards import Figure, StandardFigures
+
+_HEADLINES = (
+    "bias stability, 100 s averages",
+    "bias stability, 10 s averages",
+    "scale-factor nonlinearity",
+    "angle random walk",
+)
+_TERMS = [
+    ("Bias stability", "1σ of averages over the stated time (GJB 2426A); not the bias instability."),
+    (
+        "Bias instability",
+        "Flicker coefficient B; the flat part of the Allan deviation is 0.664 B (IEEE Std 952).",
+    ),
+    (
+        "Interval",
+        "Holds the coefficient with 95 % probability. From zero on: the record does not show this noise, and the "
+        "upper end is what it may be at most.",
+    ),
+    (
+        "Threshold",
+        "Smallest input from rest that gives at least half of its output; resolution likewise at a rate.",
+    ),
+]
+
+
+def render_standard_test(
+    results: Sequence[StandardFigures],
+    over_runs: Sequence[Figure] = (),
+    *,
+    created_utc: str,
+    bench_name: str = "",
+    warnings: Sequence[str] = (),
+) -> str:
+    """Return the report of one or more standard tests of one unit as a self-contained HTML file."""
+    missing = [f"{result.run_id}: no {what}. {why}" for result in results for what, why in result.missing]
+    units = ", ".join(dict.fromkeys(result.unit_id for result in results))
+    page = Page(
+        title=f"Standard test of {units}",
+        kind="Test report after IEEE Std 952 / 647 and GJB 2426A",
+        facts=[
+            Fact("Unit under test", units),
+            Fact("Bench", bench_name or DASH),
+            Fact("Runs", ", ".join(result.run_id for result in results)),
+            Fact("Report made", moment(created_utc)),
+        ],
+        verdict=_verdict(results, missing),
+        sections=[
+            Section("Warnings", [Notes([*warnings, *missing], "doubt")] if warnings or missing else []),
+            Section("Figures", [_figure_table(result.run_id, result.figures) for result in results]),
+            Section("Over runs", [_figure_table("all runs", over_runs)] if over_runs else []),
+            Section(
+                "Allan deviation", [block for n, result in enumerate(results) for block in _allan(n, result)]
+            ),
+            Section("Definitions", [Definitions(_TERMS)]),
+        ],
+        colophon="Figures are computed from the runs' records; times are UTC.",
+    )
+    return render_page(page)
+
+
+def _verdict(results: Sequence[StandardFigures], missing: Sequence[str]) -> Verdict:
+    found = {figure.name: figure for figure in results[0].figures}
+    headlines = [
+        Headline(name, significant(found[name].value), unit_text(found[name].unit))
+        for name in _HEADLINES
+        if name in found
+    ]
+    if missing:
+        return Verdict("Incomplete", "doubt", ["Some figures are missing; the warnings say why."], headlines)
+    return Verdict("Measured", "good", ["Every figure of the test plan was measured."], headlines)
+
+
+def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
+    rows = [
+        Row(
+            [
+                Cell(figure.name, strong=True),
+                Cell(significant(figure.value, 4)),
+                Cell(unit_text(figure.unit) or DASH),
+                Cell(_interval(figure)),
+                Cell(figure.source),
+            ]
+        )
+        for figure in figures
+    ]
+    heads = [
+        Column("Figure"),
+        Column("Value", number=True),
+        Column("Unit"),
+        Column("95 % interval", number=True),
+        Column("Definition"),
+    ]
+    return Table(heads, rows, f"Figures of {run_id}.")
+
+
+def _interval(figure: Figure) -> str:
+    if figure.low is None or figure.high is None:
+        return DASH
+    high = significant(figure.high, 3) if np.isfinite(figure.high) else "∞"
+    return f"{significant(figure.low, 3)} … {high}"
+
+
+def _allan(number: int, result: StandardFigures) -> list[Block]:
+    if result.allan is None or result.noise is None:
+        return []
+    from bench.fitting import confidence_interval  # scipy behind it takes longer to import than all reports
+
+    allan = result.allan
+    low, high = confidence_interval(allan)
+    tau = np.log10(allan.tau_s)
+    curves = [
+        Curve("measured", tau, np.log10(allan.deviation), BLUE),
+        Curve("95 % interval", tau, np.log10(low), MUTED, ":"),
+        Curve("", tau, np.log10(high), MUTED, ":"),
+        Curve("fitted noise", tau, np.log10(result.noise.coefficients.deviation(allan.tau_s)), ORANGE, "--"),
+    ]
+    caption = (
+        f"Run {result.run_id}: overlapping Allan deviation, its 95 % interval, and the five fitted noises."
+    )
+    drawn = lanes(
+        f"allan-{number}",
+        [Lane("log10 of deviation, °/h", curves, height=240.0)],
+        "log10 of averaging time, s",
+        description=caption,
+    )
+    return [Figures([drawn], caption)]

@@ -1,0 +1,28 @@
+"""Ring-laser gyro over temperature: ramp runs, candidate variables, stepwise regression, compensation."""
+
+from bench.rlg._compensation import RlgCompensation
+from bench.rlg._cycle import AxisGain, CycleStudy, load_chamber_cycle, study_chamber_cycle
+from bench.rlg._dataset import load_ramp_runs
+from bench.rlg._rows import RampRun, ramp_run
+from bench.rlg._study import BeforeAfter, RlgStudy, StepwiseVariant, judge, run_rlg_study
+from bench.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix, known_variables
+
+__all__ = [
+    "CANDIDATES",
+    "FIVE_TERMS",
+    "AxisGain",
+    "BeforeAfter",
+    "CycleStudy",
+    "RampRun",
+    "RlgCompensation",
+    "RlgStudy",
+    "StepwiseVariant",
+    "candidate_matrix",
+    "judge",
+    "known_variables",
+    "load_chamber_cycle",
+    "load_ramp_runs",
+    "ramp_run",
+    "run_rlg_study",
+    "study_chamber_cycle",
+]

@@ -1,0 +1,233 @@
+"""The record of one run, from the first byte to the sealed folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from bench.benchfile import BenchFile, GyroSection, bench_file_from
+from bench.devices import (
+    chamber_kind,
+    gyro_kind,
+    gyro_settings,
+    table_kind,
+)
+from bench.recording import (
+    DeviceEntry,
+    EventLog,
+    GyroSource,
+    Journal,
+    Manifest,
+    PortJournal,
+    StreamReport,
+    decode_gyro,
+    decode_instrument,
+    read_manifest,
+    seal,
+    write_manifest,
+)
+from drivers.clock import utc_now
+from drivers.errors import BenchError, RecordError
+from drivers.instruments import Identity
+
+_SOFTWARE = ("gyrobench", "numpy", "scipy", "pyserial", "python-can")
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a run ended once its folder was closed; `warnings` of its streams."""
+
+    outcome: str
+    reason: str
+    warnings: tuple[str, ...]
+
+
+class RunRecord:
+    """Writes a run folder. Every event reaches the disk's cache at once, raw bytes on the journal's cadence."""
+
+    def __init__(self, folder: Path, manifest: Manifest, flush_interval_s: float) -> None:
+        self.folder = folder
+        self._manifest = manifest
+        self._journal = Journal(folder, flush_interval_s)
+        self._events = EventLog(folder)
+        self._journal.adopt(self._events.file)
+        self._devices: dict[str, DeviceEntry] = {}
+        self._stream_starts: dict[str, int] = {}
+        self._measurements: list[dict[str, Any]] = []
+        self._mounting = ""
+
+    @classmethod
+    def create(
+        cls,
+        runs_folder: Path,
+        run_id: str | None,
+        procedure: str,
+        parameters: Mapping[str, Any],
+        file: BenchFile,
+        emulated: Mapping[str, Any] | None,
+    ) -> RunRecord:
+        """Make the run's folder and write that it is running; RecordError if it cannot be written."""
+        started = utc_now()
+        name = run_id or f"{datetime.fromisoformat(started):%Y%m%d-%H%M%S}-{procedure}"
+        folder = _new_folder(runs_folder, name)
+        manifest = Manifest(
+            run_id=folder.name,
+            procedure=procedure,
+            parameters=dict(parameters),
+            started_utc=started,
+            bench=file.model_dump(mode="json"),
+            bench_file_sha256=file.sha256,
+            units={gyro.name: gyro.unit for gyro in file.gyro},
+            emulated=None if emulated is None else dict(emulated),
+            software={"python": platform.python_version()} | {name: version(name) for name in _SOFTWARE},
+        )
+        write_manifest(folder, manifest)
+        return cls(folder, manifest, file.recording.flush_interval_s)
+
+    def tap(self, port: str) -> PortJournal:
+        """Return the journal of a port, for its link."""
+        return self._journal.port(port)
+
+    def event(self, time_s: float, kind: str, **fields: Any) -> None:
+        """Write one line of events.jsonl."""
+        if kind == "measurement":
+            self._measurements.append(fields)
+        if kind == "answer" and "mounting" in fields:
+            self._mounting = str(fields["mounting"])
+        self._events.event(time_s, kind, **fields)
+
+    def keep(self, now_s: float) -> None:
+        """Flush what is due."""
+        self._journal.maybe_flush(now_s)
+
+    def identify(
+        self, name: str, role: str, kind: str, identity: Identity, section: GyroSection | None = None
+    ) -> None:
+        """Note who answered on a port."""
+        self._devices[name] = DeviceEntry(
+            kind=kind,
+            role=role,
+            maker=identity.maker,
+            model=identity.model,
+            serial_number=identity.serial_number,
+            firmware=identity.firmware,
+            axis=section.axis if section else None,
+            case_sensor=section.case_sensor if section else None,
+        )
+
+    def stream_starts(self, name: str, offset: int) -> None:
+        """Note that what arrives on gyro port `name` from byte `offset` on is its stream."""
+        self._stream_starts[name] = offset
+
+    def close(self, outcome: str, reason: str, duration_s: float) -> Ending:
+        """Close the raw files, decode them, write the outcome and seal the folder; return how it ended.
+
+        A run that could not be recorded or decoded whole is sealed as aborted with what there is. RecordError
+        only if not even the seal can be written.
+        """
+        problems = self._close_journal()
+        manifest = self._manifest.model_copy(
+            update={
+                "devices": self._devices,
+                "stream": {name: {"start_offset": offset} for name, offset in self._stream_starts.items()},
+                "measurements": tuple(self._measurements),
+                "mounting": self._mounting,
+            }
+        )
+        streams: dict[str, StreamReport] = {}
+        try:
+            write_manifest(self.folder, manifest)
+            streams = decode_run(self.folder)
+        except BenchError as error:
+            problems.append(f"The record could not be decoded: {error}")
+        if problems:
+            outcome = "aborted"
+            reason = " ".join([reason, *(text for text in problems if text not in reason)]).strip()
+        problems += self._close_events(duration_s, outcome, reason)
+        manifest = manifest.model_copy(
+            update={
+                "outcome": outcome,
+                "reason": reason,
+                "ended_utc": utc_now(),
+                "duration_s": duration_s,
+                "stream": {name: dataclasses.asdict(stream) for name, stream in streams.items()},
+            }
+        )
+        seal(self.folder, manifest)
+        warnings = (f"{name}: {text}" for name, stream in streams.items() for text in _warnings(stream))
+        return Ending(outcome, reason, tuple(warnings))
+
+    def _close_journal(self) -> list[str]:
+        try:
+            self._journal.close()
+        except BenchError as error:
+            return [str(error)]
+        return []
+
+    def _close_events(self, duration_s: float, outcome: str, reason: str) -> list[str]:
+        try:
+            self._events.event(duration_s, "outcome", outcome=outcome, reason=reason)
+            self._events.close()
+        except BenchError as error:
+            return [str(error)]
+        return []
+
+
+def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]:
+    """Make all tables of a run from its raw bytes, in `out` (default: the run folder); the one way there is."""
+    manifest = read_manifest(folder)
+    file = bench_file_from(manifest.bench)
+    decode_instrument(folder, "table", "turntable", table_kind(file).decode_transcript, out)
+    decode_instrument(folder, "chamber", "chamber", chamber_kind(file).decode_transcript, out)
+    streams = {}
+    for section in file.gyro:
+        start = manifest.stream.get(section.name)
+        if start is not None:
+            streams[section.name] = decode_gyro(folder, _source(section, int(start["start_offset"])), out)
+    return streams
+
+
+def _source(section: GyroSection, start_offset: int) -> GyroSource:
+    kind, settings = gyro_kind(section), gyro_settings(section)
+    return GyroSource(
+        name=section.name,
+        decoder=lambda: kind.decoder(settings),
+        rates=lambda columns, rate_hz: kind.rates(settings, columns, rate_hz),
+        axis=section.axis,
+        start_offset=start_offset,
+        baudrate=None if section.on_can else section.baudrate,
+    )
+
+
+def _warnings(stream: StreamReport) -> list[str]:
+    texts = list(stream.warnings)
+    if stream.lost:
+        texts.append(f"{stream.lost} frames lost (marked in the table)")
+    if any(stream.rejected.values()):
+        texts.append("frames rejected: " + ", ".join(f"{n} {why}" for why, n in stream.rejected.items() if n))
+    return texts
+
+
+def _new_folder(root: Path, name: str) -> Path:
+    for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
+        folder = root / f"{name}{suffix}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise RecordError(
+                "the run folder cannot be made",
+                where=str(folder),
+                found=error.strerror or str(error),
+                expected="a folder that can be written",
+                remedy="name another with --runs",
+            ) from error
+        return folder
+    raise RecordError("too many runs of that name", where=str(root / name))

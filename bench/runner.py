@@ -1,0 +1,178 @@
+"""One run from request to closed folder: open, identify, check limits, drive, make safe, decode, seal."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from bench.benchfile import BenchFile
+from bench.devices import (
+    chamber_kind,
+    chamber_settings,
+    gyro_kind,
+    gyro_settings,
+    open_clock,
+    table_kind,
+    table_settings,
+)
+from bench.procedure import Parameters, Procedure
+from bench.questions import Operator
+from bench.run_record import RunRecord
+from bench.session import Bench, Progress
+from bench.stations import GyroStation, StreamTap
+from drivers.clock import Clock
+from drivers.errors import BenchError, RunAborted
+from drivers.instruments import Gyro, Identity
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What to run, on what, and where the record goes.
+
+    `emulated` is written to the manifest of a run on an emulated lab (plant settings); None on real devices.
+    """
+
+    procedure: Procedure
+    parameters: Parameters
+    file: BenchFile
+    runs_folder: Path
+    operator: Operator
+    display: Callable[[Progress], None] | None = None
+    run_id: str | None = None
+    emulated: dict[str, Any] | None = None
+    before_close: Callable[[Path], None] | None = None
+
+
+@dataclass
+class RunResult:
+    """How a run ended; `error` is what aborted it."""
+
+    folder: Path
+    outcome: str
+    reason: str
+    duration_s: float
+    error: BaseException | None = None
+    warnings: list[str] = field(default_factory=list)
+
+
+def run_procedure(request: RunRequest) -> RunResult:
+    """Run a procedure and return how it ended; the folder is complete whatever happened.
+
+    Raises only what prevents a record from being made at all (RecordError, ConfigurationError of the folder).
+    """
+    record = RunRecord.create(
+        request.runs_folder,
+        request.run_id,
+        request.procedure.name,
+        request.parameters.model_dump(),
+        request.file,
+        request.emulated,
+    )
+    outcome, reason, duration_s = "aborted", "", 0.0
+    error: BaseException | None = None
+    unsafe: list[str] = []
+    try:
+        with ExitStack() as stack:
+            clock = open_clock(request.file.bench.clock)
+            stack.callback(clock.close)
+            stack.enter_context(_signals(clock))
+            try:
+                bench = _drive(request, record, clock, stack, unsafe)
+            finally:
+                duration_s = clock.now()
+        outcome = "invalid" if bench.invalid_reasons else "completed"
+        reason = "; ".join(bench.invalid_reasons)
+        if request.before_close is not None:
+            request.before_close(record.folder)
+    except BenchError as problem:
+        outcome, error, reason = "aborted", problem, str(problem)
+    except BaseException as problem:
+        outcome, error, reason = "aborted", problem, f"{type(problem).__name__}: {problem}"
+        raise
+    finally:
+        if unsafe:
+            outcome = "aborted"
+            reason = f"{reason} NOT CONFIRMED SAFE, go and look: {' '.join(unsafe)}".strip()
+        ending = record.close(outcome, reason, duration_s)
+    return RunResult(record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings))
+
+
+def _drive(
+    request: RunRequest, record: RunRecord, clock: Clock, stack: ExitStack, unsafe: list[str]
+) -> Bench:
+    """Run the procedure; `unsafe` takes what did not confirm its safe state afterwards."""
+    file = request.file
+    bench = Bench(file, clock, record, request.operator, request.display)
+    table = table_kind(file).open(table_settings(file), clock, record.tap("table"))
+    stack.callback(table.link.close)
+    chamber = chamber_kind(file).open(chamber_settings(file), clock, record.tap("chamber"))
+    stack.callback(chamber.link.close)
+    bench.install(table, chamber, tuple(file.chamber.auxiliary))
+    record.identify("table", "table", file.table.driver, table.identify())
+    record.identify("chamber", "chamber", file.chamber.driver, chamber.identify())
+    _check_limits(request, bench)
+    gyros = [_open_gyro(bench, record, clock, section, stack) for section in file.gyro]
+    try:
+        for gyro, station in gyros:
+            gyro.start()
+            record.stream_starts(station.name, gyro.link.bytes_received)
+            station.listen()
+            clock.stream(gyro.link)
+        bench.table.confine()
+        bench.poll()
+        request.procedure.run(bench, request.parameters)
+    except BaseException as problem:
+        bench.make_safe(str(problem) if isinstance(problem, BenchError) else type(problem).__name__)
+        unsafe += bench.unconfirmed
+        raise
+    bench.make_safe("end of the run")
+    unsafe += bench.unconfirmed
+    for gyro, _ in gyros:
+        gyro.stop()
+    return bench
+
+
+def _check_limits(request: RunRequest, bench: Bench) -> None:
+    demands = request.procedure.demands(request.parameters)
+    bench.table.check(demands.max_rate_dps)
+    bench.chamber.check(demands.min_temp_c, demands.max_temp_c, demands.max_ramp_k_per_min)
+
+
+def _open_gyro(
+    bench: Bench, record: RunRecord, clock: Clock, section: Any, stack: ExitStack
+) -> tuple[Gyro, GyroStation]:
+    kind, settings = gyro_kind(section), gyro_settings(section)
+    station = GyroStation(kind, settings)
+    gyro = kind.open(settings, clock, StreamTap(record.tap(section.name), station.take))
+    stack.callback(gyro.close)
+    identity: Identity = gyro.identify()
+    record.identify(section.name, "gyro", section.driver, identity, section)
+    bench.gyros[section.name] = station
+    return gyro, station
+
+
+@contextmanager
+def _signals(clock: Clock) -> Iterator[None]:
+    """While a run goes on, Ctrl-C and SIGTERM ask the clock to stop; the bench is made safe, then we leave."""
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
+        clock.interrupt.request(f"stopped by {name}")
+
+    try:
+        before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not the main thread: whoever embeds the bench there owns the signals
+        before = {}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+__all__ = ["RunAborted", "RunRequest", "RunResult", "run_procedure"]

@@ -1,0 +1,275 @@
+"""A bench in use: devices opened, telemetry flowing, every step in the record, and a safe state at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from bench.benchfile import BenchFile
+from bench.questions import Operator, Question
+from bench.stations import ChamberStation, GyroStation, TableStation
+from drivers.clock import Clock, host_seconds
+from drivers.errors import BenchError, LimitExceeded, RunAborted
+from drivers.instruments import Chamber, Turntable
+
+_POLL_S = 1.0
+_RESOLUTION_S = 1e-9
+"""A virtual clock counts whole ns: what is nearer than this has come."""
+_ALARMS_S = 60.0
+_DISPLAY_S = 0.1
+_OVERSPEED = 1.05
+_AIR_MARGIN_K = 10.0
+
+
+class Record(Protocol):
+    """What the session writes to: the run's event log and journal."""
+
+    def event(self, time_s: float, kind: str, **fields: Any) -> None:
+        """Write one line of events.jsonl."""
+        ...
+
+    def keep(self, now_s: float) -> None:
+        """Flush what is due."""
+        ...
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a display shows at a glance."""
+
+    time_s: float
+    step: str
+    doing: str
+    phase: str
+    air_temp_c: float
+    set_point_c: float
+    angle_deg: float
+    rate_dps: float
+    demand: str
+    gyros: dict[str, tuple[float, float]]
+    """name -> (mean rate deg/s of the last minute, temperature degC)"""
+
+
+class Bench:
+    """What a procedure drives. All waiting goes through `wait` and `wait_until`, where telemetry is polled,
+    limits are watched and the record is flushed.
+    """
+
+    def __init__(
+        self,
+        file: BenchFile,
+        clock: Clock,
+        record: Record,
+        operator: Operator,
+        display: Callable[[Progress], None] | None = None,
+    ) -> None:
+        self.file = file
+        self.clock = clock
+        self.operator = operator
+        self.invalid_reasons: list[str] = []
+        self.unconfirmed: list[str] = []
+        """What did not confirm its safe state when it was last asked for."""
+        self.measurements: list[dict[str, Any]] = []
+        self.gyros: dict[str, GyroStation] = {}
+        self.table: TableStation
+        self.chamber: ChamberStation
+        self.phase_name = ""
+        self._record = record
+        self._display = display
+        self._step = ""
+        self._next_poll_s = clock.now()
+        self._next_alarms_s = clock.now() + _ALARMS_S
+        self._shown_at = 0.0
+
+    def install(self, table: Turntable, chamber: Chamber, auxiliary: tuple[int, ...]) -> None:
+        """Put the polled instruments in place."""
+        self.table = TableStation(table, self)
+        self.chamber = ChamberStation(chamber, self, auxiliary)
+
+    # What a procedure says
+
+    @contextmanager
+    def step(self, code: str, title: str) -> Iterator[None]:
+        """Name what follows after the test plan's own step."""
+        self._step = f"{code} {title}"
+        self.event("step", code=code, title=title)
+        yield
+
+    def phase(self, name: str) -> None:
+        """Begin a phase; it lasts until the next one."""
+        self.phase_name = name
+        self.event("phase", phase=name)
+
+    def note(self, text: str) -> None:
+        """Write a remark to the record."""
+        self.event("note", text=text)
+
+    def command(self, device: str, text: str) -> None:
+        """Write to the record what a device is told."""
+        self.event("command", device=device, text=text)
+
+    def measure(
+        self, name: str, value: float, unit: str, *, low: float | None = None, high: float | None = None
+    ) -> bool:
+        """Record a measured value against optional limits; return whether it is inside."""
+        passed = (low is None or value >= low) and (high is None or value <= high)
+        row = {"name": name, "value": value, "unit": unit, "low": low, "high": high, "passed": passed}
+        self.measurements.append(row)
+        self.event("measurement", **row)
+        return passed
+
+    def invalidate(self, reason: str) -> None:
+        """Mark the run invalid for its purpose; it goes on and its data are kept."""
+        self.invalid_reasons.append(reason)
+        self.event("alarm", device="procedure", text=f"run invalid: {reason}")
+
+    def ask(self, question: str, **act: Any) -> str:
+        """Put a question to the operator and wait, telemetry running, for the answer."""
+        self.event("prompt", question=question)
+        answered = self.operator.ask(Question(question, act))
+        while (answer := answered()) is None:
+            self.wait(0.2, f"operator: {question}")
+        self.event("answer", question=question, answer=answer, by=self.operator.name, **act)
+        if answer.strip().lower() in ("no", "n", "abort"):
+            raise RunAborted(f"the operator answered {answer!r} to: {question}")
+        return answer
+
+    def wait(self, duration_s: float, doing: str = "") -> None:
+        """Let bench time pass with telemetry running."""
+        end = self.clock.now() + duration_s
+        while end - self.clock.now() > _RESOLUTION_S:
+            self._tick(end, doing)
+
+    def wait_until(
+        self, condition: Callable[[], bool], *, timeout_s: float, what: str, every_s: float = _POLL_S
+    ) -> bool:
+        """Wait until `condition` holds after a poll (True) or `timeout_s` passed (False)."""
+        end = self.clock.now() + timeout_s
+        check_at = self.clock.now()
+        while end - self.clock.now() > _RESOLUTION_S:
+            self._tick(end, what)
+            if self.clock.now() >= check_at:
+                check_at += every_s
+                if condition():
+                    return True
+        return False
+
+    @property
+    def now_s(self) -> float:
+        """Bench time in s."""
+        return self.clock.now()
+
+    # What happens meanwhile
+
+    def event(self, kind: str, **fields: Any) -> None:
+        """Write one line to the event log, at bench time now."""
+        self._record.event(self.clock.now(), kind, **fields)
+
+    def poll(self) -> None:
+        """Ask both instruments, then collect: their answers travel at the same time."""
+        table, chamber = self.table, self.chamber
+        table.device.request_state()
+        chamber.device.request_state()
+        air = chamber.device.read_state()
+        auxiliary = (air.auxiliary_c[number] for number in chamber.auxiliary)
+        chamber.history.append(self.clock.now(), air.air_temp_c, air.set_point_c, *auxiliary)
+        turned = table.device.read_state()  # the quicker device: its answer has come meanwhile
+        table.history.append(self.clock.now(), turned.angle_deg, turned.rate_dps)
+        self._watch(turned.rate_dps, air.air_temp_c)
+        table.watch()
+
+    def check_alarms(self) -> None:
+        """Ask both instruments for alarms; any goes to the record and raises RunAborted."""
+        for name, device in (("table", self.table.device), ("chamber", self.chamber.device)):
+            found = device.alarms()
+            for text in found:
+                self.event("alarm", device=name, text=text)
+            if found:
+                raise RunAborted(
+                    f"the {name} reports a fault",
+                    where=name,
+                    found="; ".join(found),
+                    expected="no alarm",
+                    remedy="the bench is being made safe; clear the cause before starting again",
+                )
+
+    def _tick(self, end_s: float, doing: str) -> None:
+        self.clock.idle(min(end_s, self._next_poll_s) - self.clock.now())
+        if self._next_poll_s - self.clock.now() <= _RESOLUTION_S:
+            self.poll()
+            self._next_poll_s = max(self._next_poll_s + _POLL_S, self.clock.now())
+            if self.clock.now() >= self._next_alarms_s:
+                self._next_alarms_s = self.clock.now() + _ALARMS_S
+                self.check_alarms()
+            self._record.keep(self.clock.now())
+        if self._display is not None and host_seconds() - self._shown_at >= _DISPLAY_S:
+            self._shown_at = host_seconds()
+            self._display(self.progress(doing))
+
+    def progress(self, doing: str) -> Progress:
+        """Return what a display shows now."""
+        air, turned = self.chamber.history.last, self.table.history.last
+        gyros = {
+            name: (
+                station.mean_rate_dps(self.clock.now() - 60.0),
+                station.history.last.get("temp_c", float("nan")),
+            )
+            for name, station in self.gyros.items()
+        }
+        return Progress(
+            time_s=self.clock.now(),
+            step=self._step,
+            doing=doing,
+            phase=self.phase_name,
+            air_temp_c=air.get("air_temp_c", float("nan")),
+            set_point_c=air.get("set_point_c", float("nan")),
+            angle_deg=turned.get("angle_deg", float("nan")),
+            rate_dps=turned.get("rate_dps", float("nan")),
+            demand=self.table.demand_text,
+            gyros=gyros,
+        )
+
+    def _watch(self, rate_dps: float, air_temp_c: float) -> None:
+        limits = self.file.limits
+        if abs(rate_dps) > limits.max_rate_dps * _OVERSPEED:
+            raise LimitExceeded(
+                "the table turns faster than the bench allows",
+                where="table",
+                found=f"{rate_dps:.3f} deg/s",
+                expected=f"at most {limits.max_rate_dps:g} deg/s (limits.max_rate_dps)",
+                remedy="the bench is being made safe; check the table's controller before starting again",
+            )
+        if not limits.min_temp_c - _AIR_MARGIN_K <= air_temp_c <= limits.max_temp_c + _AIR_MARGIN_K:
+            raise LimitExceeded(
+                "the chamber's air is outside the allowed range",
+                where="chamber",
+                found=f"{air_temp_c:.1f} degC",
+                expected=f"{limits.min_temp_c:g} .. {limits.max_temp_c:g} degC within {_AIR_MARGIN_K:g} K",
+                remedy="the bench is being made safe; check the chamber before starting again",
+            )
+
+    # How it ends
+
+    def make_safe(self, reason: str) -> bool:
+        """Stop the table, send the chamber to its safe set point; return whether both confirmed it.
+
+        The stop commands of both leave first, before any answer is awaited or anything written down. A device
+        that does not answer does not keep the other from being told.
+        """
+        self.clock.interrupt.clear()
+        problems = self.unconfirmed = []
+        devices = (self.table.device, self.chamber.device)
+        for device in devices:
+            with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
+                device.halt()
+        for device in devices:
+            try:
+                device.make_safe()
+            except BenchError as error:
+                problems.append(str(error))
+        self.event("note", text=f"{'not ' if problems else ''}made safe: {reason}")
+        for problem in problems:
+            self.event("alarm", device="bench", text=f"not confirmed safe: {problem}")
+        return not problems

@@ -1,0 +1,87 @@
+"""A single file for JSON metadata with numpy arrays in it: a zip of one JSON text and one .npy per array.
+
+No pickle goes in or comes out, so a file from a stranger can be read. The same content gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.errors import RecordError
+
+_JSON = "compensation.json"
+_MARK = "array"
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def write_state(path: Path, state: Mapping[str, Any]) -> None:
+    """Write nested dicts and lists of JSON scalars and numpy arrays; the file appears whole or not at all."""
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    text = json.dumps(_without_arrays(state, "arrays", arrays), indent=1, sort_keys=True, allow_nan=False)
+    partial = path.with_name(path.name + ".partial")
+    with zipfile.ZipFile(partial, "w") as archive:
+        archive.writestr(_entry(_JSON), text)
+        for name, value in arrays.items():
+            buffer = BytesIO()
+            np.lib.format.write_array(buffer, np.ascontiguousarray(value), allow_pickle=False)
+            archive.writestr(_entry(name), buffer.getvalue())
+    partial.replace(path)
+
+
+def read_state(path: Path) -> dict[str, Any]:
+    """Read what `write_state` wrote; RecordError for a file that is not one or is damaged."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            state = json.loads(archive.read(_JSON))
+            arrays = {
+                name: np.lib.format.read_array(BytesIO(archive.read(name)), allow_pickle=False)
+                for name in archive.namelist()
+                if name != _JSON
+            }
+        restored: dict[str, Any] = _with_arrays(state, arrays)
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise RecordError(
+            "this is not a readable compensation file",
+            where=str(path),
+            found=f"{type(error).__name__}: {error}",
+            expected=f"a zip with {_JSON} and its arrays",
+            remedy="copy the file again, or fit the compensation again",
+        ) from error
+    return restored
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, _EPOCH)
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    return entry
+
+
+def _without_arrays(value: Any, place: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+    if isinstance(value, np.ndarray):
+        name = f"{place}.npy"
+        arrays[name] = value
+        return {_MARK: name}
+    if isinstance(value, Mapping):
+        return {str(key): _without_arrays(item, f"{place}/{key}", arrays) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_arrays(item, f"{place}/{index}", arrays) for index, item in enumerate(value)]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _with_arrays(value: Any, arrays: Mapping[str, np.ndarray[Any, Any]]) -> Any:
+    if isinstance(value, dict):
+        if set(value) == {_MARK}:
+            return arrays[value[_MARK]]
+        return {key: _with_arrays(item, arrays) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_with_arrays(item, arrays) for item in value]
+    return value

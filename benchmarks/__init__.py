@@ -1,0 +1,1 @@
+"""Measurements of this code against plain alternatives, both in the same run."""

@@ -1,0 +1,142 @@
+"""Decoding KVH Format A: `KvhDecoder` against the loop one would write first, and against copying the bytes.
+
+Run as `python -m benchmarks.decode_kvh`. The loop finds the header with `bytes.find`, checks the CRC of each
+message with a table in Python (or with fastcrc, where installed) and unpacks it with `struct`. Ours and the loop
+take turns on the same bytes and must find the same number of messages; figures are medians of wall time.
+"""
+
+from __future__ import annotations
+
+import statistics
+import struct
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from drivers.clock import host_seconds
+from drivers.kvh import KvhDecoder, encode_frames
+
+_SYNC = bytes.fromhex("FE81FF55")
+_LENGTH = 36
+_FRAME = struct.Struct(">4x6fBBh4x")
+_RUNS = 7
+_LARGE = 29127  # Messages in 1 MiB.
+_COPY = 64 * 2**20  # Bytes; larger than the caches.
+_SMALL = 100  # One second at 100 Hz.
+_TABLE = [0] * 256
+for _byte in range(256):
+    _value = _byte << 24
+    for _ in range(8):
+        _value = (_value << 1 ^ (0x104C11DB7 if _value & 0x80000000 else 0)) & 0xFFFFFFFF
+    _TABLE[_byte] = _value
+
+
+def table_crc(data: bytes) -> int:
+    """CRC-32/MPEG-2 by one table, byte after byte."""
+    register = 0xFFFFFFFF
+    for byte in data:
+        register = (register << 8 & 0xFFFFFFFF) ^ _TABLE[register >> 24 ^ byte]
+    return register
+
+
+def loop(data: bytes, crc: Callable[[bytes], int]) -> list[tuple[float, ...]]:
+    """Decode message after message."""
+    found = []
+    at = data.find(_SYNC)
+    while 0 <= at <= len(data) - _LENGTH:
+        message = data[at : at + _LENGTH]
+        if crc(message) == 0:
+            found.append(_FRAME.unpack(message))
+            at += _LENGTH - 1
+        else:
+            at += 1
+        at = data.find(_SYNC, at)
+    return found
+
+
+def ours() -> Callable[[bytes], int]:
+    """Return what decodes a stream call by call and says how many messages there were in each."""
+    decoder = KvhDecoder(nominal_rate_hz=100.0, axes="xyz")
+    return lambda data: len(decoder.feed(data))
+
+
+def yardsticks() -> dict[str, Callable[[bytes], int]]:
+    """Return the CRCs for the loop, by the loop's name."""
+    crcs: dict[str, Callable[[bytes], int]] = {"struct + table CRC loop": table_crc}
+    try:
+        from fastcrc import crc32
+    except ImportError:
+        return crcs
+    return crcs | {"struct + fastcrc loop": crc32.mpeg_2}
+
+
+def stream(count: int, damaged_bytes: float) -> bytes:
+    """Return `count` messages with a share of the bytes changed (half of it) or lost (the other half)."""
+    rng = np.random.default_rng(1)
+    rot = rng.normal(0.0, 1e-5, (count, 3))
+    clean = np.frombuffer(encode_frames("A", rot, counter=np.arange(count), temp_c=25.0), np.uint8)
+    changed = rng.random(clean.size) < damaged_bytes / 2
+    noise = np.where(changed, rng.integers(1, 256, clean.size), 0).astype(np.uint8)
+    return (clean ^ noise)[rng.random(clean.size) >= damaged_bytes / 2].tobytes()
+
+
+def rows() -> list[dict[str, object]]:
+    """Return benchmark, ours, yardstick, yardstick_name, unit and ratio (ours / yardstick) of each comparison."""
+    table = []
+    for title, count, damaged_bytes in (
+        ("decode KVH, 1 MiB a call", _LARGE, 0.0),
+        ("decode KVH, 1 MiB a call, 1 % of bytes damaged", _LARGE, 0.01),
+        ("decode KVH, 100 messages a call", _SMALL, 0.0),
+    ):
+        data = stream(count, damaged_bytes)
+        for name, crc in yardsticks().items():
+            if ours()(data) != len(loop(data, crc)):
+                raise AssertionError(f"{title}: decoder and {name} found different messages")
+            fast, slow = _turns(partial(ours(), data), partial(loop, data, crc))
+            table.append(_row(title, count / fast / 1e6, count / slow / 1e6, name, "million messages/s"))
+    data = stream(_LARGE, 0.0)
+    source, target = np.ones(_COPY, np.uint8), np.ones(_COPY, np.uint8)
+    fast, copy = _turns(partial(ours(), data), partial(np.copyto, target, source))
+    mine, bandwidth = len(data) / fast / 1e6, _COPY / copy / 1e6
+    table.append(_row("decode KVH, 1 MiB a call", mine, bandwidth, "copy of 64 MiB in memory", "MB/s"))
+    return table
+
+
+def _turns(one: Callable[[], object], other: Callable[[], object]) -> tuple[float, float]:
+    """Return the median time of each in s, run in turns, each often enough for 20 ms."""
+    repeats = [max(1, int(0.02 / max(1e-6, _seconds(work, 1)))) for work in (one, other)]
+    times = [(_seconds(one, repeats[0]), _seconds(other, repeats[1])) for _ in range(_RUNS)]
+    return statistics.median(a for a, _ in times), statistics.median(b for _, b in times)
+
+
+def _seconds(work: Callable[[], object], repeats: int) -> float:
+    begin = host_seconds()
+    for _ in range(repeats):
+        work()
+    return (host_seconds() - begin) / repeats
+
+
+def _row(benchmark: str, mine: float, yardstick: float, name: str, unit: str) -> dict[str, object]:
+    return {
+        "benchmark": benchmark,
+        "ours": mine,
+        "yardstick": yardstick,
+        "yardstick_name": name,
+        "unit": unit,
+        "ratio": mine / yardstick,
+    }
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"{'benchmark':<50}{'ours':>10}{'yardstick':>11}  {'unit':<20}{'ratio':>8}  yardstick")
+    for row in rows():
+        print(
+            f"{row['benchmark']:<50}{row['ours']:>10.4g}{row['yardstick']:>11.4g}  {row['unit']:<20}"
+            f"{row['ratio']:>8.3g}  {row['yardstick_name']}"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,184 @@
+"""A cold-shock run through the emulated bench in virtual time: one gyro at 100 Hz in 36-byte frames over a pty,
+chamber and table polled every second, recorded, decoded to Parquet, sealed.
+
+    python -m benchmarks.end_to_end
+
+Two yardsticks in the same process: the same bytes through a pty, read in blocks and dropped (the limit), and read
+frame by frame with pyserial and `struct` (what people write).
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import struct
+import tempfile
+import threading
+import tty
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import serial
+
+from bench.benchfile import BenchFile, load_bench_file
+from bench.emulated import EmulatedLab, Plant
+from bench.procedure import find_procedure
+from bench.questions import StageHand
+from bench.run_record import RunRecord
+from bench.runner import RunRequest, run_procedure
+from drivers.clock import host_seconds
+
+REPEATS = 3
+FRAME_BYTES = 36
+RATE_HZ = 100
+PROCEDURE = "zero-bias-cold-shock"
+THREE_HOURS = {"soak_min": 20, "hold_min": 15, "east_after_min": 10, "east_dwell_s": 300, "warm_up_min": 40}
+
+
+@dataclass(frozen=True)
+class Timing:
+    """One run: bench time, and wall seconds of driving it, and of decoding and sealing it."""
+
+    bench_s: float
+    start_s: float
+    drive_s: float
+    close_s: float
+
+    @property
+    def speed(self) -> float:
+        """Bench seconds a wall second, everything but the lab's start-up."""
+        return self.bench_s / (self.drive_s + self.close_s)
+
+
+def bench_file() -> BenchFile:
+    """Return the demo's bench with its serial gyro alone, at 100 Hz."""
+    file = load_bench_file(Path(__file__).parents[1] / "examples" / "demo.toml")
+    gyro = file.gyro[0].model_copy(update={"rate_hz": float(RATE_HZ)})
+    chamber = file.chamber.model_copy(update={"auxiliary": {1: "fog_1 case"}})
+    return file.model_copy(update={"gyro": (gyro,), "chamber": chamber})
+
+
+def run_once() -> Timing:
+    """Rehearse one run and time its parts."""
+    procedure = find_procedure(PROCEDURE)
+    file, plant = bench_file(), Plant()
+    marks: list[float] = []
+    close = RunRecord.close
+
+    def timed_close(record: RunRecord, outcome: str, reason: str, duration_s: float) -> list[str]:
+        marks.append(host_seconds())
+        return close(record, outcome, reason, duration_s)
+
+    RunRecord.close = timed_close  # type: ignore[method-assign]  # the only seam between driving and sealing
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            begin = host_seconds()
+            with EmulatedLab(file, plant) as lab:
+                ready = host_seconds()
+                request = RunRequest(
+                    procedure, procedure.parse(THREE_HOURS), lab.file, Path(folder), StageHand(lab.perform)
+                )
+                result = run_procedure(request)
+                end = host_seconds()
+    finally:
+        RunRecord.close = close  # type: ignore[method-assign]
+    assert result.outcome == "completed", result.reason
+    return Timing(result.duration_s, ready - begin, marks[0] - ready, end - marks[0])
+
+
+def side_by_side() -> tuple[int, float]:
+    """Return how many runs were rehearsed at once, one a processor, and their bench s a wall s together."""
+    count = len(os.sched_getaffinity(0))
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        for _ in pool.map(abs, range(count)):  # starting the interpreters is not what is timed
+            pass
+        begin = host_seconds()
+        timings = [task.result() for task in [pool.submit(run_once) for _ in range(count)]]
+        elapsed = host_seconds() - begin
+    return count, sum(timing.bench_s for timing in timings) / elapsed
+
+
+def pty_limit(n_bytes: int) -> float:
+    """Return wall seconds to move `n_bytes` through a pty in blocks."""
+    return _through_pty(n_bytes, 65536, _read_blocks)
+
+
+def frame_loop(n_bytes: int) -> float:
+    """Return wall seconds to read `n_bytes` frame by frame with pyserial and unpack each."""
+    return _through_pty(n_bytes, 65536, _read_frames)
+
+
+def _through_pty(n_bytes: int, block: int, read: object) -> float:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    port = serial.Serial(os.ttyname(slave), timeout=5.0)
+    payload = bytes(range(FRAME_BYTES)) * (block // FRAME_BYTES)
+
+    def feed() -> None:
+        sent = 0
+        while sent < n_bytes:
+            sent += os.write(master, payload[: min(len(payload), n_bytes - sent)])
+
+    thread = threading.Thread(target=feed)
+    begin = host_seconds()
+    thread.start()
+    read(port, n_bytes)  # type: ignore[operator]
+    elapsed = host_seconds() - begin
+    thread.join()
+    port.close()
+    os.close(master)
+    os.close(slave)
+    return elapsed
+
+
+def _read_blocks(port: serial.Serial, n_bytes: int) -> None:
+    got = 0
+    while got < n_bytes:
+        got += len(os.read(port.fileno(), 65536))
+
+
+def _read_frames(port: serial.Serial, n_bytes: int) -> None:
+    unpack = struct.Struct(">4s6fBBhI").unpack
+    for _ in range(n_bytes // FRAME_BYTES):
+        unpack(port.read(FRAME_BYTES))
+
+
+def rows() -> list[dict[str, object]]:
+    """Return the table's rows."""
+    timings = [run_once() for _ in range(REPEATS)]
+    middle = sorted(timings, key=lambda timing: timing.speed)[REPEATS // 2]
+    n_bytes = round(middle.bench_s) * RATE_HZ * FRAME_BYTES
+    limit = middle.bench_s / statistics.median(pty_limit(n_bytes) for _ in range(REPEATS))
+    loop_bytes = n_bytes // 10
+    loop = middle.bench_s / 10.0 / statistics.median(frame_loop(loop_bytes) for _ in range(REPEATS))
+    count, together = side_by_side()
+    name = f"{middle.bench_s / 3600:.1f} h emulated run, 100 Hz"
+    print(
+        f"lab start {middle.start_s:.2f} s, driving {middle.drive_s:.2f} s, decoding and sealing "
+        f"{middle.close_s:.2f} s, {middle.bench_s:.0f} s of bench time: {middle.speed:,.0f} x real time"
+    )
+    return [
+        _row(name, middle.speed, limit, "gyro bytes through a pty and dropped"),
+        _row(name, middle.speed, loop, "pyserial read(36) + struct loop, gyro bytes only"),
+        _row(name, middle.speed, 2000.0, "goal"),
+        _row(f"{count} of them side by side, all imports included", together, 2000.0, "goal"),
+    ]
+
+
+def _row(name: str, ours: float, yardstick: float, yardstick_name: str) -> dict[str, object]:
+    return {
+        "benchmark": name,
+        "ours": ours,
+        "yardstick": yardstick,
+        "yardstick_name": yardstick_name,
+        "unit": "x real time",
+        "ratio": ours / yardstick,
+    }
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import show
+
+    show(rows())

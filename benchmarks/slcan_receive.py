@@ -1,0 +1,198 @@
+"""Receiving CAN over an slcan adapter, against python-can's own slcan bus and cantools, in the same run.
+
+Run as `python -m benchmarks.slcan_receive`. The same lines go through a pseudo-terminal, written by a thread, to
+each reader in turn; every reader must get every frame. Figures are medians of wall time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import statistics
+import threading
+import tty
+from collections.abc import Callable, Iterator
+
+import can
+import cantools
+import numpy as np
+from can.interfaces.slcan import slcanBus
+from numpy.typing import ArrayLike
+
+from drivers.clock import WallClock, host_seconds
+from drivers.link import Link
+from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, SbgDecoder, load_ellipse
+from drivers.slcan import FRAME_DTYPE, BufferedSlcanBus, SlcanParser, encode_frames
+
+_RUNS = 3
+_FEW, _MANY, _SAMPLES = 4_000, 400_000, 20_000
+_LINE = 22
+_LARGEST_READ = 4095
+"""A pseudo-terminal never gives more at once; a frame is decoded with the `_BLOCKS` that came with it."""
+_BLOCKS = 16
+
+
+def lines(count: int) -> bytes:
+    """Return `count` standard frames of 8 random bytes."""
+    rng = np.random.default_rng(1)
+    frames = np.zeros(count, FRAME_DTYPE)
+    frames["id"], frames["dlc"] = rng.integers(0, 0x800, count), 8
+    frames["data"] = rng.integers(0, 256, (count, 8))
+    return encode_frames(frames)
+
+
+@contextlib.contextmanager
+def terminal() -> Iterator[tuple[int, str]]:
+    """Open a pseudo-terminal: descriptor of the adapter's end, path of the bench's."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    try:
+        yield master, os.ttyname(slave)
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+def timed(master: int, text: bytes, read_all: Callable[[], None]) -> float:
+    """Return the frames per second at which `read_all` takes `text` off the port."""
+    os.read(master, 4096)  # what was written to open the adapter
+    writer = threading.Thread(target=write_all, args=(master, text))
+    begin = host_seconds()
+    writer.start()
+    read_all()
+    elapsed_s = host_seconds() - begin
+    writer.join()
+    return len(text) / _LINE / elapsed_s
+
+
+def write_all(master: int, text: bytes) -> None:
+    """Write in blocks, as an adapter on USB does."""
+    view = memoryview(text)
+    while view:
+        view = view[os.write(master, view[:65536]) :]
+
+
+def messages_of_ours(text: bytes) -> float:
+    """Frames/s of `BufferedSlcanBus.recv`."""
+    with terminal() as (master, path), BufferedSlcanBus(path) as bus:
+        return timed(master, text, lambda: receive(bus, len(text) // _LINE))
+
+
+def messages_of_python_can(text: bytes) -> float:
+    """Frames/s of python-can's `slcanBus.recv`."""
+    with terminal() as (master, path), slcanBus(path, bitrate=500_000, sleep_after_open=0) as bus:
+        return timed(master, text, lambda: receive(bus, len(text) // _LINE))
+
+
+def receive(bus: can.BusABC, count: int) -> None:
+    """Receive `count` messages one by one."""
+    for _ in range(count):
+        if bus.recv(5.0) is None:
+            raise AssertionError("a frame was lost")
+
+
+def frames_of_ours(text: bytes) -> float:
+    """Frames/s of link and parser in blocks, as a recording is decoded."""
+    with terminal() as (master, path):
+        clock = WallClock()
+        link, parser = Link(path, clock, name="bulk"), SlcanParser()
+        os.write(link.fileno(), b"C\rS6\rO\r")
+
+        def read_all() -> None:
+            left = len(text)
+            while left:
+                blocks = [link.read_some(5.0) for _ in range(min(_BLOCKS, -(-left // _LARGEST_READ)))]
+                data = b"".join(blocks)
+                parser.feed(data)
+                left -= len(data)
+            if parser.counts.frames != len(text) // _LINE:
+                raise AssertionError("a frame was lost")
+
+        speed = timed(master, text, read_all)
+        link.close()
+        clock.close()
+        return speed
+
+
+def sbg_lines(count: int) -> bytes:
+    """Return `count` cycles of IMU_INFO and IMU_GYRO."""
+    ellipse = load_ellipse()
+    rng = np.random.default_rng(1)
+    rates: dict[str, ArrayLike] = {f"GYRO_{axis}": rng.integers(-32768, 32768, count) for axis in "XYZ"}
+    status: dict[str, ArrayLike] = {
+        "TIME_STAMP": np.arange(count) * 10_000,
+        "STATUS": ALL_GOOD,
+        "TEMPERATURE": 2500,
+    }
+    frames = np.zeros((count, 2), FRAME_DTYPE)
+    frames["id"], frames["dlc"] = (ellipse.info.identifier, ellipse.gyro.identifier), (8, 6)
+    frames["data"][:, 0], frames["data"][:, 1] = (
+        ellipse.info.pack(status, count),
+        ellipse.gyro.pack(rates, count),
+    )
+    return encode_frames(frames.ravel())
+
+
+def samples_of_ours(text: bytes) -> float:
+    """Samples/s from slcan text to columns."""
+    decoder = SbgDecoder(100.0)
+    begin = host_seconds()
+    rows = sum(len(decoder.feed(text[at : at + 65536])) for at in range(0, len(text), 65536))
+    return rows / (host_seconds() - begin)
+
+
+def samples_of_cantools(text: bytes) -> float:
+    """Samples/s of a `decode_message` loop over the same text."""
+    database = cantools.database.load_file(ELLIPSE_DBC)
+    begin = host_seconds()
+    rows = []
+    cycle: dict[str, object] = {}
+    for line in text.decode("ascii").split("\r")[:-1]:
+        cycle |= database.decode_message(int(line[1:4], 16), bytes.fromhex(line[5:]))
+        if line.startswith("t122"):
+            rows.append(cycle)
+            cycle = {}
+    return len(rows) / (host_seconds() - begin)
+
+
+def rows() -> list[dict[str, object]]:
+    """Return benchmark, ours, yardstick, yardstick_name, unit and ratio (ours / yardstick) of each comparison."""
+    few, many, samples = lines(_FEW), lines(_MANY), sbg_lines(_SAMPLES)
+    tenth = many[: len(many) // 10 // _LINE * _LINE]
+    contests = (
+        ("slcan over a pty, message by message", messages_of_ours, tenth, messages_of_python_can, few),
+        ("slcan over a pty, in blocks", frames_of_ours, many, messages_of_python_can, few),
+        ("SBG Ellipse, slcan text to columns", samples_of_ours, samples, samples_of_cantools, samples),
+    )
+    names = ("python-can slcanBus.recv", "python-can slcanBus.recv", "cantools decode_message loop")
+    units = ("frames/s", "frames/s", "samples/s")
+    table: list[dict[str, object]] = []
+    for (title, ours, text, other, other_text), name, unit in zip(contests, names, units, strict=True):
+        pairs = [(ours(text), other(other_text)) for _ in range(_RUNS)]
+        mine, yardstick = (statistics.median(values) for values in zip(*pairs, strict=True))
+        table.append(
+            {
+                "benchmark": title,
+                "ours": mine,
+                "yardstick": yardstick,
+                "yardstick_name": name,
+                "unit": unit,
+                "ratio": mine / yardstick,
+            }
+        )
+    return table
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"{'benchmark':<40}{'ours':>12}{'yardstick':>12}  {'unit':<10}{'ratio':>8}  yardstick")
+    for row in rows():
+        print(
+            f"{row['benchmark']:<40}{row['ours']:>12,.0f}{row['yardstick']:>12,.0f}  {row['unit']:<10}"
+            f"{row['ratio']:>8.0f}  {row['yardstick_name']}"
+        )
+
+
+if __name__ == "__main__":
+    main()

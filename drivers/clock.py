@@ -1,0 +1,260 @@
+"""Time: the only module that may read or wait on the host's clock.
+
+Bench time is seconds since the clock was made, monotonic. Everything that waits takes a `Clock`; whether an
+hour lasts an hour (`WallClock`) or milliseconds (`drivers.virtual_clock`) is not its business.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import select
+import threading
+import time
+from typing import Any, Protocol
+
+from drivers.errors import BenchError, RunAborted
+
+
+class Readable(Protocol):
+    """What a clock needs of a port to wait on it."""
+
+    name: str
+    bytes_sent: int
+    bytes_received: int
+
+    def fileno(self) -> int:
+        """Return the descriptor to select on."""
+        ...
+
+    def receive(self) -> bytes:
+        """Read whatever has arrived, at most one system call, empty if nothing."""
+        ...
+
+    def deliver(self, data: bytes, arrival_s: float) -> None:
+        """Take bytes that arrived at `arrival_s` (bench time of the last byte)."""
+        ...
+
+
+class Interrupt:
+    """A request to stop that wakes whoever waits on the clock; safe to raise from a signal handler."""
+
+    def __init__(self) -> None:
+        self._reason: str | None = None
+        self._read, self._write = os.pipe()
+        os.set_blocking(self._write, False)
+        os.set_blocking(self._read, False)
+
+    def fileno(self) -> int:
+        """Return a descriptor that is readable while a request stands."""
+        return self._read
+
+    def request(self, reason: str) -> None:
+        """Ask the waiting thread to stop; a full pipe means that it has been asked already."""
+        self._reason = reason
+        self.wake()
+
+    def wake(self) -> None:
+        """Make the descriptor readable without asking anybody to stop."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._write, b"!")
+
+    def check(self) -> None:
+        """Raise RunAborted if a request stands."""
+        if self._reason is not None:
+            raise RunAborted(self._reason)
+
+    def clear(self) -> None:
+        """Drop the request, so that the bench can be made safe without being interrupted again."""
+        self._reason = None
+        with contextlib.suppress(BlockingIOError):
+            os.read(self._read, 4096)
+
+    def close(self) -> None:
+        """Release the pipe."""
+        os.close(self._read)
+        os.close(self._write)
+
+
+class Clock(Protocol):
+    """Bench time. Every wait raises RunAborted as soon as `interrupt` is requested."""
+
+    interrupt: Interrupt
+
+    def now(self) -> float:
+        """Return bench time in s."""
+        ...
+
+    def sleep(self, duration_s: float) -> None:
+        """Let `duration_s` seconds of bench time pass."""
+        ...
+
+    def idle(self, duration_s: float) -> None:
+        """Let time pass as `sleep` does; what arrives meanwhile may be delivered by the next wait only."""
+        ...
+
+    def wait_for(self, port: Readable, deadline_s: float) -> bool:
+        """Let time pass until bytes on `port` were delivered (True), or until `deadline_s` (False)."""
+        ...
+
+    def attach(self, port: Readable) -> None:
+        """Make the clock aware of an open port."""
+        ...
+
+    def stream(self, port: Readable) -> None:
+        """Take bytes off `port` from now on whether or not anybody waits for them."""
+        ...
+
+    def detach(self, port: Readable) -> None:
+        """Forget a port that is about to be closed."""
+        ...
+
+    def close(self) -> None:
+        """Release what the clock holds."""
+        ...
+
+
+def utc_now() -> str:
+    """Return the host's date and time, ISO 8601 in UTC with milliseconds."""
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
+
+
+def epoch_seconds() -> float:
+    """Return the host's time as seconds since 1970-01-01 UTC."""
+    return time.time()
+
+
+def host_seconds() -> float:
+    """Return the host's monotonic time in s, for timing work and pacing displays, never bench time."""
+    return time.perf_counter()
+
+
+class WallClock:
+    """The real clock: bench time is host time, monotonic, since construction.
+
+    Streaming ports are read by one thread of the clock's own, so that a busy procedure loses no byte; an error
+    there is raised in whoever waits next.
+    """
+
+    def __init__(self) -> None:
+        self.interrupt = Interrupt()
+        self._start = time.monotonic()
+        self._reader: _StreamReader | None = None
+
+    def now(self) -> float:
+        """Return bench time in s."""
+        return time.monotonic() - self._start
+
+    def sleep(self, duration_s: float) -> None:
+        """Wait; a negative duration returns at once."""
+        self._check()
+        ready, _, _ = select.select([self.interrupt], [], [], max(0.0, duration_s))
+        if ready:
+            self._check()
+
+    def idle(self, duration_s: float) -> None:
+        """Sleep."""
+        self.sleep(duration_s)
+
+    def wait_for(self, port: Readable, deadline_s: float) -> bool:
+        """Wait until bytes arrived on `port` (delivered before returning True) or the deadline passed."""
+        self._check()
+        remaining = max(0.0, deadline_s - self.now())
+        waiting: list[Any] = [port, self.interrupt]
+        ready, _, _ = select.select(waiting, [], [], remaining)
+        if self.interrupt in ready:
+            self._check()
+        if port not in ready:
+            return False
+        data = port.receive()
+        port.deliver(data, self.now())
+        return bool(data)
+
+    def attach(self, port: Readable) -> None:
+        """Nothing to do: the kernel wakes whoever selects."""
+
+    def stream(self, port: Readable) -> None:
+        """Hand the port to the reader thread."""
+        if self._reader is None:
+            self._reader = _StreamReader(self)
+        self._reader.add(port)
+
+    def detach(self, port: Readable) -> None:
+        """Take the port back from the reader thread."""
+        if self._reader is not None:
+            self._reader.remove(port)
+
+    def interrupt_waiters(self) -> None:
+        """Wake a waiting thread without asking it to stop, so that it sees the reader's failure."""
+        self.interrupt.wake()
+
+    def close(self) -> None:
+        """Stop the reader thread."""
+        if self._reader is not None:
+            self._reader.stop()
+        self.interrupt.close()
+
+    def _check(self) -> None:
+        self.interrupt.check()
+        if self._reader is not None and self._reader.failure is not None:
+            failure, self._reader.failure = self._reader.failure, None
+            raise failure
+
+
+class _StreamReader:
+    """The thread that reads streaming ports on the wall clock."""
+
+    def __init__(self, clock: WallClock) -> None:
+        self.failure: BenchError | None = None
+        self._clock = clock
+        self._ports: list[Readable] = []
+        self._lock = threading.Lock()
+        self._wake_read, self._wake_write = os.pipe()
+        self._running = True
+        self._thread = threading.Thread(target=self._run, name="stream reader", daemon=True)
+        self._thread.start()
+
+    def add(self, port: Readable) -> None:
+        with self._lock:
+            self._ports.append(port)
+        os.write(self._wake_write, b"+")
+
+    def remove(self, port: Readable) -> None:
+        with self._lock:
+            if port in self._ports:
+                self._ports.remove(port)
+        os.write(self._wake_write, b"-")
+
+    def stop(self) -> None:
+        self._running = False
+        os.write(self._wake_write, b".")
+        self._thread.join()
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+    def _run(self) -> None:
+        while self._running:
+            with self._lock:
+                ports = list(self._ports)
+            waiting: list[Any] = [self._wake_read, *ports]
+            try:
+                ready, _, _ = select.select(waiting, [], [])
+            except (OSError, ValueError):  # a port was closed between the copy and the call
+                continue
+            for port in ready:
+                if isinstance(port, int):
+                    os.read(self._wake_read, 4096)
+                    continue
+                with self._lock:
+                    if port in self._ports:
+                        self._take(port)
+
+    def _take(self, port: Readable) -> None:
+        try:
+            data = port.receive()
+            port.deliver(data, self._clock.now())
+        except BenchError as error:
+            self._ports.remove(port)
+            self.failure = error
+            self._clock.interrupt_waiters()

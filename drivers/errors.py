@@ -1,0 +1,64 @@
+"""The errors of this project: each says what happened, what was found, what was expected, what to do."""
+
+from __future__ import annotations
+
+
+class BenchError(Exception):
+    """Base of every error this project raises on purpose.
+
+    `what` is one sentence; `where`, `found`, `expected` and `remedy` complete the paragraph that the
+    operator reads. Empty parts are left out of the text.
+    """
+
+    def __init__(
+        self, what: str, *, where: str = "", found: str = "", expected: str = "", remedy: str = ""
+    ) -> None:
+        super().__init__(what)
+        self.what = what
+        self.where = where
+        self.found = found
+        self.expected = expected
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        parts = [f"{self.where}: {self.what}" if self.where else self.what]
+        for label, text in (("Found", self.found), ("Expected", self.expected), ("Remedy", self.remedy)):
+            if text:
+                parts.append(f"{label}: {text.rstrip('.')}.")
+        return " ".join(part if part.endswith((".", "!", "?")) else part + "." for part in parts)
+
+
+class ConfigurationError(BenchError):
+    """A bench file, parameter or command line that cannot be used."""
+
+
+class LinkLost(BenchError):
+    """The port went away: unplugged adapter, closed connection, dead emulator."""
+
+
+class DeviceSilent(BenchError):
+    """No complete reply before the deadline."""
+
+
+class DeviceRefused(BenchError):
+    """The device answered, and the answer was no."""
+
+
+class WrongDevice(BenchError):
+    """Something answers on the port, but it is not the device the bench file names."""
+
+
+class ProtocolError(BenchError):
+    """Bytes that break the device's own protocol: checksum, framing, field count."""
+
+
+class LimitExceeded(BenchError):
+    """A demand outside the limits of the device, the bench file or the procedure."""
+
+
+class RunAborted(BenchError):
+    """The run was stopped by the operator, a signal or an interlock; the bench has been made safe."""
+
+
+class RecordError(BenchError):
+    """A run folder that cannot be written or that does not verify."""

@@ -1,0 +1,242 @@
+"""Fixed-length binary frames in a byte stream: vectorised CRC, resynchronisation, incremental feeding.
+
+A frame is a sync word, a payload and a checksum. Nothing here knows a device: a codec brings the sync word, the
+length and a check, and gets back the frames that passed and where they ended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.instruments import StreamCounts
+
+Check = Callable[[NDArray[np.uint8]], NDArray[np.bool_]]
+"""Rows of candidate frames (n, length), each beginning with the sync word -> which of them are sound (n,)."""
+
+_BLOCK = 512  # Messages a CRC pass: the table indices of 28 x 512 bytes stay in the second-level cache.
+
+
+@dataclass(frozen=True)
+class Crc:
+    """A cyclic redundancy check in the terms of the Rocksoft model (Williams, 1993).
+
+    `width` in bits (8 to 32, a multiple of 8); `poly` in normal notation (most significant bit first) also when
+    `reflected`, which means that bytes go in least significant bit first and the register comes out mirrored.
+    """
+
+    width: int
+    poly: int
+    init: int
+    reflected: bool = False
+    xor_out: int = 0
+
+    def of(self, data: bytes) -> int:
+        """Return the CRC of `data`, bit by bit: the definition, for tests, tables and short messages."""
+        return self._shift(data, self.init) ^ self.xor_out
+
+    def _shift(self, data: bytes, register: int) -> int:
+        top, mask = 1 << (self.width - 1), (1 << self.width) - 1
+        for byte in data:
+            register ^= (_mirror(byte, 8) if self.reflected else byte) << (self.width - 8)
+            for _ in range(8):
+                register = ((register << 1) ^ (self.poly if register & top else 0)) & mask
+        return _mirror(register, self.width) if self.reflected else register
+
+
+def _mirror(value: int, width: int) -> int:
+    return int(f"{value:0{width}b}"[::-1], 2)
+
+
+class PositionalCrc:
+    """The CRC of many equally long messages at once.
+
+    A CRC is linear over GF(2), so that of an n-byte message is a constant XOR one table entry a byte:
+    crc = c ^ T[0][b0] ^ ... ^ T[n-1][b(n-1)]. The table look-ups are independent of each other, unlike those of
+    the serial algorithm, and vectorise over messages. Bytes known beforehand (`prefix`) go into the constant.
+    """
+
+    def __init__(self, crc: Crc, prefix: bytes, length: int) -> None:
+        """Prepare for messages of `prefix` followed by `length` bytes."""
+        zeros = bytes(length)
+        self.length = length
+        self._constant = np.uint32(crc.of(prefix + zeros))
+        linear = Crc(crc.width, crc.poly, 0, crc.reflected)
+        # A message of one set bit each: the whole table follows from 8 of them a position, by linearity.
+        bits = np.array(
+            [
+                [linear.of(bytes([1 << bit]) + bytes(length - 1 - at)) for bit in range(8)]
+                for at in range(length)
+            ],
+            np.uint32,
+        ).reshape(length, 8)
+        selected = (np.arange(256)[:, None] >> np.arange(8)) & 1
+        table = np.bitwise_xor.reduce(bits[:, None, :] * selected.astype(np.uint32), axis=2)
+        self._table = np.ascontiguousarray(table).ravel()
+        self._row = (np.arange(length) * 256)[:, None]
+
+    def __call__(self, messages: NDArray[np.uint8]) -> NDArray[np.uint32]:
+        """Return the CRCs, shape (n,), of `messages`, shape (n, length), prefix left out."""
+        count = len(messages)
+        result = np.empty(count, np.uint32)
+        index = np.empty(self.length * min(count, _BLOCK), np.intp)
+        terms = np.empty(index.size, np.uint32)
+        for at in range(0, count, _BLOCK):
+            block = messages[at : at + _BLOCK].T
+            here, there = (a[: block.size].reshape(block.shape) for a in (index, terms))
+            np.add(block, self._row, out=here)
+            self._table.take(here, out=there, mode="clip")  # "raise" would copy `out` once more.
+            np.bitwise_xor.reduce(there, axis=0, out=result[at : at + _BLOCK])
+        result ^= self._constant
+        return result
+
+
+def find_sync(data: NDArray[np.uint8], sync: bytes) -> NDArray[np.int64]:
+    """Return every offset in `data` (uint8, shape (n,)) at which `sync` is complete, in order."""
+    last = len(data) - len(sync) + 1
+    if last <= 0:
+        return np.empty(0, np.int64)
+    at = np.flatnonzero(data[:last] == sync[0])
+    for offset in range(1, len(sync)):
+        at = at[data[at + offset] == sync[offset]]
+    return at
+
+
+def without_overlap(starts: NDArray[np.int64], length: int, shared: int) -> NDArray[np.int64]:
+    """Return the ascending `starts` of frames of `length` left when each one found claims its bytes.
+
+    First come, first served; a frame may begin in the last `shared` bytes of the one before.
+    """
+    claimed = length - shared
+    if len(starts) < 2 or bool((starts[1:] - starts[:-1] >= claimed).all()):
+        return starts
+    kept: list[int] = []
+    for start in starts.tolist():
+        if not kept or start - kept[-1] >= claimed:
+            kept.append(start)
+    return np.array(kept, np.int64)
+
+
+class FrameSplitter:
+    """Cuts a byte stream into checked frames of one fixed length, incrementally.
+
+    Equivalent to this scan, whatever the chunks: look for the sync word; check the frame that begins there; if
+    sound take it and go on behind it, else count a reject and go on one byte further. A sound frame may share
+    its last byte with the sync word of the next: a lost last byte is made good by an equal first byte that
+    follows. Fewer than `length` bytes are kept between calls.
+    """
+
+    def __init__(self, sync: bytes, length: int, check: Check) -> None:
+        """Raise ValueError for a sync word that can begin inside itself."""
+        if sync.count(sync[0]) != 1 or len(sync) < 2:
+            raise ValueError(f"sync word {sync.hex()}: the first byte must not come again")
+        self.counts = StreamCounts()
+        self._sync = sync
+        self._sync_array = np.frombuffer(sync, np.uint8)
+        self._length = length
+        self._check = check
+        self._pending = b""
+        self._offset = 0  # In the stream, of the first pending byte.
+        self._claimed = 0  # In the stream, end of the last frame taken.
+        self._covered = 0  # Bytes in frames so far; a shared one counts once.
+
+    def feed(self, data: bytes) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+        """Return the sound frames completed by `data`, uint8 (n, length), and the offsets of their ends, (n,)."""
+        stream = self._pending + data if self._pending else data
+        if self._claimed > self._offset and len(stream) > 1 and stream[1] != self._sync[1]:
+            stream = stream[1:]  # The byte kept as perhaps shared was the end of a frame only.
+            self._offset += 1
+        rows, size = self._aligned(stream)
+        ends = np.arange(1, len(rows) + 1, dtype=np.int64)
+        ends *= self._length
+        ends += self._offset
+        self._take(ends)
+        keep = self._undecided_tail(stream, size)
+        if keep is None:
+            more, more_ends, keep = self._search(stream, max(0, self._claimed - self._offset - 1))
+            if len(more):
+                rows, ends = np.concatenate([rows, more]), np.concatenate([ends, more_ends])
+        self._pending = stream[keep:]
+        self._offset += keep
+        below = self._covered - max(0, self._claimed - self._offset)
+        self.counts.bytes_skipped = self._offset - below
+        return rows, ends
+
+    def _aligned(self, stream: bytes) -> tuple[NDArray[np.uint8], int]:
+        """Return the sound frames that lie end to end at the head of `stream`, and where they end."""
+        count = len(stream) // self._length
+        rows = np.frombuffer(stream, np.uint8, count * self._length).reshape(count, self._length)
+        headed = rows[:, : len(self._sync)] == self._sync_array
+        if not headed.all():
+            rows = rows[: int(headed.all(axis=1).argmin())]
+        if len(rows):
+            sound = self._check(rows)
+            if not sound.all():
+                rows = rows[: int(sound.argmin())]
+        return rows, len(rows) * self._length
+
+    def _undecided_tail(self, stream: bytes, at: int) -> int | None:
+        """Return from where on to keep `stream`, whose frames end at `at`; None if only a search can tell."""
+        rest = len(stream) - at
+        if rest == 0:
+            return at - 1 if at and stream[-1] == self._sync[0] else at
+        head = stream[at : at + len(self._sync)]
+        return at if rest < self._length and self._sync.startswith(head) else None
+
+    def _search(self, stream: bytes, begin: int) -> tuple[NDArray[np.uint8], NDArray[np.int64], int]:
+        """Look at every sync word from `begin` on; return frames, ends, and from where on to keep `stream`."""
+        data = np.frombuffer(stream, np.uint8)[begin:]
+        base = self._offset + begin
+        starts = find_sync(data, self._sync)
+        whole = int(np.searchsorted(starts, len(data) - self._length, side="right"))
+        found = _windows(data, starts[:whole], self._length)
+        sound = self._check(found)
+        kept = without_overlap(starts[:whole][sound], self._length, shared=1)
+        rejected = _outside(starts[:whole][~sound], kept, self._length - 1)
+        if rejected:
+            self.counts.rejected["checksum"] = self.counts.rejected.get("checksum", 0) + rejected
+        ends = kept + (base + self._length)
+        self._take(ends)
+        floor = max(0, self._claimed - base - 1)
+        later = starts[whole:]
+        later = later[later >= floor]
+        keep = int(later[0]) if len(later) else self._partial_sync(stream, begin + floor) - begin
+        return _windows(data, kept, self._length), ends, begin + keep
+
+    def _partial_sync(self, stream: bytes, floor: int) -> int:
+        """Return where, at `floor` or later, a sync word begins that the end of `stream` cuts off, or its end."""
+        for size in range(len(self._sync) - 1, 0, -1):
+            at = len(stream) - size
+            if at >= floor and stream.endswith(self._sync[:size]):
+                return at
+        return len(stream)
+
+    def _take(self, ends: NDArray[np.int64]) -> None:
+        """Account for frames with these ascending `ends`."""
+        if not len(ends):
+            return
+        first = int(ends[0]) - self._length
+        shared = int(np.count_nonzero(ends[1:] - ends[:-1] < self._length)) + (first < self._claimed)
+        self._covered += len(ends) * self._length - shared
+        self._claimed = int(ends[-1])
+        self.counts.frames += len(ends)
+
+
+def _windows(data: NDArray[np.uint8], starts: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
+    """Copy out `length` bytes from each of `starts`: uint8 (n, length)."""
+    if not len(starts):
+        return np.empty((0, length), np.uint8)
+    # One item a byte offset, each `length` bytes long, as a view; indexing then copies whole items.
+    every = np.ndarray((len(data) - length + 1,), f"V{length}", data, strides=(1,))
+    return every[starts].view(np.uint8).reshape(len(starts), length)
+
+
+def _outside(points: NDArray[np.int64], starts: NDArray[np.int64], size: int) -> int:
+    """Count the `points` in none of the intervals [start, start + size)."""
+    if not len(starts):
+        return len(points)
+    before = np.searchsorted(starts, points, side="right") - 1
+    return int(np.count_nonzero((before < 0) | (points >= starts[before] + size)))

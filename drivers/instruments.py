@@ -1,0 +1,246 @@
+"""What a turntable, a chamber and a gyro are to the bench: protocols, and the values that cross them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import Clock
+from drivers.link import Link, Tap
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who a device says it is; `details` in the device's own words."""
+
+    maker: str
+    model: str
+    serial_number: str = ""
+    firmware: str = ""
+    details: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TableLimits:
+    """Limits of one axis as read from the table; positions are None on a continuous axis."""
+
+    max_rate_dps: float
+    max_acceleration_dps2: float
+    min_angle_deg: float | None
+    max_angle_deg: float | None
+
+
+@dataclass(frozen=True)
+class TableState:
+    """Telemetry of one axis."""
+
+    angle_deg: float
+    rate_dps: float
+
+
+@dataclass(frozen=True)
+class ChamberLimits:
+    """Set-point limits as read from the chamber."""
+
+    min_temp_c: float
+    max_temp_c: float
+
+
+@dataclass(frozen=True)
+class ChamberState:
+    """Telemetry: air temperature, set point in force, auxiliary sensors by number (1-based)."""
+
+    air_temp_c: float
+    set_point_c: float
+    auxiliary_c: Mapping[int, float] = field(default_factory=dict)
+
+
+class Instrument(Protocol):
+    """What all polled instruments share. `link` is the one port it owns."""
+
+    link: Link
+
+    def identify(self) -> Identity:
+        """Ask the device who it is; WrongDevice if it is something else."""
+        ...
+
+    def alarms(self) -> list[str]:
+        """Return the alarms and faults in force, in words; empty when healthy."""
+        ...
+
+    def halt(self) -> None:
+        """Write what stops the device and wait for nothing; `make_safe` must follow."""
+        ...
+
+    def make_safe(self) -> None:
+        """Bring the device to rest, confirmed, with as few bytes as possible and whatever state it is in."""
+        ...
+
+
+class Turntable(Instrument, Protocol):
+    """A rate table axis. Demands return when the device accepted them, not when the motion has ended."""
+
+    def limits(self) -> TableLimits:
+        """Read the limits in force."""
+        ...
+
+    def limit_turns(self, max_rate_dps: float) -> None:
+        """Have the device itself keep turns to an angle at or below `max_rate_dps`."""
+        ...
+
+    def servo_on(self) -> None:
+        """Reset and close the interlock."""
+        ...
+
+    def servo_off(self) -> None:
+        """Open the interlock."""
+        ...
+
+    def point(self, angle_deg: float) -> None:
+        """Demand an angle in position mode."""
+        ...
+
+    def spin(self, rate_dps: float) -> None:
+        """Demand a rate in rate mode."""
+        ...
+
+    def request_state(self) -> None:
+        """Ask for telemetry; other devices may be asked before `read_state` collects the answer."""
+        ...
+
+    def read_state(self) -> TableState:
+        """Read angle and rate, asked for by `request_state`."""
+        ...
+
+
+class Chamber(Instrument, Protocol):
+    """A thermal chamber. Demands return when the device accepted them."""
+
+    def limits(self) -> ChamberLimits:
+        """Read the set-point limits."""
+        ...
+
+    def start(self) -> None:
+        """Start air conditioning at the set point in force."""
+        ...
+
+    def stop(self) -> None:
+        """Stop air conditioning."""
+        ...
+
+    def set_temperature(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
+        """Demand a set point, approached at `ramp_k_per_min` or, when None, as fast as the device can."""
+        ...
+
+    def request_state(self) -> None:
+        """Ask for telemetry; other devices may be asked before `read_state` collects the answer."""
+        ...
+
+    def read_state(self) -> ChamberState:
+        """Read telemetry, asked for by `request_state`, at the best resolution the device offers."""
+        ...
+
+
+@dataclass
+class FrameBatch:
+    """Decoded frames of a stream, in order.
+
+    `columns`: name -> array of shape (n,); always `counter` (the device's own frame counter or time, already
+    widened to int64 but not unwrapped). `end_offset`, int64 (n,): offset in the byte stream just past each
+    frame's last byte, which ties a frame to its arrival time.
+    """
+
+    columns: dict[str, NDArray[Any]]
+    end_offset: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.end_offset)
+
+
+@dataclass
+class StreamCounts:
+    """What a stream decoder met; `rejected` by reason ('checksum', 'length', 'text', ...)."""
+
+    frames: int = 0
+    bytes_skipped: int = 0
+    rejected: dict[str, int] = field(default_factory=dict)
+
+
+class StreamDecoder(Protocol):
+    """Incremental decoder: any chunking of the same bytes gives the same frames; never raises on bytes."""
+
+    counts: StreamCounts
+    counter_modulo: int
+    """Value at which `counter` wraps to 0."""
+    counter_step: float
+    """Counter units a sample at the nominal rate: 1 for a sequence number, 10000 for us at 100 Hz."""
+    nominal_rate_hz: float
+
+    def feed(self, data: bytes) -> FrameBatch:
+        """Decode the next bytes of the stream; an incomplete frame is kept for the next call."""
+        ...
+
+
+class Gyro(Protocol):
+    """A gyro that streams. After `start` every byte on `link` belongs to the stream."""
+
+    link: Link
+
+    def identify(self) -> Identity:
+        """Ask the device, or its stream where it cannot be asked, who it is; WrongDevice if not it."""
+        ...
+
+    def start(self) -> None:
+        """Configure rate, format and units, then start streaming."""
+        ...
+
+    def stop(self) -> None:
+        """Stop streaming where the device can."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the port, and of a bus behind it; never raises for a port that is already gone."""
+        ...
+
+
+Settings = Mapping[str, Any]
+"""A device's section of the bench file as plain values, plus `safe_set_point_c` for a chamber."""
+Exchange = tuple[int, Literal["sent", "received"], bytes]
+"""(bench time in ns, "sent" or "received", bytes) of a polled instrument, in time order."""
+
+
+@dataclass(frozen=True)
+class TableKind:
+    """A table driver as the bench finds it by name.
+
+    `decode_transcript` rebuilds telemetry from recorded bytes: columns of shape (n,) (`time_ns`, `angle_deg`,
+    `rate_dps`) and counts of what was dropped.
+    """
+
+    open: Callable[[Settings, Clock, Tap], Turntable]
+    decode_transcript: Callable[[Iterable[Exchange]], tuple[dict[str, NDArray[Any]], dict[str, int]]]
+
+
+@dataclass(frozen=True)
+class ChamberKind:
+    """A chamber driver as the bench finds it by name; columns as `ChamberState`, see `TableKind`."""
+
+    open: Callable[[Settings, Clock, Tap], Chamber]
+    decode_transcript: Callable[[Iterable[Exchange]], tuple[dict[str, NDArray[Any]], dict[str, int]]]
+
+
+@dataclass(frozen=True)
+class GyroKind:
+    """A gyro driver as the bench finds it by name.
+
+    `decoder` needs no open port, so that a record can be decoded anywhere. `rates` turns decoded columns into
+    rates in deg/s by axis, given the true sample rate in Hz.
+    """
+
+    open: Callable[[Settings, Clock, Tap], Gyro]
+    decoder: Callable[[Settings], StreamDecoder]
+    rates: Callable[[Settings, Mapping[str, NDArray[Any]], float], dict[str, NDArray[Any]]]

@@ -1,0 +1,184 @@
+"""The driver: find the gyro among its own binary output, configure it, let it stream."""
+
+from __future__ import annotations
+
+import re
+
+from drivers.errors import BenchError, ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
+from drivers.instruments import Identity
+from drivers.kvh._commands import SETTINGS
+from drivers.kvh._decode import KvhDecoder
+from drivers.kvh._format import AXES, Format, Rotation, TempUnits
+from drivers.link import Link
+
+_REPLY_S = 1.0
+_ENTRY_TRIES = 3
+_SEEN = 4096  # Bytes in which to look for a reply; what came before cannot be part of it.
+_REFUSAL = re.compile(rb"(?:INVALID|USAGE|ERROR)[ -~]*(?=[\r\n])")
+_HEADER = re.compile(rb"\xfe\x81\xff[\x55-\x57]")
+
+
+class KvhGyro:
+    """A KVH DSP-1750, DSP-1760 or 1775 on an RS-422 port (921600 8N1 as delivered).
+
+    `rate_hz` is one of the unit's data rates; `axes` are those the unit has, "x" for a single-axis gyro. Rotation
+    is sent in radians. `identify` and `stop` leave the unit in configuration mode, where it is quiet.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        *,
+        rate_hz: float,
+        frame_format: Format = "A",
+        rotation: Rotation = "delta",
+        axes: str = "x",
+        temp_units: TempUnits = "C_100",
+    ) -> None:
+        """Raise ConfigurationError for what no such unit can be set to."""
+        self.link = link
+        self._rate_hz = rate_hz
+        self._format = frame_format
+        self._rotation = rotation
+        self._axes = axes
+        self._temp_units = temp_units
+        self._demands = {
+            "MSYNC": "IMU",
+            "DR": f"{rate_hz:g}",
+            "OUTPUTFMT": frame_format,
+            "ROTFMT": rotation.upper(),
+            "ROTUNITS": "RAD",
+            "TEMPUNITS": temp_units,
+        }
+        for name, value in self._demands.items():
+            if value not in SETTINGS[name]:
+                raise self._unusable(f"{name},{value}", "one of " + ", ".join(SETTINGS[name]))
+        if not axes or any(axes.count(axis) > 1 or axis not in AXES for axis in axes):
+            raise self._unusable(f"axes {axes!r}", "some of x, y, z, each once")
+
+    def identify(self) -> Identity:
+        """Enter configuration mode and ask for serial number, software and data rate.
+
+        Raises DeviceSilent (nothing on the line, or a gyro that streams and does not listen), WrongDevice
+        (something else answers), DeviceRefused (the answer is a refusal).
+        """
+        self._configuration_mode()
+        told = {name: self._query(name) for name in ("IS", "WS", "DR", "OUTPUTFMT")}
+        if not told["IS"]:
+            raise WrongDevice(
+                "the serial number is empty",
+                where=self._where(),
+                found="IS,",
+                expected="IS,<serial number> (KVH 56-0298, section 8.20)",
+                remedy="check that the bench file names the right port",
+            )
+        return Identity("KVH", "DSP-1750/1760/1775", told["IS"], told["WS"], told)
+
+    def start(self) -> None:
+        """Set rate, format and units, each confirmed by its echo, then stream.
+
+        Raises DeviceRefused with the unit's words, DeviceSilent or WrongDevice.
+        """
+        self._configuration_mode()
+        for name, value in self._demands.items():
+            self._ask(f"={name},{value}", rf"{name}, *{value}")
+        self._ask("=CONFIG,0", "CONFIG, *0")
+        self.link.streaming = True
+        self.link.discard()
+
+    def stop(self) -> None:
+        """Stop the stream by entering configuration mode."""
+        self._configuration_mode()
+
+    def close(self) -> None:
+        """Close the port."""
+        self.link.close()
+
+    def decoder(self) -> KvhDecoder:
+        """Return a fresh decoder of what `start` makes the unit send."""
+        return KvhDecoder(
+            nominal_rate_hz=self._rate_hz,
+            frame_format=self._format,
+            axes=self._axes,
+            temp_units=self._temp_units,
+            rotation=self._rotation,
+        )
+
+    def _configuration_mode(self) -> None:
+        """Enter configuration mode from whatever state; a first command may meet half a line in the unit."""
+        self.link.streaming = False
+        for last in range(1 - _ENTRY_TRIES, 1):
+            try:
+                self._ask("=CONFIG,1", "CONFIG, *1")
+                return
+            except (DeviceSilent, DeviceRefused):
+                if last == 0:
+                    raise
+
+    def _query(self, name: str) -> str:
+        return self._ask(f"?{name}", rf"{name}, *([ -~]*)").strip()
+
+    def _ask(self, command: str, expected: str) -> str:
+        """Send a line; return group 1 of the line that matches `expected` ("" without one).
+
+        Bytes of messages under way may stand before the reply, without a line end between.
+        """
+        # With =ECHO on the unit repeats the command first: that one has the "=" or "?" before it.
+        pattern = re.compile(rb"(?<![=?])" + expected.encode("ascii") + rb"(?=[\r\n])")
+        self.link.discard()
+        self.link.write(command.encode("ascii") + b"\r\n")
+        deadline_s = self.link.clock.now() + _REPLY_S
+        seen = b""
+        while (remaining_s := deadline_s - self.link.clock.now()) > 0.0:
+            seen = (seen + self.link.read_some(remaining_s))[-_SEEN:]
+            if match := pattern.search(seen):
+                return match[1].decode("ascii") if pattern.groups else ""
+            if refusal := _REFUSAL.search(seen):
+                raise self._refused(command, refusal[0].decode("ascii"))
+        raise self._unanswered(command, seen)
+
+    def _where(self) -> str:
+        return f"{self.link.name} ({self.link.url})"
+
+    def _refused(self, command: str, reply: str) -> DeviceRefused:
+        return DeviceRefused(
+            f"the gyro refused {command}",
+            where=self._where(),
+            found=reply,
+            expected=command[1:],
+            remedy="check the unit's software version, and that its baud rate carries the data rate",
+        )
+
+    def _unanswered(self, command: str, seen: bytes) -> BenchError:
+        if not seen:
+            return DeviceSilent(
+                f"no answer to {command} within {_REPLY_S:g} s",
+                where=self._where(),
+                found="nothing on the line",
+                expected="a KVH gyro",
+                remedy="check power, cable and both RS-422 pairs",
+            )
+        if _HEADER.search(seen):
+            return DeviceSilent(
+                f"the gyro streams but does not answer {command}",
+                where=self._where(),
+                found=f"KVH data messages, {len(seen)} bytes in {_REPLY_S:g} s",
+                expected=command[1:],
+                remedy="check the RS-422 pair from the bench to the gyro",
+            )
+        return WrongDevice(
+            f"something answers {command}, but not as a KVH gyro does",
+            where=self._where(),
+            found=repr(seen[-60:]),
+            expected=command[1:],
+            remedy="check port and baud rate in the bench file",
+        )
+
+    def _unusable(self, found: str, expected: str) -> ConfigurationError:
+        return ConfigurationError(
+            "a KVH gyro cannot be set so",
+            where=self._where(),
+            found=found,
+            expected=expected,
+            remedy="correct the gyro's entry in the bench file",
+        )

@@ -1,0 +1,174 @@
+"""The serial line of a platform INS, our own definition: no maker publishes one.
+
+Sentences as in NMEA 0183: `$`, ASCII without `$ * CR LF`, `*`, two upper-case hexadecimal digits of the XOR
+of everything between `$` and `*`, CR LF; 38400 8N1 unless told otherwise; 1/60 to 1 sentence a second.
+
+    $PINS,<counter>,<latitude>,<longitude>,<platform temperature>,<cabinet temperature>,<status>*hh
+
+counter      decimal 0 .. 65535, one more each sentence, then 0 again
+latitude     geodetic, deg, sign, 8 decimals (0.036 mas); longitude likewise, -180 <= longitude < 180
+temperature  degC, 4 decimals; empty while the sensor is dead
+status       two hexadecimal digits: bit 0 position valid, bit 1 navigating (0: aligning), bit 2 heater
+regulated
+
+The bench asks with $PINSQ and gets $PINSA (done) or $PINSE,<reason> (refused):
+
+    $PINSQ,ID*hh            -> $PINSA,ID,<maker>,<model>,<serial number>,<firmware>*hh
+    $PINSQ,PERIOD,<s>*hh    -> $PINSA,PERIOD,<s>*hh      whole seconds, 1 .. 60
+    $PINSQ,START*hh         -> $PINSA,START*hh           sentences from the next whole period on
+    $PINSQ,STOP*hh          -> $PINSA,STOP*hh
+    $PINSQ,NAVIGATE*hh      -> $PINSA,NAVIGATE*hh        ends the alignment
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drivers.instruments import FrameBatch, StreamCounts
+
+COUNTER_MODULO = 65536
+POSITION_VALID, NAVIGATING, REGULATED = 1, 2, 4
+LONGEST = 128
+"""Bytes of the longest sentence; what is longer without an end is noise."""
+
+
+def checksum(body: bytes) -> int:
+    """Return the XOR of `body`, what stands between `$` and `*` (NMEA 0183)."""
+    value = 0
+    for byte in body:
+        value ^= byte
+    return value
+
+
+def sentence(*fields: str) -> bytes:
+    """Return a sentence of these fields, the first the address without `$`."""
+    body = ",".join(fields).encode("ascii")
+    return b"$%s*%02X\r\n" % (body, checksum(body))
+
+
+def parse(line: bytes) -> list[str] | None:
+    """Return the fields of a sentence without its CR LF; None if it is not whole."""
+    if len(line) < 4 or line[:1] != b"$" or line[-3:-2] != b"*":
+        return None
+    body, given = line[1:-3], line[-2:]
+    if b"%02X" % checksum(body) != given:
+        return None
+    try:
+        return body.decode("ascii").split(",")
+    except UnicodeDecodeError:
+        return None
+
+
+def encode_position(
+    counter: int,
+    latitude_deg: float,
+    longitude_deg: float,
+    temp_c: float,
+    cabinet_temp_c: float,
+    status: int,
+) -> bytes:
+    """Return a $PINS sentence; NaN temperatures are sent empty."""
+    around = (longitude_deg + 180.0) % 360.0 - 180.0
+    return sentence(
+        "PINS",
+        str(counter % COUNTER_MODULO),
+        f"{latitude_deg:+.8f}",
+        f"{around:+.8f}",
+        _temperature(temp_c),
+        _temperature(cabinet_temp_c),
+        f"{status:02X}",
+    )
+
+
+class PlatformDecoder:
+    """Bytes to rows, incrementally (`drivers.instruments.StreamDecoder`).
+
+    Columns, shape (n,): `counter` int64, `status` uint8, `valid` bool (position valid and navigating),
+    `latitude_deg`, `longitude_deg`, `temp_c`, `cabinet_temp_c` float64, NaN where missing. Rejected:
+    `checksum`, `fields` (a sound $PINS sentence that cannot be read), `length` (no end in 128 bytes); answers
+    are passed over.
+    """
+
+    counter_modulo = COUNTER_MODULO
+    counter_step = 1.0
+
+    def __init__(self, period_s: float) -> None:
+        self.counts = StreamCounts()
+        self.nominal_rate_hz = 1.0 / period_s
+        self._pending = b""
+        self._offset = 0
+
+    def feed(self, data: bytes) -> FrameBatch:
+        """Decode the next bytes; an incomplete sentence is kept for the next call."""
+        stream = self._pending + data
+        rows: list[tuple[float, ...]] = []
+        ends: list[int] = []
+        at = 0
+        while (end := stream.find(b"\n", at)) >= 0:
+            row = self._line(stream[at : end + 1])
+            if row is not None:
+                rows.append(row)
+                ends.append(self._offset + end + 1)
+            at = end + 1
+        if len(stream) - at > LONGEST:
+            self._reject("length")
+            self.counts.bytes_skipped += len(stream) - at
+            at = len(stream)
+        self._pending = stream[at:]
+        self._offset += at
+        self.counts.frames += len(rows)
+        return _batch(rows, ends)
+
+    def _line(self, line: bytes) -> tuple[float, ...] | None:
+        start = line.rfind(b"$")  # what stands before is the rest of a sentence whose end was lost
+        text = line[start:].rstrip(b"\r\n") if start >= 0 else b""
+        fields = parse(text)
+        if fields is None:
+            self._reject("checksum")
+            self.counts.bytes_skipped += len(line)
+            return None
+        self.counts.bytes_skipped += start
+        if fields[0] != "PINS":
+            return None
+        row = _row(fields)
+        if row is None:
+            self._reject("fields")
+            self.counts.bytes_skipped += len(line) - start
+        return row
+
+    def _reject(self, reason: str) -> None:
+        self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + 1
+
+
+def _row(fields: Sequence[str]) -> tuple[float, ...] | None:
+    if len(fields) != 7:
+        return None
+    try:
+        counter, status = int(fields[1]), int(fields[6], 16)
+        position = [float(text) for text in fields[2:4]]
+        temperatures = [float(text) if text else float("nan") for text in fields[4:6]]
+    except ValueError:
+        return None
+    inside = 0 <= counter < COUNTER_MODULO and abs(position[0]) <= 90.0 and abs(position[1]) <= 180.0
+    return (counter, status, *position, *temperatures) if inside and 0 <= status <= 255 else None
+
+
+def _batch(rows: list[tuple[float, ...]], ends: list[int]) -> FrameBatch:
+    table = np.array(rows, dtype=np.float64).reshape(-1, 6)
+    status = table[:, 1].astype(np.uint8)
+    columns = {
+        "counter": table[:, 0].astype(np.int64),
+        "status": status,
+        "valid": (status & (POSITION_VALID | NAVIGATING)) == POSITION_VALID | NAVIGATING,
+        "latitude_deg": table[:, 2],
+        "longitude_deg": table[:, 3],
+        "temp_c": table[:, 4],
+        "cabinet_temp_c": table[:, 5],
+    }
+    return FrameBatch(columns, np.array(ends, dtype=np.int64))
+
+
+def _temperature(value_c: float) -> str:
+    return f"{value_c:.4f}" if value_c == value_c else ""

@@ -1,0 +1,114 @@
+"""Driver of a platform INS on the line that `_codec` defines."""
+
+from __future__ import annotations
+
+from drivers.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
+from drivers.instruments import Identity
+from drivers.link import Link
+from drivers.platform._codec import LONGEST, PlatformDecoder, parse, sentence
+
+_REPLY_S = 2.0
+BAUDRATE = 38400
+
+
+class PlatformIns:
+    """A platform INS that streams position and temperatures every `period_s` whole seconds, 1 .. 60."""
+
+    def __init__(self, link: Link, *, period_s: int = 60) -> None:
+        """Raise ConfigurationError for a period that no such unit has."""
+        if not 1 <= period_s <= 60 or period_s != int(period_s):
+            raise ConfigurationError(
+                "a platform INS cannot be set so",
+                where=f"{link.name} ({link.url})",
+                found=f"a sentence every {period_s:g} s",
+                expected="whole seconds, 1 .. 60",
+            )
+        self.link = link
+        self.period_s = int(period_s)
+
+    def identify(self) -> Identity:
+        """Stop the stream and ask who it is; DeviceSilent, WrongDevice or DeviceRefused."""
+        self._ask("STOP")
+        maker, model, serial_number, firmware = (self._ask("ID") + [""] * 4)[:4]
+        if not serial_number:
+            raise WrongDevice(
+                "the serial number is empty",
+                where=self._where(),
+                found="$PINSA,ID without a serial number",
+                expected="maker, model, serial number, firmware",
+                remedy="check that the bench file names the right port",
+            )
+        return Identity(maker, model, serial_number, firmware)
+
+    def start(self) -> None:
+        """Set the period and start the stream."""
+        self._ask("PERIOD", str(self.period_s))
+        self._ask("START")
+        self.link.streaming = True
+        self.link.discard()
+
+    def navigate(self) -> None:
+        """End the alignment: the position runs free from here on.
+
+        While streaming the answer goes into the stream, where the decoder passes it over, and the status bit
+        says that it was done.
+        """
+        if self.link.streaming:
+            self.link.write(sentence("PINSQ", "NAVIGATE"))
+        else:
+            self._ask("NAVIGATE")
+
+    def stop(self) -> None:
+        """Stop the stream."""
+        self._ask("STOP")
+
+    def decoder(self) -> PlatformDecoder:
+        """Return a fresh decoder of the unit's stream."""
+        return PlatformDecoder(self.period_s)
+
+    def _ask(self, *command: str) -> list[str]:
+        """Send a command; return the fields after the echo of its name."""
+        self.link.streaming = False
+        self.link.discard()
+        self.link.write(sentence("PINSQ", *command))
+        deadline_s = self.link.clock.now() + _REPLY_S
+        heard = b""
+        while (remaining_s := deadline_s - self.link.clock.now()) > 0.0:
+            heard = (heard + self.link.read_some(remaining_s))[-4 * LONGEST :]
+            for line in heard.split(b"\n")[:-1]:
+                fields = parse(line[max(0, line.rfind(b"$")) :].rstrip(b"\r"))
+                if fields is not None and fields[0] == "PINSE":
+                    raise self._refused(command, fields[1:])
+                if fields is not None and fields[:2] == ["PINSA", command[0]]:
+                    return fields[2:]
+        raise self._unanswered(command, heard)
+
+    def _where(self) -> str:
+        return f"{self.link.name} ({self.link.url})"
+
+    def _refused(self, command: tuple[str, ...], reason: list[str]) -> DeviceRefused:
+        return DeviceRefused(
+            f"the platform INS refused {','.join(command)}",
+            where=self._where(),
+            found=",".join(reason) or "no reason",
+            expected="$PINSA," + command[0],
+            remedy="check the unit's state and the period asked for",
+        )
+
+    def _unanswered(self, command: tuple[str, ...], heard: bytes) -> DeviceSilent | WrongDevice:
+        asked = f"no answer to {','.join(command)} within {_REPLY_S:g} s"
+        if not heard or b"$PINS" in heard:
+            return DeviceSilent(
+                asked,
+                where=self._where(),
+                found="position sentences only" if heard else "nothing on the line",
+                expected="a platform INS",
+                remedy="check power, cable and the line from the bench to the unit",
+            )
+        return WrongDevice(
+            f"something talks on the port, but {asked}",
+            where=self._where(),
+            found=repr(heard[-60:]),
+            expected="sentences that begin with $PINS",
+            remedy="check port and baud rate in the bench file",
+        )

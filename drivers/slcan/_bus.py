@@ -1,0 +1,147 @@
+"""An slcan adapter as a python-can bus that reads in blocks and survives damaged lines."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import deque
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import Clock, WallClock, epoch_seconds
+from drivers.errors import LinkLost
+from drivers.instruments import StreamCounts
+from drivers.link import Link, Tap
+from drivers.slcan._codec import SlcanParser
+from drivers.slcan._commands import CLOSE, OPEN, bitrate_command
+from drivers.slcan._python_can import encode_message, to_messages
+
+INTERFACE = "gyrobench_slcan"
+"""Name under which python-can finds `BufferedSlcanBus`."""
+
+_FOREVER_S = 3600.0
+
+
+class _AdapterLink(Link):
+    """A link that knows when its unread bytes came, and closes the adapter's channel before the port."""
+
+    def __init__(self, url: str, clock: Clock, *, name: str, tap: Tap | None, baudrate: int) -> None:
+        self._queued = 0
+        self._blocks: deque[tuple[int, float]] = deque()
+        super().__init__(url, clock, name=name, tap=tap, baudrate=baudrate)
+
+    def deliver(self, data: bytes, arrival_s: float) -> None:
+        """Hand received bytes on as `Link` does, and note when those came that wait to be read."""
+        super().deliver(data, arrival_s)
+        if not self.streaming:
+            self._queued += len(data)
+            self._blocks.append((self._queued, arrival_s))
+        read = self._queued - len(self._buffer)
+        while self._blocks and self._blocks[0][0] <= read:
+            self._blocks.popleft()
+
+    def take(self) -> tuple[bytes, NDArray[np.int64], NDArray[np.float64]]:
+        """Return the unread bytes, and ends (from the first) and arrivals of the blocks they came in."""
+        read = self._queued - len(self._buffer)
+        blocks = [(end - read, arrival_s) for end, arrival_s in self._blocks if end > read]
+        ends, arrivals_s = zip(*blocks, strict=True) if blocks else ((), ())
+        return self.discard(), np.array(ends, np.int64), np.array(arrivals_s, np.float64)
+
+    def close(self) -> None:
+        """Close the adapter's channel and the port; never raises, and may be called again."""
+        if not self._port.is_open:
+            return
+        with contextlib.suppress(LinkLost):
+            self.write(CLOSE)
+        super().close()
+
+
+class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any to our type checker
+    """An slcan adapter on a serial port or pyserial URL.
+
+    `bitrate` in bit/s; `baudrate` of the serial port; `name` names the port in messages and on the clock. Without
+    a `clock` the bus keeps a wall clock of its own, and `Message.timestamp` is seconds since 1970 as python-can
+    users expect; with one it is bench time. Either is the arrival of the line's last byte.
+
+    Lines that are no frames are counted in `counts.rejected` by reason and never raise. `recv` raises LinkLost
+    when the port is gone. While `link.streaming` is set, bytes go to the link's tap only and `recv` gets nothing.
+    Construction raises ConfigurationError for a bit rate that slcan does not define or a port that cannot be
+    opened. There is no `fileno`: frames wait in this object after the port was read, so that selecting on the
+    port would miss them (python-can's Notifier then uses a thread).
+    """
+
+    def __init__(
+        self,
+        channel: str,
+        bitrate: int = 500_000,
+        clock: Clock | None = None,
+        name: str | None = None,
+        *,
+        baudrate: int = 115_200,
+        tap: Tap | None = None,
+        can_filters: can.typechecking.CanFilters | None = None,
+    ) -> None:
+        setup = bitrate_command(bitrate, where=name or str(channel))
+        self._owns_clock = clock is None
+        self._clock: Clock = WallClock() if clock is None else clock
+        self._time_offset = epoch_seconds() - self._clock.now() if clock is None else 0.0
+        self._parser = SlcanParser()
+        self._messages: deque[can.Message] = deque()
+        self.channel_info = f"slcan adapter on {channel}"
+        self.link = _AdapterLink(channel, self._clock, name=name or str(channel), tap=tap, baudrate=baudrate)
+        try:
+            self.link.write(CLOSE + setup + OPEN)
+        except LinkLost:
+            self.link.close()
+            raise
+        super().__init__(channel, can_filters=can_filters)
+
+    @property
+    def counts(self) -> StreamCounts:
+        """Frames received, and lines rejected by reason."""
+        return self._parser.counts
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Return the next message that passes the filters, or None after `timeout` seconds of the bus's clock.
+
+        python-can's own `recv` measures the time-out on the host's clock, which stands still in an emulated lab.
+        """
+        deadline_s = None if timeout is None else self._clock.now() + timeout
+        while True:
+            left_s = None if deadline_s is None else max(0.0, deadline_s - self._clock.now())
+            message, filtered = self._recv_internal(left_s)
+            if message is None:
+                if deadline_s is not None and self._clock.now() >= deadline_s:
+                    return None
+            elif filtered or self._matches_filters(message):
+                return message
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if not self._messages:
+            self._parse()  # bytes that came while somebody else waited on the clock
+        if not self._messages:
+            self._clock.wait_for(self.link, self._clock.now() + (_FOREVER_S if timeout is None else timeout))
+            self._parse()
+        return (self._messages.popleft() if self._messages else None), False
+
+    def _parse(self) -> None:
+        data, block_ends, arrivals_s = self.link.take()
+        if not data:
+            return
+        start = self._parser.bytes_received
+        frames = self._parser.feed(data)
+        block = np.searchsorted(block_ends, frames["end_offset"] - start)
+        self._messages.extend(to_messages(frames, arrivals_s[block] + self._time_offset))
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a message; LimitExceeded for one that classic CAN cannot carry. `timeout` is the link's own."""
+        self.link.write(encode_message(msg))
+
+    def shutdown(self) -> None:
+        """Close the channel and the port; never raises for a port that is already gone."""
+        if not self._is_shutdown:
+            super().shutdown()
+            self.link.close()
+            if self._owns_clock:
+                self._clock.close()

@@ -1,0 +1,158 @@
+"""Any python-can bus as a link whose bytes are the received messages as slcan lines."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+
+import can
+import numpy as np
+
+from drivers.clock import Clock
+from drivers.errors import ProtocolError
+from drivers.link import Link, Tap
+from drivers.slcan._codec import SlcanParser
+from drivers.slcan._python_can import encode_message, to_messages, unsupported_kind
+
+_AT_ONCE = 1000
+"""Messages taken from a bus in one go."""
+_POLL_S = 0.1
+"""How long the reading thread may take to notice that it should stop."""
+
+
+class MessageLink(Link):
+    """A `Link` over a python-can bus, so that recording and decoding know one format only.
+
+    What it reads are the received messages as slcan lines; slcan lines written to it are sent as messages. A bus
+    that has no descriptor to select on (python-can's virtual bus) is read by a thread into a pipe. Error frames
+    and CAN FD messages, for which slcan has no lines, are counted in `left_out`. The link owns the bus: `close`
+    shuts it down.
+    """
+
+    def __init__(self, bus: can.BusABC, clock: Clock, *, name: str, tap: Tap | None = None) -> None:
+        # Not Link's own constructor, which opens a serial port: here the bus is the port.
+        self.url = str(bus.channel_info)
+        self.name = name
+        self.clock = clock
+        self.tap = tap
+        self.streaming = False
+        self.bytes_received = 0
+        self.bytes_sent = 0
+        self.left_out: dict[str, int] = {}
+        self._buffer = bytearray()
+        self._closed = False
+        self._bus = bus
+        self._fd = _descriptor(bus)
+        self._reader: _PipeReader | None = None
+        if self._fd < 0:
+            self._reader = _PipeReader(self._take_lines)
+            self._fd = self._reader.descriptor
+        clock.attach(self)
+
+    def receive(self) -> bytes:
+        """Read what has arrived as slcan lines, empty if nothing; raises LinkLost when the bus is gone."""
+        try:
+            data = self._take_lines(0.0) if self._reader is None else self._reader.read()
+        except (can.CanError, OSError) as error:
+            raise self._lost(error) from error
+        self.bytes_received += len(data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send the slcan lines in `data` as messages.
+
+        Raises ProtocolError for bytes that are not whole slcan frames, LinkLost when the bus is gone.
+        """
+        now = self.clock.now()
+        parser = SlcanParser()
+        frames = parser.feed(data)
+        if parser.counts.rejected or not data.endswith(b"\r"):
+            raise ProtocolError(
+                "only slcan frames can be written to a CAN bus",
+                where=f"{self.name} ({self.url})",
+                found=repr(data[:60]),
+                expected="lines such as t1232AABB that end in CR",
+            )
+        try:
+            for message in to_messages(frames, np.zeros(len(frames))):
+                self._bus.send(message)
+        except (can.CanError, OSError) as error:
+            raise self._lost(error) from error
+        self.bytes_sent += len(data)
+        if self.tap is not None:
+            self.tap.sent(data, now)
+
+    def close(self) -> None:
+        """Stop reading and shut the bus down; may be called again."""
+        if self._closed:
+            return
+        self._closed = True
+        self.clock.detach(self)
+        if self._reader is not None:
+            self._reader.close()
+        self._bus.shutdown()
+
+    def _take_lines(self, timeout_s: float) -> bytes:
+        """Return the messages that wait in the bus as lines; wait up to `timeout_s` for the first."""
+        lines: list[bytes] = []
+        message = self._bus.recv(timeout_s)
+        while message is not None:
+            kind = unsupported_kind(message)
+            if kind:
+                self.left_out[kind] = self.left_out.get(kind, 0) + 1
+            else:
+                lines.append(encode_message(message))
+            message = self._bus.recv(0.0) if len(lines) < _AT_ONCE else None
+        return b"".join(lines)
+
+
+def _descriptor(bus: can.BusABC) -> int:
+    """Return the descriptor that tells when the bus has something, -1 for a bus without one."""
+    try:
+        return int(bus.fileno())
+    except (NotImplementedError, can.CanError):
+        return -1
+
+
+class _PipeReader:
+    """A thread that moves the lines of a bus into a pipe, whose reading end can be selected on."""
+
+    def __init__(self, take_lines: Callable[[float], bytes]) -> None:
+        self._take_lines = take_lines
+        self._stopping = threading.Event()
+        self._failure: Exception | None = None
+        self.descriptor, self._write_end = os.pipe()
+        os.set_blocking(self.descriptor, False)
+        self._thread = threading.Thread(target=self._run, name="CAN reader", daemon=True)
+        self._thread.start()
+
+    def read(self) -> bytes:
+        """Return what the thread has moved so far; OSError when it has ended."""
+        try:
+            data = os.read(self.descriptor, 65536)
+        except BlockingIOError:
+            return b""
+        if not data:
+            raise OSError(str(self._failure or "end of stream"))
+        return data
+
+    def close(self) -> None:
+        """Stop the thread: the closed pipe ends a write that waits, the event ends the loop."""
+        if not self._stopping.is_set():
+            self._stopping.set()
+            os.close(self.descriptor)
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                lines = self._take_lines(_POLL_S)
+                if lines:
+                    os.write(self._write_end, lines)
+        except BrokenPipeError:
+            pass
+        except Exception as error:  # whatever a bus raises ends the stream; `read` says so
+            self._failure = error
+        finally:
+            os.close(self._write_end)

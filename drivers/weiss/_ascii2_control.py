@@ -1,0 +1,140 @@
+"""Chamber control by ASCII-2 strings alone, for controllers without SimServ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.errors import DeviceRefused, LimitExceeded, ProtocolError
+from drivers.instruments import ChamberState
+from drivers.link import Link
+from drivers.weiss._ascii2 import CR, Values, decode_values, encode_gradient, encode_read, encode_set
+from drivers.weiss._configuration import Configuration
+
+_TIMEOUT_S = 2.0
+_ALARM_WORDS = ("alarm", "error", "fault", "warning")
+
+
+class Ascii2Control:
+    """Demands and telemetry in the layout of the chamber's own `$dd?` text, which `configuration` returns."""
+
+    def __init__(
+        self, link: Link, address: int, auxiliary: tuple[int, ...], configuration: Callable[[], Configuration]
+    ) -> None:
+        self._link = link
+        self._address = address
+        self._auxiliary = auxiliary
+        self._configuration = configuration
+        self._target_c: float | None = None
+
+    def request_values(self) -> None:
+        """Ask for all values; the configuration is asked before if it is not known yet."""
+        self._configuration()
+        self._link.write(encode_read(self._address))
+
+    def read_state(self, timeout_s: float = _TIMEOUT_S) -> ChamberState:
+        """Take the answer to `request_values`, resolution 0.1 degC."""
+        values, configuration = self._read_values(timeout_s), self._configuration()
+        return ChamberState(
+            values.numbers[configuration.actual_index("CV01")],
+            values.numbers[configuration.read_fields.index("CV01")],
+            {
+                number: values.numbers[configuration.actual_index(f"MV{number:02d}")]
+                for number in self._auxiliary
+            },
+        )
+
+    def set_temperature(self, set_point_c: float, ramp_k_per_min: float) -> None:
+        """Demand a set point and a gradient in its direction (0 = as fast as possible)."""
+        if ramp_k_per_min and round(ramp_k_per_min, 1) == 0.0:
+            raise LimitExceeded(
+                "the ramp is too slow for ASCII-2, which would take it as no limit at all",
+                where=self._where,
+                found=f"{ramp_k_per_min:g} K/min",
+                expected="0.1 K/min or more",
+                remedy="use a faster ramp or SimServ",
+            )
+        values = self._values()
+        upwards = set_point_c >= values.numbers[self._configuration().read_fields.index("CV01")]
+        up, down = (ramp_k_per_min, 0.0) if upwards else (0.0, ramp_k_per_min)
+        self._confirmed(encode_gradient(self._address, up, down))
+        self._target_c = set_point_c
+        self._set(values, set_point_c, running=self._start_bit_set(values))
+
+    def switch(self, on: bool) -> None:
+        """Set or clear the start bit; everything else stays as it is."""
+        values = self._values()
+        nominal_c = values.numbers[self._configuration().read_fields.index("CV01")]
+        self._set(values, nominal_c if self._target_c is None else self._target_c, running=on)
+
+    def is_running(self) -> bool:
+        """Return whether the start bit is set."""
+        return self._start_bit_set(self._values())
+
+    def rest_at(self, set_point_c: float) -> None:
+        """Stop conditioning at a set point, then take gradients away."""
+        self._target_c = set_point_c
+        self._set(self._values(), set_point_c, running=False)
+        self._confirmed(encode_gradient(self._address, 0.0, 0.0))
+
+    def alarms(self) -> list[str]:
+        """Return the names of digital outputs that are set and called alarm, error, fault or warning."""
+        digital = self._values().digital
+        return [
+            name
+            for index, name in self._configuration().digital_names.items()
+            if digital[index : index + 1] == "1" and any(word in name.lower() for word in _ALARM_WORDS)
+        ]
+
+    def _values(self) -> Values:
+        self.request_values()
+        return self._read_values(_TIMEOUT_S)
+
+    def _read_values(self, timeout_s: float) -> Values:
+        values = decode_values(self._link.read_until(CR, timeout_s))
+        fields = self._configuration().read_fields
+        if len(values.numbers) != len(fields):
+            raise ProtocolError(
+                "the chamber does not send what its configuration says",
+                where=self._where,
+                found=f"{len(values.numbers)} numbers",
+                expected=f"{len(fields)}: {' '.join(fields)}",
+                remedy="check the ASCII-2 configuration on the chamber's panel",
+            )
+        return values
+
+    def _start_bit_set(self, values: Values) -> bool:
+        bit = self._configuration().start_bit
+        return values.digital[bit : bit + 1] == "1"
+
+    def _set(self, values: Values, set_point_c: float, *, running: bool) -> None:
+        """Send `$ddE`: every value as it stands (nominal values come first), but for CV01 and the start bit."""
+        configuration = self._configuration()
+        fields = configuration.read_fields
+        nominal = [
+            values.numbers[fields.index(field)]
+            if field in fields and (not field.startswith("MV") or fields.count(field) == 2)
+            else 0.0
+            for field in configuration.set_fields
+        ]
+        nominal[configuration.set_fields.index("CV01")] = set_point_c
+        bits = list(values.digital.ljust(configuration.digital_count, "0")[: configuration.digital_count])
+        bits[configuration.start_bit] = "1" if running else "0"
+        self._confirmed(encode_set(self._address, nominal, "".join(bits)))
+
+    def _confirmed(self, request: bytes) -> None:
+        self._link.discard()
+        self._link.write(request)
+        answer = self._link.read_until(CR, _TIMEOUT_S).strip()
+        if answer == b"0":
+            return
+        raise DeviceRefused(
+            f"the chamber refused {request.decode('ascii').strip()!r}",
+            where=self._where,
+            found=repr(answer.decode("latin-1")) if answer else "an empty line",
+            expected="'0'",
+            remedy="check the demand against the chamber's limits and that its panel allows external control",
+        )
+
+    @property
+    def _where(self) -> str:
+        return f"{self._link.name} ({self._link.url})"

@@ -1,0 +1,125 @@
+"""SimServ exchanges on a link: commands that must be confirmed, values and texts that must fit."""
+
+from __future__ import annotations
+
+import math
+
+from drivers.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
+from drivers.link import Link
+from drivers.weiss._simserv import (
+    OK,
+    REPLY_END,
+    STATUS_TEXTS,
+    Number,
+    SimServReply,
+    decode_simserv_reply,
+    encode_request,
+)
+
+_TIMEOUT_S = 2.0
+
+
+class SimServControl:
+    """Every exchange has a deadline (DeviceSilent); a status other than 1 raises DeviceRefused."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    def request(self, number: Number, *arguments: object) -> None:
+        """Drop late answers and send a request."""
+        self._link.discard()
+        self._link.write(encode_request(number, *arguments))
+
+    def command(self, number: Number, *arguments: object) -> None:
+        """Send a command and take its confirmation."""
+        self.request(number, *arguments)
+        self._accept(self._read(_TIMEOUT_S), number)
+
+    def value(self, number: Number, *arguments: object) -> float:
+        """Ask for a number."""
+        self.request(number, *arguments)
+        return self.take_value(number)
+
+    def text(self, number: Number, *arguments: object) -> str:
+        """Ask for a text."""
+        self.request(number, *arguments)
+        return self._take_field(number)
+
+    def take_value(self, number: Number) -> float:
+        """Take the answer to `request` as a finite number."""
+        field = self._take_field(number)
+        try:
+            value = float(field)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise self._unfit(field, number, "a number")
+        return value
+
+    def insist(self, number: Number, *arguments: object) -> None:
+        """Send a command and pass over replies to older requests until it is confirmed by a bare 1."""
+        self._link.write(encode_request(number, *arguments))
+        self._await_confirmation(number)
+
+    def confirms(self, number: Number) -> bool:
+        """Wait as `insist` does for a command that was sent before; False if nothing comes.
+
+        Raises DeviceRefused or ProtocolError if only other things than a confirmation come.
+        """
+        try:
+            self._await_confirmation(number)
+        except DeviceSilent:
+            return False
+        return True
+
+    def _await_confirmation(self, number: Number) -> None:
+        deadline = self._link.clock.now() + _TIMEOUT_S
+        problem: BenchError | None = None
+        while True:
+            try:
+                reply = self._read(deadline - self._link.clock.now())
+                if not reply.fields:
+                    self._accept(reply, number)
+                    return
+            except (DeviceRefused, ProtocolError) as error:
+                problem = error
+            except DeviceSilent as error:
+                raise (problem or error) from error
+
+    def _take_field(self, number: Number) -> str:
+        reply = self._read(_TIMEOUT_S)
+        self._accept(reply, number)
+        if len(reply.fields) != 1:
+            raise self._unfit(repr(reply.fields), number, "one field")
+        return reply.fields[0].strip()
+
+    def _read(self, timeout_s: float) -> SimServReply:
+        try:
+            return decode_simserv_reply(self._link.read_until(REPLY_END, timeout_s))
+        except ProtocolError as error:
+            error.where = error.where or self._where
+            raise
+
+    def _accept(self, reply: SimServReply, number: Number) -> None:
+        if reply.status == OK:
+            return
+        raise DeviceRefused(
+            f"the chamber refused SimServ command {int(number)} ({number.name.lower().replace('_', ' ')})",
+            where=self._where,
+            found=f"status {reply.status}, {STATUS_TEXTS.get(reply.status, 'not in the list')}",
+            expected="status 1",
+            remedy="check the demand against the chamber's limits and that its panel allows external control",
+        )
+
+    def _unfit(self, found: str, number: Number, expected: str) -> ProtocolError:
+        return ProtocolError(
+            f"the answer to SimServ command {int(number)} does not fit",
+            where=self._where,
+            found=found,
+            expected=expected,
+            remedy="check the line for lost bytes and that nobody else talks to this port",
+        )
+
+    @property
+    def _where(self) -> str:
+        return f"{self._link.name} ({self._link.url})"

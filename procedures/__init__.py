@@ -1,0 +1,1 @@
+"""Test procedures, one file a test, readable beside the test standard."""

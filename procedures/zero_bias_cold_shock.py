@@ -1,0 +1,114 @@
+"""Zero-bias test through a low-temperature shock: CN115855016B, steps S111 to S114.
+
+The sensitive axis points east, so that the Earth rate it sees is zero and insensitive, to first order, to tilt
+about the vertical; drift is then all the gyro's own.
+"""
+
+from __future__ import annotations
+
+import math
+
+from bench.procedure import Demands, Procedure, parameter
+from bench.session import Bench
+from bench.stations import GyroStation
+from procedures._cold_shock import (
+    ColdShockParameters,
+    go_to_room,
+    reference_window,
+    return_to_room,
+    shock,
+    wait_for_equilibrium,
+)
+
+_EARTH_RATE_DPH = 15.041067
+
+
+class ZeroBiasParameters(ColdShockParameters):
+    """The profile, and how east is found."""
+
+    azimuth_deg: float = parameter(
+        90.0, "table angle at which the axis should point east", "deg", ge=0, lt=360
+    )
+    east_after_min: float = parameter(25.0, "time from power-on to the search for east", "min", ge=0, le=600)
+    east_dwell_s: float = parameter(480.0, "dwell at each of the four positions", "s", ge=60, le=7200)
+    east_tolerance_deg: float = parameter(2.0, "largest mounting azimuth error accepted", "deg", gt=0, le=10)
+    repeats: int = parameter(1, "shocks in this run (S114)", "", ge=1, le=20)
+
+
+def run(bench: Bench, p: ZeroBiasParameters) -> None:
+    """Run the test."""
+    gyro = next(iter(bench.gyros.values()))
+
+    with bench.step("S111", "Axis east, power on, acquire"):
+        bench.phase("warm_up")
+        bench.ask(
+            f"Mount the units with the sensitive axis of {gyro.name} horizontal, level within 0.02 deg, "
+            f"pointing east at table angle {p.azimuth_deg:g} deg. Close the chamber. Ready?",
+            act="mount",
+            mounting="axis_horizontal",
+        )
+        bench.table.device.servo_on()
+        bench.table.point(p.azimuth_deg)
+        go_to_room(bench, p)
+        bench.wait(60.0 * p.east_after_min - bench.now_s, "warming up")
+        find_east(bench, gyro, p)
+
+    for repeat in range(1, p.repeats + 1):
+        with bench.step("S112", f"Equilibrium at room temperature, shock {repeat} of {p.repeats}"):
+            wait_for_equilibrium(bench, gyro, p, phase="equilibrium")
+            reference_window(bench, gyro, p)
+            shock(bench, p)
+        with bench.step("S113", "Back to room temperature, equilibrium"):
+            return_to_room(bench, gyro, p)
+
+    with bench.step("S114", "Close"):
+        bench.phase("close")
+        bench.chamber.stop()
+
+
+def find_east(bench: Bench, gyro: GyroStation, p: ZeroBiasParameters) -> None:
+    """Measure the axis' azimuth from the Earth rate at two opposite table angles, then turn it to east.
+
+    Positions in the order east, west, west, east, so that a linear warm-up drift cancels. With azimuth
+    90 deg + e the output is b - W cos(L) sin(e) at east and b + W cos(L) sin(e) at west.
+    """
+    bench.phase("axis_east")
+    east, west = p.azimuth_deg, (p.azimuth_deg + 180.0) % 360.0
+    means: dict[float, list[float]] = {east: [], west: []}
+    for angle in (east, west, west, east):
+        bench.table.point(angle)
+        start = bench.now_s
+        bench.wait(p.east_dwell_s, f"Earth rate at {angle:g} deg")
+        means[angle].append(3600.0 * gyro.mean_rate_dps(start))
+    horizontal_dph = _EARTH_RATE_DPH * math.cos(math.radians(bench.file.bench.latitude_deg))
+    difference = (sum(means[west]) - sum(means[east])) / 4.0
+    error_deg = math.degrees(math.asin(max(-1.0, min(1.0, difference / horizontal_dph))))
+    limit = p.east_tolerance_deg
+    if not bench.measure("azimuth_error", error_deg, "deg", low=-limit, high=limit):
+        bench.invalidate(
+            f"the axis is {error_deg:+.2f} deg off east, accepted are {limit:g} deg: mount it again"
+        )
+    bench.table.point((p.azimuth_deg - error_deg) % 360.0)
+    bench.measure("east_table_angle", (p.azimuth_deg - error_deg) % 360.0, "deg")
+
+
+def expected_duration_s(p: ZeroBiasParameters) -> float:
+    """Return the expected bench time."""
+    warm_up = max(60.0 * p.warm_up_min, 60.0 * p.east_after_min + 4 * p.east_dwell_s + 1800.0)
+    return warm_up + p.repeats * (60.0 * p.hold_min + p.shock_duration_s())
+
+
+def demands(p: ZeroBiasParameters) -> Demands:
+    """Return the extremes of the run."""
+    return p.demands()
+
+
+PROCEDURE = Procedure(
+    name="zero-bias-cold-shock",
+    title="Zero bias through a low-temperature shock, axis east",
+    source="CN115855016B S111..S114",
+    parameters=ZeroBiasParameters,
+    run=run,
+    expected_duration_s=expected_duration_s,
+    demands=demands,
+)

@@ -1,0 +1,41 @@
+"""The catalogue: every effect of this package, and those that other packages add by entry point."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+
+from drivers.errors import ConfigurationError
+from simulators.effects._effect import Effect, NoiseEffect
+from simulators.effects._noise_effects import NOISE_EFFECTS
+from simulators.effects._rate_effects import RATE_EFFECTS
+from simulators.effects._temperature_effects import TEMPERATURE_EFFECTS
+
+GROUP = "gyrobench.effects"
+CATALOGUE: tuple[Effect | NoiseEffect, ...] = (*TEMPERATURE_EFFECTS, *RATE_EFFECTS, *NOISE_EFFECTS)
+
+
+def catalogue() -> dict[str, Effect | NoiseEffect]:
+    """Return the effects by name: this package's, then those of the entry point group `gyrobench.effects`.
+
+    An entry point names an `Effect`, a `NoiseEffect` or a sequence of them. ConfigurationError for a name that is
+    there twice or an entry point that is something else.
+    """
+    found = {effect.name: effect for effect in CATALOGUE}
+    for point in entry_points(group=GROUP):
+        loaded = point.load()
+        for effect in loaded if isinstance(loaded, (tuple, list)) else (loaded,):
+            _check(effect, point.value, found)
+            found[effect.name] = effect
+    return found
+
+
+def _check(effect: object, where: str, found: dict[str, Effect | NoiseEffect]) -> None:
+    if not isinstance(effect, (Effect, NoiseEffect)):
+        raise ConfigurationError(
+            "an entry point of gyrobench.effects is no effect",
+            where=where,
+            found=type(effect).__name__,
+            expected="Effect, NoiseEffect or a sequence of them",
+        )
+    if effect.name in found:
+        raise ConfigurationError("two effects of one name", where=where, found=effect.name)

@@ -1,0 +1,38 @@
+"""Stochastic effects: each raises one coefficient of the noise model, or loses samples."""
+
+from __future__ import annotations
+
+from simulators.effects._effect import NoiseEffect, Parameter
+
+NOISE_EFFECTS = (
+    NoiseEffect(
+        "noise_level",
+        Parameter("arw_deg_per_sqrt_h", 0.0, 10.0),
+        "IEEE Std 952, angle random walk",
+        "White rate noise is higher than the model says.",
+    ),
+    NoiseEffect(
+        "bias_instability",
+        Parameter("bias_instability_dph", 0.0, 100.0),
+        "IEEE Std 952, bias instability (flicker)",
+        "Bias wanders with equal power per octave of time.",
+    ),
+    NoiseEffect(
+        "rate_random_walk",
+        Parameter("rate_random_walk_dph_per_sqrt_h", 0.0, 100.0),
+        "IEEE Std 952, rate random walk",
+        "Bias walks randomly, further the longer one waits.",
+    ),
+    NoiseEffect(
+        "quantisation",
+        Parameter("quantum_arcsec", 0.0, 1000.0),
+        "IEEE Std 952, quantisation noise",
+        "The angle is read in steps; the rate is noisy at short times only.",
+    ),
+    NoiseEffect(
+        "lost_frames",
+        Parameter("lost_fraction", 0.0, 1.0),
+        "device's own frame counter",
+        "Frames of the gyro's stream do not arrive.",
+    ),
+)

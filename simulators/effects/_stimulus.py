@@ -1,0 +1,98 @@
+"""What acted on the gyro during a run: temperatures, table angle, attitude, place; and what follows from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
+
+Array = NDArray[np.float64]
+EARTH_RATE_DPH = 15.041067
+"""Earth's rotation rate, 7.292115e-5 rad/s (WGS 84)."""
+REFERENCE_C = 25.0
+SMOOTHING_S = 60.0
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """Inputs at equal steps of `period_s`; sample k covers the step that ends at `time_s[k]` since power-on.
+
+    `time_s`, `t_in_c`, `t_out_c`, `elevation_deg` float64 (n,); `angle_deg` (n + 1,) the table's angle at the
+    samples' edges, turns counted, counter-clockwise about up, zero where a horizontal axis points north.
+    `elevation_deg` is the sensitive axis above the horizon: 90 up, 0 horizontal.
+    """
+
+    time_s: Array
+    t_in_c: Array
+    t_out_c: Array
+    angle_deg: Array
+    elevation_deg: Array
+    latitude_deg: float
+    period_s: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @cached_property
+    def table_rate_dps(self) -> Array:
+        """Mean table rate over each sample, (n,)."""
+        return np.asarray(np.diff(self.angle_deg) / self.period_s)
+
+    @cached_property
+    def axis_rate_dps(self) -> Array:
+        """Table rate along the sensitive axis, (n,)."""
+        return np.asarray(self.table_rate_dps * np.sin(np.radians(self.elevation_deg)))
+
+    @cached_property
+    def input_rate_dph(self) -> Array:
+        """True rate along the sensitive axis with the Earth's, mean over each sample, deg/h, (n,)."""
+        latitude, elevation = math.radians(self.latitude_deg), np.radians(self.elevation_deg)
+        vertical = EARTH_RATE_DPH * math.sin(latitude) * np.sin(elevation)
+        level = EARTH_RATE_DPH * math.cos(latitude) * np.cos(elevation) * self.harmonic(1)[0]
+        return np.asarray(3600.0 * self.axis_rate_dps + vertical + level)
+
+    def harmonic(self, order: int) -> Array:
+        """Return the means over each sample of cos and sin of `order` times the table angle, (2, n).
+
+        The integral over the sample is exact for a constant rate in it: sin(m d/2)/(m d/2) at the middle angle.
+        """
+        middle = np.radians(order * 0.5 * (self.angle_deg[1:] + self.angle_deg[:-1]))
+        half_turns = order * np.diff(self.angle_deg) / 360.0
+        return np.asarray(np.sinc(half_turns) * np.stack((np.cos(middle), np.sin(middle))))
+
+    @cached_property
+    def warm_k(self) -> Array:
+        """T_in above 25 degC, smoothed over a minute, (n,)."""
+        return self._smooth(self.t_in_c) - REFERENCE_C
+
+    @cached_property
+    def gradient_k(self) -> Array:
+        """T_in - T_out, smoothed over a minute, (n,)."""
+        return self._smooth(self.t_in_c - self.t_out_c)
+
+    @cached_property
+    def warming_k_per_min(self) -> Array:
+        """Rate of change of T_in over about two minutes, (n,)."""
+        return np.asarray(60.0 * np.gradient(self._smooth(self.warm_k), self.period_s))
+
+    @cached_property
+    def gradient_rate_k_per_min(self) -> Array:
+        """Rate of change of T_in - T_out over about two minutes, (n,)."""
+        return np.asarray(60.0 * np.gradient(self._smooth(self.gradient_k), self.period_s))
+
+    def lagged(self, values: Array, lag_s: float) -> Array:
+        """Return a first-order follower of `values`, (n,), settled at its first value; `values` for lag 0."""
+        if lag_s <= 0.0:
+            return values
+        decay = math.exp(-self.period_s / lag_s)
+        result, _ = lfilter([1.0 - decay], [1.0, -decay], values, zi=[decay * values[0]])
+        return np.asarray(result)
+
+    def _smooth(self, values: Array) -> Array:
+        width = max(1, round(SMOOTHING_S / self.period_s))
+        return np.asarray(uniform_filter1d(values, width | 1, mode="nearest"))

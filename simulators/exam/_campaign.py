@@ -1,0 +1,200 @@
+"""A campaign of runs without the gyro's errors: chamber air, heat flow by layer, table angle, attitude."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from simulators.plant.fog import fog_network, shupe_row
+from simulators.plant.fog_parameters import FOG_MID, FogParameters
+from simulators.plant.thermal import steady_state_c, tick_matrix
+
+Array = NDArray[np.float64]
+LAYERS = 16
+LATITUDE_DEG = 39.10
+RATE_STEPS_DPS = (1.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+STEP_S = 120
+POSITION_S = 300
+POSITIONS = ((0.0, 0.0), (90.0, 0.0), (180.0, 0.0), (270.0, 0.0), (270.0, 90.0), (270.0, -90.0))
+"""Table angle and elevation of the sensitive axis, deg."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Chamber set points as (time s, degC), joined linearly; conditions are table rates or attitudes."""
+
+    name: str
+    duration_s: int
+    set_points: tuple[tuple[float, float], ...]
+    conditions: tuple[str, ...]
+    phases: tuple[tuple[float, str], ...]
+
+
+_SHOCK = ((0.0, 25.0), (3600.0, 25.0), (3950.0, -45.0), (8450.0, -45.0), (8800.0, 25.0), (14000.0, 25.0))
+_SHOCK_PHASES = (
+    (0.0, "equilibrium"),
+    (3600.0, "shock"),
+    (3950.0, "soak"),
+    (8450.0, "return"),
+    (8800.0, "final"),
+)
+PROFILES = (
+    Profile("shock east", 14000, _SHOCK, ("east",), _SHOCK_PHASES),
+    Profile("shock up", 14000, _SHOCK, ("+20", "-20", "0"), _SHOCK_PHASES),
+    Profile(
+        "slow ramp",
+        14000,
+        ((0.0, 25.0), (3000.0, 25.0), (7200.0, -45.0), (9000.0, -45.0), (13200.0, 25.0), (14000.0, 25.0)),
+        ("east",),
+        ((0.0, "equilibrium"), (3000.0, "down"), (7200.0, "soak"), (9000.0, "up"), (13200.0, "final")),
+    ),
+    Profile("quiet", 7200, ((0.0, 25.0), (7200.0, 25.0)), ("east",), ((0.0, "room"),)),
+    Profile("rates", 3000, ((0.0, 25.0), (3000.0, 25.0)), ("steps",), ((0.0, "steps"),)),
+    Profile("positions", 3600, ((0.0, 25.0), (3600.0, 25.0)), ("six",), ((0.0, "positions"),)),
+)
+
+
+@dataclass(frozen=True)
+class RunTruth:
+    """One run as it happened, at 1 s; `layer_c` (n, 16) coil layers from inside, `angle_deg` and
+    `edge_rate_dps` (n + 1,) at the edges of the samples; `t_in_c`, `t_out_c` the sensors without noise.
+    """
+
+    profile: str
+    condition: str
+    repeat: int
+    time_s: Array
+    air_c: Array
+    t_in_c: Array
+    t_out_c: Array
+    board_c: Array
+    layer_c: Array
+    shupe_dph: Array
+    angle_deg: Array
+    edge_rate_dps: Array
+    azimuth_deg: Array
+    elevation_deg: Array
+    phase: NDArray[np.str_]
+
+
+@cache
+def _plant() -> tuple[Array, Array, int]:
+    """Return the one-tick matrix, the steady state at 25 degC and the number of states of a 16-layer coil."""
+    parameters: FogParameters = replace(FOG_MID, layers=LAYERS)
+    network = fog_network(parameters)
+    rows = [network.row("spool_sensor"), network.row("case_sensor"), network.row("board")]
+    rows += [network.row(f"layer_{k}") for k in range(LAYERS)]
+    none = np.zeros(len(network.names))
+    of_state = np.array([*rows, none])
+    of_rate = np.array([none] * len(rows) + [shupe_row(parameters, network, 1)])
+    return tick_matrix(network, of_state, of_rate), steady_state_c(network, 25.0), len(network.names)
+
+
+def simulate_campaign(seed: int, repeats: int) -> list[RunTruth]:
+    """Return the runs of all profiles, `repeats` of each condition, after power-on at room temperature."""
+    rng = np.random.default_rng((seed, 11))
+    result = []
+    for profile in PROFILES:
+        plans = [(condition, k) for condition in profile.conditions for k in range(repeats)]
+        air = np.stack([_air(profile, rng) for _ in plans])
+        outputs = _heat_flow(air)
+        for (condition, repeat), own_air, out in zip(plans, air, outputs, strict=True):
+            result.append(_truth(profile, condition, repeat, own_air, out, rng))
+    return result
+
+
+def _air(profile: Profile, rng: np.random.Generator) -> Array:
+    times, points = np.array(profile.set_points).T
+    late_s, room_k, cold_k = rng.normal(0.0, 15.0), rng.normal(0.0, 0.5), rng.normal(0.0, 0.5)
+    cold = (25.0 - points) / 70.0
+    now = np.arange(1.0, profile.duration_s + 1.0)
+    wanted = np.interp(now - late_s, times, points + room_k + cold_k * cold)
+    overshoot = np.array([0.0, 0.06]) @ np.stack((wanted, np.gradient(wanted) * 100.0))
+    lagged, _ = lfilter([1 / 40.0], [1.0, -1 + 1 / 40.0], wanted + overshoot, zi=[wanted[0] * (1 - 1 / 40.0)])
+    slow = lfilter([np.sqrt(2 / 90.0)], [1.0, -1 + 1 / 90.0], rng.standard_normal(len(now)))
+    return np.asarray(lagged + 0.05 * slow)
+
+
+def _heat_flow(air: Array) -> Array:
+    """Return outputs (runs, n, 4 + layers) for air (runs, n): T_in, T_out, board, layers, Shupe rotation."""
+    matrix, _, states = _plant()
+    runs, n = air.shape
+    # power has been off: the unit starts at room temperature, its board's heat still to come
+    state = np.full((states + 2, runs), 0.0)
+    state[:states] = air[:, 0]
+    state[states + 1] = 1.0
+    outputs = np.empty((n, len(matrix) - states, runs))
+    for k in range(n):
+        state[states] = air[:, k]
+        new = matrix @ state
+        state[:states] = new[:states]
+        outputs[k] = new[states:]
+    return np.asarray(np.moveaxis(outputs, 2, 0))
+
+
+def _truth(
+    profile: Profile, condition: str, repeat: int, air: Array, out: Array, rng: np.random.Generator
+) -> RunTruth:
+    n = profile.duration_s
+    time_s = np.arange(1.0, n + 1.0)
+    angle, edge_rate, azimuth, elevation = _table(condition, n, float(rng.uniform(0.0, 360.0)))
+    starts = np.array([start for start, _ in profile.phases])
+    names = np.array([name for _, name in profile.phases])
+    phase = names[np.searchsorted(starts, time_s - 1.0, side="right") - 1]
+    return RunTruth(
+        profile.name,
+        condition,
+        repeat,
+        time_s,
+        air,
+        out[:, 0],
+        out[:, 1],
+        out[:, 2],
+        out[:, 3 : 3 + LAYERS],
+        out[:, 3 + LAYERS],
+        angle,
+        edge_rate,
+        azimuth,
+        elevation,
+        phase,
+    )
+
+
+def _table(condition: str, n: int, start_deg: float) -> tuple[Array, Array, Array, Array]:
+    """Return angle and rate at edges (n + 1,), middle angle (n,) and elevation (n,), deg."""
+    edges = np.arange(n + 1.0)
+    up = np.full(n, 90.0)
+    edge_rate = np.zeros(n + 1)
+    if condition == "east":
+        angle, elevation = np.full(n + 1, 90.0), np.zeros(n)
+    elif condition == "steps":
+        rates = np.repeat([sign * rate for rate in RATE_STEPS_DPS for sign in (1.0, -1.0)] * 2, STEP_S)
+        rates = np.concatenate((np.zeros(n - len(rates)), rates))
+        # 50 deg/s2 at every change of rate
+        fine = np.repeat(rates, 10)
+        eased = _limited(fine, 5.0)
+        angle, elevation = np.concatenate(([0.0], np.cumsum(eased) * 0.1))[::10] + start_deg, up
+        edge_rate = 0.5 * (np.append(eased, eased[-1]) + np.insert(eased, 0, eased[0]))[::10]
+    elif condition == "six":
+        at = np.minimum(np.arange(n) // POSITION_S, 2 * len(POSITIONS) - 1) % len(POSITIONS)
+        angles, elevations = np.array(POSITIONS).T
+        angle, elevation = np.append(angles[at], angles[at[-1]]), elevations[at]
+        angle = np.concatenate((angle[:1], angle[:-1]))
+    else:
+        angle, elevation = start_deg + float(condition) * edges, up
+        edge_rate = np.full(n + 1, float(condition))
+    return angle, edge_rate, 0.5 * (angle[1:] + angle[:-1]), elevation
+
+
+def _limited(wanted: Array, step: float) -> Array:
+    """Return a signal that follows `wanted` with at most `step` a sample."""
+    result = np.empty(len(wanted))
+    value = float(wanted[0])
+    for index, target in enumerate(wanted.tolist()):
+        value += min(max(target - value, -step), step)
+        result[index] = value
+    return result

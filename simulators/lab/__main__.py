@@ -1,0 +1,59 @@
+"""The lab's process: configuration on the first line of standard input, ports and clock URL on the first of
+standard output, then the stage door until standard input ends.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from typing import Any
+
+from drivers.errors import BenchError
+from simulators.lab._build import build_lab
+from simulators.lab._config import LabConfig
+from simulators.lab._service import VirtualService, run_on_wall_clock
+from simulators.lab._stagehand import StageDoor
+
+
+def main() -> int:
+    """Run a lab until its stage door closes; 2 for a configuration it cannot emulate."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started the lab closes its door
+    config = LabConfig.from_json(json.loads(_first_line()))
+    try:
+        lab, acts = build_lab(config)
+    except BenchError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    door = StageDoor(acts)
+    ports = {port.name: port.url for port in lab.ports}
+    if config.clock == "virtual":
+        service = VirtualService(lab, door, config.cpu)
+        door.say(_ready(ports, service.url))
+        service.run()
+    else:
+        door.say(_ready(ports, None))
+        run_on_wall_clock(lab, door)
+    for port in lab.ports:
+        port.close()
+    return 0
+
+
+def _ready(ports: dict[str, str], clock_url: str | None) -> dict[str, Any]:
+    return {"ports": ports, "clock": clock_url}
+
+
+def _first_line() -> bytes:
+    """Read one line without buffering beyond it: the stage door reads the rest from the same descriptor."""
+    line = b""
+    while not line.endswith(b"\n"):
+        byte = os.read(0, 1)
+        if not byte:
+            break
+        line += byte
+    return line
+
+
+if __name__ == "__main__":
+    sys.exit(main())

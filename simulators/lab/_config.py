@@ -1,0 +1,71 @@
+"""What an emulated lab is made of, as plain data that crosses to its process as JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from simulators.plant.lab_plant import UnitKind
+
+Transport = Literal["pty", "tcp"]
+
+
+@dataclass(frozen=True)
+class DeviceConfig:
+    """A polled instrument: driver kind, transport, and what the bench file says of it."""
+
+    driver: str
+    transport: Transport
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class GyroConfig:
+    """A gyro unit: `settings` as in the bench file; `model` and `unit_seed` say which physics it has."""
+
+    name: str
+    driver: str
+    transport: Transport
+    settings: dict[str, Any]
+    model: UnitKind
+    unit_seed: int
+    mounting: Literal["axis_horizontal", "axis_up"] = "axis_horizontal"
+    mount_azimuth_error_deg: float = 0.0
+    clock_error_ppm: float = 0.0
+
+
+@dataclass(frozen=True)
+class LabConfig:
+    """A whole lab.
+
+    `delivery_s`: how often adapters hand over streamed bytes. `cpu`: processor that lab and bench share in
+    virtual time, None to leave that to the system.
+    """
+
+    clock: Literal["virtual", "wall"]
+    seed: int
+    latitude_deg: float
+    room_temp_c: float
+    chamber_model: str
+    table: DeviceConfig
+    chamber: DeviceConfig
+    gyros: tuple[GyroConfig, ...]
+    delivery_s: float = 1.0
+    cpu: int | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON values."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> LabConfig:
+        """Restore from `to_json`."""
+        return cls(
+            **{
+                **data,
+                "table": DeviceConfig(**data["table"]),
+                "chamber": DeviceConfig(**data["chamber"]),
+                "gyros": tuple(GyroConfig(**gyro) for gyro in data["gyros"]),
+            }
+        )

@@ -1,0 +1,136 @@
+"""How a lab is driven: in lock-step by a virtual clock's client, or by the wall clock."""
+
+from __future__ import annotations
+
+import json
+import select
+import socket
+import sys
+from typing import Any
+
+from drivers.clock import WallClock
+from drivers.errors import BenchError
+from drivers.virtual_clock import FULL, NOT_OPEN, PROTOCOL, VERSION, Codec, Request, share_cpu
+from simulators.lab._core import Lab
+from simulators.lab._stagehand import StageDoor
+
+_TICK_S = 0.02
+"""Wall-clock cadence of a lab on the wall clock; about an FTDI adapter's 16 ms latency timer."""
+
+
+class VirtualService:
+    """Serves a lab's clock to one bench at a time."""
+
+    def __init__(self, lab: Lab, door: StageDoor, cpu: int | None = None) -> None:
+        self._lab = lab
+        self._door = door
+        self._cpu = cpu
+        self._said_full = False
+        self._codec = Codec(len(lab.ports))
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"virtual://127.0.0.1:{self._listener.getsockname()[1]}"
+
+    def run(self) -> None:
+        """Serve benches until the stage door closes."""
+        share_cpu(self._cpu)
+        while self._await_bench():
+            connection, _ = self._listener.accept()
+            with connection:
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._serve(connection)
+            for port in self._lab.ports:
+                port.shut()
+
+    def _await_bench(self) -> bool:
+        while True:
+            waiting: list[Any] = [self._listener, self._door]
+            ready, _, _ = select.select(waiting, [], [])
+            if self._door in ready and not self._door.answer():
+                return False
+            if self._listener in ready:
+                return True
+
+    def _serve(self, connection: socket.socket) -> None:
+        names = [port.name for port in self._lab.ports]
+        greeting = {
+            "protocol": PROTOCOL,
+            "version": VERSION,
+            "ports": names,
+            "now_ns": self._lab.now_ns,
+            "cpu": self._cpu,
+        }
+        connection.sendall(json.dumps(greeting).encode() + b"\n")
+        for port in self._lab.ports:
+            port.on_full = lambda: self._say_full(connection)
+        poll = select.poll()
+        poll.register(connection, select.POLLIN)
+        poll.register(self._door, select.POLLIN)
+        pending = b""
+        while True:
+            for descriptor, _ in poll.poll():
+                if descriptor == self._door.fileno():
+                    if not self._door.answer():
+                        return
+                    continue
+                data = connection.recv(65536)
+                if not data:
+                    return
+                pending += data
+            while len(pending) >= self._codec.request_size:
+                request = self._codec.unpack_request(pending[: self._codec.request_size])
+                pending = pending[self._codec.request_size :]
+                self._said_full = False
+                connection.sendall(self._answer(request))
+
+    def _say_full(self, connection: socket.socket) -> None:
+        """Tell the bench, once a request, to read its ports before the reply."""
+        if not self._said_full:
+            self._said_full = True
+            connection.sendall(FULL)
+
+    def _answer(self, request: Request) -> bytes:
+        try:
+            marks = self._lab.advance(request.at_ns) if request.at_ns > self._lab.now_ns else []
+            for index, (port, sent) in enumerate(zip(self._lab.ports, request.sent, strict=True)):
+                if sent == NOT_OPEN:
+                    if port.is_open:
+                        port.shut()
+                    continue
+                if not port.is_open:
+                    port.open()
+                while port.received < sent:
+                    data = port.read()
+                    if data:
+                        self._lab.take_input(index, data)
+                    elif not port.is_open:
+                        break
+                    else:  # written, but not yet through the kernel
+                        select.select([port], [], [])
+            marks += self._lab.advance(request.to_ns, request.stop_port)
+        except BenchError as error:
+            return self._codec.pack_error(str(error))
+        return self._codec.pack_reply(self._lab.now_ns, [port.written for port in self._lab.ports], marks)
+
+
+def run_on_wall_clock(lab: Lab, door: StageDoor) -> None:
+    """Let lab time follow the host's clock until the stage door closes."""
+    clock = WallClock()
+    for port in lab.ports:
+        if port.url.startswith("/"):
+            port.open()
+    while True:
+        waiting: list[Any] = [door, *lab.ports]
+        ready, _, _ = select.select(waiting, [], [], _TICK_S)
+        if door in ready and not door.answer():
+            return
+        for index, port in enumerate(lab.ports):
+            if port in ready:
+                if not port.is_open:
+                    port.open()
+                data = port.read()
+                if data:
+                    lab.take_input(index, data)
+        try:
+            lab.advance(round(clock.now() * 1e9))
+        except BenchError as error:
+            sys.stderr.write(f"{error}\n")

@@ -1,0 +1,54 @@
+"""The stage door: one JSON object a line on standard input, answered on standard output.
+
+It is for what hands do in a real lab (mount a unit, close a door) and for what only an emulated lab can tell
+(the true drift). The process ends when standard input does, so a lab never outlives whoever started it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+Act = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+class StageDoor:
+    """Reads requests {"act": name, ...} and answers {"ok": true, ...} or {"ok": false, "error": text}."""
+
+    def __init__(self, acts: Mapping[str, Act], *, input_fd: int = 0, output_fd: int = 1) -> None:
+        self._acts = acts
+        self._input = input_fd
+        self._output = output_fd
+        self._pending = b""
+
+    def fileno(self) -> int:
+        """Return the descriptor to select on."""
+        return self._input
+
+    def say(self, message: dict[str, Any]) -> None:
+        """Write one line."""
+        view = memoryview(json.dumps(message).encode() + b"\n")
+        while view:
+            view = view[os.write(self._output, view) :]
+
+    def answer(self) -> bool:
+        """Answer what has arrived; False when the door is closed."""
+        data = os.read(self._input, 65536)
+        if not data:
+            return False
+        self._pending += data
+        *lines, self._pending = self._pending.split(b"\n")
+        for line in lines:
+            if line.strip():
+                self.say(self._perform(line))
+        return True
+
+    def _perform(self, line: bytes) -> dict[str, Any]:
+        try:
+            request = json.loads(line)
+            act = self._acts[request.pop("act")]
+            return {"ok": True, **act(request)}
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            return {"ok": False, "error": f"{type(error).__name__}: {error}"}

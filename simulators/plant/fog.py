@@ -1,0 +1,221 @@
+"""Fibre-optic gyro: thermal network, and bias and scale factor as sums of named effects.
+
+The structure is the usual one of FOG temperature models: static polynomials, Shupe effect by layer, stress in the
+winding that follows the coil's temperature rate and stiffens in the cold, and slow relaxation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.plant.effect import AxisModel, Effect, RateEffect, UnitModel
+from simulators.plant.fog_parameters import FogCoefficients, FogParameters, spread
+from simulators.plant.shupe import (
+    layer_lengths_m,
+    layer_weights_m2,
+    pigtail_weight_m2,
+    rotation_per_integral_dph,
+)
+from simulators.plant.thermal import AIR, Lag, Link, Network, build_network, tick_matrix
+
+REFERENCE_C = 25.0
+COIL_HEIGHT_M = 0.020
+_WINDING_STREAM = 59
+"""Random stream of the turn errors: with it unit 0 of the mid grade shows 0.32 deg/h peak to peak of Shupe
+effect on the nominal cold shock, as the reference design does (without turn errors it would be 0.35)."""
+
+
+class FogState(NamedTuple):
+    """Outputs of a tick: temperatures in degC, coil rate in K/min, Shupe effect in deg/h."""
+
+    coil_temp_c: float
+    coil_rate_k_per_min: float
+    board_temp_c: float
+    relaxed_temp_c: float
+    shupe_dph: float
+    sensor_temp_c: float
+    case_temp_c: float
+
+
+def fog_network(parameters: FogParameters) -> Network:
+    """Return the unit's heat-flow network: case, fixture, board, spool, a radial chain of layers, and lags."""
+    t = parameters.thermal
+    layers = [f"layer_{index}" for index in range(parameters.layers)]
+    area_m2 = math.pi * parameters.fibre.diameter_m * COIL_HEIGHT_M
+    between = t.coil_conductivity * area_m2 / (parameters.thickness_m / parameters.layers)
+    capacity = {
+        "case": t.case_j_per_k,
+        "fixture": t.fixture_j_per_k,
+        "board": t.board_j_per_k,
+        "spool": t.spool_j_per_k,
+        **dict.fromkeys(layers, t.coil_j_per_k / parameters.layers),
+    }
+    links = [
+        Link(AIR, "case", t.air_case),
+        Link(AIR, "fixture", t.air_fixture),
+        Link("fixture", "case", t.fixture_case),
+        Link("board", "case", t.board_case),
+        Link("spool", "case", t.spool_case),
+        Link("spool", layers[0], t.spool_coil),
+        Link("case", layers[-1], t.case_coil),
+        *(Link(inner, outer, between) for inner, outer in pairwise(layers)),
+    ]
+    lags = (
+        Lag("relaxed", tuple(layers), t.relaxation_s),
+        Lag("spool_sensor", ("spool",), t.spool_sensor_lag_s),
+        Lag("case_sensor", ("case",), t.case_sensor_lag_s),
+    )
+    return build_network(capacity, links, {"board": t.board_power_w}, lags)
+
+
+def shupe_row(parameters: FogParameters, network: Network, unit_seed: int) -> NDArray[np.float64]:
+    """Return the row vector, float64 (n,), that turns node rates in K/s into the Shupe effect in deg/h."""
+    rng = np.random.default_rng((unit_seed, _WINDING_STREAM))
+    lengths = layer_lengths_m(parameters.fibre, parameters.layers, parameters.turn_error_m, rng)
+    weights = layer_weights_m2(lengths, parameters.winding, parameters.mid_point_offset_m)
+    row = np.zeros(len(network.names))
+    first = network.names.index("layer_0")
+    row[first : first + parameters.layers] = weights
+    row[network.names.index("case")] += pigtail_weight_m2(weights)
+    return row * rotation_per_integral_dph(parameters.fibre)
+
+
+def fog_effects(c: FogCoefficients) -> tuple[Effect[FogState], ...]:
+    """Return the effects on bias and scale factor that the thermal state drives."""
+    return (
+        Effect("bias_offset", "bias_dph", lambda s: c.offset_dph, "calibration", "A constant bias."),
+        Effect(
+            "coil_static",
+            "bias_dph",
+            _polynomial(c.coil_static_dph, lambda s: s.coil_temp_c),
+            "usual static temperature model",
+            "Bias that follows the coil's temperature.",
+        ),
+        Effect(
+            "board_static",
+            "bias_dph",
+            _polynomial(c.board_static_dph, lambda s: s.board_temp_c),
+            "usual static temperature model",
+            "Bias of the electronics that follows the board's temperature.",
+        ),
+        Effect(
+            "shupe",
+            "bias_dph",
+            lambda s: s.shupe_dph,
+            "Shupe 1980; Mohr 1996",
+            "Fibre that warms unequally about its mid-point looks like rotation.",
+        ),
+        Effect(
+            "winding_stress",
+            "bias_dph",
+            lambda s: _stress_dph(c, s),
+            "non-linear Shupe coefficient: potting stiffens below its glass transition",
+            "Stress in the potted coil follows its temperature rate, more so in the cold.",
+        ),
+        Effect(
+            "bias_relaxation",
+            "bias_dph",
+            lambda s: c.relaxation_dph_per_k * (s.coil_temp_c - s.relaxed_temp_c),
+            "slow tail after a shock",
+            "Bias decays slowly after the coil has reached its temperature.",
+        ),
+        Effect("sf_offset", "sf_error_ppm", lambda s: c.offset_ppm, "calibration", "A constant SF error."),
+        Effect(
+            "sf_board",
+            "sf_error_ppm",
+            lambda s: _board_sf_ppm(c, s),
+            "source wavelength and electronics over temperature",
+            "Scale factor follows the board's temperature.",
+        ),
+        Effect(
+            "sf_coil",
+            "sf_error_ppm",
+            lambda s: c.coil_ppm_per_k * (s.coil_temp_c - REFERENCE_C),
+            "thermal expansion of the coil's area",
+            "Scale factor follows the coil's temperature.",
+        ),
+        Effect(
+            "sf_relaxation",
+            "sf_error_ppm",
+            lambda s: c.relaxation_ppm_per_k * (s.coil_temp_c - s.relaxed_temp_c),
+            "scale-factor hysteresis over a cycle",
+            "Scale factor lags behind the coil's temperature.",
+        ),
+    )
+
+
+def fog_rate_effects(c: FogCoefficients) -> tuple[RateEffect, ...]:
+    """Return the effects on scale factor that the rate itself drives."""
+    return (
+        RateEffect(
+            "sf_asymmetry",
+            lambda rate_dps: 0.5 * c.asymmetry_ppm * np.sign(rate_dps),
+            "IEEE Std 952, scale-factor asymmetry",
+            "Positive and negative rates have slightly different scale factors.",
+        ),
+        RateEffect(
+            "sf_nonlinearity",
+            lambda rate_dps: c.nonlinearity_ppm * (rate_dps / c.nonlinearity_at_dps) ** 2,
+            "IEEE Std 952, scale-factor nonlinearity",
+            "Scale factor grows with the square of rate.",
+        ),
+    )
+
+
+def fog_unit(parameters: FogParameters, unit_seed: int) -> UnitModel:
+    """Return a unit of a grade; unit 0 has the nominal coefficients."""
+    p = spread(parameters, unit_seed)
+    network = fog_network(p)
+    layers = [f"layer_{index}" for index in range(p.layers)]
+    none = np.zeros(len(network.names))
+    of_state = [network.row(*layers), none, network.row("board"), network.row("relaxed"), none]
+    of_state += [network.row("spool_sensor"), network.row("case_sensor")]
+    of_rate = [none, 60.0 * network.row(*layers), none, none, shupe_row(p, network, unit_seed), none, none]
+    axis = AxisModel(
+        fog_effects(p.coefficients),
+        fog_rate_effects(p.coefficients),
+        p.noise,
+        p.turn_on_bias_dph,
+        p.turn_on_sf_ppm,
+    )
+    return UnitModel(
+        axes="x",
+        axis_models=(axis,),
+        step=tick_matrix(network, np.array(of_state), np.array(of_rate)),
+        state=FogState,
+        outputs=FogState._fields,
+        truth=("coil_temp_c", "coil_rate_k_per_min", "board_temp_c"),
+        sensor_noise_c=0.01,
+        sensor_lsb_c=0.01,
+    )
+
+
+def _polynomial(
+    coefficients: tuple[float, ...], temperature: Callable[[FogState], float]
+) -> Callable[[FogState], float]:
+    """Return c1 w + c2 w^2 + ... with w = (temperature - 25)/50."""
+
+    def value(state: FogState) -> float:
+        w = (temperature(state) - REFERENCE_C) / 50.0
+        total = 0.0
+        for coefficient in reversed(coefficients):
+            total = (total + coefficient) * w
+        return total
+
+    return value
+
+
+def _stress_dph(c: FogCoefficients, s: FogState) -> float:
+    cold = c.stress_cold_gain / (1.0 + math.exp((s.coil_temp_c - c.stress_cold_c) / c.stress_width_k))
+    return c.stress_dph_per_k_per_min * (1.0 + cold) * s.coil_rate_k_per_min
+
+
+def _board_sf_ppm(c: FogCoefficients, s: FogState) -> float:
+    warm = s.board_temp_c - REFERENCE_C
+    return (c.board_linear_ppm_per_k + c.board_quadratic_ppm_per_k2 * warm) * warm

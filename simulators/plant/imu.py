@@ -1,0 +1,201 @@
+"""An IMU turned on a table: exact increments of three gyros and three accelerometers, with every error term.
+
+    gyro           w~ = (I + K_g) w + eps
+    accelerometer  f~ = (I + K_a) f + nabla + K_2 (f * f) + lever arms + lag (w x f)
+
+w is the inertial rate in b (Earth's and the table's), f the specific force in b of a point that stays in place.
+Accelerometer i sits at r_i: f_i += row i of ([w' x] + [w x]^2) r_i. Rests are constant; turns are integrated
+over each sample by three-point Gauss quadrature. White noise and first-order Markov biases come on top.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from drivers.errors import ConfigurationError
+
+Array = NDArray[np.float64]
+_EARTH_RATE_RAD_S = 7.292115e-5
+_GAUSS = np.polynomial.legendre.leggauss(3)
+
+
+@dataclass(frozen=True, eq=False)
+class ImuErrors:
+    """Deterministic errors, SI; `kg`, `ka` (3, 3); row i of `lever_m` (3, 3) is where accelerometer i sits."""
+
+    eps_rad_s: Array = field(default_factory=lambda: np.zeros(3))
+    nabla_mps2: Array = field(default_factory=lambda: np.zeros(3))
+    kg: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    ka: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    k2_s2pm: Array = field(default_factory=lambda: np.zeros(3))
+    lever_m: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    lag_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class ImuNoise:
+    """White noise, Markov biases by their sigma and correlation time, and vibration of the table by the sigma of
+    its velocity, white from sample to sample.
+    """
+
+    arw_rad_per_sqrt_s: float = 0.0
+    vrw_mps_per_sqrt_s: float = 0.0
+    wander_rad_s: float = 0.0
+    wander_mps2: float = 0.0
+    wander_time_s: float = 1000.0
+    vibration_mps: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """The table stands for `duration_s`."""
+
+    duration_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """The table turns about `axis`, a unit vector in b, by `angle_rad`, at constant rate or smoothly from rest to
+    rest (angle = A (s - sin(2 pi s) / 2 pi)).
+    """
+
+    axis: Array
+    angle_rad: float
+    duration_s: float
+    profile: Literal["constant", "smooth"] = "smooth"
+
+
+@dataclass(frozen=True, eq=False)
+class ImuRecord:
+    """Increments over consecutive samples of `period_s`: rad and m/s, shape (n, 3) each."""
+
+    period_s: float
+    angle_rad: Array
+    velocity_mps: Array
+
+
+def measure_motion(
+    attitude: Array,
+    legs: Sequence[Rest | Turn],
+    errors: ImuErrors,
+    noise: ImuNoise,
+    *,
+    latitude_deg: float,
+    gravity_mps2: float,
+    rate_hz: float = 100.0,
+    seed: int = 0,
+) -> ImuRecord:
+    """Return what an IMU measures that starts at C (3, 3), body to east-north-up, and goes through `legs`.
+
+    ConfigurationError if a leg is no whole number of samples, or for lever arms on turns of constant rate, whose
+    angular acceleration is not finite.
+    """
+    latitude = math.radians(latitude_deg)
+    earth = _EARTH_RATE_RAD_S * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+    period = 1.0 / rate_hz
+    c = np.asarray(attitude, dtype=np.float64)
+    angles, velocities = [], []
+    for number, leg in enumerate(legs):
+        count = _samples(leg, number, rate_hz)
+        if isinstance(leg, Rest):
+            rate, force = _at_rest(c[None], earth, gravity_mps2)
+            w, f = _with_errors(rate, force, np.zeros((1, 3)), np.zeros((1, 3)), errors)
+            angles.append(np.repeat(w * period, count, axis=0))
+            velocities.append(np.repeat(f * period, count, axis=0))
+            continue
+        if leg.profile == "constant" and np.any(errors.lever_m):
+            raise ConfigurationError(
+                "lever arms need smooth turns",
+                where=f"leg {number}",
+                found="a turn of constant rate",
+                expected="profile smooth: constant rate starts and stops with infinite angular acceleration",
+            )
+        w, f = _through_turn(leg, c, count, earth, gravity_mps2, errors)
+        angles.append(w * period)
+        velocities.append(f * period)
+        c = c @ _turned(leg.axis, np.array([leg.angle_rad]))[0]
+    angle, velocity = np.concatenate(angles), np.concatenate(velocities)
+    _add_noise(angle, velocity, noise, period, seed)
+    return ImuRecord(period, angle, velocity)
+
+
+def _samples(leg: Rest | Turn, number: int, rate_hz: float) -> int:
+    count = round(leg.duration_s * rate_hz)
+    if count < 1 or abs(count - leg.duration_s * rate_hz) > 1e-6:
+        raise ConfigurationError(
+            "a leg must last a whole number of samples",
+            where=f"leg {number}",
+            found=f"{leg.duration_s:g} s at {rate_hz:g} Hz",
+        )
+    return count
+
+
+def _at_rest(c: Array, earth: Array, gravity_mps2: float) -> tuple[Array, Array]:
+    return np.asarray(earth @ c), np.asarray(np.array([0.0, 0.0, gravity_mps2]) @ c)
+
+
+def _through_turn(
+    leg: Turn, start: Array, count: int, earth: Array, gravity_mps2: float, errors: ImuErrors
+) -> tuple[Array, Array]:
+    """Return the means over each sample of measured rate and specific force, (count, 3) each."""
+    nodes, weights = _GAUSS
+    s = (np.arange(count)[:, None] + (nodes + 1.0) / 2.0).ravel() / count
+    total, duration = leg.angle_rad, leg.duration_s
+    if leg.profile == "constant":
+        angle, rate, speeding = total * s, np.full_like(s, total / duration), np.zeros_like(s)
+    else:
+        angle = total * (s - np.sin(2.0 * math.pi * s) / (2.0 * math.pi))
+        rate = total / duration * (1.0 - np.cos(2.0 * math.pi * s))
+        speeding = total / duration**2 * 2.0 * math.pi * np.sin(2.0 * math.pi * s)
+    c = start @ _turned(leg.axis, angle)
+    rest, force = _at_rest(c, earth, gravity_mps2)
+    spin = rate[:, None] * leg.axis
+    w, f = _with_errors(rest + spin, force, spin, speeding[:, None] * leg.axis, errors)
+    share = weights / 2.0
+    return (
+        np.einsum("q,nqi->ni", share, w.reshape(count, 3, 3)),
+        np.einsum("q,nqi->ni", share, f.reshape(count, 3, 3)),
+    )
+
+
+def _with_errors(
+    rate: Array, force: Array, spin: Array, speeding: Array, errors: ImuErrors
+) -> tuple[Array, Array]:
+    w = rate + rate @ errors.kg.T + errors.eps_rad_s
+    f = force + force @ errors.ka.T + errors.nabla_mps2 + errors.k2_s2pm * force**2
+    for i in range(3):
+        r = errors.lever_m[i]
+        f[:, i] += (np.cross(speeding, r) + np.cross(spin, np.cross(spin, r)))[:, i]
+    return w, f + errors.lag_s * np.cross(spin, force)
+
+
+def _turned(axis: Array, angle: Array) -> Array:
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    a = angle[:, None, None]
+    return np.asarray(np.eye(3) + np.sin(a) * skew + (1.0 - np.cos(a)) * (skew @ skew))
+
+
+def _add_noise(angle: Array, velocity: Array, noise: ImuNoise, period_s: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    parts = (
+        (angle, noise.arw_rad_per_sqrt_s, noise.wander_rad_s),
+        (velocity, noise.vrw_mps_per_sqrt_s, noise.wander_mps2),
+    )
+    for values, white, wander in parts:
+        if white:
+            values += rng.standard_normal(values.shape) * white * math.sqrt(period_s)
+        if wander:
+            keep = math.exp(-period_s / noise.wander_time_s)
+            drive = rng.standard_normal(values.shape) * math.sqrt(1.0 - keep**2)
+            drive[0] /= math.sqrt(1.0 - keep**2)  # stationary from the start
+            values += wander * period_s * lfilter([1.0], [1.0, -keep], drive, axis=0)
+    if noise.vibration_mps:
+        velocity += np.diff(rng.standard_normal((len(velocity) + 1, 3)) * noise.vibration_mps, axis=0)

@@ -1,0 +1,164 @@
+"""The physics of an emulated lab: one chamber, one table axis and the units mounted on it, in lab time.
+
+Ticks are at integer seconds. A chamber demand counts from the tick after it; temperatures between ticks are
+linear. The table is exact at any time. Noise depends on seed and index only, so the same demands at the same
+times give the same bits however `advance` and `measure` are called.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigurationError
+from simulators.plant.chamber import ChamberAir, ChamberParameters
+from simulators.plant.effect import UnitModel, leave_out
+from simulators.plant.fog import fog_unit
+from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
+from simulators.plant.lab_chamber import LabChamber
+from simulators.plant.mems import mems_unit
+from simulators.plant.mounting import MOUNTINGS, Mount, Mounting
+from simulators.plant.noise import NoiseSource
+from simulators.plant.rlg import rlg_unit
+from simulators.plant.table import TableAxis, TableParameters
+from simulators.plant.triad import triad_unit
+from simulators.plant.unit import GyroUnit
+from simulators.plant.wobble import EncodedTable, EncoderParameters, WhirlingUnit, Wobble, nominal_wobble
+
+UnitKind = Literal["fog_mid", "fog_nav", "mems", "ins_triad", "rlg"]
+
+
+@dataclass(frozen=True)
+class UnitConfig:
+    """A unit under test. Unit seed 0 of a FOG grade is the nominal unit; `without` names effects left out.
+
+    `aux_sensor`: number of the chamber's auxiliary sensor glued to its case, 0 for none. `wobble`: the bearing
+    that an `ins_triad` turns in, None for the nominal one of its seed; other units turn in a perfect one.
+    """
+
+    name: str
+    model: UnitKind = "fog_mid"
+    unit_seed: int = 0
+    mounting: Mounting = "axis_horizontal"
+    mount_azimuth_error_deg: float = 0.0
+    tilt_deg: float = 0.0
+    aux_sensor: int = 0
+    without: tuple[str, ...] = ()
+    wobble: Wobble | None = None
+
+
+@dataclass(frozen=True)
+class PlantConfig:
+    """The lab: place, run seed (noise and turn-on), room, chamber, table, units."""
+
+    latitude_deg: float = 39.10
+    seed: int = 0
+    room_temp_c: float = 25.0
+    chamber: ChamberParameters = field(default_factory=ChamberParameters)
+    table: TableParameters = field(default_factory=TableParameters)
+    encoder: EncoderParameters = field(default_factory=EncoderParameters)
+    units: tuple[UnitConfig, ...] = ()
+
+
+def unit_model(config: UnitConfig, run_seed: int = 0) -> UnitModel:
+    """Build the model that a unit's configuration names; a ring laser differs a little from run to run."""
+    if config.model == "mems":
+        model = mems_unit(config.unit_seed)
+    elif config.model == "rlg":
+        model = rlg_unit(config.unit_seed, run_seed)
+    elif config.model == "ins_triad":
+        model = triad_unit(config.unit_seed)
+    else:
+        model = fog_unit(FOG_MID if config.model == "fog_mid" else FOG_NAV, config.unit_seed)
+    return leave_out(model, config.without)
+
+
+class LabPlant:
+    """The lab, switched on at 0 s with the chamber off, the table at rest and the units powered."""
+
+    def __init__(self, config: PlantConfig) -> None:
+        self.config = config
+        self.now_s = 0.0
+        self._table = EncodedTable(config.table, config.encoder, NoiseSource(config.seed, "encoder"))
+        self._units: dict[str, GyroUnit] = {}
+        self._ticks = 0
+        for unit in config.units:
+            self._add(unit)
+        air = ChamberAir(config.chamber, config.room_temp_c, NoiseSource(config.seed, "chamber"))
+        glued = {unit.aux_sensor: self._units[unit.name] for unit in config.units if unit.aux_sensor}
+        self._chamber = LabChamber(air, self.advance, glued)
+
+    @property
+    def chamber(self) -> LabChamber:
+        """The chamber, a `ChamberPlant`; a question to it advances the lab to the question's time."""
+        return self._chamber
+
+    @property
+    def table(self) -> TableAxis:
+        """The table axis, a `TablePlant`."""
+        return self._table
+
+    def unit(self, name: str) -> GyroUnit:
+        """Return a unit, a `GyroPlant`; ConfigurationError for a name the lab does not have."""
+        if name not in self._units:
+            raise ConfigurationError(
+                "no unit of that name in the lab",
+                where="plant",
+                found=name,
+                expected="one of " + (", ".join(self._units) or "no units at all"),
+            )
+        return self._units[name]
+
+    def advance(self, to_s: float) -> None:
+        """Move the lab to `to_s`: every tick up to the next integer second is computed."""
+        self.now_s = max(self.now_s, to_s)
+        last = math.ceil(to_s)
+        while self._ticks < last:
+            self._tick()
+
+    def mount(self, unit_name: str, mounting: Mounting) -> None:
+        """Put a unit on its bracket another way, now (a stage hand's action)."""
+        if mounting not in MOUNTINGS:
+            raise ConfigurationError("no such mounting", found=str(mounting), expected=" or ".join(MOUNTINGS))
+        self.unit(unit_name).mount(self.now_s, mounting)
+
+    def true_drift(self, unit_name: str) -> Mapping[str, NDArray[np.float64]]:
+        """Return a unit's truth, float64 (ticks,) a name, tick k at k s.
+
+        `bias_dph` (effects and turn-on, without flicker), `flicker_dph`, `sf_error_ppm` (without the parts that
+        depend on rate), `sensor_temp_c`, `case_temp_c` (readings), and the model's own columns, for a
+        fibre-optic gyro `coil_temp_c`, `coil_rate_k_per_min`, `board_temp_c`. The record grows by 8 float64 a
+        tick for a FOG, 12 for a three-axis unit.
+        """
+        return self.unit(unit_name).truth()
+
+    def air_record(self) -> Mapping[str, NDArray[np.float64]]:
+        """Return `air_temp_c`, `set_point_c` of the chamber, float64 (ticks,), tick k at k s."""
+        return self._chamber.record()
+
+    def _add(self, config: UnitConfig) -> None:
+        if config.name in self._units:
+            raise ConfigurationError("two units of one name", where="plant", found=config.name)
+        if config.mounting not in MOUNTINGS:
+            raise ConfigurationError(
+                "no such mounting", where=config.name, found=config.mounting, expected=" or ".join(MOUNTINGS)
+            )
+        mount = Mount(config.mounting, config.mount_azimuth_error_deg, config.tilt_deg)
+        source = NoiseSource(self.config.seed, f"unit {config.name}")
+        parts = (unit_model(config, self.config.seed), mount, self._table, self.config.latitude_deg, source)
+        unit = GyroUnit(*parts)
+        if config.model == "ins_triad":
+            unit = WhirlingUnit(*parts, config.wobble or nominal_wobble(config.unit_seed))
+        unit.start(self.config.room_temp_c)
+        self._units[config.name] = unit
+
+    def _tick(self) -> None:
+        air_temp_c = self._chamber.tick()
+        for unit in self._units.values():
+            unit.tick(air_temp_c)
+        self._ticks += 1

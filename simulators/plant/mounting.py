@@ -1,0 +1,70 @@
+"""How a unit sits on the table, and the exact angle its axes turn through between two times.
+
+Table frame: first axis horizontal at the scale angle (table angle + mount azimuth error) from north, second
+90 deg counter-clockwise from it, third up. See `earth` for the sign convention.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.plant.earth import horizontal_rate_dph, vertical_rate_dph
+
+Mounting = Literal["axis_horizontal", "axis_up"]
+MOUNTINGS: tuple[Mounting, ...] = ("axis_horizontal", "axis_up")
+_DPH_TO_RAD_PER_S = math.radians(1.0) / 3600.0
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A mounting with its errors: azimuth on the table's scale, tilt that raises (or tips) the x axis.
+
+    With the axis horizontal, x points along the first table axis, y along the second, z up; with the axis up, x
+    points up, y along the first, z along the second. Tilt raises a horizontal x axis above the horizon, and tips
+    an upward x axis towards the first table axis.
+    """
+
+    mounting: Mounting
+    azimuth_error_deg: float = 0.0
+    tilt_deg: float = 0.0
+
+    def axes_in_table(self, count: int) -> NDArray[np.float64]:
+        """Return the first `count` of the axes x, y, z as rows in the table frame, float64 (count, 3)."""
+        sin, cos = math.sin(math.radians(self.tilt_deg)), math.cos(math.radians(self.tilt_deg))
+        if self.mounting == "axis_horizontal":
+            rows = [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]
+        else:
+            rows = [[sin, 0.0, cos], [cos, 0.0, -sin], [0.0, 1.0, 0.0]]
+        return np.array(rows[:count])
+
+
+def turned_rad(
+    axes_in_table: NDArray[np.float64],
+    scale_angles_deg: NDArray[np.float64],
+    latitude_deg: float,
+    period_s: float,
+) -> NDArray[np.float64]:
+    """Return the angle in rad each axis turns through between successive edges, float64 (axes, n).
+
+    `scale_angles_deg`: at the ends of n intervals of `period_s`, turns counted, float64 (n + 1,). Within an
+    interval the table's rate is taken as constant, which makes the integral of the turning horizontal
+    component cos(middle) sin(half turn) / half turn.
+    """
+    edges = np.radians(scale_angles_deg)
+    half_turn = 0.5 * (edges[1:] - edges[:-1])
+    up = 2.0 * half_turn + vertical_rate_dph(latitude_deg) * _DPH_TO_RAD_PER_S * period_s
+    turned = up * axes_in_table[:, 2:]
+    if axes_in_table[:, :2].any():
+        middle = edges[:-1] + half_turn
+        # far below any turn that matters, and far above the smallest float: no division by zero
+        apart = half_turn + 1e-150
+        north = horizontal_rate_dph(latitude_deg) * _DPH_TO_RAD_PER_S * period_s * (np.sin(apart) / apart)
+        # products term by term: a matrix product may round differently for another number of samples
+        turned += (north * np.cos(middle)) * axes_in_table[:, :1]
+        turned -= (north * np.sin(middle)) * axes_in_table[:, 1:2]
+    return np.asarray(turned)

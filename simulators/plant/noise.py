@@ -1,0 +1,144 @@
+"""Reproducible noise: counter-based generators in blocks, flicker as a sum of Markov processes, quantisation.
+
+Every number is a function of (seed, owner, stream, index) and not of how calls are cut, since Philox is started
+anew for each block of 4096 with the block's index in its counter.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_banded
+
+BLOCK = 4096
+FLICKER_TIMES_S = tuple(3.0**power for power in range(9))
+"""Correlation times of the flicker's nine processes, 1 s to 1.8 h, a factor of 3 apart."""
+
+
+@dataclass(frozen=True)
+class NoiseParameters:
+    """Angle random walk N, bias instability B (flicker; ADEV floor 0.664 B), angle quantum."""
+
+    arw_deg_per_sqrt_h: float
+    bias_instability_dph: float
+    quantum_arcsec: float
+
+
+@dataclass(frozen=True)
+class NoiseSource:
+    """Names an independent family of random streams: run seed, owner (a unit's name), stream number."""
+
+    seed: int
+    owner: str
+    stream: int = 0
+
+    def generator(self, block: int) -> np.random.Generator:
+        """Return the generator of one block of this stream."""
+        key = np.array([self.seed & 0xFFFFFFFFFFFFFFFF, zlib.crc32(self.owner.encode())], dtype=np.uint64)
+        counter = np.array([0, block, self.stream, 0], dtype=np.uint64)
+        return np.random.Generator(np.random.Philox(key=key, counter=counter))
+
+    def substream(self, stream: int) -> NoiseSource:
+        """Return the source with the same seed and owner and another stream number."""
+        return NoiseSource(self.seed, self.owner, stream)
+
+
+class SampleNoise:
+    """White noise by sample index: standard normal, or uniform on [-0.5, 0.5)."""
+
+    def __init__(self, source: NoiseSource, kind: Literal["normal", "uniform"]) -> None:
+        self._source = source
+        self._kind = kind
+        self._blocks: dict[int, NDArray[np.float64]] = {}
+
+    def values(self, start: int, count: int) -> NDArray[np.float64]:
+        """Return samples `start` ... `start + count - 1`, float64 (count,); do not write to the result."""
+        first, offset = divmod(start, BLOCK)
+        if offset + count <= BLOCK:
+            return self._block(first)[offset : offset + count]
+        last = (start + count - 1) // BLOCK
+        joined = np.concatenate([self._block(block) for block in range(first, last + 1)])
+        return joined[offset : offset + count]
+
+    def _block(self, block: int) -> NDArray[np.float64]:
+        found = self._blocks.get(block)
+        if found is None:
+            rng = self._source.generator(block)
+            found = rng.standard_normal(BLOCK) if self._kind == "normal" else rng.random(BLOCK) - 0.5
+            self._blocks = {key: kept for key, kept in self._blocks.items() if key >= block - 1}
+            self._blocks[block] = found
+        return found
+
+
+class TickNoise:
+    """Sum of first-order Markov processes of equal sigma at 1 s ticks, stationary from tick 0."""
+
+    def __init__(self, source: NoiseSource, times_s: Sequence[float], sigma: float) -> None:
+        self._source = source
+        self._decay = [math.exp(-1.0 / time_s) for time_s in times_s]
+        self._sigma = sigma
+        self._state = [0.0] * len(self._decay)
+        self._block = -1
+        self._values: list[float] = []
+
+    def value(self, tick: int) -> float:
+        """Return the process at `tick`; ticks do not go back to an earlier block."""
+        while tick >= (self._block + 1) * BLOCK:
+            self._next_block()
+        return self._values[tick % BLOCK]
+
+    def _next_block(self) -> None:
+        self._block += 1
+        normals = self._source.generator(self._block).standard_normal((len(self._decay), BLOCK))
+        total = np.zeros(BLOCK)
+        for index, decay in enumerate(self._decay):
+            drive = math.sqrt(1.0 - decay * decay)
+            if self._block == 0:
+                # stationary start: the first value has the process's own variance
+                normals[index, 0] /= drive
+            driven = drive * normals[index]
+            driven[0] += decay * self._state[index]
+            # x[k] - decay x[k-1] = driven[k], bidiagonal; scipy.signal would cost a lab a second of start-up
+            bands = np.stack([np.ones(BLOCK), np.full(BLOCK, -decay)])
+            path = solve_banded(
+                (1, 0), bands, driven, overwrite_ab=True, overwrite_b=True, check_finite=False
+            )
+            self._state[index] = float(path[-1])
+            total += path
+        self._values = (total * self._sigma).tolist()
+
+
+def flicker(source: NoiseSource, bias_instability_dph: float) -> TickNoise:
+    """Return flicker noise in deg/h of coefficient B (IEEE Std 952): nine Markov processes.
+
+    Processes of variance sigma^2 with correlation times a factor r apart sum, between their corner
+    frequencies, to the one-sided density sigma^2 / (f ln r); flicker's is B^2 / (pi f), so
+    sigma = B sqrt(ln r / pi).
+    """
+    return TickNoise(source, FLICKER_TIMES_S, bias_instability_dph * math.sqrt(math.log(3.0) / math.pi))
+
+
+class GyroNoise:
+    """What one gyro axis adds to its angle increments: white noise (ARW) and the quantisation of its angle."""
+
+    def __init__(self, source: NoiseSource, parameters: NoiseParameters) -> None:
+        self._white = SampleNoise(source, "normal")
+        self._quantised = SampleNoise(source.substream(source.stream + 1), "uniform")
+        self._white_rad_per_sqrt_s = math.radians(parameters.arw_deg_per_sqrt_h) / 60.0
+        self._quantum_rad = math.radians(parameters.quantum_arcsec / 3600.0)
+
+    def increments_rad(self, start: int, count: int, period_s: float) -> NDArray[np.float64]:
+        """Return the noise of samples `start` ... in rad, float64 (count,).
+
+        Quantising an accumulated angle adds the difference of successive rounding errors, each uniform over one
+        quantum (IEEE Std 952, quantisation noise).
+        """
+        white = self._white.values(start, count) * (self._white_rad_per_sqrt_s * math.sqrt(period_s))
+        error = self._quantised.values(start, count + 1)
+        return np.asarray(white + (error[1:] - error[:-1]) * self._quantum_rad)

@@ -1,0 +1,186 @@
+"""Ring-laser gyro: case and cavity block, and a bias that follows temperatures, their rates and their gradient.
+
+Coefficients are those of a navigation-grade ring laser over -40 .. +65 degC. At the gyro's output the dither is
+stripped: what is left of the lock-in is angle random walk, and the fringe counter's resolution.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from simulators.plant.effect import AxisModel, Effect, RateEffect, UnitModel
+from simulators.plant.noise import NoiseParameters
+from simulators.plant.thermal import AIR, Lag, Link, Network, build_network, tick_matrix
+
+REFERENCE_C = 25.0
+UNIT_SPREAD = 0.15
+"""How far coefficients of units lie apart (1 sigma)."""
+RUN_SPREAD = 0.03
+"""How far one unit's coefficients of temperature lie apart between power cycles (1 sigma): mirrors and mounts do
+not settle twice in the same way."""
+RIPPLE_PERIOD_K = 9.0
+
+
+class RlgState(NamedTuple):
+    """Outputs of a tick: temperatures in degC, rates in degC/min. The unit's own sensor sits on the block."""
+
+    case_c: float
+    block_c: float
+    case_rate: float
+    block_rate: float
+    sensor_temp_c: float
+    case_temp_c: float
+
+
+@dataclass(frozen=True)
+class RlgCoefficients:
+    """Bias in deg/h: per K, K^2, degC/min, and their products; scale factor in ppm and ppm/K."""
+
+    offset: float = 0.004
+    per_k: float = -2.2e-4
+    per_k2: float = 4e-7
+    per_rate: float = 0.024
+    per_k_rate: float = -1.6e-4
+    per_rate2: float = 0.012
+    per_gradient_k: float = 1e-3
+    ripple: float = 6e-4
+    hysteresis: float = 4e-4
+    sf_offset_ppm: float = 4.0
+    sf_ppm_per_k: float = 0.08
+    sf_asymmetry_ppm: float = 0.6
+    sf_nonlinearity_ppm: float = 1.5
+
+
+_OF_TEMPERATURE = ("per_k", "per_k2", "per_rate", "per_k_rate", "per_rate2", "per_gradient_k")
+
+
+def lock_in_random_walk(
+    residual_lock_in_dps: float, count_arcsec: float = 1.57, peak_dither_dps: float = 100.0
+) -> float:
+    """Return the angle random walk in deg/sqrt(h) that passing through lock-in leaves in a dithered gyro.
+
+    N = W_L sqrt(S / (2 pi W_D)) with the residual lock-in rate W_L, the angle of a count S and the peak dither
+    rate W_D (Aronowitz, The Laser Gyro, 1971; confirmed in arXiv 2005.09749).
+    """
+    count_deg = count_arcsec / 3600.0
+    return 60.0 * residual_lock_in_dps * math.sqrt(count_deg / (2.0 * math.pi * peak_dither_dps))
+
+
+RLG_NOISE = NoiseParameters(lock_in_random_walk(4.0e-3), 8e-4, 0.3)
+
+
+def rlg_network() -> Network:
+    """Return the heat-flow network: the case in the air, the cavity block in the case, 2 W in the block."""
+    capacity = {"case": 900.0, "block": 350.0}
+    links = (Link(AIR, "case", 1.2), Link("case", "block", 0.30))
+    lags = (Lag("block_sensor", ("block",), 8.0), Lag("case_sensor", ("case",), 5.0))
+    return build_network(capacity, links, {"block": 2.0}, lags)
+
+
+def rlg_coefficients(unit_seed: int, run_seed: int = 0) -> RlgCoefficients:
+    """Return a unit's coefficients on a given day; unit 0 is the nominal one."""
+    c = RlgCoefficients()
+    if unit_seed:
+        c = _varied(
+            c, tuple(item.name for item in fields(c)), UNIT_SPREAD, np.random.default_rng((unit_seed, 1))
+        )
+    return _varied(c, _OF_TEMPERATURE, RUN_SPREAD, np.random.default_rng((unit_seed, 2, run_seed)))
+
+
+def _varied(
+    c: RlgCoefficients, names: tuple[str, ...], spread: float, rng: np.random.Generator
+) -> RlgCoefficients:
+    factors = 1.0 + spread * np.clip(rng.standard_normal(len(names)), -2.0, 2.0)
+    changes = {name: getattr(c, name) * float(factor) for name, factor in zip(names, factors, strict=True)}
+    return replace(c, **changes)
+
+
+def rlg_effects(c: RlgCoefficients) -> tuple[Effect[RlgState], ...]:
+    """Return the effects on bias and scale factor that the thermal state drives."""
+    return (
+        Effect("bias_offset", "bias_dph", lambda s: c.offset, "calibration", "A constant bias."),
+        Effect(
+            "case_static",
+            "bias_dph",
+            lambda s: (c.per_k + c.per_k2 * (s.case_c - REFERENCE_C)) * (s.case_c - REFERENCE_C),
+            "usual static temperature model",
+            "Bias that follows the case's temperature.",
+        ),
+        Effect(
+            "case_rate",
+            "bias_dph",
+            lambda s: (c.per_rate + c.per_k_rate * s.case_c + c.per_rate2 * s.case_rate) * s.case_rate,
+            "regression models of laser gyros over temperature",
+            "Bias that follows the case's temperature rate, its square and its product with temperature.",
+        ),
+        Effect(
+            "discharge_imbalance",
+            "bias_dph",
+            lambda s: c.per_gradient_k * (s.case_c - s.block_c),
+            "Langmuir flow of the discharge",
+            "A gradient unbalances the currents of the two discharge arms; the gas flow then drags the light.",
+        ),
+        Effect(
+            "mode_ripple",
+            "bias_dph",
+            lambda s: c.ripple * math.sin(2.0 * math.pi * s.block_c / RIPPLE_PERIOD_K),
+            "path-length control over an expanding cavity",
+            "The cavity passes through modes as it expands, and the bias ripples with its temperature.",
+        ),
+        Effect(
+            "bias_hysteresis",
+            "bias_dph",
+            lambda s: c.hysteresis * math.tanh(s.case_rate / 0.1),
+            "joints that hold until they slip",
+            "Bias differs between warming and cooling.",
+        ),
+        Effect("sf_offset", "sf_error_ppm", lambda s: c.sf_offset_ppm, "calibration", "A constant SF error."),
+        Effect(
+            "sf_temperature",
+            "sf_error_ppm",
+            lambda s: c.sf_ppm_per_k * (s.block_c - REFERENCE_C),
+            "expansion of the cavity",
+            "Scale factor follows the block's temperature.",
+        ),
+    )
+
+
+def rlg_rate_effects(c: RlgCoefficients) -> tuple[RateEffect, ...]:
+    """Return the effects on scale factor that the rate itself drives."""
+    return (
+        RateEffect(
+            "sf_asymmetry",
+            lambda rate_dps: 0.5 * c.sf_asymmetry_ppm * np.sign(rate_dps),
+            "IEEE Std 647, scale-factor asymmetry",
+            "Positive and negative rates have slightly different scale factors.",
+        ),
+        RateEffect(
+            "sf_nonlinearity",
+            lambda rate_dps: c.sf_nonlinearity_ppm / (1.0 + np.abs(rate_dps)),
+            "what is left of lock-in at low rates",
+            "Scale factor is off at low rates.",
+        ),
+    )
+
+
+def rlg_unit(unit_seed: int, run_seed: int = 0) -> UnitModel:
+    """Return a single-axis unit, switched on for run `run_seed`."""
+    c = rlg_coefficients(unit_seed, run_seed)
+    network = rlg_network()
+    case, block, none = network.row("case"), network.row("block"), np.zeros(len(network.names))
+    of_state = [case, block, none, none, network.row("block_sensor"), network.row("case_sensor")]
+    of_rate = [none, none, 60.0 * case, 60.0 * block, none, none]
+    return UnitModel(
+        axes="x",
+        axis_models=(AxisModel(rlg_effects(c), rlg_rate_effects(c), RLG_NOISE, 8e-4, 0.3),),
+        step=tick_matrix(network, np.array(of_state), np.array(of_rate)),
+        state=RlgState,
+        outputs=RlgState._fields,
+        truth=("case_c", "block_c"),
+        sensor_noise_c=0.01,
+        sensor_lsb_c=0.01,
+    )

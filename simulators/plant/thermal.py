@@ -1,0 +1,102 @@
+"""Linear heat-flow networks driven by one air temperature, and their exact one-tick step.
+
+State x: node temperatures, then first-order lags (sensors, stress relaxation). dx/dt = A x + B u with
+u = (air temperature, 1). Over a tick u is held, so the step is exact: expm([[A, B], [0, 0]] dt).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+AIR = "air"
+
+
+@dataclass(frozen=True)
+class Link:
+    """Heat conductance between two nodes (or a node and `AIR`), W/K."""
+
+    first: str
+    second: str
+    conductance_w_per_k: float
+
+
+@dataclass(frozen=True)
+class Lag:
+    """A first-order follower of the mean of some nodes."""
+
+    name: str
+    follows: tuple[str, ...]
+    time_constant_s: float
+
+
+@dataclass(frozen=True)
+class Network:
+    """dx/dt = dynamics @ x + drive @ (air temperature, 1); shapes (n, n) and (n, 2); `names` (n,)."""
+
+    names: tuple[str, ...]
+    dynamics: NDArray[np.float64]
+    drive: NDArray[np.float64]
+
+    def row(self, *nodes: str) -> NDArray[np.float64]:
+        """Return the row vector, float64 (n,), that averages the named states."""
+        weights = np.zeros(len(self.names))
+        for node in nodes:
+            weights[self.names.index(node)] += 1.0 / len(nodes)
+        return weights
+
+
+def build_network(
+    capacity_j_per_k: Mapping[str, float],
+    links: Sequence[Link],
+    power_w: Mapping[str, float],
+    lags: Sequence[Lag] = (),
+) -> Network:
+    """Assemble a network from heat capacities, conductances, constant heat sources and lags."""
+    names = (*capacity_j_per_k, *(lag.name for lag in lags))
+    at = {name: index for index, name in enumerate(names)}
+    dynamics = np.zeros((len(names), len(names)))
+    drive = np.zeros((len(names), 2))
+    for link in links:
+        for here, there in ((link.first, link.second), (link.second, link.first)):
+            if here == AIR:
+                continue
+            rate = link.conductance_w_per_k / capacity_j_per_k[here]
+            dynamics[at[here], at[here]] -= rate
+            if there == AIR:
+                drive[at[here], 0] += rate
+            else:
+                dynamics[at[here], at[there]] += rate
+    for node, watts in power_w.items():
+        drive[at[node], 1] += watts / capacity_j_per_k[node]
+    for lag in lags:
+        dynamics[at[lag.name], at[lag.name]] -= 1.0 / lag.time_constant_s
+        for node in lag.follows:
+            dynamics[at[lag.name], at[node]] += 1.0 / (len(lag.follows) * lag.time_constant_s)
+    return Network(names, dynamics, drive)
+
+
+def steady_state_c(network: Network, air_temp_c: float) -> NDArray[np.float64]:
+    """Return the state, float64 (n,), at which nothing changes with the air at `air_temp_c`."""
+    return np.asarray(np.linalg.solve(network.dynamics, -network.drive @ [air_temp_c, 1.0]))
+
+
+def tick_matrix(
+    network: Network, of_state: NDArray[np.float64], of_rate: NDArray[np.float64], dt_s: float = 1.0
+) -> NDArray[np.float64]:
+    """Return the matrix, float64 (n + m, n + 2), that takes (x, u) to (x after `dt_s`, m outputs there).
+
+    Outputs are y = of_state @ x + of_rate @ dx/dt, both (m, n), at the end of the tick; dx/dt in K/s.
+    """
+    n = len(network.names)
+    generator = np.zeros((n + 2, n + 2))
+    generator[:n, :n] = network.dynamics
+    generator[:n, n:] = network.drive
+    step = expm(generator * dt_s)[:n]
+    rate = network.dynamics @ step
+    rate[:, n:] += network.drive
+    return np.ascontiguousarray(np.vstack((step, of_state @ step + of_rate @ rate)))

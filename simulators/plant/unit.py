@@ -1,0 +1,212 @@
+"""One gyro unit at work: its thermal state and errors tick by tick, and the samples its electronics measure.
+
+The record keeps, per tick of 1 s, bias, flicker and scale-factor error of each axis, the two temperature readings
+and the model's truth columns: 8 float64 for a fibre-optic gyro, 12 for a three-axis unit, i.e. below
+1.6 MB for the 16,000 s of a cold shock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigurationError
+from simulators.interfaces import GyroSignal
+from simulators.plant.effect import UnitModel
+from simulators.plant.mounting import Mount, Mounting, turned_rad
+from simulators.plant.noise import BLOCK, GyroNoise, NoiseSource, flicker
+from simulators.plant.table import TableAxis
+
+_FLICKER, _SAMPLES, _SENSORS, _TURN_ON = 0, 100, 200, 300
+"""Noise streams of a unit; an axis adds its number (samples: two an axis)."""
+_READINGS = ("sensor_temp_c", "case_temp_c")
+_Channel = tuple[tuple[Callable[[Any], float], ...], float]
+
+
+class GyroUnit:
+    """A powered unit (see `simulators.interfaces.GyroPlant`), switched on at 0 s at the room's temperature."""
+
+    def __init__(
+        self, model: UnitModel, mount: Mount, table: TableAxis, latitude_deg: float, source: NoiseSource
+    ) -> None:
+        self.model = model
+        self.axes = model.axes
+        self._table = table
+        self._latitude_deg = latitude_deg
+        self._mounts = [(0.0, mount, mount.axes_in_table(len(model.axes)))]
+        self._flicker = [
+            flicker(source.substream(_FLICKER + index), axis.noise.bias_instability_dph)
+            for index, axis in enumerate(model.axis_models)
+        ]
+        self._noise = [
+            GyroNoise(source.substream(_SAMPLES + 2 * index), axis.noise)
+            for index, axis in enumerate(model.axis_models)
+        ]
+        self._bias, self._scale = _terms(model, source.substream(_TURN_ON))
+        self._reading_at = [model.outputs.index(name) for name in _READINGS]
+        self._truth_at = [model.outputs.index(name) for name in model.truth]
+        self._sensor_source = source.substream(_SENSORS)
+        self._sensor_noise: list[list[float]] = []
+        self._states = model.step.shape[1] - 2
+        self._input = np.empty(self._states + 2)
+        self._output = np.empty(model.step.shape[0])
+        self.columns = _columns(model)
+        self._record = np.empty((BLOCK, len(self.columns)))
+        self._ticks = 0
+        self._anchor_s, self._period_s = 0.0, 0.0
+        self._anchor_index = self._next_index = 0
+
+    def start(self, temp_c: float) -> None:
+        """Put every node at `temp_c` and record tick 0."""
+        self._input[: self._states] = temp_c
+        self._input[-1] = 1.0
+        self._keep([temp_c if name.endswith("temp_c") else 0.0 for name in self.model.outputs])
+
+    def tick(self, air_temp_c: float) -> None:
+        """Advance by 1 s in air of the given temperature."""
+        states = self._states
+        self._input[states] = air_temp_c
+        np.dot(self.model.step, self._input, out=self._output)
+        self._input[:states] = self._output[:states]
+        self._keep(self._output[states:].tolist())
+
+    def mount(self, now_s: float, mounting: Mounting) -> None:
+        """Turn the unit on its bracket at `now_s`; its mounting errors stay."""
+        last = self._mounts[-1][1]
+        mount = Mount(mounting, last.azimuth_error_deg, last.tilt_deg)
+        self._mounts.append((now_s, mount, mount.axes_in_table(len(self.axes))))
+
+    def case_reading_c(self, now_s: float) -> float:
+        """Return the reading of the sensor on the case, held from the last tick."""
+        return float(self._record[min(int(now_s), self._ticks - 1), self.columns.index("case_temp_c")])
+
+    def truth(self) -> Mapping[str, NDArray[np.float64]]:
+        """Return every recorded column, float64 (ticks,), tick k at k s; names as in `columns`."""
+        table = self._record[: self._ticks]
+        return {name: table[:, index].copy() for index, name in enumerate(self.columns)}
+
+    def measure(self, start_s: float, count: int, period_s: float) -> GyroSignal:
+        """Return `count` samples (see `GyroPlant`); ConfigurationError beyond the last tick.
+
+        Calls whose start is where the last one ended continue its sample count, so that any chunking of a
+        stream gives the same bits; after a gap the count restarts at `start_s / period_s`.
+        """
+        if count == 0:
+            return GyroSignal(self.axes, np.empty((0, len(self.axes))), np.empty(0))
+        index = self._locate(start_s, period_s)
+        self._next_index = index + count
+        first = index - self._anchor_index
+        edges_s = self._anchor_s + period_s * np.arange(first, first + count + 1, dtype=np.float64)
+        self._check_advanced(float(edges_s[-1]))
+        middle_s = 0.5 * (edges_s[1:] + edges_s[:-1])
+        axes = len(self.axes)
+        values = self._between_ticks(middle_s)
+        bias_dph = values[:axes] + values[axes : 2 * axes]
+        turned = self._turned(edges_s, middle_s, period_s)
+        sf_ppm = values[2 * axes :] + self._rate_errors_ppm(turned, period_s)
+        increments = turned * (1.0 + 1e-6 * sf_ppm) + bias_dph * (math.radians(period_s) / 3600.0)
+        for axis, noise in enumerate(self._noise):
+            increments[axis] += noise.increments_rad(index, count, period_s)
+        # a sample that ends on a tick holds that tick's reading, whatever the rounding of its end
+        held = (edges_s[1:] + 1e-9).astype(np.int64)
+        return GyroSignal(self.axes, np.ascontiguousarray(increments.T), self._record[held, 3 * axes])
+
+    def _locate(self, start_s: float, period_s: float) -> int:
+        """Return the index of the sample that starts at `start_s`, moving the anchor after a gap."""
+        expected = self._anchor_s + period_s * (self._next_index - self._anchor_index)
+        if period_s != self._period_s or abs(start_s - expected) > 0.25 * period_s:
+            self._anchor_s, self._period_s = start_s, period_s
+            self._anchor_index = self._next_index = round(start_s / period_s)
+        return self._next_index
+
+    def _check_advanced(self, end_s: float) -> None:
+        if end_s > self._ticks - 1 + 1e-9:
+            raise ConfigurationError(
+                "samples were asked for that the plant has not reached",
+                where="gyro plant",
+                found=f"samples up to {end_s:.6f} s, plant at {self._ticks - 1} s",
+                expected="the plant advanced past the last sample's end",
+            )
+
+    def _between_ticks(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the recorded errors at `times_s`, linear between ticks; float64 (3 axes, n)."""
+        errors = self._record[:, : 3 * len(self.axes)]
+        tick = int(times_s[0])
+        if times_s[-1] < tick + 1:
+            low, high = errors[tick], errors[min(tick + 1, self._ticks - 1)]
+            return np.asarray(low[:, None] + (high - low)[:, None] * (times_s - tick))
+        before = times_s.astype(np.int64)
+        low, high = errors[before].T, errors[np.minimum(before + 1, self._ticks - 1)].T
+        return np.asarray(low + (high - low) * (times_s - before))
+
+    def _turned(
+        self, edges_s: NDArray[np.float64], middle_s: NDArray[np.float64], period_s: float
+    ) -> NDArray[np.float64]:
+        """Return the true angle each axis turned through in each interval, rad, float64 (axes, n).
+
+        A table at rest gives one pair of equal angles, good for every interval.
+        """
+        angles = self._table.total_angles_deg(edges_s)
+        turned = np.empty((len(self.axes), len(middle_s)))
+        for since_s, mount, matrix in self._mounts:
+            first = 0 if since_s <= middle_s[0] else int(np.searchsorted(middle_s, since_s))
+            if first == len(middle_s):
+                break
+            scale_deg = angles if len(angles) == 2 else angles[first:]
+            turned[:, first:] = turned_rad(
+                matrix, scale_deg + mount.azimuth_error_deg, self._latitude_deg, period_s
+            )
+        return turned
+
+    def _rate_errors_ppm(self, turned_rad: NDArray[np.float64], period_s: float) -> NDArray[np.float64]:
+        errors = np.zeros_like(turned_rad)
+        for axis, model in enumerate(self.model.axis_models):
+            if model.rate_effects:
+                rate_dps = turned_rad[axis] * math.degrees(1.0 / period_s)
+                for effect in model.rate_effects:
+                    errors[axis] += effect.value(rate_dps)
+        return errors
+
+    def _keep(self, outputs: list[float]) -> None:
+        """Record one tick from the network's outputs."""
+        tick = self._ticks
+        if tick == len(self._record):
+            self._record = np.concatenate((self._record, np.empty_like(self._record)))
+        if tick % BLOCK == 0:
+            normals = self._sensor_source.generator(tick // BLOCK).standard_normal((BLOCK, 2))
+            self._sensor_noise = (normals * self.model.sensor_noise_c).tolist()
+        state = self.model.state(*outputs)
+        row = [sum([term(state) for term in terms], constant) for terms, constant in self._bias]
+        row += [process.value(tick) for process in self._flicker]
+        row += [sum([term(state) for term in terms], constant) for terms, constant in self._scale]
+        lsb, noise = self.model.sensor_lsb_c, self._sensor_noise[tick % BLOCK]
+        row += [round((outputs[at] + noise[k]) / lsb) * lsb for k, at in enumerate(self._reading_at)]
+        row += [outputs[at] for at in self._truth_at]
+        self._record[tick] = row
+        self._ticks = tick + 1
+
+
+def _columns(model: UnitModel) -> tuple[str, ...]:
+    """Return the names of the record's columns; those of an axis end in _x, _y, _z if there are several."""
+    ends = [""] if len(model.axes) == 1 else [f"_{axis}" for axis in model.axes]
+    errors = ("bias_dph", "flicker_dph", "sf_error_ppm")
+    return (*(name + end for name in errors for end in ends), *_READINGS, *model.truth)
+
+
+def _terms(model: UnitModel, source: NoiseSource) -> tuple[list[_Channel], list[_Channel]]:
+    """Return what to sum for each axis's bias and scale factor: functions of state, and this power-on's part."""
+    drawn = source.generator(0).standard_normal((len(model.axis_models), 2)).tolist()
+    bias: list[_Channel] = []
+    scale: list[_Channel] = []
+    for axis, (on_bias, on_scale) in zip(model.axis_models, drawn, strict=True):
+        by_channel = {
+            channel: tuple(effect.value for effect in axis.effects if effect.channel == channel)
+            for channel in ("bias_dph", "sf_error_ppm")
+        }
+        bias.append((by_channel["bias_dph"], on_bias * axis.turn_on_bias_dph))
+        scale.append((by_channel["sf_error_ppm"], on_scale * axis.turn_on_sf_ppm))
+    return bias, scale

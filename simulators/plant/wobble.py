@@ -1,0 +1,224 @@
+"""Bearing wobble of a table or of an INS's own mechanism, as motion of a rigid body: rotation matrices, no
+formula.
+
+A bearing with errors tips what it carries by a small angle that depends on the table angle psi (synchronous
+error, its harmonics), on a ball cage's slower turn (non-synchronous), and on the sense of rotation (play).
+The tilt is kept in the axes of the bearing's body b as lines: tilt = sum a_m exp(j m psi), real part about
+x_b, imaginary part about y_b; m need not be whole. The carried frame s' is then C_b^s' = C_b^s(psi)
+exp(-[tilt x]).
+
+The unit that turns in the wobbling bearing is `WhirlingUnit`; `Encoder` is what the table says of its angle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigurationError
+from simulators.plant.earth import horizontal_rate_dph, vertical_rate_dph
+from simulators.plant.effect import UnitModel
+from simulators.plant.mounting import Mount, Mounting
+from simulators.plant.noise import NoiseSource
+from simulators.plant.table import TableAxis, TableParameters
+from simulators.plant.unit import GyroUnit
+
+Array = NDArray[np.float64]
+_ARCSEC = math.radians(1.0 / 3600.0)
+_DPH_TO_RAD_PER_S = math.radians(1.0 / 3600.0)
+_TICKS_PER_S = 1000
+_TABLE = 4096
+
+
+@dataclass(frozen=True)
+class Wobble:
+    """A bearing's wobble. `lines_arcsec`: line m (turns of the tilt a turn of the table) -> a_m.
+
+    `play_arcsec` is the tilt that is added once the table has turned back by `play_travel_deg` after turning
+    in the positive sense, in proportion before that. `misalignment_arcsec` are the small angles of the
+    sensors' x and y axes towards z, which let them see the table's own rate.
+    """
+
+    lines_arcsec: Mapping[float, complex] = field(default_factory=dict)
+    play_arcsec: complex = 0.0
+    play_travel_deg: float = 0.5
+    misalignment_arcsec: tuple[float, float] = (0.0, 0.0)
+
+    def tilt_rad(self, angle_rad: Array, slack: Array) -> NDArray[np.complex128]:
+        """Return the tilt in body axes, complex (n,), at table angles and `slack` in 0 .. 1 (see `play`)."""
+        tilt = self.play_arcsec * slack.astype(np.complex128)
+        for line, amplitude in self.lines_arcsec.items():
+            tilt += amplitude * np.exp(1j * line * angle_rad)
+        return np.asarray(tilt * _ARCSEC)
+
+
+PATENT_CLASS = {-1.0: 5.0 - 3.0j, 2.0: -9.0 + 8.0j, 3.0: 4.0 + 4.4j}
+"""Lines that a second-order Fourier series in rotating axes can hold, 10.4 arcsec rms an axis."""
+CONSTANT_TILT = {1.0: 3.0 + 2.0j}
+BACKWARD_LINE = {-2.0: 0.9 - 0.6j}
+CAGE_LINE = {0.4287: 1.2 + 0.9j}
+
+
+def nominal_wobble(unit_seed: int) -> Wobble:
+    """Return the bearing of a unit; seed 0 is the nominal one, others turn its phases and vary its amplitudes."""
+    lines = {**PATENT_CLASS, **CONSTANT_TILT, **BACKWARD_LINE}
+    if unit_seed == 0:
+        return Wobble(lines)
+    rng = np.random.default_rng((unit_seed, 71))
+    return Wobble(
+        {
+            line: complex(value * rng.uniform(0.8, 1.2) * np.exp(2j * math.pi * rng.random()))
+            for line, value in lines.items()
+        }
+    )
+
+
+def play(angle_rad: Array, travel_rad: float, start: float) -> Array:
+    """Return how far the slack is taken up, 0 .. 1, float64 (n,), at successive angles, `start` at the first.
+
+    0 while turning in the positive sense, 1 after turning back by `travel_rad` (the play operator of
+    hysteresis). Between turning points the answer is the clipped distance, so that only turning points are
+    stepped through.
+    """
+    slack = np.empty(len(angle_rad))
+    step = np.diff(angle_rad)
+    turning = np.flatnonzero(np.diff(np.sign(step))) + 1
+    value = start
+    for first, last in zip(
+        np.concatenate(([0], turning)), np.append(turning, len(angle_rad) - 1), strict=True
+    ):
+        part = value - (angle_rad[first : last + 1] - angle_rad[first]) / travel_rad
+        slack[first : last + 1] = np.clip(part, 0.0, 1.0)
+        value = float(slack[last])
+    return slack
+
+
+def body_to_carried(angle_rad: Array, tilt_rad: NDArray[np.complex128]) -> Array:
+    """Return C_b^s' as float64 (n, 3, 3): the turn about z after the tilt, both exact rotations."""
+    return np.asarray(
+        _about_z(angle_rad) @ _rotations(-tilt_rad.real, -tilt_rad.imag, np.zeros(len(tilt_rad)))
+    )
+
+
+def turned_rad(attitude: Array, earth_rad_per_s: Array, period_s: float) -> Array:
+    """Return the rotation vector of s' in inertial space over each interval, rad, float64 (3, n).
+
+    `attitude`: C_b^s' at n + 1 edges; `earth_rad_per_s`: the body's own inertial rate in body axes, (3,).
+    """
+    x, y, z = (np.array([value * period_s]) for value in earth_rad_per_s)
+    change = attitude[1:] @ _rotations(-x, -y, -z) @ attitude[:-1].transpose(0, 2, 1)
+    twice = np.stack(
+        [
+            change[:, 1, 2] - change[:, 2, 1],
+            change[:, 2, 0] - change[:, 0, 2],
+            change[:, 0, 1] - change[:, 1, 0],
+        ]
+    )
+    sine = np.minimum(0.5 * np.sqrt((twice**2).sum(axis=0)), 1.0)
+    stretch = np.arcsin(sine) / np.where(sine > 0.0, sine, 1.0)
+    return np.asarray(0.5 * twice * np.where(sine > 0.0, stretch, 1.0))
+
+
+class WhirlingUnit(GyroUnit):
+    """A three-axis unit on the table axis, z up, in a bearing that wobbles (see
+    `simulators.interfaces.GyroPlant`).
+
+    Body axes b are those of the table at angle zero: x at the mount's azimuth error from north on the table's
+    scale, y 90 deg counter-clockwise, z up, then tilted by the mount.
+    """
+
+    def __init__(
+        self,
+        model: UnitModel,
+        mount: Mount,
+        table: TableAxis,
+        latitude_deg: float,
+        source: NoiseSource,
+        wobble: Wobble,
+    ) -> None:
+        super().__init__(model, mount, table, latitude_deg, source)
+        self._wobble = wobble
+        self._axis = table
+        self._earth = _earth_in_body(mount, latitude_deg)
+        self._slack = 0.0
+
+    def mount(self, now_s: float, mounting: Mounting) -> None:
+        """Refuse, as an INS on its mechanism is not turned on a bracket, any mounting but z up."""
+        if mounting != "axis_horizontal":
+            raise ConfigurationError(
+                "a unit in a wobbling bearing stays z up", found=mounting, expected="axis_horizontal"
+            )
+        super().mount(now_s, mounting)
+
+    def _turned(self, edges_s: Array, middle_s: Array, period_s: float) -> Array:
+        """Return the true angle each axis turned through in each interval, rad, float64 (3, n)."""
+        angles = np.radians(self._axis.total_angles_deg(edges_s))
+        if len(angles) != len(edges_s):  # a table at rest answers with two equal angles
+            angles = np.full(len(edges_s), angles[0])
+        slack = play(angles, math.radians(self._wobble.play_travel_deg), self._slack)
+        self._slack = float(slack[-1])
+        attitude = body_to_carried(angles, self._wobble.tilt_rad(angles, slack))
+        turned = turned_rad(attitude, self._earth, period_s)
+        for axis, angle_arcsec in enumerate(self._wobble.misalignment_arcsec):
+            turned[axis] += angle_arcsec * _ARCSEC * turned[2]
+        return turned
+
+
+@dataclass(frozen=True)
+class EncoderParameters:
+    """Errors of an encoder beside its eccentricity (`TableParameters`): noise and a ripple of `lines` a turn."""
+
+    noise_arcsec: float = 0.0
+    ripple_arcsec: float = 0.0
+    ripple_lines: int = 36
+
+
+class EncodedTable(TableAxis):
+    """A table axis whose encoder has noise and a ripple; the noise depends on seed and time only."""
+
+    def __init__(self, parameters: TableParameters, encoder: EncoderParameters, source: NoiseSource) -> None:
+        super().__init__(parameters)
+        self._encoder = encoder
+        self._noise: list[float] = source.generator(0).standard_normal(_TABLE).tolist()
+
+    def angle_deg(self, now_s: float) -> float:
+        """Return the encoder's angle in [0, 360)."""
+        encoder = self._encoder
+        # readings come at any time, one by one: a table addressed by a hash of the time (Knuth's multiplier)
+        address = (round(now_s * _TICKS_PER_S) * 2654435761 & 0xFFFFFFFF) * _TABLE >> 32
+        error = encoder.noise_arcsec * self._noise[address]
+        error += encoder.ripple_arcsec * math.sin(
+            encoder.ripple_lines * math.radians(self.total_angle_deg(now_s))
+        )
+        return (super().angle_deg(now_s) + error / 3600.0) % 360.0
+
+
+def _earth_in_body(mount: Mount, latitude_deg: float) -> Array:
+    """Return Earth rate in body axes, rad/s, float64 (3,)."""
+    azimuth = math.radians(mount.azimuth_error_deg)
+    north, up = horizontal_rate_dph(latitude_deg), vertical_rate_dph(latitude_deg)
+    level = np.array([north * math.cos(azimuth), -north * math.sin(azimuth), up])
+    return np.asarray(mount.axes_in_table(3) @ level * _DPH_TO_RAD_PER_S)
+
+
+def _about_z(angle_rad: Array) -> Array:
+    """Return the coordinate change to axes turned by an angle about z, float64 (n, 3, 3)."""
+    sin, cos = np.sin(angle_rad), np.cos(angle_rad)
+    zero, one = np.zeros_like(sin), np.ones_like(sin)
+    return np.moveaxis(np.array([[cos, sin, zero], [-sin, cos, zero], [zero, zero, one]]), -1, 0)
+
+
+def _rotations(x: Array, y: Array, z: Array) -> Array:
+    """Return exp([v x]) for vectors with components x, y, z, float64 (n, 3, 3) (Rodrigues)."""
+    size = np.sqrt(x * x + y * y + z * z)
+    small = size < 1e-12
+    safe = np.where(small, 1.0, size)
+    first = np.where(small, 1.0, np.sin(safe) / safe)
+    second = np.where(small, 0.5, 2.0 * (np.sin(0.5 * safe) / safe) ** 2)
+    zero = np.zeros_like(x)
+    cross = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), -1, 0)
+    return np.asarray(np.eye(3) + first[:, None, None] * cross + second[:, None, None] * (cross @ cross))

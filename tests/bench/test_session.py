@@ -1,0 +1,192 @@
+"""The session: waiting with telemetry, limits watched, questions, alarms, and the way to a safe state."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bench.questions import AssumeYes
+from bench.session import Bench
+from drivers.clock import Interrupt
+from drivers.errors import DeviceSilent, LimitExceeded, RunAborted
+from drivers.instruments import ChamberState, TableState
+
+
+class Clock:
+    """Time passes by sleeping only, in whole ns; an interrupt at `stop_at_s`."""
+
+    def __init__(self, stop_at_s=1e9):
+        self.ns, self.stop_at_s, self.interrupt = 0, stop_at_s, Interrupt()
+
+    def now(self):
+        return self.ns / 1e9
+
+    def sleep(self, duration_s):
+        if self.now() >= self.stop_at_s:
+            self.interrupt.request("stopped by Ctrl-C")
+        self.interrupt.check()
+        self.ns += max(0, round(duration_s * 1e9))
+
+    idle = sleep
+
+
+class Device:
+    """Either instrument: answers `state`, keeps what it was told."""
+
+    def __init__(self, clock, log, name, state):
+        self.clock, self.log, self.name, self.state = clock, log, name, state
+        self.faults, self.silent = [], False
+
+    def request_state(self):
+        self.log.append(f"{self.name} asked")
+
+    def read_state(self):
+        self.log.append(f"{self.name} read")
+        self.clock.ns += 20_000_000
+        return self.state
+
+    def alarms(self):
+        return self.faults
+
+    def halt(self):
+        self.log.append(f"{self.name} halt")
+        if self.silent:
+            raise DeviceSilent(f"{self.name} is silent")
+
+    def make_safe(self):
+        self.log.append(f"{self.name} safe")
+        if self.silent:
+            raise DeviceSilent(f"{self.name} is silent")
+
+
+class Record:
+    def __init__(self):
+        self.rows, self.kept = [], []
+
+    def event(self, time_s, kind, **fields):
+        self.rows.append((round(time_s, 6), kind, fields))
+
+    def keep(self, now_s):
+        self.kept.append(now_s)
+
+    def of(self, kind):
+        return [fields for _, found, fields in self.rows if found == kind]
+
+
+LIMITS = SimpleNamespace(max_rate_dps=20.0, min_temp_c=-60.0, max_temp_c=85.0, max_ramp_k_per_min=25.0)
+
+
+@pytest.fixture
+def made():
+    clock, log, record = Clock(), [], Record()
+    bench = Bench(SimpleNamespace(limits=LIMITS), clock, record, AssumeYes())
+    table = Device(clock, log, "table", TableState(10.0, 0.0))
+    chamber = Device(clock, log, "chamber", ChamberState(25.0, 25.0, {1: 24.5}))
+    bench.install(table, chamber, (1,))
+    yield SimpleNamespace(bench=bench, clock=clock, log=log, record=record, table=table, chamber=chamber)
+    clock.interrupt.close()
+
+
+def test_telemetry_is_polled_every_second_while_waiting(made):
+    made.bench.wait(10.0)
+    assert made.clock.now() == pytest.approx(10.0, abs=0.041)
+    rows = made.bench.chamber.history.since(0.0)
+    assert np.floor(rows["time_s"]).tolist() == list(range(11))
+    assert np.all(rows["time_s"] % 1.0 < 0.041)
+    assert rows["aux_1_temp_c"].tolist() == [24.5] * 11
+    assert len(made.record.kept) == 11
+    # Both are asked before either answer is awaited.
+    assert [line.split()[1] for line in made.log[:4]] == ["asked", "asked", "read", "read"]
+
+
+def test_wait_until_sees_every_poll_and_says_whether_it_came(made):
+    seen = []
+
+    def condition():
+        seen.append(made.clock.now())
+        return len(seen) == 5
+
+    assert made.bench.wait_until(condition, timeout_s=100.0, what="") is True
+    assert made.clock.now() < 6.0
+    assert made.bench.wait_until(lambda: False, timeout_s=5.0, what="") is False
+
+
+@pytest.mark.parametrize(
+    ("table", "air_c", "words"),
+    [
+        (TableState(0.0, 21.5), 25.0, "turns faster"),
+        (TableState(0.0, -21.5), 25.0, "turns faster"),
+        (TableState(0.0, 0.0), -70.5, "outside the allowed range"),
+        (TableState(0.0, 0.0), 95.5, "outside the allowed range"),
+    ],
+)
+def test_telemetry_beyond_the_limits_ends_the_wait(made, table, air_c, words):
+    made.table.state, made.chamber.state = table, ChamberState(air_c, 25.0, {1: 25.0})
+    with pytest.raises(LimitExceeded, match=words):
+        made.bench.wait(5.0)
+
+
+def test_alarms_are_asked_once_a_minute_recorded_and_end_the_run(made):
+    made.bench.wait(59.0)
+    made.chamber.faults = ["alarm: door open", "alarm: fan"]
+    with pytest.raises(RunAborted, match="the chamber reports a fault") as fault:
+        made.bench.wait(60.0)
+    assert fault.value.found == "alarm: door open; alarm: fan"
+    assert made.clock.now() < 62.0
+    assert made.record.of("alarm") == [
+        {"device": "chamber", "text": "alarm: door open"},
+        {"device": "chamber", "text": "alarm: fan"},
+    ]
+
+
+def test_an_interrupt_ends_a_wait_and_does_not_stop_the_making_safe(made):
+    made.clock.stop_at_s = 3.0
+    with pytest.raises(RunAborted, match="Ctrl-C"):
+        made.bench.wait(100.0)
+    assert made.clock.now() < 4.1
+    made.log.clear()
+    assert made.bench.make_safe("stopped by Ctrl-C") is True
+    assert made.log == ["table halt", "chamber halt", "table safe", "chamber safe"]
+    made.clock.interrupt.check()
+    assert made.record.rows[-1][2] == {"text": "made safe: stopped by Ctrl-C"}
+
+
+@pytest.mark.parametrize("silent", ["table", "chamber"])
+def test_a_device_that_does_not_answer_does_not_keep_the_other_from_being_told(made, silent):
+    getattr(made, silent).silent = True
+    assert made.bench.make_safe("a test") is False
+    assert made.log == ["table halt", "chamber halt", "table safe", "chamber safe"]
+    assert made.record.of("alarm") == [
+        {"device": "bench", "text": f"not confirmed safe: {silent} is silent."}
+    ]
+
+
+def test_a_question_is_recorded_with_its_answer_and_act_and_no_ends_the_run(made):
+    assert made.bench.ask("Mounted?", act="mount", mounting="axis_up") == "yes"
+    assert made.record.of("prompt") == [{"question": "Mounted?"}]
+    assert made.record.of("answer") == [
+        {
+            "question": "Mounted?",
+            "answer": "yes",
+            "by": "answered beforehand",
+            "act": "mount",
+            "mounting": "axis_up",
+        }
+    ]
+    answers = iter([None, None, None, " No "])
+    made.bench.operator = SimpleNamespace(name="n", ask=lambda question: lambda: next(answers))
+    before = made.clock.now()
+    with pytest.raises(RunAborted, match="answered ' No '"):
+        made.bench.ask("Ready?")
+    assert made.clock.now() > before  # telemetry went on while nobody had answered
+
+
+def test_measurements_are_judged_against_their_limits(made):
+    assert made.bench.measure("a", 1.0, "K", low=1.0, high=2.0) is True
+    assert made.bench.measure("b", 2.1, "K", high=2.0) is False
+    assert made.bench.measure("c", 0.9, "K", low=1.0) is False
+    assert made.bench.measure("d", float("nan"), "K", low=1.0) is False
+    assert [row["passed"] for row in made.bench.measurements] == [True, False, False, False]
+    made.bench.invalidate("too slow")
+    assert made.bench.invalid_reasons == ["too slow"]
+    assert made.record.of("alarm")[-1]["text"] == "run invalid: too slow"

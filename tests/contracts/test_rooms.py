@@ -1,0 +1,97 @@
+"""The house rules of docs/architecture.md, read from the source: who reads the clock, who imports whom."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("bench", "drivers", "procedures", "simulators")
+CLOCK = Path("drivers/clock.py")
+FORBIDDEN = {
+    "drivers": {"bench", "procedures", "simulators"},
+    "simulators": {"bench", "procedures"},
+    "bench": {"simulators", "procedures"},
+    "procedures": {"drivers", "simulators"},
+}
+COMPARES_WITH_EMULATION = {Path("bench/gap"): ("simulators.effects", "simulators.exam")}
+"""The gap diagnosis holds a bench against its emulation: it alone reads the catalogue of effects."""
+SOURCES = sorted(path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+
+
+def imports(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "relative import"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def clock_uses(tree: ast.AST) -> Iterator[str]:
+    """Yield what reads or waits on the host's clock, however it was imported."""
+    for name in imports(tree):
+        if name == "time" or name.startswith("time.") or name in ("asyncio.sleep", "signal.setitimer"):
+            yield f"imports {name}"
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and node.attr in ("now", "utcnow", "today"):
+            owner = ast.unparse(node.value)
+            if owner.split(".")[-1] in ("datetime", "date"):
+                yield f"{owner}.{node.attr}"
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("signal.alarm", "signal.sigtimedwait"):
+            yield ast.unparse(node.func)
+
+
+def parse(path: Path) -> ast.Module:
+    return ast.parse((ROOT / path).read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_rooms_import_only_what_they_may(room: str) -> None:
+    wrong = [
+        f"{path}: {name}"
+        for path in SOURCES
+        if path.parts[0] == room
+        for name in imports(parse(path))
+        if name.split(".")[0] in FORBIDDEN[room]
+        and not name.startswith(COMPARES_WITH_EMULATION.get(path.parent, ("no module",)))
+    ]
+    assert wrong == []
+
+
+def test_only_the_clock_module_reads_or_waits_on_the_hosts_clock() -> None:
+    wrong = [f"{path}: {use}" for path in SOURCES if path != CLOCK for use in clock_uses(parse(path))]
+    assert wrong == []
+    assert list(clock_uses(parse(CLOCK)))  # the check sees the one place that does
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import time",
+        "from time import sleep",
+        "import time as t",
+        "import datetime\ndatetime.datetime.now()",
+        "from datetime import datetime as d, date\ndate.today()",
+        "from asyncio import sleep",
+    ],
+)
+def test_the_clock_check_finds(code: str) -> None:
+    assert list(clock_uses(ast.parse(code)))
+
+
+def test_simulators_use_only_codecs_clock_and_errors_of_the_drivers() -> None:
+    """No driver class that talks to a link, no serial port: only what driver and emulator share."""
+    wrong = [
+        f"{path}: {name}"
+        for path in SOURCES
+        if path.parts[0] == "simulators"
+        for name in imports(parse(path))
+        if name.split(".")[0] in ("serial", "can") or name.startswith("drivers.link")
+    ]
+    assert wrong == []
+
+
+def test_every_source_file_says_what_it_is() -> None:
+    assert [str(path) for path in SOURCES if ast.get_docstring(parse(path)) is None] == []

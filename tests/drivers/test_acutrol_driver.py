@@ -1,0 +1,326 @@
+"""The table driver against scripted bytes and against the emulator, both in memory."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from drivers.acutrol import AcutrolTable, decode_transcript
+from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.instruments import TableLimits, TableState
+from simulators.emulators.acutrol import AcutrolEmulator
+
+
+class Clock:
+    def __init__(self):
+        self.time_s = 0.0
+
+    def now(self):
+        return self.time_s
+
+    def sleep(self, duration_s):
+        self.time_s += duration_s
+
+
+class Wire:
+    """What the driver needs of a Link; `answer(data, now_s)` is the device, a list of (time in s, bytes)."""
+
+    def __init__(self, answer):
+        self.answer = answer
+        self.clock = Clock()
+        self.name, self.url = "table", "memory"
+        self.sent, self.exchanges = b"", []
+        self.pending, self.buffer = [], b""
+
+    def write(self, data):
+        self.sent += data
+        self.exchanges.append((round(self.clock.now() * 1e9), "sent", data))
+        self.pending += self.answer(data, self.clock.now())
+
+    def _arrive(self, until_s):
+        while self.pending and self.pending[0][0] <= until_s:
+            at_s, data = self.pending.pop(0)
+            self.buffer += data
+            self.exchanges.append((round(at_s * 1e9), "received", data))
+
+    def discard(self):
+        self._arrive(self.clock.now())
+        stale, self.buffer = self.buffer, b""
+        return stale
+
+    def _await(self, complete, deadline_s):
+        self._arrive(self.clock.now())
+        while not complete():
+            if not self.pending or self.pending[0][0] > deadline_s:
+                self.clock.time_s = max(self.clock.time_s, deadline_s)
+                raise DeviceSilent("silent", found=repr(self.buffer))
+            self.clock.time_s = max(self.clock.time_s, self.pending[0][0])
+            self._arrive(self.clock.now())
+
+    def read_exactly(self, count, timeout_s):
+        self._await(lambda: len(self.buffer) >= count, self.clock.now() + timeout_s)
+        data, self.buffer = self.buffer[:count], self.buffer[count:]
+        return data
+
+
+class Plant:
+    """A table that goes where it is told at once."""
+
+    max_rate_dps = 1000.0
+    max_acceleration_dps2 = 4200.0
+
+    def __init__(self):
+        self.on = False
+        self.angle = self.rate = 0.0
+        self.profile_complete = True
+
+    def servo(self, now_s, on):
+        self.on = on
+        self.rate = 0.0
+
+    def demand_rate(self, now_s, rate_dps):
+        assert self.on
+        self.rate = rate_dps
+
+    def demand_angle(self, now_s, angle_deg, rate_limit_dps):
+        assert self.on
+        self.rate_limit = rate_limit_dps
+        self.angle = angle_deg % 360.0
+
+    def angle_deg(self, now_s):
+        return self.angle
+
+    def rate_dps(self, now_s):
+        return self.rate
+
+    def settled(self, now_s):
+        return self.profile_complete
+
+
+def frame(text, error=0, order="<"):
+    return struct.pack(order + "II", error, len(text)) + text.encode()
+
+
+def scripted(*replies, delay_s=0.01):
+    """Return a table that answers the n-th write with the n-th entry, whatever was asked."""
+    queue = list(replies)
+    wire = Wire(lambda data, now_s: [(now_s + delay_s, queue.pop(0))] if queue else [])
+    return AcutrolTable(wire), wire
+
+
+@pytest.fixture
+def bench():
+    plant = Plant()
+    emulator = AcutrolEmulator(plant)
+    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in emulator.receive(data, now_s)])
+    return AcutrolTable(wire), wire, plant, emulator
+
+
+def test_identify_the_manuals_example():
+    table, wire = scripted(frame("Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a\r\n"))
+    identity = table.identify()
+    assert wire.sent == b"*IDN?\r\n"
+    assert (identity.maker, identity.model, identity.serial_number, identity.firmware) == (
+        "Acutronic R&D USA",
+        "Acutrol3000",
+        "0",
+        "A8800-001-01.000-a",
+    )
+
+
+@pytest.mark.parametrize(
+    "answer", [b"'*IDN?' is an unknown command.\r", b"?\r\n", frame("A,B"), frame("A,B,C,D")]
+)
+def test_another_device_is_named_with_what_was_seen(answer):
+    table, _ = scripted(answer)
+    with pytest.raises(WrongDevice) as caught:
+        table.identify()
+    assert caught.value.found.strip()
+
+
+def test_nothing_on_the_port_is_silence():
+    with pytest.raises(DeviceSilent):
+        scripted()[0].identify()
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_state_is_one_joined_query(order):
+    table, wire = scripted(frame("135.223;-0.0041781\r\n", order=order))
+    assert table.state() == TableState(135.223, -0.0041781)
+    assert wire.sent == b":read:pos? 1;rate? 1\r\n"
+
+
+def test_refusal_carries_the_devices_text_and_its_error_queue():
+    table, wire = scripted(frame("", 215), frame("215: XML Path Not Found"))
+    with pytest.raises(DeviceRefused) as caught:
+        table.servo_off()
+    assert wire.sent == b":interlock:open 1\r\n:Status:MSG? QERROR\r\n"
+    assert "XML Path Not Found" in str(caught.value) and "215" in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "1.0", "1.0;2.0;3.0", "OK"])
+def test_state_that_is_no_state(text):
+    with pytest.raises(ProtocolError, match="2 numbers"):
+        scripted(frame(text))[0].state()
+
+
+def test_a_late_reply_is_dropped_before_the_next_question():
+    table, wire = scripted(frame("1.0;2.0"), frame("3.0;4.0"), delay_s=3.0)
+    with pytest.raises(DeviceSilent):
+        table.state()
+    wire.clock.sleep(5.0)
+    with pytest.raises(DeviceSilent):
+        table.state()
+    wire.clock.sleep(5.0)
+    wire.answer = lambda data, now_s: [(now_s, frame("5.0;6.0"))]
+    assert table.state() == TableState(5.0, 6.0)
+
+
+def test_make_safe_passes_over_older_replies():
+    table, wire = scripted()
+    wire.pending = [(0.01, frame("12.0;0.5")), (0.02, frame("Undefined Header", 101)), (0.03, frame("OK"))]
+    table.make_safe()
+    assert wire.sent == b"\r:mode:off 1\r\n"
+
+
+def test_halt_sends_off_mode_at_once_and_make_safe_does_not_repeat_it():
+    table, wire = scripted()
+    table.halt()
+    assert wire.sent == b"\r:mode:off 1\r\n" and wire.clock.now() == 0.0
+    wire.pending = [(0.01, frame("Undefined Header", 101)), (0.02, frame("OK"))]
+    table.make_safe()
+    table.halt()
+    assert wire.sent == 2 * b"\r:mode:off 1\r\n"
+
+
+def test_make_safe_opens_the_interlock_if_off_mode_is_not_confirmed():
+    table, wire = scripted(b"", frame("no", 7), frame("OK"))
+    table.make_safe()
+    assert wire.sent == b"\r:mode:off 1\r\n:interlock:open 1\r\n"
+    with pytest.raises(DeviceSilent):
+        scripted()[0].make_safe()
+
+
+def test_turns_are_limited_by_the_controller_itself(bench):
+    table, wire, plant, _ = bench
+    table.limit_turns(20.0)
+    assert wire.sent == b":limit:rate position,1,20.000000\r\n"
+    assert table.limits().max_rate_dps == 1000.0
+    table.servo_on()
+    table.point(-90.0)
+    assert plant.rate_limit == 20.0
+
+
+def test_servo_point_spin_on_the_emulated_table(bench):
+    table, _, plant, _ = bench
+    table.servo_on()
+    assert plant.on
+    table.spin(-123.456)
+    assert table.state() == TableState(0.0, -123.456)
+    table.point(370.25)
+    assert table.state().angle_deg == 10.25
+    assert table.alarms() == []
+    table.servo_off()
+    assert not plant.on and table.alarms() == []
+
+
+def test_closing_the_interlock_never_runs_an_old_demand(bench):
+    table, _, plant, _ = bench
+    table.servo_on()
+    table.spin(100.0)
+    table.servo_off()
+    table.servo_on()
+    assert plant.rate == 0.0
+
+
+def test_limits_of_the_emulated_table(bench):
+    assert bench[0].limits() == TableLimits(1000.0, 4200.0, None, None)
+    emulator = AcutrolEmulator(Plant(), min_angle_deg=-90.0, max_angle_deg=95.5)
+    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in emulator.receive(data, now_s)])
+    assert AcutrolTable(wire).limits() == TableLimits(1000.0, 4200.0, -90.0, 95.5)
+
+
+def test_a_demand_beyond_the_limit_is_refused(bench):
+    table, _, plant, _ = bench
+    table.servo_on()
+    with pytest.raises(DeviceRefused, match="Parameter Out Of Range"):
+        table.spin(1000.1)
+    assert plant.rate == 0.0
+    with pytest.raises(DeviceRefused):
+        table.spin(float("nan"))
+
+
+def test_settled_follows_the_profile_bit_of_the_mode(bench):
+    table, _, plant, _ = bench
+    table.servo_on()
+    for demand in (table.spin, table.point):
+        plant.profile_complete = False
+        demand(5.0)
+        assert not table.settled()
+        plant.profile_complete = True
+        assert table.settled()
+
+
+def test_trip_is_told_in_words_and_cleared_by_servo_on(bench):
+    table, _, plant, emulator = bench
+    table.servo_on()
+    table.spin(50.0)
+    emulator.trip("rate trip", 10.0)
+    assert not plant.on
+    assert table.alarms() == ["interlock fault", "software abort", "rate trip"]
+    table.servo_on()
+    assert table.alarms() == []
+    emulator.trip("master interlock", 20.0)
+    assert table.alarms() == ["interlock fault", "hardware abort", "master interlock"]
+
+
+def test_interlock_opened_by_someone_else_is_an_alarm(bench):
+    table, wire, _, emulator = bench
+    table.servo_on()
+    emulator.receive(b":interlock:open 1\r", wire.clock.now())
+    assert "opened by someone else" in table.alarms()[0]
+
+
+def test_an_interlock_that_does_not_close_is_refused():
+    def answer(data, now_s):
+        return [
+            (now_s, frame("Open" if data.startswith(b":interlock?") else "OK" if b"csr" not in data else "0"))
+        ]
+
+    with pytest.raises(DeviceRefused, match="does not close"):
+        AcutrolTable(Wire(answer)).servo_on()
+
+
+def test_make_safe_after_a_command_cut_in_half(bench):
+    table, wire, plant, _ = bench
+    table.servo_on()
+    table.spin(300.0)
+    wire.write(b":demand:rate 1,40")
+    table.make_safe()
+    assert plant.on and plant.rate == 0.0
+
+
+def test_an_unread_state_does_not_shift_later_answers(bench):
+    table, _, plant, _ = bench
+    table.servo_on()
+    plant.angle = 33.0
+    table.request_state()
+    assert table.limits().max_rate_dps == 1000.0
+    table.request_state()
+    plant.angle = 44.0
+    assert table.read_state().angle_deg == 33.0
+
+
+def test_recorded_bytes_give_the_polled_states_again(bench):
+    table, wire, _, _ = bench
+    table.identify()
+    table.servo_on()
+    expected = []
+    for rate in np.linspace(-400.0, 400.0, 9):
+        table.spin(float(rate))
+        expected.append(table.state().rate_dps)
+        wire.clock.sleep(0.1)
+    columns, counts = decode_transcript(wire.exchanges)
+    assert columns["rate_dps"].tolist() == expected
+    assert counts == {"polls": 9, "damaged": 0}
+    assert np.all(np.diff(columns["time_ns"]) > 100_000_000)

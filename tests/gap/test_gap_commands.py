@@ -1,0 +1,65 @@
+"""The commands on recordings written here: what they print and the model file that they write."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.cli._gap import gap_close_command, gap_diagnose_command
+from bench.gap import Model, model_text, read_model
+from tests.gap.conftest import stimulus
+
+HEAD = """
+format = 1
+unit_id = "G7"
+latitude_deg = 39.1
+[columns]
+time = { name = "t", unit = "s" }
+output = { name = "rate", unit = "deg/h" }
+t_in = { name = "t_in", unit = "degC" }
+t_out = { name = "t_out", unit = "degC" }
+"""
+
+
+def _recordings(folder: Path, cubic_dph: float) -> Path:
+    """Three runs of 4000 s, axis up at 39.1 deg: Earth rate, white noise, bias with the cube of temperature."""
+    rng = np.random.default_rng(8)
+    text = HEAD
+    for name in ("a", "b", "c"):
+        s = stimulus(4000)
+        rate = 9.4860 + cubic_dph * ((s.t_in_c - 25.0) / 50.0) ** 3 + rng.normal(0.0, 0.24, 4000)
+        rows = np.stack((np.arange(1.0, 4001.0), rate, s.t_in_c, s.t_out_c))
+        lines = ["t,rate,t_in,t_out", *(",".join(f"{value:.5f}" for value in row) for row in rows.T)]
+        (folder / f"{name}.csv").write_text("\n".join(lines), encoding="utf-8")
+        text += f'[[run]]\nfile = "{name}.csv"\nprofile = "shock"\nelevation_deg = 90.0\n'
+    (folder / "runs.toml").write_text(text, encoding="utf-8")
+    return folder / "runs.toml"
+
+
+def test_diagnose_prints_facts_and_close_writes_the_model(
+    tmp_path: Path, nominal: Model, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs, model = _recordings(tmp_path, 0.5), tmp_path / "nominal.toml"
+    model.write_text(model_text(nominal), encoding="utf-8")
+    gap_diagnose_command([runs], model, [], None, True)
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["verdict"] == "explained"
+    assert [cause["name"] for cause in facts["causes"]] == ["bias_cubic"]
+    gap_close_command([runs], model, None, None)
+    closed = read_model(tmp_path / "nominal+bias_cubic.toml")
+    (term,) = [term for term in closed.terms if term.name == "bias_cubic"]
+    assert term.values[0] == pytest.approx(0.5, abs=max(4.0 * term.sigmas[0], 0.03))
+    assert set(closed.fitted_on) == {"a", "b", "c"}
+
+
+def test_no_gap_writes_no_model(tmp_path: Path, nominal: Model, capsys: pytest.CaptureFixture[str]) -> None:
+    runs, model = _recordings(tmp_path, 0.0), tmp_path / "nominal.toml"
+    model.write_text(model_text(nominal), encoding="utf-8")
+    gap_close_command([runs], model, None, None)
+    assert "no gap" in capsys.readouterr().out
+    assert not list(tmp_path.glob("nominal+*"))
+    gap_diagnose_command([runs], model, [], None, False)
+    assert "no gap" in capsys.readouterr().out

@@ -1,0 +1,75 @@
+"""Some cases of the blind exam; the long form is `python -m benchmarks.gap_exam`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.gap import Marked, close, examined, make_case, model_text, nominal_model
+from bench.gap._exam import signature_norm
+from simulators.exam import KNOWN, draw_case, simulate_campaign
+
+NOMINAL = model_text(nominal_model())
+
+
+def _mark(seed: int, kind: str) -> Marked:
+    sealed, given, kept, clean = make_case(seed, kind)
+    answer = examined(given, NOMINAL)
+    return Marked(sealed, answer, close(answer, kept, clean), 0.0)
+
+
+def _seeds(kind: str, low: float, count: int) -> list[int]:
+    """First seeds of a kind whose signal-to-noise ratio is at least `low`, by the drawing alone."""
+    return [seed for seed in range(5000, 6000) if draw_case(seed, kind).snr >= low][:count]
+
+
+def test_null_cases_raise_no_alarm() -> None:
+    marked = [_mark(seed, "null") for seed in range(5100, 5103)]
+    assert not any(each.named or each.unknown or each.answer.stochastic for each in marked)
+
+
+def test_strong_single_effects_are_named_and_close_the_gap() -> None:
+    marked = [_mark(seed, "single") for seed in _seeds("single", 3.0, 5)]
+    assert sum(each.first for each in marked) >= 4
+    assert sum(each.in_set for each in marked) >= 4
+    closed = [each.closed for each in marked if each.closed.stated.cells]
+    assert np.median([each.true_share for each in closed]) > 0.95
+
+
+def test_effects_outside_the_catalogue_are_called_unknown() -> None:
+    marked = [_mark(seed, "unknown") for seed in _seeds("unknown", 10.0, 4)]
+    assert sum(each.unknown for each in marked) >= 3
+
+
+def test_stochastic_effects_are_named() -> None:
+    marked = [_mark(seed, "stochastic") for seed in range(5200, 5203)]
+    assert sum(each.answer.stochastic == (each.sealed.case.stochastic,) for each in marked) >= 2
+
+
+def test_a_seal_changes_with_its_answer() -> None:
+    first, *_ = make_case(5300, "single")
+    again, *_ = make_case(5300, "single")
+    other, *_ = make_case(5301, "single")
+    assert first.sha256 == again.sha256 != other.sha256
+
+
+def test_amplitudes_give_the_signal_to_noise_ratio_asked_for() -> None:
+    seed = next(seed for seed in range(5400, 5500) if "shupe" in draw_case(seed, "single").effects)
+    sealed, given, _, _ = make_case(seed, "single")
+    truths = [run for run in simulate_campaign(seed, 3) if run.repeat < 2]
+    amplitude = sealed.amplitudes["shupe"]
+    runs = [
+        type(run)(
+            run.run_id, "u", run.profile, run.condition, run.stimulus, amplitude * truth.shupe_dph, run.phase
+        )
+        for run, truth in zip(given, truths, strict=True)
+    ]
+    assert signature_norm(runs, nominal_model()) == pytest.approx(10.0 * sealed.case.snr, rel=1e-3)
+
+
+def test_the_exams_shupe_effect_vanishes_for_uniform_warming() -> None:
+    """Mohr's integral weighs layers and pigtail to zero: what is left follows differences of rates."""
+    run = next(run for run in simulate_campaign(1, 1) if run.profile == "quiet")
+    late = run.shupe_dph[-1000:]
+    assert np.abs(late).max() < 0.02
+    assert "shupe" in KNOWN

@@ -1,0 +1,75 @@
+"""Recordings of other software, written here with numpy and csv, read by a mapping."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.gap import read_mapped_runs
+from drivers.errors import ConfigurationError
+
+MAPPING = """
+format = 1
+unit_id = "G7"
+latitude_deg = 48.0
+[columns.time]
+name = "t_ms"
+unit = "ms"
+[columns.output]
+name = "rate"
+unit = "rad/s"
+[columns.t_in]
+name = "temp_K"
+unit = "K"
+[columns.angle]
+name = "table"
+unit = "deg"
+[[run]]
+file = "a.csv"
+profile = "ramp"
+condition = "+20"
+elevation_deg = 90.0
+phases = [{ name = "room", start_s = 0.0 }, { name = "ramp", start_s = 30.0 }]
+"""
+
+
+def _write(folder: Path, mapping: str = MAPPING) -> Path:
+    """10 Hz for a minute, 20 deg/s, the rate's mean growing by 0.1 rad/s a second, one second missing."""
+    time_s = np.round(np.arange(0.1, 60.05, 0.1), 1)
+    time_s = time_s[(time_s <= 20.0) | (time_s > 21.0)]
+    rows = np.stack(
+        (1000.0 * time_s + 5000.0, 0.1 * np.ceil(time_s - 1e-9), 300.0 + 0 * time_s, (20.0 * time_s) % 360.0)
+    )
+    lines = ["t_ms,rate,temp_K,table", *(",".join(f"{value:.6f}" for value in row) for row in rows.T)]
+    (folder / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "map.toml").write_text(mapping, encoding="utf-8")
+    return folder / "map.toml"
+
+
+def test_columns_units_and_gaps(tmp_path: Path) -> None:
+    (run,) = read_mapped_runs(_write(tmp_path))
+    assert (run.run_id, run.unit_id, run.profile, run.condition) == ("a", "G7", "ramp", "+20")
+    assert run.stimulus.latitude_deg == 48.0
+    assert run.stimulus.t_in_c == pytest.approx(np.full(59, 26.85))
+    assert run.stimulus.table_rate_dps == pytest.approx(np.full(59, 20.0), abs=1e-6)
+    # seconds count from the first row, 0.1 s after the file's own: nine rows of one second, one of the next
+    expected = np.degrees(0.1 * (np.arange(1, 60) + 0.1)) * 3600.0
+    assert run.output_dph[:19] == pytest.approx(expected[:19], rel=1e-6)
+    assert np.isnan(run.output_dph).sum() <= 1
+    assert list(run.phase[[0, 29, 30, 58]]) == ["room", "room", "ramp", "ramp"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('name = "rate"', 'name = "rat"'), "no such column"),
+        (('unit = "rad/s"', 'unit = "turns"'), "unit is not known"),
+        (('unit_id = "G7"', ""), "not complete"),
+        (('file = "a.csv"', 'file = "b.csv"'), "cannot be read"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, change: tuple[str, str], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        read_mapped_runs(_write(tmp_path, MAPPING.replace(*change)))

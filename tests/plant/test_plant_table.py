@@ -1,0 +1,171 @@
+"""The table axis against closed forms of its profile and a numerical integration of its servo."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from simulators.plant.table import TableAxis, TableParameters
+
+PLAIN = TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0, encoder_error_arcsec=0.0)
+W = 2.0 * math.pi * PLAIN.servo_bandwidth_hz
+A = PLAIN.max_acceleration_dps2
+
+
+def ready(parameters: TableParameters = PLAIN) -> TableAxis:
+    table = TableAxis(parameters)
+    table.servo(0.0, True)
+    return table
+
+
+def test_rate_is_reached_after_rate_over_acceleration_plus_the_lag() -> None:
+    table = ready()
+    table.demand_rate(1.0, 100.0)
+    ramp_s = 100.0 / A
+    # on the ramp, behind by the servo's 2/w once its transient is gone
+    assert table.rate_dps(1.0 + 0.9 * ramp_s) == pytest.approx(A * (0.9 * ramp_s - 2.0 / W), rel=1e-3)
+    assert table.rate_dps(1.0 + ramp_s) < 100.0
+    assert table.rate_dps(1.0 + ramp_s + 20.0 / W) == pytest.approx(100.0, rel=1e-6)
+    assert not table.settled(1.0 + ramp_s)
+    assert table.settled(1.0 + ramp_s + 21.0 / W)
+
+
+def test_angle_after_spin_up_is_the_integral_of_the_profile() -> None:
+    table = ready()
+    table.demand_rate(0.0, -20.0)
+    t = 3600.0
+    expected = -20.0 * (t - 0.5 * 20.0 / A - 2.0 / W)
+    assert table.total_angle_deg(t) == pytest.approx(expected, abs=1e-8)
+    assert table.angle_deg(t) == pytest.approx(expected % 360.0, abs=1e-8)
+
+
+def test_servo_equals_numerical_integration_of_its_equation() -> None:
+    table = ready()
+    table.demand_rate(0.0, 150.0)
+    table.demand_rate(0.3, -60.0)
+    table.demand_angle(1.1, 12.0)
+
+    def equation(t: float, y: np.ndarray) -> list[float]:
+        angle, _ = table._reference(t)
+        return [y[1], W * W * (angle - y[0]) - 2.0 * W * y[1]]
+
+    times = np.linspace(0.0, 4.0, 401)
+    solved = solve_ivp(equation, (0.0, 4.0), [0.0, 0.0], t_eval=times, rtol=1e-9, atol=1e-9, max_step=0.01)
+    np.testing.assert_allclose(table.total_angles_deg(times), solved.y[0], atol=1e-5)
+    np.testing.assert_allclose([table.rate_dps(t) for t in times], solved.y[1], atol=1e-3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["rate", "angle"]), st.floats(-500.0, 500.0), st.floats(0.01, 5.0)),
+        min_size=1,
+        max_size=6,
+    )
+)
+def test_any_sequence_of_demands_is_smooth_within_limits_and_arrives(
+    demands: list[tuple[str, float, float]],
+) -> None:
+    table = ready()
+    now = 0.0
+    for kind, value, wait in demands:
+        before = table.total_angle_deg(now), table.rate_dps(now)
+        (table.demand_rate if kind == "rate" else table.demand_angle)(now, value)
+        assert table.total_angle_deg(now) == pytest.approx(before[0], abs=1e-6)
+        assert table.rate_dps(now) == pytest.approx(before[1], abs=1e-6)
+        now += wait
+    times = np.linspace(0.0, now + 30.0, 2000)
+    rates = np.array([table.rate_dps(t) for t in times])
+    assert np.abs(rates).max() <= PLAIN.max_rate_dps * (1.0 + 1e-9)
+    assert np.abs(np.diff(rates)).max() <= A * (times[1] - times[0]) * (1.0 + 1e-6) + 1e-9
+    kind, value, _ = demands[-1]
+    if kind == "rate":
+        assert table.rate_dps(times[-1]) == pytest.approx(value, abs=1e-9)
+    else:
+        assert abs(math.remainder(table.angle_deg(times[-1]) - value, 360.0)) < 1e-6
+        assert table.rate_dps(times[-1]) == 0.0
+
+
+def test_array_and_scalar_angles_agree() -> None:
+    table = ready(TableParameters())
+    table.demand_rate(0.5, 40.0)
+    table.demand_angle(3.0, 10.0)
+    times = np.linspace(0.0, 10.0, 1001)
+    expected = [table.total_angle_deg(t) for t in times]
+    np.testing.assert_allclose(table.total_angles_deg(times), expected, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("start", "target", "moved"), [(350.0, 10.0, 20.0), (10.0, 350.0, -20.0), (0.0, 179.0, 179.0)]
+)
+def test_position_mode_takes_the_shortest_path(start: float, target: float, moved: float) -> None:
+    table = ready()
+    table.demand_angle(0.0, start)
+    at = table.total_angle_deg(60.0)
+    table.demand_angle(60.0, target)
+    assert table.total_angle_deg(120.0) - at == pytest.approx(moved, abs=1e-6)
+
+
+def test_position_move_takes_the_time_optimal_profile() -> None:
+    table = ready(replace(PLAIN, max_rate_dps=50.0))
+    table.demand_angle(0.0, 90.0)
+    # trapezoid: 90/50 s at the rate limit and 50/200 s for the two ramps
+    end = 90.0 / 50.0 + 50.0 / A
+    assert not table.settled(end)
+    assert table.settled(end + 21.0 / W)
+    assert table.rate_dps(0.5 * end) == pytest.approx(50.0, rel=1e-6)
+
+
+def test_a_turn_keeps_the_rate_limit_it_is_given() -> None:
+    table = ready()
+    table.demand_angle(0.0, 90.0, 20.0)
+    end = 90.0 / 20.0 + 20.0 / A
+    assert not table.settled(end)
+    assert table.settled(end + 21.0 / W)
+    assert max(table.rate_dps(t) for t in np.linspace(0.0, end, 500)) == pytest.approx(20.0, rel=1e-6)
+    assert table.total_angle_deg(end + 2.0) == pytest.approx(90.0, abs=1e-6)
+
+
+def test_a_turn_from_a_faster_spin_does_not_jump() -> None:
+    table = ready()
+    table.demand_rate(0.0, 100.0)
+    table.demand_angle(10.0, 0.0, 20.0)
+    times = np.linspace(9.9, 40.0, 6000)
+    rates = np.array([table.rate_dps(t) for t in times])
+    assert np.abs(np.diff(rates)).max() <= A * (times[1] - times[0]) * (1.0 + 1e-6)
+    assert rates[-1] == 0.0
+    assert abs(math.remainder(table.angle_deg(times[-1]), 360.0)) < 1e-6
+
+
+def test_open_servo_coasts_to_rest_and_ignores_demands() -> None:
+    table = ready()
+    table.demand_rate(0.0, 100.0)
+    table.servo(10.0, False)
+    table.demand_rate(10.0, 300.0)
+    coast_s = 100.0 / PLAIN.coast_deceleration_dps2
+    assert 0.0 < table.rate_dps(10.0 + 0.8 * coast_s) < 100.0
+    assert table.rate_dps(10.0 + coast_s + 2.0) == 0.0
+    before, after = table.total_angle_deg(10.0 + coast_s + 2.0), table.total_angle_deg(10.0)
+    assert before - after == pytest.approx(0.5 * 100.0 * coast_s + 100.0 * 2.0 / W, rel=1e-6)
+
+
+def test_closing_a_closed_servo_changes_nothing() -> None:
+    table = ready()
+    table.demand_rate(0.0, 30.0)
+    table.servo(5.0, True)
+    assert table.rate_dps(20.0) == pytest.approx(30.0)
+
+
+def test_ripple_is_periodic_in_angle_with_its_amplitude() -> None:
+    table = ready(TableParameters(ripple_once_ppm=50.0, ripple_twice_ppm=0.0))
+    table.demand_rate(0.0, 20.0)
+    times = np.arange(100.0, 136.0, 0.01)
+    rates = np.array([table.rate_dps(t) for t in times])
+    assert rates.max() / 20.0 - 1.0 == pytest.approx(50e-6, rel=1e-3)
+    assert rates.mean() == pytest.approx(20.0, rel=1e-7)
+    numeric = np.diff(table.total_angles_deg(times)) / 0.01
+    np.testing.assert_allclose(numeric, 0.5 * (rates[1:] + rates[:-1]), rtol=2e-7)

@@ -1,0 +1,49 @@
+"""A section of the scale-factor test ends before the table leaves its rate, and a run before it is closed."""
+
+import contextlib
+from types import SimpleNamespace
+
+import numpy as np
+
+from procedures import scale_factor_cold_shock as scale_factor
+
+
+class Bench:
+    """Writes down the order of what it is told."""
+
+    def __init__(self):
+        self.order = []
+        self.gyros = {"fog_1": SimpleNamespace(name="fog_1")}
+        self.table = SimpleNamespace(device=self, spin=self.spin, stop=lambda: self.spin("stop"))
+        self.chamber = SimpleNamespace(stop=lambda: self.order.append("chamber stop"))
+
+    def servo_on(self):
+        self.order.append("servo on")
+
+    def spin(self, rate_dps):
+        self.order.append(f"spin {rate_dps}")
+
+    def phase(self, name):
+        self.order.append(f"phase {name}")
+
+    def ask(self, question, **act):
+        self.order.append("ask")
+
+    def event(self, kind, **fields):
+        self.order.append(f"{kind} {fields['rate_dps']}")
+
+    def step(self, code, title):
+        return contextlib.nullcontext()
+
+
+def test_order(monkeypatch):
+    bench = Bench()
+    parts = ("go_to_room", "wait_for_equilibrium", "reference_window", "shock", "return_to_room")
+    for name in parts:
+        monkeypatch.setattr(scale_factor, name, lambda *_, name=name, **__: bench.order.append(name))
+    scale_factor.run(bench, scale_factor.ScaleFactorParameters(rate_dps=5.0))
+    for rate in (5.0, -5.0, 0.0):
+        assert bench.order.index(f"section {rate}") + 1 == bench.order.index(f"spin {rate}")
+    assert bench.order.index("phase close") < bench.order.index("spin stop")
+    sections = np.flatnonzero([entry.startswith("section") for entry in bench.order])
+    assert [bench.order[at - 1] for at in sections[1:]] == ["return_to_room"] * 2
