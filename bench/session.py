@@ -260,15 +260,15 @@ class Bench:
         """
         self.clock.interrupt.clear()
         problems = self.unconfirmed = []
-        devices = (self.table.device, self.chamber.device)
-        for device in devices:
+        devices = {"table": self.table.device, "chamber": self.chamber.device}
+        for device in devices.values():
             with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
                 device.halt()
-        for device in devices:
+        for name, device in devices.items():
             try:
                 device.make_safe()
             except BenchError as error:
-                problems.append(str(error))
+                problems.append(f"{name}: {error}")
         self.event("note", text=f"{'not ' if problems else ''}made safe: {reason}")
         for problem in problems:
             self.event("alarm", device="bench", text=f"not confirmed safe: {problem}")

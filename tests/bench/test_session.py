@@ -157,7 +157,7 @@ def test_a_device_that_does_not_answer_does_not_keep_the_other_from_being_told(m
     assert made.bench.make_safe("a test") is False
     assert made.log == ["table halt", "chamber halt", "table safe", "chamber safe"]
     assert made.record.of("alarm") == [
-        {"device": "bench", "text": f"not confirmed safe: {silent} is silent."}
+        {"device": "bench", "text": f"not confirmed safe: {silent}: {silent} is silent."}
     ]
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from drivers.clock import WallClock
 from drivers.errors import ConfigurationError, DeviceSilent, LinkLost, ProtocolError
 from drivers.link import Link
+from tests.ptys import read_exactly, write_through
 
 
 class Tap:
@@ -67,8 +68,8 @@ def link(terminal):
 def test_bytes_go_both_ways_and_past_the_tap(link, terminal):
     master = terminal[0]
     link.write(b"*IDN?\r\n")
-    assert os.read(master, 100) == b"*IDN?\r\n"
-    os.write(master, b"one\rtwo\rthree")
+    assert read_exactly(master, 7) == b"*IDN?\r\n"
+    write_through(master, terminal[2], b"one\rtwo\rthree")
     assert link.read_until(b"\r", 1.0) == b"one\r"
     assert link.read_exactly(3, 1.0) == b"two"
     assert link.read_some(1.0) == b"\rthree"
@@ -126,13 +127,13 @@ def test_a_port_that_cannot_be_opened_is_named(url):
 
 
 def test_a_reply_without_end_is_refused_at_its_limit(link, terminal):
-    os.write(terminal[0], b"x" * 300)
+    write_through(terminal[0], terminal[2], b"x" * 300)
     with pytest.raises(ProtocolError, match="in 200 bytes"):
         link.read_until(b"\r", 1.0, limit=200)
 
 
 def test_what_came_of_a_reply_is_told(link, terminal):
-    os.write(terminal[0], b"half a repl")
+    write_through(terminal[0], terminal[2], b"half a repl")
     with pytest.raises(DeviceSilent) as silent:
         link.read_until(b"\r", 1.0)
     assert "11 bytes" in silent.value.found and "half a repl" in silent.value.found
@@ -150,7 +151,7 @@ def test_a_loop_of_waits_until_a_deadline_ends(link):
 
 def test_while_streaming_bytes_go_to_the_tap_only(link, terminal):
     link.streaming = True
-    os.write(terminal[0], b"stream")
+    write_through(terminal[0], terminal[2], b"stream")
     assert link.read_some(1.0) == b""
     assert [(way, data) for way, data, _ in link.tap.rows] == [("received", b"stream")]
 

@@ -27,6 +27,7 @@ from drivers.sbg import (
     load_message,
 )
 from drivers.slcan import BufferedSlcanBus
+from tests.ptys import read_exactly
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 VENDOR_DBC = DATA / "dbc" / "sbg_ellipse.dbc"
@@ -286,9 +287,6 @@ class Terminal:
         tty.setraw(self.slave)
         self.path = os.ttyname(self.slave)
 
-    def read(self) -> bytes:
-        return os.read(self.master, 4096)
-
 
 class Recorder:
     def __init__(self) -> None:
@@ -362,7 +360,7 @@ def test_the_kind_that_a_bench_file_names(terminal: Terminal) -> None:
     }
     clock, tap = StillClock(), Recorder()
     gyro_device = SbgEllipse.open(section, clock, tap)
-    assert terminal.read() == b"C\rS5\rO\r"
+    assert read_exactly(terminal.master, 7) == b"C\rS5\rO\r"
     gyro_device.start()
     gyro_device.link.deliver(info(20_000) + GYRO, 1.5)
     assert tap.blocks == [(info(20_000) + GYRO, 1.5)]

@@ -15,6 +15,7 @@ import pytest
 from drivers.clock import WallClock, epoch_seconds
 from drivers.errors import ConfigurationError, DeviceSilent, LimitExceeded, LinkLost, ProtocolError
 from drivers.slcan import BufferedSlcanBus, MessageLink, open_can
+from tests.ptys import read_exactly
 
 
 class Adapter:
@@ -29,11 +30,8 @@ class Adapter:
     def write(self, data: bytes) -> None:
         os.write(self.fd, data)
 
-    def read(self) -> bytes:
-        try:
-            return os.read(self.fd, 4096)
-        except BlockingIOError:
-            return b""
+    def expect(self, wanted: bytes) -> None:
+        assert read_exactly(self.fd, len(wanted)) == wanted
 
     def unplug(self) -> None:
         for descriptor in (self._slave, self.fd):
@@ -84,7 +82,7 @@ def test_python_can_finds_it_and_both_ends_understand_each_other(adapter: Adapte
     before = epoch_seconds()
     with can.Bus(interface="gyrobench_slcan", channel=adapter.path, bitrate=250_000) as bus:
         assert isinstance(bus, BufferedSlcanBus)
-        assert adapter.read() == b"C\rS5\rO\r"
+        adapter.expect(b"C\rS5\rO\r")
         adapter.write(b"\r\r\rt1226640006FFE803\rT1FFFFFFF11AABCD\rr1234\rR000000010\r")
         messages = [bus.recv(2.0) for _ in range(4)]
         expected = [
@@ -101,8 +99,8 @@ def test_python_can_finds_it_and_both_ends_understand_each_other(adapter: Adapte
         assert before <= messages[0].timestamp <= epoch_seconds()
         bus.send(expected[0])
         bus.send(expected[3])
-        assert adapter.read() == b"t1226640006FFE803\rR000000010\r"
-    assert adapter.read() == b"C\r"
+        adapter.expect(b"t1226640006FFE803\rR000000010\r")
+    adapter.expect(b"C\r")
 
 
 DAMAGE = [
@@ -169,10 +167,10 @@ def test_streaming_bytes_go_to_the_tap_alone(adapter: Adapter) -> None:
     assert bus.recv(1.0) is None
     assert tap.blocks == [(b"t1230\r", 0.0)]
     link.close()
-    assert adapter.read() == b"C\rS6\rO\rC\r"
+    adapter.expect(b"C\rS6\rO\rC\r")
     link.close()
     bus.shutdown()
-    assert adapter.read() == b""
+    adapter.expect(b"")
     clock.close()
 
 
@@ -188,7 +186,7 @@ def test_a_port_that_is_gone(adapter: Adapter) -> None:
 def test_bad_settings(adapter: Adapter, clock: WallClock) -> None:
     with pytest.raises(ConfigurationError, match="33333"):
         BufferedSlcanBus(adapter.path, bitrate=33_333)
-    assert adapter.read() == b""
+    adapter.expect(b"")
     with pytest.raises(ConfigurationError, match="cannot be opened"):
         BufferedSlcanBus("/dev/no-such-port", clock=clock)
     with pytest.raises(ConfigurationError, match="cannot be opened"):
@@ -197,12 +195,11 @@ def test_bad_settings(adapter: Adapter, clock: WallClock) -> None:
 
 def test_what_classic_can_cannot_carry_is_refused(adapter: Adapter) -> None:
     bus = BufferedSlcanBus(adapter.path)
-    adapter.read()
     for message in (can.Message(is_fd=True, data=bytes(12)), can.Message(is_error_frame=True)):
         with pytest.raises(LimitExceeded):
             bus.send(message)
-    assert adapter.read() == b""
     bus.shutdown()
+    adapter.expect(b"C\rS6\rO\rC\r")
 
 
 def test_notifier_with_an_event_loop_misses_no_frame(adapter: Adapter) -> None:
