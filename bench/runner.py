@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -20,6 +20,7 @@ from bench.devices import (
     table_kind,
     table_settings,
 )
+from bench.lease import Lease, take_lease
 from bench.procedure import Parameters, Procedure
 from bench.questions import Operator
 from bench.run_record import RunRecord
@@ -35,6 +36,7 @@ class RunRequest:
     """What to run, on what, and where the record goes.
 
     `emulated` is written to the manifest of a run on an emulated lab (plant settings); None on real devices.
+    `lease`: of a caller who keeps the bench for more than this run; None has the run take one for itself.
     """
 
     procedure: Procedure
@@ -46,6 +48,7 @@ class RunRequest:
     run_id: str | None = None
     emulated: dict[str, Any] | None = None
     before_close: Callable[[Path], None] | None = None
+    lease: Lease | None = None
 
 
 @dataclass
@@ -63,8 +66,15 @@ class RunResult:
 def run_procedure(request: RunRequest) -> RunResult:
     """Run a procedure and return how it ended; the folder is complete whatever happened.
 
-    Raises only what prevents a record from being made at all (RecordError, ConfigurationError of the folder).
+    Raises only what prevents a record from being made at all: BenchInUse, RecordError or ConfigurationError.
     """
+    if request.lease is None:
+        with take_lease(request.file, f"run {request.run_id or request.procedure.name}") as lease:
+            return _run(replace(request, lease=lease))
+    return _run(request)
+
+
+def _run(request: RunRequest) -> RunResult:
     record = RunRecord.create(
         request.runs_folder,
         request.run_id,

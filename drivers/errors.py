@@ -32,6 +32,10 @@ class ConfigurationError(BenchError):
     """A bench file, parameter or command line that cannot be used."""
 
 
+class BenchInUse(BenchError):
+    """Somebody else has the bench."""
+
+
 class LinkLost(BenchError):
     """The port went away: unplugged adapter, closed connection, dead emulator."""
 
