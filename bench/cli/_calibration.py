@@ -30,8 +30,7 @@ from bench.calibration import (
     evaluate,
     load_scheme,
 )
-from bench.report._calibration import render_calibration
-from bench.report._calibration_content import calibration_content
+from bench.report import calibration_content, render_calibration, write_report
 from drivers.clock import utc_now
 from drivers.errors import RecordError
 
@@ -68,7 +67,7 @@ def calibrate_command(
     evaluation = evaluate(task, schedule)
     out.mkdir(parents=True, exist_ok=True)
     page = render_calibration(calibration_content(evaluation, found, created_utc=utc_now()))
-    (out / "report.html").write_text(page, encoding="utf-8")
+    write_report(out / "report.html", page)
     (out / "calibration.json").write_text(
         json.dumps(calibration_file(found, scheme), indent=2), encoding="utf-8"
     )

@@ -12,7 +12,7 @@ from bench.export import c_header, lstm_to_onnx
 from bench.fitting import Compensation, LstmModel, Study, load_runs, run_study
 from bench.fitting_report import study_content
 from bench.recording import Run
-from bench.report import render_campaign, render_run, run_content
+from bench.report import render_campaign, render_run, run_content, write_report
 from drivers.errors import ConfigurationError
 
 REPORT_FILE = "report.html"
@@ -53,7 +53,7 @@ def write_study(study: Study, folders: Sequence[Path], out: Path, *, title: str)
     if isinstance(network, LstmModel):
         (out / "lstm.onnx").write_bytes(lstm_to_onnx(network))
     content = study_content(study, [Run.open(folder) for folder in folders], path, title)
-    (out / REPORT_FILE).write_text(render_campaign(content), encoding="utf-8")
+    write_report(out / REPORT_FILE, render_campaign(content))
 
 
 def score_table(study: Study) -> Table:

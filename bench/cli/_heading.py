@@ -20,7 +20,7 @@ from bench.heading import (
     study_heading,
 )
 from bench.recording import checksum
-from bench.report._heading import HeadingContent, mixed_text, render_heading
+from bench.report import HeadingContent, mixed_text, render_heading, write_report
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError
 
@@ -64,7 +64,7 @@ def heading_command(
         model_path.unlink(missing_ok=True)
     sums = {path.name: checksum(path).sha256 for path in (log, *tests)}
     content = HeadingContent(study, log.stem, utc_now(), sums, MODEL_FILE if caused else "")
-    (out / REPORT_FILE).write_text(render_heading(content), encoding="utf-8")
+    write_report(out / REPORT_FILE, render_heading(content))
     for finding in study.findings:
         console.print(f"{finding.what}: {finding.consequence}", style="yellow", highlight=False)
     if not caused:

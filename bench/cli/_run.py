@@ -84,10 +84,9 @@ def rehearse_command(
         f"the run folder takes {size(log_bytes)}"
     )
     if result.outcome != "aborted":
-        from bench.report import render_run, run_content
+        from bench.report import render_run, run_content, write_report
 
-        page = result.folder / "report.html"
-        page.write_text(render_run(run_content(Run.open(result.folder))), encoding="utf-8")
+        page = write_report(result.folder / "report.html", render_run(run_content(Run.open(result.folder))))
         console.print(f"plots: {page}")
     return EXIT_CODES[result.outcome]
 

@@ -32,8 +32,7 @@ from bench.calibration import (
     search,
 )
 from bench.cli._display import duration
-from bench.report._calibration import render_calibration
-from bench.report._calibration_content import scheme_content
+from bench.report import render_calibration, scheme_content, write_report
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError
 
@@ -63,7 +62,7 @@ def scheme_evaluate_command(
     task = _task(latitude_deg, gravity_mps2, arw_deg_per_sqrt_h, vrw_ug_per_sqrt_hz, velocity_noise_mps)
     evaluation = evaluate(task, schedule, _table(table))
     if out is not None:
-        out.write_text(render_calibration(scheme_content(evaluation, utc_now())), encoding="utf-8")
+        write_report(out, render_calibration(scheme_content(evaluation, utc_now())))
     if as_json:
         Console(soft_wrap=True).print_json(json.dumps(evaluation.as_json()))
         return

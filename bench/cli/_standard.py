@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.recording import Run
-from bench.report import render_standard_test
+from bench.report import render_standard_test, write_report
 from bench.standards import Figure, StandardFigures, figures_over_runs, standard_figures
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError
@@ -41,8 +41,7 @@ def standard_command(folders: Sequence[Path], gyro: str | None, out: Path) -> No
         bench_name=str(manifests[0].bench["bench"]["name"]),
         warnings=warnings,
     )
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(page, encoding="utf-8")
+    write_report(out, page)
     for result in results:
         console.print(_table(result.run_id, result.figures))
         _say_missing(console, result)

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.recording import Run
-from bench.report import render_rlg_study
+from bench.report import render_rlg_study, write_report
 from bench.rlg import CANDIDATES, RampRun, RlgStudy, load_ramp_runs, run_rlg_study
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError
@@ -58,7 +58,7 @@ def write_rlg_study(study: RlgStudy, folder: Path, bench_name: str, warnings: Se
     folder.mkdir(parents=True, exist_ok=True)
     study.chosen.compensation.save(folder / "compensation.json")
     page = render_rlg_study(study, created_utc=utc_now(), bench_name=bench_name, warnings=warnings)
-    (folder / "report.html").write_text(page, encoding="utf-8")
+    write_report(folder / "report.html", page)
 
 
 def _by_unit(

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.recording import MANIFEST_FILE, Run, checksum
-from bench.report import render_whirl, run_content
+from bench.report import render_whirl, run_content, write_report
 from bench.whirl import Gauge, WhirlStudy, load_turns, study_whirl
 from bench.whirl_report import whirl_content
 from drivers.errors import ConfigurationError
@@ -40,7 +40,7 @@ def whirl_command(
         for run, role in zip(opened, ["fitted"] * len(runs) + ["held out"] * len(test), strict=True)
     ]
     content = whirl_content(study, summaries, out / COMPENSATION_FILE)
-    (out / REPORT_FILE).write_text(render_whirl(content), encoding="utf-8")
+    write_report(out / REPORT_FILE, render_whirl(content))
     console.print(lines_table(study))
     console.print(judgement_table(study))
     for text in (*study.compensation.declared, *(finding.text for finding in study.findings)):

@@ -1,5 +1,7 @@
 """Reports: one self-contained HTML file each, made from plain content; content, figures and layout apart."""
 
+from bench.report._calibration import render_calibration
+from bench.report._calibration_content import CalibrationContent, calibration_content, scheme_content
 from bench.report._campaign import render_campaign
 from bench.report._content import (
     CampaignContent,
@@ -14,6 +16,8 @@ from bench.report._content import (
     Trace,
     ValidRange,
 )
+from bench.report._file import find_browser, write_pdf, write_report
+from bench.report._heading import HeadingContent, mixed_text, render_heading
 from bench.report._rlg import render_rlg_study
 from bench.report._run import render_run
 from bench.report._run_content import run_content
@@ -22,10 +26,12 @@ from bench.report._whirl import render_whirl
 from bench.report._whirl_content import WhirlContent, WhirlJudgement, WhirlLine
 
 __all__ = [
+    "CalibrationContent",
     "CampaignContent",
     "Comparison",
     "CompensationSummary",
     "Device",
+    "HeadingContent",
     "Measurement",
     "ModelScore",
     "RunContent",
@@ -36,10 +42,18 @@ __all__ = [
     "WhirlContent",
     "WhirlJudgement",
     "WhirlLine",
+    "calibration_content",
+    "find_browser",
+    "mixed_text",
+    "render_calibration",
     "render_campaign",
+    "render_heading",
     "render_rlg_study",
     "render_run",
     "render_standard_test",
     "render_whirl",
     "run_content",
+    "scheme_content",
+    "write_pdf",
+    "write_report",
 ]

@@ -12,7 +12,7 @@ from bench.report._calibration_content import CalibrationContent
 from bench.report._figures import Curve, Lane, lanes
 from bench.report._layout import render_page
 from bench.report._lettering import BOTTOM, WIDE, label_room
-from bench.report._numbers import DASH, duration, moment, significant
+from bench.report._numbers import DASH, duration, significant
 from bench.report._page import (
     Block,
     Cell,
@@ -30,6 +30,7 @@ from bench.report._page import (
     Verdict,
 )
 from bench.report._palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, SAND
+from bench.report._parts import made, warnings
 from bench.report._plotting import drawing, place, printable, svg
 
 _PAINTS = (BLUE, ORANGE, GREEN, PURPLE, SAND, MUTED)
@@ -68,7 +69,7 @@ def render_calibration(content: CalibrationContent) -> str:
         ],
         verdict=_verdict(content),
         sections=[
-            Section("Warnings", [Notes(content.warnings, "doubt")] if content.warnings else []),
+            warnings(content.warnings),
             Section("Schedule", [Facts([Fact("Turns", " ".join(content.moves), code=True)])]),
             Section("States", [_states(content)]),
             Section("Poorly seen combinations", [Notes(content.poorly_seen)] if content.poorly_seen else []),
@@ -76,7 +77,7 @@ def render_calibration(content: CalibrationContent) -> str:
             Section("State by position", [_heat_map(content)]),
             Section("Definitions", [Definitions(_DEFINITIONS)]),
         ],
-        colophon=f"Report made {moment(content.created_utc)}." if content.created_utc else "",
+        colophon=made(content.created_utc),
     )
     return render_page(page)
 

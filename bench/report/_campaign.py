@@ -8,17 +8,15 @@ from bench.report._layout import render_page
 from bench.report._numbers import DASH, known, moment, significant, with_unit
 from bench.report._page import (
     Block,
-    Cell,
     Column,
     Definitions,
     Fact,
     Facts,
-    Notes,
     Page,
-    Row,
     Section,
     Table,
 )
+from bench.report._parts import made, named, warnings
 from bench.report._plots import bias_panels, model_chart, scale_factor_panels, trace_figure, trace_panels
 from bench.report._scores import by_model, by_run, model_table, run_matrix
 from bench.report._tables import (
@@ -41,7 +39,7 @@ def render_campaign(content: CampaignContent) -> str:
         facts=_header(content),
         verdict=campaign_verdict(content),
         sections=_sections(content),
-        colophon=f"Report made {moment(content.created_utc)}. Times are UTC; 1σ is a sample standard deviation.",
+        colophon=made(content.created_utc, "Times are UTC; 1σ is a sample standard deviation."),
     )
     return render_page(page)
 
@@ -80,14 +78,13 @@ def _sections(content: CampaignContent) -> list[Section]:
     models = by_model(content.scores)
     chosen_name = content.compensation.model if content.compensation else ""
     chosen = by_run(chosen_scores(content))
-    warnings = [
+    remarks = [
         *content.warnings,
         *(f"Run {run.run_id}: {text}" for run in content.runs for text in run.warnings),
     ]
-    warnings = list(dict.fromkeys(warnings))
     bias = bias_panels("bias", content.comparisons, chosen)
     return [
-        Section("Warnings", [Notes(warnings, "doubt")] if warnings else []),
+        warnings(remarks),
         Section("Runs", [*runs_table(content.runs), *checks_table(content.runs)]),
         Section("Temperature and output", _course(content)),
         Section("Bias before and after", bias, _held_out_intro(content, bool(bias))),
@@ -151,12 +148,10 @@ def _compensation(compensation: CompensationSummary | None) -> list[Block]:
     blocks: list[Block] = [Facts(facts)]
     if compensation.valid_ranges:
         rows = [
-            Row(
-                [
-                    Cell(item.name, strong=True),
-                    Cell(with_unit(significant(item.low), item.unit)),
-                    Cell(with_unit(significant(item.high), item.unit)),
-                ]
+            named(
+                item.name,
+                with_unit(significant(item.low), item.unit),
+                with_unit(significant(item.high), item.unit),
             )
             for item in compensation.valid_ranges
         ]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.heading import HeadingStudy, Judgement, NineCoefficients
-from bench.report._figures import Curve, Lane, Panel, lanes, limits, panels
+from bench.report._figures import Curve, Panel, lanes, limits, panels
 from bench.report._layout import render_page
 from bench.report._numbers import DASH, fixed, moment, significant
 from bench.report._page import (
@@ -23,14 +23,17 @@ from bench.report._page import (
     Key,
     Notes,
     Page,
-    Row,
     Section,
     Table,
     Tone,
     Verdict,
 )
-from bench.report._palette import AFTER, BEFORE, MUTED, PURPLE
+from bench.report._palette import MUTED, PURPLE
+from bench.report._parts import BEFORE_AFTER, before_after, made, named, warnings
 from bench.report._tables import checksum_table
+
+if TYPE_CHECKING:
+    from bench.heading import HeadingStudy, Judgement, NineCoefficients
 
 _HOUR = 3600.0
 _SIGNIFICANT = 0.05
@@ -63,7 +66,7 @@ def render_heading(content: HeadingContent) -> str:
         ],
         verdict=_verdict(study),
         sections=[
-            Section("Warnings", _findings(study)),
+            warnings(_findings(study)),
             Section("Position before and after", _errors(study)),
             Section("Reduction of heading sensitivity", _reductions(study.judgements)),
             Section("Temperature and drift", _temperature(study)),
@@ -73,7 +76,7 @@ def render_heading(content: HeadingContent) -> str:
             Section("Provenance", checksum_table(content.checksums, "Logs and their checksums.")),
             Section("Definitions", [Definitions(_TERMS)]),
         ],
-        colophon=f"Report made {moment(content.created_utc)}. Errors are computed minus true position.",
+        colophon=made(content.created_utc, "Errors are computed minus true position."),
     )
     return render_page(page)
 
@@ -117,7 +120,7 @@ def _verdict(study: HeadingStudy) -> Verdict:
     return Verdict("Compensated", tone, sentences, headlines)
 
 
-def _findings(study: HeadingStudy) -> list[Block]:
+def _findings(study: HeadingStudy) -> list[str]:
     texts = [f"{finding.what}: {finding.consequence}." for finding in study.findings]
     texts += [mixed_text(study)] if study.model.evidence.mixed else []
     texts += [
@@ -126,7 +129,7 @@ def _findings(study: HeadingStudy) -> list[Block]:
         for row in study.judgements
         if row.outside_share > 0.01
     ]
-    return [Notes(texts, "doubt")] if texts else []
+    return texts
 
 
 def mixed_text(study: HeadingStudy) -> str:
@@ -145,14 +148,7 @@ def _errors(study: HeadingStudy) -> list[Block]:
     for number, row in enumerate(own):
         hours = (row.time_s - row.time_s[0]) / _HOUR
         plots = [
-            Lane(
-                f"{name} error, ′",
-                [
-                    Curve("before", hours, before / 60.0, BEFORE, width=1.25),
-                    Curve("after", hours, after / 60.0, AFTER, width=1.25),
-                ],
-                height=130.0,
-            )
+            before_after(f"{name} error, ′", hours, before / 60.0, after / 60.0)
             for name, before, after in (
                 ("Latitude", row.north_before_as, row.north_after_as),
                 ("Longitude", row.east_before_as, row.east_after_as),
@@ -164,23 +160,21 @@ def _errors(study: HeadingStudy) -> list[Block]:
             "error times cos(latitude)."
         )
         drawn = lanes(f"errors-{number}", plots, "Time, h", description=caption)
-        blocks.append(Figures([drawn], caption, [Key("before", BEFORE), Key("after", AFTER)]))
+        blocks.append(Figures([drawn], caption, BEFORE_AFTER))
     return blocks
 
 
 def _reductions(judgements: Sequence[Judgement]) -> list[Block]:
     rows = [
-        Row(
-            [
-                Cell(row.name, strong=True),
-                Cell("held out" if row.held_out else "fitted on"),
-                Cell(row.method),
-                Cell(significant(row.rms_before_as / 60.0)),
-                Cell(significant(row.rms_after_as / 60.0)),
-                Cell(fixed(row.reduction_percent, 1), "plain" if row.reduction_percent > 0.0 else "bad"),
-            ]
+        named(
+            judged.name,
+            "held out" if judged.held_out else "fitted on",
+            judged.method,
+            significant(judged.rms_before_as / 60.0),
+            significant(judged.rms_after_as / 60.0),
+            Cell(fixed(judged.reduction_percent, 1), "plain" if judged.reduction_percent > 0.0 else "bad"),
         )
-        for row in judgements
+        for judged in judgements
     ]
     heads = [
         Column("Log"),
@@ -234,15 +228,13 @@ def _lagged(content: HeadingContent) -> list[Block]:
         Column(f"{name} {axis}", "10⁻³ °/h/K", number=True) for axis in _AXES for name in ("k", "σ")
     ]
     rows = [
-        Row(
-            [
-                Cell(term, strong=True),
-                *(
-                    Cell(fixed(1e3 * value, 3))
-                    for axis in range(3)
-                    for value in (model.gain[axis, at], model.sigma[axis, at])
-                ),
-            ]
+        named(
+            term,
+            *(
+                fixed(1e3 * value, 3)
+                for axis in range(3)
+                for value in (model.gain[axis, at], model.sigma[axis, at])
+            ),
         )
         for at, term in enumerate(model.terms)
     ]
@@ -272,14 +264,12 @@ def _nine(nine: NineCoefficients | None, refused: str) -> list[Block]:
             p_value = None if nine.p_value is None else float(nine.p_value[axis, at])
             word = DASH if p_value is None else "yes" if p_value < _SIGNIFICANT else "no"
             rows.append(
-                Row(
-                    [
-                        Cell(f"{_AXES[axis]} {term}", strong=True),
-                        Cell(fixed(1e3 * float(nine.gain_dph_per_k[axis, at]), 3)),
-                        Cell(fixed(sigma, 3)),
-                        Cell(fixed(p_value, 3)),
-                        Cell(word),
-                    ]
+                named(
+                    f"{_AXES[axis]} {term}",
+                    fixed(1e3 * float(nine.gain_dph_per_k[axis, at]), 3),
+                    fixed(sigma, 3),
+                    fixed(p_value, 3),
+                    word,
                 )
             )
     caption = (

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.report import _parts as parts
 from bench.report._figures import Curve, Lane, lanes
 from bench.report._layout import render_page
 from bench.report._numbers import DASH, fixed, moment, significant
@@ -20,14 +21,13 @@ from bench.report._page import (
     Facts,
     Figures,
     Headline,
-    Notes,
     Page,
     Row,
     Section,
     Table,
     Verdict,
 )
-from bench.report._palette import AFTER, BEFORE, BLUE, ORANGE
+from bench.report._palette import BLUE, ORANGE
 from bench.report._tables import checksum_table
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def render_rlg_study(
         ],
         verdict=_verdict(study, best),
         sections=[
-            Section("Warnings", [Notes([*warnings, *remarks], "doubt")] if warnings or remarks else []),
+            parts.warnings([*warnings, *remarks]),
             Section("Bias before and after", _before_after(study)),
             Section("Held-out runs", _courses(study, best)),
             Section("Final equations", [_statistics(study), *_equations(study)]),
@@ -89,7 +89,7 @@ def render_rlg_study(
             ),
             Section("Definitions", [Definitions(_TERMS)]),
         ],
-        colophon="Figures are computed from the runs' records; times are UTC.",
+        colophon=parts.OF_RUNS,
     )
     return render_page(page)
 
@@ -129,17 +129,15 @@ def _before_after(study: RlgStudy) -> list[Block]:
     blocks: list[Block] = []
     for variant in study.variants:
         rows = [
-            Row(
-                [
-                    Cell(row.run_id, strong=True),
-                    Cell(row.kind or DASH),
-                    Cell(fixed(row.before_dph, 5)),
-                    Cell(fixed(row.after_dph, 5)),
-                    Cell(fixed(row.improvement_pct, 1), "plain" if row.improvement_pct >= 0 else "bad"),
-                    Cell(fixed(row.oracle_dph, 5)),
-                    Cell(fixed(None if row.attained is None else 100.0 * row.attained, 1)),
-                    Cell(str(row.outside_rows), "doubt" if row.outside_rows else "plain"),
-                ]
+            parts.named(
+                row.run_id,
+                row.kind or DASH,
+                fixed(row.before_dph, 5),
+                fixed(row.after_dph, 5),
+                Cell(fixed(row.improvement_pct, 1), "plain" if row.improvement_pct >= 0 else "bad"),
+                fixed(row.oracle_dph, 5),
+                fixed(None if row.attained is None else 100.0 * row.attained, 1),
+                Cell(str(row.outside_rows), "doubt" if row.outside_rows else "plain"),
             )
             for row in variant.judged
         ]
@@ -175,12 +173,8 @@ def _course(number: int, run: RampRun, best: StepwiseVariant) -> list[Block]:
             [Curve("case", hours, run.case_c, ORANGE), Curve("block", hours, run.block_c, BLUE)],
             height=90.0,
         ),
-        Lane(
-            "Bias from its mean, °/h",
-            [
-                Curve("before", hours, run.bias_dph - run.bias_dph.mean(), BEFORE),
-                Curve("after", hours, left - left.mean(), AFTER),
-            ],
+        parts.before_after(
+            "Bias from its mean, °/h", hours, run.bias_dph - run.bias_dph.mean(), left - left.mean()
         ),
     ]
     caption = f"Run {run.run_id}: temperatures and bias before and after {best.name}."
@@ -213,19 +207,17 @@ def _equations(study: RlgStudy) -> list[Block]:
     blocks: list[Block] = []
     for variant in study.variants:
         final, names = variant.result.final, variant.result.names
-        rows = [Row([Cell("1", strong=True), Cell(significant(final.intercept, 6)), *[Cell(DASH)] * 4])]
+        rows = [parts.named("1", significant(final.intercept, 6), *[DASH] * 4)]
         for index in np.flatnonzero(final.included):
             error = final.standard_error[index]
             rows.append(
-                Row(
-                    [
-                        Cell(names[index], strong=True),
-                        Cell(significant(float(final.coefficient[index]), 6)),
-                        Cell(significant(float(error), 3)),
-                        Cell(significant(float(final.coefficient[index] / error) ** 2, 4)),
-                        Cell(_figure(float(final.p_value[index]))),
-                        Cell(fixed(float(variant.result.vif[index]), 1)),
-                    ]
+                parts.named(
+                    names[index],
+                    significant(float(final.coefficient[index]), 6),
+                    significant(float(error), 3),
+                    significant(float(final.coefficient[index] / error) ** 2, 4),
+                    _figure(float(final.p_value[index])),
+                    fixed(float(variant.result.vif[index]), 1),
                 )
             )
         heads = [Column("Term")] + [

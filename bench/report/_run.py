@@ -6,7 +6,8 @@ from bench.report._content import RunContent, RunSummary
 from bench.report._glossary import CLOCK, LOST
 from bench.report._layout import render_page
 from bench.report._numbers import DASH, duration, moment, significant, unit_text
-from bench.report._page import Block, Definitions, Fact, Headline, Notes, Page, Section, Verdict
+from bench.report._page import Block, Definitions, Fact, Headline, Page, Section, Verdict
+from bench.report._parts import made, warnings
 from bench.report._plots import trace_figure
 from bench.report._tables import (
     checksum_table,
@@ -37,7 +38,7 @@ def render_run(content: RunContent) -> str:
         facts=_header(content),
         verdict=_verdict(run),
         sections=_sections(content),
-        colophon=_colophon(content),
+        colophon=made(content.created_utc, "Figures are computed from the run's record; times are UTC."),
     )
     return render_page(page)
 
@@ -92,7 +93,7 @@ def _sections(content: RunContent) -> list[Section]:
         figures += trace_figure(f"trace-{number}", trace)
     terms = Definitions([LOST, CLOCK])
     return [
-        Section("Warnings", [Notes(run.warnings, "doubt")] if run.warnings else []),
+        warnings(run.warnings),
         Section("Course of the run", figures),
         Section("Measurements", measurements_table(run.measurements)),
         Section("Parameters", parameter_facts(run)),
@@ -109,8 +110,3 @@ def _sections(content: RunContent) -> list[Section]:
             ],
         ),
     ]
-
-
-def _colophon(content: RunContent) -> str:
-    made = f"Report made {moment(content.created_utc)}. " if content.created_utc else ""
-    return f"{made}Figures are computed from the run's record; times are UTC."

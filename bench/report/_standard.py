@@ -7,20 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.report import _parts as parts
 from bench.report._figures import Curve, Lane, lanes
 from bench.report._layout import render_page
 from bench.report._numbers import DASH, moment, significant, unit_text
 from bench.report._page import (
     Block,
-    Cell,
     Column,
     Definitions,
     Fact,
     Figures,
     Headline,
-    Notes,
     Page,
-    Row,
     Section,
     Table,
     Verdict,
@@ -76,7 +74,7 @@ def render_standard_test(
         ],
         verdict=_verdict(results, missing),
         sections=[
-            Section("Warnings", [Notes([*warnings, *missing], "doubt")] if warnings or missing else []),
+            parts.warnings([*warnings, *missing]),
             Section("Figures", [_figure_table(result.run_id, result.figures) for result in results]),
             Section("Over runs", [_figure_table("all runs", over_runs)] if over_runs else []),
             Section(
@@ -84,7 +82,7 @@ def render_standard_test(
             ),
             Section("Definitions", [Definitions(_TERMS)]),
         ],
-        colophon="Figures are computed from the runs' records; times are UTC.",
+        colophon=parts.OF_RUNS,
     )
     return render_page(page)
 
@@ -103,14 +101,12 @@ def _verdict(results: Sequence[StandardFigures], missing: Sequence[str]) -> Verd
 
 def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
     rows = [
-        Row(
-            [
-                Cell(figure.name, strong=True),
-                Cell(significant(figure.value, 4)),
-                Cell(unit_text(figure.unit) or DASH),
-                Cell(_interval(figure)),
-                Cell(figure.source),
-            ]
+        parts.named(
+            figure.name,
+            significant(figure.value, 4),
+            unit_text(figure.unit) or DASH,
+            interval_text(figure),
+            figure.source,
         )
         for figure in figures
     ]
@@ -124,7 +120,8 @@ def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
     return Table(heads, rows, f"Figures of {run_id}.")
 
 
-def _interval(figure: Figure) -> str:
+def interval_text(figure: Figure) -> str:
+    """Return the interval that holds a figure's value; an upper end that is not known is infinite."""
     if figure.low is None or figure.high is None:
         return DASH
     high = significant(figure.high, 3) if np.isfinite(figure.high) else "∞"

@@ -11,25 +11,23 @@ from bench.report._content import Array
 from bench.report._decimation import decimate
 from bench.report._figures import Curve, Lane, lanes
 from bench.report._layout import render_page
-from bench.report._numbers import DASH, column, duration, fixed, moment, significant
+from bench.report._numbers import DASH, column, duration, fixed, significant
 from bench.report._page import (
     Block,
-    Cell,
     Column,
     Definitions,
     Fact,
     Facts,
     Figures,
     Headline,
-    Key,
     Notes,
     Page,
-    Row,
     Section,
     Table,
     Verdict,
 )
 from bench.report._palette import AFTER, BEFORE, GREEN, MUTED, PURPLE, Paint
+from bench.report._parts import BEFORE_AFTER, before_after, made, named, warnings
 from bench.report._plotting import drawing, place, svg
 from bench.report._tables import checksum_table, runs_table, software_facts
 from bench.report._whirl_content import WhirlContent, WhirlJudgement
@@ -55,13 +53,13 @@ def render_whirl(content: WhirlContent) -> str:
         facts=facts,
         verdict=_verdict(content),
         sections=_sections(content),
-        colophon=f"Report made {moment(content.created_utc)}." if content.created_utc else "",
+        colophon=made(content.created_utc),
     )
     return render_page(page)
 
 
 def _verdict(content: WhirlContent) -> Verdict:
-    factors = [_factor(row) for row in content.judgements]
+    factors = [_factor(judged) for judged in content.judgements]
     if not factors:
         return Verdict("Not judged", "doubt", ["There was no run to judge the compensation on."])
     least = min(factors)
@@ -95,16 +93,19 @@ def _verdict(content: WhirlContent) -> Verdict:
     return Verdict(word, "good" if good else "doubt", sentences, headlines)
 
 
-def _factor(row: WhirlJudgement) -> float:
-    return row.locked_before_arcsec / row.locked_after_arcsec if row.locked_after_arcsec else math.inf
+def _factor(judged: WhirlJudgement) -> float:
+    return (
+        judged.locked_before_arcsec / judged.locked_after_arcsec if judged.locked_after_arcsec else math.inf
+    )
 
 
 def _sections(content: WhirlContent) -> list[Section]:
     return [
-        Section("Warnings", [Notes(content.findings, "doubt")] if content.findings else []),
+        warnings(content.findings),
         Section("Judgement", _judgement_table(content)),
         Section(
-            "Attitude before and after", [_attitude(row, at) for at, row in enumerate(content.judgements)]
+            "Attitude before and after",
+            [_attitude(judged, at) for at, judged in enumerate(content.judgements)],
         ),
         Section("Integrated residual and its fit", [_residual(content)]),
         Section("Orbit", [_orbit(content)]),
@@ -121,16 +122,12 @@ def _sections(content: WhirlContent) -> list[Section]:
 
 def _judgement_table(content: WhirlContent) -> list[Block]:
     rows = []
-    for row in content.judgements:
-        patent = row.locked_patent_arcsec
-        cells = [Cell(row.run_id, strong=True)]
-        cells += [
-            Cell(significant(value))
-            for value in (row.locked_before_arcsec, patent, row.locked_after_arcsec, _factor(row))
-        ]
-        cells.append(Cell(significant(row.locked_before_arcsec / patent if patent else None)))
-        cells += [Cell(significant(value)) for value in (row.total_before_arcsec, row.total_after_arcsec)]
-        rows.append(Row(cells))
+    for judged in content.judgements:
+        patent = judged.locked_patent_arcsec
+        values = [judged.locked_before_arcsec, patent, judged.locked_after_arcsec, _factor(judged)]
+        values += [judged.locked_before_arcsec / patent if patent else None]
+        values += [judged.total_before_arcsec, judged.total_after_arcsec]
+        rows.append(named(judged.run_id, *(significant(value) for value in values)))
     heads = [
         Column("Run"),
         Column("Locked, before", "arcsec", True),
@@ -149,30 +146,16 @@ def _judgement_table(content: WhirlContent) -> list[Block]:
     return [Table(heads, rows, caption)] if rows else []
 
 
-def _attitude(row: WhirlJudgement, at: int) -> Figures:
-    minutes = row.time_s / 60.0
+def _attitude(judged: WhirlJudgement, at: int) -> Figures:
+    minutes = judged.time_s / 60.0
     plots = [
+        before_after("arcsec", minutes, judged.before_x, judged.after_x, height=150.0, of="about x"),
+        before_after("arcsec", minutes, judged.before_y, judged.after_y, height=150.0, of="about y"),
         Lane(
             "arcsec",
             [
-                Curve("about x before", minutes, row.before_x, BEFORE),
-                Curve("after", minutes, row.after_x, AFTER),
-            ],
-            150.0,
-        ),
-        Lane(
-            "arcsec",
-            [
-                Curve("about y before", minutes, row.before_y, BEFORE),
-                Curve("after", minutes, row.after_y, AFTER),
-            ],
-            150.0,
-        ),
-        Lane(
-            "arcsec",
-            [
-                Curve("about x after", minutes, row.after_x, AFTER),
-                Curve("about y", minutes, row.after_y, GREEN),
+                Curve("about x after", minutes, judged.after_x, AFTER),
+                Curve("about y", minutes, judged.after_y, GREEN),
             ],
             110.0,
         ),
@@ -181,12 +164,12 @@ def _attitude(row: WhirlJudgement, at: int) -> Figures:
         f"attitude-{at + 1}",
         plots,
         "time, min",
-        description=f"carrier tilt of run {row.run_id} before and after compensation",
+        description=f"carrier tilt of run {judged.run_id} before and after compensation",
     )
     return Figures(
         [figure],
-        f"Run {row.run_id}: carrier tilt about the body's axes minus its mean over two turns; below, the rest.",
-        [Key("before", BEFORE), Key("after", AFTER)],
+        f"Run {judged.run_id}: carrier tilt about the body's axes less its two-turn mean; below, the rest.",
+        BEFORE_AFTER,
     )
 
 
@@ -262,17 +245,15 @@ def _decades(label: str, lines: Array, amplitude: Array, paint: Paint) -> Lane:
 def _line_table(content: WhirlContent) -> list[Block]:
     sd = column((row.sd_arcsec for row in content.lines), 2)
     rows = [
-        Row(
-            [
-                Cell(f"{row.line:+g}".replace("-", "−"), strong=True),
-                Cell(fixed(row.x_arcsec, 3)),
-                Cell(fixed(row.y_arcsec, 3)),
-                Cell(fixed(math.hypot(row.x_arcsec, row.y_arcsec), 3)),
-                Cell(spread),
-                Cell(significant(row.statistic)),
-            ]
+        named(
+            f"{line.line:+g}".replace("-", "−"),
+            fixed(line.x_arcsec, 3),
+            fixed(line.y_arcsec, 3),
+            fixed(math.hypot(line.x_arcsec, line.y_arcsec), 3),
+            spread,
+            significant(line.statistic),
         )
-        for row, spread in zip(content.lines, sd, strict=True)
+        for line, spread in zip(content.lines, sd, strict=True)
     ]
     heads = [
         Column("Line m"),

@@ -21,8 +21,7 @@ from bench.calibration import (
 )
 from bench.cli._calibration import calibrate_command, read_increments
 from bench.cli._scheme import scheme_evaluate_command
-from bench.report._calibration import render_calibration
-from bench.report._calibration_content import scheme_content
+from bench.report import render_calibration, scheme_content
 from drivers.errors import RecordError
 from simulators.plant.imu import ImuErrors, ImuNoise, ImuRecord, Rest, Turn, measure_motion
 
