@@ -1,10 +1,10 @@
 """One user a bench: a lease on its ports, held by the kernel, with a note that says who has it.
 
 A lease is a lock (fcntl(2), "open file description locks") on one small file per port in
-`$XDG_STATE_HOME/gyrobench/leases`. The kernel lets go of it when the last process that has it open ends, however it
-ends, so no lease outlives its holder; what a killed process leaves is a note without a lock, which the next one
-finds, reports and replaces. A watchdog that inherits the descriptors keeps the lease until it has brought the bench
-to rest.
+`$XDG_STATE_HOME/gyrobench/leases`. The kernel lets go of it when the last process that has it open ends, however
+it ends, so no lease outlives its holder; what a killed process leaves is a note without a lock, which the next
+one finds, reports and replaces. A watchdog that inherits the descriptors keeps the lease until it has brought the
+bench to rest.
 
 Benches are told apart by their ports, not by their files: two bench files that share a chamber share its lease.
 """

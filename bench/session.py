@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from bench.benchfile import BenchFile
 from bench.questions import Operator, Question
+from bench.safe_state import bring_to_rest
 from bench.stations import ChamberStation, GyroStation, TableStation
 from drivers.clock import Clock, host_seconds
-from drivers.errors import BenchError, LimitExceeded, RunAborted
+from drivers.errors import LimitExceeded, RunAborted
 from drivers.instruments import Chamber, Turntable
 
 _POLL_S = 1.0
@@ -253,23 +254,16 @@ class Bench:
     # How it ends
 
     def make_safe(self, reason: str) -> bool:
-        """Stop the table, send the chamber to its safe set point; return whether both confirmed it.
-
-        The stop commands of both leave first, before any answer is awaited or anything written down. A device
-        that does not answer does not keep the other from being told.
-        """
-        self.clock.interrupt.clear()
-        problems = self.unconfirmed = []
+        """Stop the table, send the chamber to its safe set point; return whether both read back at rest."""
+        read_back: list[tuple[str, str]] = []
         devices = {"table": self.table.device, "chamber": self.chamber.device}
-        for device in devices.values():
-            with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
-                device.halt()
-        for name, device in devices.items():
-            try:
-                device.make_safe()
-            except BenchError as error:
-                problems.append(f"{name}: {error}")
+        with self.clock.interrupt.ignored():
+            problems = self.unconfirmed = bring_to_rest(
+                devices, self.clock, lambda name, text: read_back.append((name, text))
+            )
         self.event("note", text=f"{'not ' if problems else ''}made safe: {reason}")
+        for name, text in read_back:
+            self.event("note", text=f"{name} {text}")
         for problem in problems:
             self.event("alarm", device="bench", text=f"not confirmed safe: {problem}")
         return not problems

@@ -12,6 +12,7 @@ import os
 import select
 import threading
 import time
+from collections.abc import Iterator
 from typing import Any, Protocol
 
 from drivers.errors import BenchError, RunAborted
@@ -42,6 +43,7 @@ class Interrupt:
 
     def __init__(self) -> None:
         self._reason: str | None = None
+        self._ignored = False
         self._read, self._write = os.pipe()
         os.set_blocking(self._write, False)
         os.set_blocking(self._read, False)
@@ -52,6 +54,8 @@ class Interrupt:
 
     def request(self, reason: str) -> None:
         """Ask the waiting thread to stop; a full pipe means that it has been asked already."""
+        if self._ignored:
+            return
         self._reason = reason
         self.wake()
 
@@ -65,8 +69,18 @@ class Interrupt:
         if self._reason is not None:
             raise RunAborted(self._reason)
 
+    @contextlib.contextmanager
+    def ignored(self) -> Iterator[None]:
+        """Drop the request and those to come: a bench that is being made safe is not interrupted again."""
+        self._ignored = True
+        self.clear()
+        try:
+            yield
+        finally:
+            self._ignored = False
+
     def clear(self) -> None:
-        """Drop the request, so that the bench can be made safe without being interrupted again."""
+        """Drop the request."""
         self._reason = None
         with contextlib.suppress(BlockingIOError):
             os.read(self._read, 4096)

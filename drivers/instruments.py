@@ -59,6 +59,14 @@ class ChamberState:
     auxiliary_c: Mapping[int, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Rest:
+    """What a device says when it is asked whether it is at rest; `text` for the record."""
+
+    reached: bool
+    text: str
+
+
 class Instrument(Protocol):
     """What all polled instruments share. `link` is the one port it owns."""
 
@@ -77,7 +85,11 @@ class Instrument(Protocol):
         ...
 
     def make_safe(self) -> None:
-        """Bring the device to rest, confirmed, with as few bytes as possible and whatever state it is in."""
+        """Tell the device to rest until it says yes, with few bytes and whatever state it is in."""
+        ...
+
+    def read_rest(self) -> Rest:
+        """Read back whether the device is at rest: a table turns on until it has braked."""
         ...
 
 

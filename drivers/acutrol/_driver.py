@@ -19,7 +19,7 @@ from drivers.acutrol._codec import (
     encode_state_query,
 )
 from drivers.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.instruments import Identity, TableLimits, TableState
+from drivers.instruments import Identity, Rest, TableLimits, TableState
 from drivers.link import Link
 
 REPLY_TIMEOUT_S = 2.0
@@ -30,6 +30,9 @@ SERVO_TIMEOUT_S = 10.0
 
 SERVO_PAUSE_S = 0.25
 """Between interlock commands; public drivers wait 0.2 to 0.5 s."""
+
+_REST_DPS = 0.01
+"""Below this an axis stands still; its rate estimate has noise of some 1e-4 deg/s."""
 
 _FAULT_STATES = ("software abort", "hardware abort")
 
@@ -178,6 +181,11 @@ class AcutrolTable:
         except (DeviceRefused, DeviceSilent, ProtocolError):
             self._closed_by_us = False
             self._insist(":interlock:open")
+
+    def read_rest(self) -> Rest:
+        """Read the axis's rate: at rest below 0.01 deg/s."""
+        rate_dps = self.state().rate_dps
+        return Rest(abs(rate_dps) < _REST_DPS, f"{rate_dps:.4f} deg/s")
 
     def _demand(self, mode: str, value: float) -> None:
         """Demand before and after a change of mode: an old demand never runs, whichever the device keeps."""

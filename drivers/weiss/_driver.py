@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from drivers.errors import DeviceRefused, DeviceSilent, LimitExceeded, ProtocolError, WrongDevice
-from drivers.instruments import ChamberLimits, ChamberState, Identity
+from drivers.instruments import ChamberLimits, ChamberState, Identity, Rest
 from drivers.link import Link
 from drivers.weiss._ascii2 import encode_configuration_query
 from drivers.weiss._ascii2_control import Ascii2Control
@@ -26,6 +26,9 @@ SET_POINT_EVERY = 10
 START_TIMEOUT_S = 10.0
 START_PAUSE_S = 0.5
 
+
+_SET_POINT_RESOLUTION_C = 0.11
+"""ASCII-2 rounds to 0.1 degC."""
 
 _SET_POINT = (Number.GET_SET_POINT, 1)
 _AIR = (Number.GET_ACTUAL, 1)
@@ -232,6 +235,19 @@ class WeissChamber:
                 problems.append(error)
         if problems:
             raise problems[0]
+
+    def read_rest(self) -> Rest:
+        """Read whether conditioning is off and which set point is left: at rest if it is the safe one."""
+        self._settle_input()
+        running = self._is_running()
+        if self.simserv:
+            set_point_c = self._simserv.value(*_SET_POINT)
+        else:
+            self._ascii2.request_values()
+            set_point_c = self._ascii2.read_state().set_point_c
+        safe = abs(set_point_c - self.safe_set_point_c) < _SET_POINT_RESOLUTION_C
+        text = f"{'running' if running else 'stopped'}, set point {set_point_c:g} degC"
+        return Rest(safe and not running, text)
 
     def _first_commands(self) -> list[tuple[Number, int, float]]:
         return [

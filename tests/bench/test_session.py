@@ -9,7 +9,7 @@ from bench.questions import AssumeYes
 from bench.session import Bench
 from drivers.clock import Interrupt
 from drivers.errors import DeviceSilent, LimitExceeded, RunAborted
-from drivers.instruments import ChamberState, TableState
+from drivers.instruments import ChamberState, Rest, TableState
 
 
 class Clock:
@@ -36,6 +36,7 @@ class Device:
     def __init__(self, clock, log, name, state):
         self.clock, self.log, self.name, self.state = clock, log, name, state
         self.faults, self.silent = [], False
+        self.rests = [Rest(True, "0 deg/s")]
 
     def request_state(self):
         self.log.append(f"{self.name} asked")
@@ -58,6 +59,10 @@ class Device:
         if self.silent:
             raise DeviceSilent(f"{self.name} is silent")
 
+    def read_rest(self):
+        self.log.append(f"{self.name} rest")
+        return self.rests.pop(0) if len(self.rests) > 1 else self.rests[0]
+
 
 class Record:
     def __init__(self):
@@ -74,6 +79,9 @@ class Record:
 
 
 LIMITS = SimpleNamespace(max_rate_dps=20.0, min_temp_c=-60.0, max_temp_c=85.0, max_ramp_k_per_min=25.0)
+
+
+TOLD = ["table halt", "chamber halt", "table safe", "chamber safe"]
 
 
 @pytest.fixture
@@ -146,16 +154,36 @@ def test_an_interrupt_ends_a_wait_and_does_not_stop_the_making_safe(made):
     assert made.clock.now() < 4.1
     made.log.clear()
     assert made.bench.make_safe("stopped by Ctrl-C") is True
-    assert made.log == ["table halt", "chamber halt", "table safe", "chamber safe"]
+    assert made.log == [*TOLD, "table rest", "chamber rest"]
     made.clock.interrupt.check()
-    assert made.record.rows[-1][2] == {"text": "made safe: stopped by Ctrl-C"}
+    assert [row["text"] for row in made.record.of("note")[-3:]] == [
+        "made safe: stopped by Ctrl-C",
+        "table at rest: 0 deg/s",
+        "chamber at rest: 0 deg/s",
+    ]
+
+
+def test_safe_is_what_is_read_back_not_what_was_confirmed(made):
+    made.table.rests = [Rest(False, "9 deg/s"), Rest(False, "4 deg/s"), Rest(True, "0 deg/s")]
+    assert made.bench.make_safe("a test") is True
+    assert made.log.count("table rest") == 3
+    made.chamber.rests = [Rest(False, "running, set point 25 degC")]
+    assert made.bench.make_safe("a test") is False
+    assert made.bench.unconfirmed == [
+        "chamber: it took the command and is not at rest. Found: running, set point 25 degC. "
+        "Expected: a device at rest."
+    ]
+    assert made.record.of("note")[-2:] == [
+        {"text": "not made safe: a test"},
+        {"text": "table at rest: 0 deg/s"},
+    ]
 
 
 @pytest.mark.parametrize("silent", ["table", "chamber"])
 def test_a_device_that_does_not_answer_does_not_keep_the_other_from_being_told(made, silent):
     getattr(made, silent).silent = True
     assert made.bench.make_safe("a test") is False
-    assert made.log == ["table halt", "chamber halt", "table safe", "chamber safe"]
+    assert made.log == [*TOLD, f"{'chamber' if silent == 'table' else 'table'} rest"]
     assert made.record.of("alarm") == [
         {"device": "bench", "text": f"not confirmed safe: {silent}: {silent} is silent."}
     ]

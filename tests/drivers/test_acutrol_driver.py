@@ -7,7 +7,7 @@ import pytest
 
 from drivers.acutrol import AcutrolTable, decode_transcript
 from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.instruments import TableLimits, TableState
+from drivers.instruments import Rest, TableLimits, TableState
 from simulators.emulators.acutrol import AcutrolEmulator
 
 
@@ -298,6 +298,10 @@ def test_make_safe_after_a_command_cut_in_half(bench):
     wire.write(b":demand:rate 1,40")
     table.make_safe()
     assert plant.on and plant.rate == 0.0
+    wire.clock.sleep(0.2)  # answers to what was cut pass by
+    assert table.read_rest() == Rest(True, "0.0000 deg/s")
+    plant.rate = -0.5
+    assert table.read_rest() == Rest(False, "-0.5000 deg/s")
 
 
 def test_an_unread_state_does_not_shift_later_answers(bench):

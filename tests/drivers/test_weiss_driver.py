@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import DeviceRefused, DeviceSilent, LimitExceeded, ProtocolError, WrongDevice
-from drivers.instruments import ChamberLimits, ChamberState
+from drivers.instruments import ChamberLimits, ChamberState, Rest
 from drivers.weiss import WeissChamber, decode_transcript
 from simulators.emulators.weiss import WeissEmulator
 
@@ -281,6 +281,13 @@ def test_make_safe_after_a_command_cut_in_half(simserv):
     wire.write(b"11001\xb61\xb61\xb6-6")
     chamber.make_safe()
     assert plant.demands[-1] == (25.0, 0.0, 0.0, False)
+    wire.clock.sleep(0.2)  # answers to what was cut pass by
+    assert chamber.read_rest() == Rest(True, "stopped, set point 25 degC")
+    chamber.start()
+    assert chamber.read_rest() == Rest(False, "running, set point 25 degC")
+    chamber.stop()
+    chamber.set_temperature(24.0)
+    assert chamber.read_rest() == Rest(False, "stopped, set point 24 degC")
 
 
 SAFE = [b"", b"14001|1|1|0", b"11001|1|1|23.0", b"11068|1|1|0", b"11072|1|1|0"]

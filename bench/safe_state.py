@@ -1,0 +1,63 @@
+"""The way to the safe state, for a run that ends and for the watchdog: tell, confirm, read back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+
+from drivers.clock import Clock
+from drivers.errors import BenchError, DeviceRefused, ProtocolError
+from drivers.instruments import Instrument, Rest
+
+REST_TIMEOUT_S = 60.0
+"""A large table takes tens of seconds from its highest rate to zero."""
+
+_AGAIN_S = 0.2
+
+
+def bring_to_rest(
+    devices: Mapping[str, Instrument],
+    clock: Clock,
+    say: Callable[[str, str], None],
+    *,
+    timeout_s: float = REST_TIMEOUT_S,
+) -> list[str]:
+    """Stop every device, wait for its word and read back that it is at rest; return what was not confirmed.
+
+    The stop commands of all leave first, before any answer is awaited or anything written down. A device that
+    does not answer does not keep the others from being told. `say(name, text)` gets what each one reads back.
+    """
+    for device in devices.values():
+        with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
+            device.halt()
+    problems = {}
+    for name, device in devices.items():
+        try:
+            device.make_safe()
+        except BenchError as error:
+            problems[name] = str(error)
+    deadline_s = clock.now() + timeout_s
+    for name, device in devices.items():
+        if name not in problems:
+            try:
+                say(name, f"at rest: {_await_rest(device, clock, deadline_s).text}")
+            except BenchError as error:
+                problems[name] = str(error)
+    return [f"{name}: {text}" for name, text in problems.items()]
+
+
+def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
+    """Read back until the device rests; replies to what was cut off when all began pass by in the pauses."""
+    while True:
+        clock.sleep(_AGAIN_S)
+        try:
+            rest = device.read_rest()
+            if rest.reached:
+                return rest
+            found = rest.text
+        except ProtocolError as error:
+            found = error.found
+        if clock.now() >= deadline_s:
+            raise DeviceRefused(
+                "it took the command and is not at rest", found=found, expected="a device at rest"
+            )
