@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fnmatch
+import getpass
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -25,6 +27,7 @@ class Operator(Protocol):
     """Whoever answers."""
 
     name: str
+    """Who it is; read after the answer where several may have given it."""
 
     def ask(self, question: Question) -> Callable[[], str | None]:
         """Put the question; the returned function gives the answer, or None while there is none yet."""
@@ -56,26 +59,88 @@ class StageHand:
         return lambda: "done"
 
 
+class Prepared:
+    """Answers what somebody wrote down beforehand, and passes on what nobody foresaw.
+
+    `answers`: (pattern, answer), the pattern as in file names (`*`, `?`), compared with the question's text; the
+    first that matches counts. `otherwise` answers the rest.
+    """
+
+    def __init__(self, answers: Sequence[tuple[str, str]], by: str, otherwise: Operator) -> None:
+        self.name = by
+        self._by, self._answers, self._otherwise = by, tuple(answers), otherwise
+
+    def ask(self, question: Question) -> Callable[[], str | None]:
+        """Look the question up, or pass it on."""
+        for pattern, prepared in self._answers:
+            if fnmatch.fnmatchcase(question.text, pattern):
+                self.name = self._by
+                return lambda: prepared
+        passed_on = self._otherwise.ask(question)
+
+        def answer() -> str | None:
+            given = passed_on()
+            self.name = self._otherwise.name
+            return given
+
+        return answer
+
+
 class Console:
-    """Asks on the terminal; a thread waits for the line so that telemetry goes on meanwhile."""
+    """Asks on the terminal; a thread waits for the line so that telemetry goes on meanwhile.
 
-    name = "console"
+    A question that was answered elsewhere leaves the thread waiting: its line then answers the next question.
+    `say` shows that next question.
+    """
 
-    def __init__(self, prompt: Callable[[str], str]) -> None:
-        self._prompt = prompt
+    def __init__(self, prompt: Callable[[str], str], say: Callable[[str], None] | None = None) -> None:
+        self.name = f"{_user()} at the console"
+        self._prompt, self._say = prompt, say
+        self._lines: queue.Queue[tuple[int, str]] = queue.Queue()
+        self._number = 0
+        self._waiting = False
+        self._lock = threading.Lock()
 
     def ask(self, question: Question) -> Callable[[], str | None]:
         """Show the question and wait for a line in the background."""
-        answers: queue.Queue[str] = queue.Queue()
-        thread = threading.Thread(
-            target=lambda: answers.put(self._prompt(question.text)), name="operator", daemon=True
-        )
-        thread.start()
+        with self._lock:
+            self._number += 1
+            mine = self._number
+            waiting, self._waiting = self._waiting, True
+        if not waiting:
+            self._read(question.text)
+        elif self._say is not None:
+            self._say(question.text)
 
         def answer() -> str | None:
             try:
-                return answers.get_nowait()
+                number, line = self._lines.get_nowait()
             except queue.Empty:
                 return None
+            if number == mine:
+                return line
+            with self._lock:
+                self._waiting = True
+            self._read(question.text)  # that line was for an earlier question
+            return None
 
         return answer
+
+    def _read(self, text: str) -> None:
+        def read() -> None:
+            try:
+                line = self._prompt(text)
+            except EOFError:  # no terminal: somebody else has to answer
+                return
+            with self._lock:
+                self._waiting = False
+                self._lines.put((self._number, line))
+
+        threading.Thread(target=read, name="operator", daemon=True).start()
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return "somebody"

@@ -90,6 +90,11 @@ class RunRecord:
         write_manifest(folder, manifest)
         return cls(folder, manifest, file.recording.flush_interval_s)
 
+    @property
+    def started_utc(self) -> str:
+        """When the run began, ISO 8601."""
+        return self._manifest.started_utc
+
     def tap(self, port: str) -> PortJournal:
         """Return the journal of a port, for its link."""
         return self._journal.port(port)

@@ -21,10 +21,12 @@ from bench.devices import (
     table_settings,
 )
 from bench.lease import Lease, take_lease
+from bench.live import Live
 from bench.procedure import Parameters, Procedure
+from bench.progress import Progress
 from bench.questions import Operator
 from bench.run_record import RunRecord
-from bench.session import Bench, Progress
+from bench.session import Bench
 from bench.stations import GyroStation, StreamTap
 from drivers.clock import Clock
 from drivers.errors import BenchError, RunAborted
@@ -37,6 +39,7 @@ class RunRequest:
 
     `emulated` is written to the manifest of a run on an emulated lab (plant settings); None on real devices.
     `lease`: of a caller who keeps the bench for more than this run; None has the run take one for itself.
+    `live`: where others see and steer the run; None keeps it to itself.
     """
 
     procedure: Procedure
@@ -49,6 +52,7 @@ class RunRequest:
     emulated: dict[str, Any] | None = None
     before_close: Callable[[Path], None] | None = None
     lease: Lease | None = None
+    live: Live | None = None
 
 
 @dataclass
@@ -83,6 +87,15 @@ def _run(request: RunRequest) -> RunResult:
         request.file,
         request.emulated,
     )
+    if request.live is not None:
+        request.live.begin_run(
+            record.folder,
+            run_id=record.folder.name,
+            procedure=request.procedure.name,
+            expected_s=request.procedure.expected_duration_s(request.parameters),
+            started_utc=record.started_utc,
+            units={gyro.name: gyro.unit for gyro in request.file.gyro},
+        )
     outcome, reason, duration_s = "aborted", "", 0.0
     error: BaseException | None = None
     unsafe: list[str] = []
@@ -91,6 +104,9 @@ def _run(request: RunRequest) -> RunResult:
             clock = open_clock(request.file.bench.clock)
             stack.callback(clock.close)
             stack.enter_context(_signals(clock))
+            if request.live is not None:
+                paced = request.file.bench.clock is not None
+                stack.enter_context(request.live.steering(clock.interrupt, paced=paced))
             try:
                 bench = _drive(request, record, clock, stack, unsafe)
             finally:
@@ -109,6 +125,8 @@ def _run(request: RunRequest) -> RunResult:
             outcome = "aborted"
             reason = f"{reason} NOT CONFIRMED SAFE, go and look: {' '.join(unsafe)}".strip()
         ending = record.close(outcome, reason, duration_s)
+        if request.live is not None:
+            request.live.end(ending.outcome, ending.reason)
     return RunResult(record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings))
 
 
@@ -117,7 +135,7 @@ def _drive(
 ) -> Bench:
     """Run the procedure; `unsafe` takes what did not confirm its safe state afterwards."""
     file = request.file
-    bench = Bench(file, clock, record, request.operator, request.display)
+    bench = Bench(file, clock, record, request.operator, _display(request), request.live)
     table = table_kind(file).open(table_settings(file), clock, record.tap("table"))
     stack.callback(table.link.close)
     chamber = chamber_kind(file).open(chamber_settings(file), clock, record.tap("chamber"))
@@ -145,6 +163,16 @@ def _drive(
     for gyro, _ in gyros:
         gyro.stop()
     return bench
+
+
+def _display(request: RunRequest) -> Callable[[Progress], None] | None:
+    shown = [each for each in (request.display, request.live) if each is not None]
+
+    def show(progress: Progress) -> None:
+        for each in shown:
+            each(progress)
+
+    return show if shown else None
 
 
 def _check_limits(request: RunRequest, bench: Bench) -> None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 from bench.benchfile import BenchFile
+from bench.live import Request
+from bench.progress import GyroProgress, Progress
 from bench.questions import Operator, Question
 from bench.safe_state import bring_to_rest
 from bench.stations import ChamberStation, GyroStation, TableStation
 from drivers.clock import Clock, host_seconds
-from drivers.errors import LimitExceeded, RunAborted
+from drivers.errors import BenchError, LimitExceeded, RunAborted
 from drivers.instruments import Chamber, Turntable
 
 _POLL_S = 1.0
@@ -20,6 +22,8 @@ _RESOLUTION_S = 1e-9
 """A virtual clock counts whole ns: what is nearer than this has come."""
 _ALARMS_S = 60.0
 _DISPLAY_S = 0.1
+_KEPT_LINES = 20
+_RATE_WINDOW_S = 60.0
 _OVERSPEED = 1.05
 _AIR_MARGIN_K = 10.0
 
@@ -36,21 +40,19 @@ class Record(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Progress:
-    """What a display shows at a glance."""
+class Steering(Protocol):
+    """Who may ask the session to stand still; `bench.live.Live` does so for files."""
 
-    time_s: float
-    step: str
-    doing: str
-    phase: str
-    air_temp_c: float
-    set_point_c: float
-    angle_deg: float
-    rate_dps: float
-    demand: str
-    gyros: dict[str, tuple[float, float]]
-    """name -> (mean rate deg/s of the last minute, temperature degC)"""
+    pause_wanted: str
+    """Who wants a pause; empty when nobody does."""
+
+    def take(self) -> list[Request | BenchError]:
+        """Return what has been asked for since the last call, for the record."""
+        ...
+
+    def breathe(self) -> None:
+        """Called while waiting for a human."""
+        ...
 
 
 class Bench:
@@ -65,6 +67,7 @@ class Bench:
         record: Record,
         operator: Operator,
         display: Callable[[Progress], None] | None = None,
+        steering: Steering | None = None,
     ) -> None:
         self.file = file
         self.clock = clock
@@ -79,6 +82,11 @@ class Bench:
         self.phase_name = ""
         self._record = record
         self._display = display
+        self._steering = steering
+        self._paused = False
+        self._resumed_by = ""
+        self._alarms: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
+        self._log: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
         self._step = ""
         self._next_poll_s = clock.now()
         self._next_alarms_s = clock.now() + _ALARMS_S
@@ -93,7 +101,8 @@ class Bench:
 
     @contextmanager
     def step(self, code: str, title: str) -> Iterator[None]:
-        """Name what follows after the test plan's own step."""
+        """Name what follows after the test plan's own step; a pause that was asked for comes before it."""
+        self._pause(title)
         self._step = f"{code} {title}"
         self.event("step", code=code, title=title)
         yield
@@ -166,7 +175,11 @@ class Bench:
 
     def event(self, kind: str, **fields: Any) -> None:
         """Write one line to the event log, at bench time now."""
-        self._record.event(self.clock.now(), kind, **fields)
+        time_s = self.clock.now()
+        self._record.event(time_s, kind, **fields)
+        self._log.append({"time_s": round(time_s, 3), "kind": kind, **fields})
+        if kind == "alarm":
+            self._alarms.append({"time_s": round(time_s, 3), **fields})
 
     def poll(self) -> None:
         """Ask both instruments, then collect: their answers travel at the same time."""
@@ -205,32 +218,64 @@ class Bench:
                 self._next_alarms_s = self.clock.now() + _ALARMS_S
                 self.check_alarms()
             self._record.keep(self.clock.now())
+            self._note_requests()
         if self._display is not None and host_seconds() - self._shown_at >= _DISPLAY_S:
             self._shown_at = host_seconds()
             self._display(self.progress(doing))
 
     def progress(self, doing: str) -> Progress:
         """Return what a display shows now."""
+        now = self.clock.now()
         air, turned = self.chamber.history.last, self.table.history.last
-        gyros = {
-            name: (
-                station.mean_rate_dps(self.clock.now() - 60.0),
-                station.history.last.get("temp_c", float("nan")),
-            )
-            for name, station in self.gyros.items()
-        }
+        nan = float("nan")
         return Progress(
-            time_s=self.clock.now(),
+            time_s=now,
             step=self._step,
             doing=doing,
             phase=self.phase_name,
-            air_temp_c=air.get("air_temp_c", float("nan")),
-            set_point_c=air.get("set_point_c", float("nan")),
-            angle_deg=turned.get("angle_deg", float("nan")),
-            rate_dps=turned.get("rate_dps", float("nan")),
+            air_temp_c=air.get("air_temp_c", nan),
+            set_point_c=air.get("set_point_c", nan),
+            air_rate_k_per_min=self._air_rate_k_per_min(now),
+            auxiliary_c={str(n): air.get(f"aux_{n}_temp_c", nan) for n in self.chamber.auxiliary},
+            angle_deg=turned.get("angle_deg", nan),
+            rate_dps=turned.get("rate_dps", nan),
             demand=self.table.demand_text,
-            gyros=gyros,
+            gyros={name: _gyro_progress(station, now) for name, station in self.gyros.items()},
+            paused=self._paused,
+            alarms=tuple(self._alarms),
+            log=tuple(self._log),
         )
+
+    def _air_rate_k_per_min(self, now_s: float) -> float:
+        rows = self.chamber.history.since(now_s - _RATE_WINDOW_S)
+        time_s, air_c = rows["time_s"], rows["air_temp_c"]
+        if len(time_s) < 2 or time_s[-1] - time_s[0] < 0.5 * _RATE_WINDOW_S:
+            return float("nan")
+        return float(60.0 * (air_c[-1] - air_c[0]) / (time_s[-1] - time_s[0]))
+
+    def _pause(self, before: str) -> None:
+        """Stand still, telemetry running, as long as somebody wants a pause."""
+        steering = self._steering
+        if steering is None or not (by := steering.pause_wanted):
+            return
+        self._note_requests()
+        self.event("paused", by=by)
+        self._paused = True
+        while steering.pause_wanted:
+            steering.breathe()
+            self.wait(0.2, f"paused by {by} before: {before}")
+        self._paused = False
+        self._note_requests()
+        self.event("resumed", by=self._resumed_by)
+
+    def _note_requests(self) -> None:
+        """Write to the record what has been asked of the session."""
+        for request in self._steering.take() if self._steering is not None else ():
+            if isinstance(request, Request):
+                self.event("request", action=request.action, by=request.by, utc=request.utc)
+                self._resumed_by = request.by
+            else:
+                self.event("note", text=str(request))
 
     def _watch(self, rate_dps: float, air_temp_c: float) -> None:
         limits = self.file.limits
@@ -261,9 +306,25 @@ class Bench:
             problems = self.unconfirmed = bring_to_rest(
                 devices, self.clock, lambda name, text: read_back.append((name, text))
             )
+        self._note_requests()
         self.event("note", text=f"{'not ' if problems else ''}made safe: {reason}")
         for name, text in read_back:
             self.event("note", text=f"{name} {text}")
         for problem in problems:
             self.event("alarm", device="bench", text=f"not confirmed safe: {problem}")
         return not problems
+
+
+def _gyro_progress(station: GyroStation, now_s: float) -> GyroProgress:
+    rate_dps = station.mean_rate_dps(now_s - 60.0)
+    last = station.history.last
+    nan = float("nan")
+    return GyroProgress(
+        rate_dps=rate_dps,
+        latest_dps=last.get("rate_dps", nan),
+        temp_c=last.get("temp_c", nan),
+        frames=station.frames,
+        lost=station.lost,
+        rejected=station.rejected,
+        age_s=now_s - last.get("time_s", nan),
+    )

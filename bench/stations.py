@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.history import History
 from drivers.errors import DeviceRefused, LimitExceeded, RunAborted
@@ -194,6 +195,19 @@ class GyroStation:
         self._blocks: deque[tuple[float, bytes]] = deque()
         self._lock = threading.Lock()
         self._pending_bytes = 0
+        self._counter: int | None = None
+        self.lost = 0
+        """Samples that never came, by the unit's own counter."""
+
+    @property
+    def frames(self) -> int:
+        """Frames decoded so far."""
+        return 0 if self._decoder is None else self._decoder.counts.frames
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Frames rejected so far, by reason."""
+        return {} if self._decoder is None else dict(self._decoder.counts.rejected)
 
     def listen(self) -> None:
         """Take everything that arrives from now on for the stream."""
@@ -233,6 +247,7 @@ class GyroStation:
         self._offset = int(ends[-1])
         if not len(batch):
             return
+        self._count_lost(decoder, np.asarray(batch.columns["counter"], dtype=np.int64))
         first = np.searchsorted(batch.end_offset, np.concatenate(([0], ends[:-1])), side="right")
         last = np.append(first[1:], len(batch))
         rate = np.asarray(
@@ -247,6 +262,12 @@ class GyroStation:
                 known = temp[start:stop][use & ~np.isnan(temp[start:stop])]
                 mean_temp = float(known.mean()) if len(known) else float("nan")
                 self.history.append(arrival_s, int(use.sum()), float(rate[start:stop][use].mean()), mean_temp)
+
+    def _count_lost(self, decoder: StreamDecoder, counter: NDArray[np.int64]) -> None:
+        before = counter[0] - round(decoder.counter_step) if self._counter is None else self._counter
+        step = np.mod(np.diff(counter, prepend=before), decoder.counter_modulo)
+        self._counter = int(counter[-1])
+        self.lost += int(np.maximum(np.rint(step / decoder.counter_step) - 1.0, 0.0).sum())
 
 
 class StreamTap:

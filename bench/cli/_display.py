@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from bench.session import Progress
+from bench.progress import Progress
 from drivers.clock import host_seconds
 
 _PLAIN_EVERY_S = 5.0
@@ -75,8 +75,10 @@ class RunDisplay:
             "table",
             f"{progress.angle_deg:8.3f} deg, {progress.rate_dps:+.4f} deg/s, demand {progress.demand}",
         )
-        for name, (rate_dps, temp_c) in progress.gyros.items():
-            panel.add_row(name, f"{rate_dps * 3600.0:+12.3f} deg/h (last minute), {temp_c:.2f} degC")
+        for name, gyro in progress.gyros.items():
+            panel.add_row(
+                name, f"{gyro.rate_dps * 3600.0:+12.3f} deg/h (last minute), {gyro.temp_c:.2f} degC"
+            )
         return panel
 
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bench.live import Request
 from bench.questions import AssumeYes
 from bench.session import Bench
 from drivers.clock import Interrupt
@@ -207,6 +208,38 @@ def test_a_question_is_recorded_with_its_answer_and_act_and_no_ends_the_run(made
     with pytest.raises(RunAborted, match="answered ' No '"):
         made.bench.ask("Ready?")
     assert made.clock.now() > before  # telemetry went on while nobody had answered
+
+
+class Human:
+    """Asks for a pause at once and for its end after some breaths."""
+
+    def __init__(self, breaths):
+        self.pause_wanted, self.breaths = "Ann", breaths
+        self.asked = [Request("pause", "Ann", "t1")]
+
+    def take(self):
+        asked, self.asked = self.asked, []
+        return asked
+
+    def breathe(self):
+        self.breaths -= 1
+        if not self.breaths:
+            self.pause_wanted = ""
+            self.asked.append(Request("resume", "Bob", "t2"))
+
+
+def test_a_pause_comes_before_the_next_step_and_telemetry_goes_on(made):
+    made.bench._steering = Human(breaths=26)
+    made.bench.wait(3.0)  # within a step nothing stands still
+    assert made.record.of("paused") == []
+    with made.bench.step("S2", "Shock"):
+        assert made.clock.now() == pytest.approx(3.0 + 5.2, abs=0.1)
+    kinds = [kind for _, kind, _ in made.record.rows]
+    assert kinds == ["request", "paused", "request", "resumed", "step"]
+    assert made.record.of("resumed") == [{"by": "Bob"}]
+    assert len(made.bench.chamber.history) >= 8
+    assert not made.bench.progress("").paused
+    assert [row["kind"] for row in made.bench.progress("").log] == kinds
 
 
 def test_measurements_are_judged_against_their_limits(made):

@@ -154,7 +154,9 @@ def test_a_chamber_demand_beyond_a_limit_is_never_sent(set_point, ramp):
 
 
 class Decoder:
-    """Four bytes a sample: rate in mdeg/s, temperature in 0.1 degC, validity, padding."""
+    """Four bytes a sample: rate in mdeg/s, temperature in 0.1 degC, validity, counter."""
+
+    counter_modulo, counter_step = 256, 1.0
 
     def __init__(self):
         self.counts, self.pending, self.offset = StreamCounts(), b"", 0
@@ -168,7 +170,7 @@ class Decoder:
         self.offset += 4 * whole
         temp_c = np.where(rows[:, 1] == 255, np.nan, rows[:, 1] / 10.0)
         columns = {
-            "counter": np.arange(whole),
+            "counter": rows[:, 3],
             "rate": rows[:, 0] / 1e3,
             "temp_c": temp_c,
             "valid": rows[:, 2] > 0,
@@ -230,6 +232,21 @@ def test_nothing_is_taken_before_the_stream_begins_and_much_is_decoded_at_once()
     for k in range(80):
         gyro.take(bytes([1, 1, 1, 0]) * 1024, float(k))
     assert len(gyro._blocks) < 80 and len(gyro.history) > 0  # memory stays flat without a reader
+
+
+@given(counters=st.lists(st.integers(0, 2000), min_size=1, max_size=30, unique=True), cut=st.integers(0, 120))
+def test_lost_samples_are_those_missing_between_first_and_last(counters, cut):
+    kept = [n for n in sorted(counters) if n - min(counters) < 2000]
+    gaps = [after - before for before, after in pairwise(kept)]
+    kept = kept[: next((i + 1 for i, gap in enumerate(gaps) if gap >= 256), len(kept))]  # less than a wrap
+    gyro = station()
+    data = b"".join(bytes([1, 1, 1, n % 256]) for n in kept)
+    gyro.take(data[:cut], 1.0)
+    gyro.update()
+    gyro.take(data[cut:], 2.0)
+    gyro.update()
+    assert gyro.lost == kept[-1] - kept[0] + 1 - len(kept)
+    assert gyro.rejected == {}
 
 
 def test_a_tap_records_before_it_hands_on():
