@@ -121,13 +121,22 @@ def lab(
 
 @app.command()
 def report(
-    run: Annotated[Path, typer.Argument(help="a run folder")],
-    out: Annotated[Path | None, typer.Option(help="HTML file; default report.html in that folder")] = None,
+    run: Annotated[list[Path], typer.Argument(help="a run folder; several, or --limits: a test certificate")],
+    out: Annotated[
+        Path | None, typer.Option(help="HTML file; default report.html or certificate.html beside the runs")
+    ] = None,
+    limits: Annotated[
+        Path | None, typer.Option("--limits", help="limits to judge by (TOML, [[limit]] tables)")
+    ] = None,
+    pdf: Annotated[bool, typer.Option("--pdf", help="print a PDF too (needs Chromium or Chrome)")] = False,
 ) -> None:
-    """Write a self-contained HTML report of a run; a fit writes its own."""
-    from bench.cli._fit import report_command
+    """Write the HTML report of a run, or the test certificate of several; a fit writes its own.
 
-    report_command(run, out)
+    Exit code 4 if the certificate says "not passed".
+    """
+    from bench.cli._report import report_command
+
+    sys.exit(report_command(run, out, limits, pdf))
 
 
 @campaign_app.command("rehearse")

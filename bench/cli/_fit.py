@@ -1,4 +1,4 @@
-"""`gyrobench fit` and `gyrobench report`."""
+"""`gyrobench fit cold-shock`."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from bench.export import c_header, lstm_to_onnx
 from bench.fitting import Compensation, LstmModel, Study, load_runs, run_study
 from bench.fitting_report import study_content
 from bench.recording import Run
-from bench.report import render_campaign, render_run, run_content, write_report
-from drivers.errors import ConfigurationError
+from bench.report import render_campaign, write_report
 
 REPORT_FILE = "report.html"
 
@@ -85,21 +84,6 @@ def score_table(study: Study) -> Table:
         style = "bold green" if score.name == study.chosen else ""
         table.add_row(score.name, *cells, style=style)
     return table
-
-
-def report_command(folder: Path, out: Path | None) -> None:
-    """Write the report of a run folder; a fit's report is written by the fit itself."""
-    if not (folder / "manifest.json").exists():
-        raise ConfigurationError(
-            "no run to report on",
-            where=str(folder),
-            found="no manifest.json",
-            expected="a run folder",
-            remedy="`gyrobench fit` writes the report of a fit into its own folder",
-        )
-    page = out or folder / REPORT_FILE
-    page.write_text(render_run(run_content(Run.open(folder))), encoding="utf-8")
-    Console().print(f"{page}", highlight=False)
 
 
 def _names(study: Study) -> str:

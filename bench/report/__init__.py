@@ -3,6 +3,12 @@
 from bench.report._calibration import render_calibration
 from bench.report._calibration_content import CalibrationContent, calibration_content, scheme_content
 from bench.report._campaign import render_campaign
+from bench.report._certificate import (
+    CertificateContent,
+    CertifiedFigure,
+    UnitCertificate,
+    render_certificate,
+)
 from bench.report._content import (
     CampaignContent,
     Comparison,
@@ -21,13 +27,15 @@ from bench.report._heading import HeadingContent, mixed_text, render_heading
 from bench.report._rlg import render_rlg_study
 from bench.report._run import render_run
 from bench.report._run_content import run_content
-from bench.report._standard import render_standard_test
+from bench.report._standard import allan_figure, render_standard_test
 from bench.report._whirl import render_whirl
 from bench.report._whirl_content import WhirlContent, WhirlJudgement, WhirlLine
 
 __all__ = [
     "CalibrationContent",
     "CampaignContent",
+    "CertificateContent",
+    "CertifiedFigure",
     "Comparison",
     "CompensationSummary",
     "Device",
@@ -38,15 +46,18 @@ __all__ = [
     "RunSummary",
     "StreamStatistics",
     "Trace",
+    "UnitCertificate",
     "ValidRange",
     "WhirlContent",
     "WhirlJudgement",
     "WhirlLine",
+    "allan_figure",
     "calibration_content",
     "find_browser",
     "mixed_text",
     "render_calibration",
     "render_campaign",
+    "render_certificate",
     "render_heading",
     "render_rlg_study",
     "render_run",

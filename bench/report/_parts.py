@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from bench.report._content import Array
 from bench.report._figures import Curve, Lane
-from bench.report._numbers import moment
+from bench.report._numbers import DASH, moment, significant
 from bench.report._page import Cell, Key, Notes, Row, Section
 from bench.report._palette import AFTER, BEFORE
 
@@ -36,3 +37,10 @@ def before_after(
     """Return a lane with a quantity before and after compensation; `of` names what it is about."""
     label_before = f"{of} before".strip()
     return Lane(label, [Curve(label_before, x, before, BEFORE), Curve("after", x, after, AFTER)], height)
+
+
+def interval(low: float | None, high: float | None) -> str:
+    """Return the interval that holds a value; an upper end that is not known is infinite."""
+    if low is None or high is None:
+        return DASH
+    return f"{significant(low, 3)} … {significant(high, 3) if math.isfinite(high) else '∞'}"

@@ -78,7 +78,8 @@ def render_standard_test(
             Section("Figures", [_figure_table(result.run_id, result.figures) for result in results]),
             Section("Over runs", [_figure_table("all runs", over_runs)] if over_runs else []),
             Section(
-                "Allan deviation", [block for n, result in enumerate(results) for block in _allan(n, result)]
+                "Allan deviation",
+                [block for n, result in enumerate(results) for block in allan_figure(n, result)],
             ),
             Section("Definitions", [Definitions(_TERMS)]),
         ],
@@ -105,7 +106,7 @@ def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
             figure.name,
             significant(figure.value, 4),
             unit_text(figure.unit) or DASH,
-            interval_text(figure),
+            parts.interval(figure.low, figure.high),
             figure.source,
         )
         for figure in figures
@@ -120,15 +121,8 @@ def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
     return Table(heads, rows, f"Figures of {run_id}.")
 
 
-def interval_text(figure: Figure) -> str:
-    """Return the interval that holds a figure's value; an upper end that is not known is infinite."""
-    if figure.low is None or figure.high is None:
-        return DASH
-    high = significant(figure.high, 3) if np.isfinite(figure.high) else "∞"
-    return f"{significant(figure.low, 3)} … {high}"
-
-
-def _allan(number: int, result: StandardFigures) -> list[Block]:
+def allan_figure(number: int, result: StandardFigures) -> list[Block]:
+    """Return the Allan deviation of a run with its interval and fit; nothing if there is none."""
     if result.allan is None or result.noise is None:
         return []
     from bench.fitting import confidence_interval  # scipy behind it takes longer to import than all reports

@@ -84,7 +84,9 @@ def checks_table(runs: Sequence[RunSummary]) -> list[Block]:
     if not names:
         return []
     heads = [Column("Run")] + [
-        Column(measured(name), f"{unit_text(item.unit)} {_limits(item)}".strip(), number=True)
+        Column(
+            measured(name), f"{unit_text(item.unit)} {limits_text(item.low, item.high)}".strip(), number=True
+        )
         for name, item in names.items()
     ]
     rows = []
@@ -112,7 +114,7 @@ def measurements_table(measurements: Sequence[Measurement]) -> list[Block]:
                 Cell(measured(item.name)),
                 Cell(significant(item.value, 4), strong=True),
                 Cell(unit_text(item.unit)),
-                Cell(_limits(item) or DASH),
+                Cell(limits_text(item.low, item.high) or DASH),
                 _judgement(item),
             ]
         )
@@ -226,12 +228,13 @@ def _common_parameters(runs: Sequence[RunSummary]) -> dict[str, Any]:
     }
 
 
-def _limits(item: Measurement) -> str:
-    if item.low is not None and item.high is not None:
-        return f"{plain(item.low)} … {plain(item.high)}"
-    if item.low is not None:
-        return f"≥ {plain(item.low)}"
-    return f"≤ {plain(item.high)}" if item.high is not None else ""
+def limits_text(low: float | None, high: float | None) -> str:
+    """Return two optional limits as text, empty if there is none."""
+    if low is not None and high is not None:
+        return f"{plain(low)} … {plain(high)}"
+    if low is not None:
+        return f"≥ {plain(low)}"
+    return f"≤ {plain(high)}" if high is not None else ""
 
 
 def _judgement(item: Measurement) -> Cell:
@@ -245,7 +248,7 @@ def _check_cell(item: Measurement | None, first: Measurement) -> Cell:
         return Cell(DASH)
     text = significant(item.value)
     if (item.low, item.high) != (first.low, first.high):
-        text = f"{text} ({_limits(item)})"
+        text = f"{text} ({limits_text(item.low, item.high)})"
     return Cell(text, "bad") if item.passed is False else Cell(text)
 
 

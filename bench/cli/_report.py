@@ -1,0 +1,89 @@
+"""`gyrobench report`: the report of a run, the certificate of several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.certificate import NO_LIMITS, Limits, certificate_content, load_limits
+from bench.recording import Run
+from bench.report import (
+    CertificateContent,
+    render_certificate,
+    render_run,
+    run_content,
+    write_pdf,
+    write_report,
+)
+from drivers.clock import utc_now
+from drivers.errors import ConfigurationError
+
+REPORT_FILE = "report.html"
+CERTIFICATE_FILE = "certificate.html"
+_STYLES = {"passed": "bold green", "not passed": "bold red", "not judged": "yellow"}
+
+
+def report_command(folders: Sequence[Path], out: Path | None, limits: Path | None, pdf: bool) -> int:
+    """Write the report of one run folder, or the certificate of several or against limits."""
+    console = Console()
+    if len(folders) == 1 and limits is None:
+        path, code = run_report(folders[0], out), 0
+    else:
+        path = out or folders[0].parent / CERTIFICATE_FILE
+        code = certify(folders, load_limits(limits) if limits else NO_LIMITS, path, console)
+    console.print(f"{path}", highlight=False, markup=False, soft_wrap=True)
+    if pdf:
+        console.print(f"{write_pdf(path)}", highlight=False, markup=False, soft_wrap=True)
+    return code
+
+
+def run_report(folder: Path, out: Path | None = None) -> Path:
+    """Write the report of a run folder and return its path; a fit's report is written by the fit itself."""
+    if not (folder / "manifest.json").exists():
+        raise ConfigurationError(
+            "no run to report on",
+            where=str(folder),
+            found="no manifest.json",
+            expected="a run folder",
+            remedy="`gyrobench fit` writes the report of a fit into its own folder",
+        )
+    return write_report(
+        out or folder / REPORT_FILE, render_run(run_content(Run.open(folder), created_utc=utc_now()))
+    )
+
+
+def certify(folders: Sequence[Path], limits: Limits, path: Path, console: Console, *, title: str = "") -> int:
+    """Write the certificate of planned run folders and print it; exit code 4 if it is not passed.
+
+    A certificate that was there before is removed before anything is computed.
+    """
+    if not any(folder.is_dir() for folder in folders):
+        raise ConfigurationError(
+            "no run to certify",
+            where=", ".join(map(str, folders)),
+            found="no such folder",
+            expected="run folders",
+        )
+    path.unlink(missing_ok=True)
+    with console.status("verifying records"):
+        content = certificate_content(folders, limits, title=title)
+    write_report(path, render_certificate(content))
+    say_certificate(console, content)
+    return 4 if content.verdict == "not passed" else 0
+
+
+def say_certificate(console: Console, content: CertificateContent) -> None:
+    """Print every unit's verdict and what stands against it."""
+    table = Table("unit", "verdict", "limits met", title=content.title)
+    for unit in content.units:
+        met = sum(figure.judgement == "pass" for figure in unit.figures)
+        limited = sum(figure.limited for figure in unit.figures)
+        table.add_row(unit.unit_id, f"[{_STYLES[unit.verdict]}]{unit.verdict}[/]", f"{met} of {limited}")
+    console.print(table)
+    for unit in content.units:
+        failed = [f"{f.name}: {f.judgement}" for f in unit.figures if f.judgement in ("fail", "not measured")]
+        for text in [*unit.against, *failed]:
+            console.print(f"{unit.unit_id}: {text}", style="red", highlight=False, markup=False)
