@@ -32,8 +32,9 @@ def gyro_kind(section: GyroSection) -> GyroKind:
 
 
 def table_settings(file: BenchFile) -> Settings:
-    """Return the table's section as plain values."""
-    return {"name": "table", **file.table.model_dump()}
+    """Return the table's section as plain values; `axes` is there for a table of one axis, too."""
+    axes = [axis.model_dump(mode="json") for axis in file.table.all_axes]
+    return {"name": "table", **file.table.model_dump(mode="json"), "axes": axes}
 
 
 def chamber_settings(file: BenchFile) -> Settings:

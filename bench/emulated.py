@@ -17,6 +17,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.benchfile import BenchFile, GyroSection
+from bench.devices import table_settings
 from drivers.errors import BenchError, ConfigurationError
 
 _MODELS = {"kvh1750": "fog_mid", "sbg_ellipse": "mems", "rlg2t": "rlg"}
@@ -180,7 +181,7 @@ def _lab_config(file: BenchFile, plant: Plant, clock: str) -> dict[str, Any]:
         "table": {
             "driver": file.table.driver,
             "transport": _transport(file.table.port),
-            "settings": file.table.model_dump(mode="json"),
+            "settings": table_settings(file),
         },
         "chamber": {
             "driver": file.chamber.driver,

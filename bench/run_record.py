@@ -17,6 +17,7 @@ from bench.devices import (
     gyro_kind,
     gyro_settings,
     table_kind,
+    table_settings,
 )
 from bench.recording import (
     DeviceEntry,
@@ -188,7 +189,14 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
     """Make all tables of a run from its raw bytes, in `out` (default: the run folder); the one way there is."""
     manifest = read_manifest(folder)
     file = bench_file_from(manifest.bench)
-    decode_instrument(folder, "table", "turntable", table_kind(file).decode_transcript, out)
+    settings = table_settings(file)
+    decode_instrument(
+        folder,
+        "table",
+        "turntable",
+        lambda exchanges: table_kind(file).decode_transcript(exchanges, settings),
+        out,
+    )
     decode_instrument(folder, "chamber", "chamber", chamber_kind(file).decode_transcript, out)
     streams = {}
     for section in file.gyro:

@@ -12,7 +12,8 @@ from bench.live import Request
 from bench.progress import GyroProgress, Progress
 from bench.questions import Operator, Question
 from bench.safe_state import bring_to_rest
-from bench.stations import ChamberStation, GyroStation, TableStation
+from bench.stations import ChamberStation, GyroStation
+from bench.table_station import TableStation
 from drivers.clock import Clock, host_seconds
 from drivers.errors import BenchError, LimitExceeded, RunAborted
 from drivers.instruments import Chamber, Turntable
@@ -94,7 +95,7 @@ class Bench:
 
     def install(self, table: Turntable, chamber: Chamber, auxiliary: tuple[int, ...]) -> None:
         """Put the polled instruments in place."""
-        self.table = TableStation(table, self)
+        self.table = TableStation(table, self, self.file.table.all_axes)
         self.chamber = ChamberStation(chamber, self, auxiliary)
 
     # What a procedure says
@@ -190,8 +191,8 @@ class Bench:
         auxiliary = (air.auxiliary_c[number] for number in chamber.auxiliary)
         chamber.history.append(self.clock.now(), air.air_temp_c, air.set_point_c, *auxiliary)
         turned = table.device.read_state()  # the quicker device: its answer has come meanwhile
-        table.history.append(self.clock.now(), turned.angle_deg, turned.rate_dps)
-        self._watch(turned.rate_dps, air.air_temp_c)
+        table.take(self.clock.now(), turned)
+        self._watch(max(table.rates_dps, key=abs), air.air_temp_c)
         table.watch()
 
     def check_alarms(self) -> None:

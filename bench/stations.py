@@ -1,4 +1,4 @@
-"""The places a procedure works at: table, chamber, gyros - devices plus limits, telemetry and the record."""
+"""The places a procedure works at: chamber and gyros - devices plus limits, telemetry and the record."""
 
 from __future__ import annotations
 
@@ -11,119 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.history import History
-from drivers.errors import DeviceRefused, LimitExceeded, RunAborted
-from drivers.instruments import Chamber, GyroKind, Settings, StreamDecoder, Turntable
+from drivers.errors import LimitExceeded
+from drivers.instruments import Chamber, GyroKind, Settings, StreamDecoder
 from drivers.link import Tap
 
 if TYPE_CHECKING:
     from bench.session import Bench
-
-_SETTLED_POLLS = 3
-_STAYS = 10.0
-"""A settled table may be off by this many times what counted as settled before it has left its demand."""
-
-
-class TableStation:
-    """The rate table. Verbs return when telemetry shows that the motion has settled."""
-
-    def __init__(self, device: Turntable, bench: Bench) -> None:
-        self.device = device
-        self.history = History(("angle_deg", "rate_dps"))
-        self.demand_text = "at rest"
-        self._bench = bench
-        self._stays: Callable[[dict[str, float]], bool] | None = None
-
-    def check(self, max_rate_dps: float) -> None:
-        """Raise LimitExceeded if `max_rate_dps` is beyond the bench file's or the table's own limit."""
-        allowed = min(self._bench.file.limits.max_rate_dps, self.device.limits().max_rate_dps)
-        if max_rate_dps > allowed:
-            raise LimitExceeded(
-                f"a table rate of {max_rate_dps:g} deg/s is not allowed",
-                where="table",
-                found=f"{max_rate_dps:g} deg/s",
-                expected=f"at most {allowed:g} deg/s (bench file and table limits)",
-                remedy="lower the rate parameter, or raise limits.max_rate_dps if the bench really allows it",
-            )
-
-    def confine(self) -> None:
-        """Have the table itself keep turns to an angle within the bench file's and its own rate limit."""
-        self.device.limit_turns(min(self._bench.file.limits.max_rate_dps, self.device.limits().max_rate_dps))
-
-    def point(self, angle_deg: float, *, tolerance_deg: float = 0.002, timeout_s: float = 300.0) -> None:
-        """Turn to `angle_deg` and wait until three polls in a row are within `tolerance_deg`."""
-        self._bench.command("table", f"point to {angle_deg:.4f} deg")
-        self.demand_text = f"{angle_deg:.3f} deg"
-        self._stays = None
-        self.device.point(angle_deg)
-
-        def error(row: dict[str, float]) -> float:
-            return abs((row["angle_deg"] - angle_deg + 180.0) % 360.0 - 180.0)
-
-        self._settle(
-            lambda row: error(row) <= tolerance_deg,
-            lambda row: error(row) <= _STAYS * tolerance_deg,
-            f"pointing to {angle_deg:.3f} deg",
-            timeout_s,
-        )
-
-    def spin(self, rate_dps: float, *, timeout_s: float = 300.0) -> None:
-        """Turn at `rate_dps` and wait until three polls in a row are within 0.1 % + 0.002 deg/s of it."""
-        self.check(abs(rate_dps))
-        self._bench.command("table", f"spin at {rate_dps:g} deg/s")
-        self.demand_text = f"{rate_dps:g} deg/s"
-        self._stays = None
-        self.device.spin(rate_dps)
-        tolerance = 1e-3 * abs(rate_dps) + 0.002
-        self._settle(
-            lambda row: abs(row["rate_dps"] - rate_dps) <= tolerance,
-            lambda row: abs(row["rate_dps"] - rate_dps) <= _STAYS * tolerance,
-            f"reaching {rate_dps:g} deg/s",
-            timeout_s,
-        )
-
-    def stop(self) -> None:
-        """Come to rest."""
-        self.spin(0.0)
-        self.demand_text = "at rest"
-
-    def watch(self) -> None:
-        """Raise RunAborted if telemetry shows that the table has left what it had settled at."""
-        if self._stays is None or self._stays(self.history.last):
-            return
-        self._stays = None
-        last = self.history.last
-        raise RunAborted(
-            "the table has left its demand",
-            where="table",
-            found=f"{last['angle_deg']:.3f} deg, {last['rate_dps']:.4f} deg/s; "
-            + ("; ".join(self.device.alarms()) or "no alarm"),
-            expected=self.demand_text,
-            remedy="check interlock, emergency stop and the controller's error queue",
-        )
-
-    def _settle(
-        self,
-        close: Callable[[dict[str, float]], bool],
-        stays: Callable[[dict[str, float]], bool],
-        what: str,
-        timeout_s: float,
-    ) -> None:
-        in_a_row = 0
-
-        def settled() -> bool:
-            nonlocal in_a_row
-            in_a_row = in_a_row + 1 if close(self.history.last) else 0
-            return in_a_row >= _SETTLED_POLLS
-
-        if not self._bench.wait_until(settled, timeout_s=timeout_s, what=what):
-            raise DeviceRefused(
-                f"the table did not settle within {timeout_s:g} s while {what}",
-                where="table",
-                found=f"{self.history.last}, {'; '.join(self.device.alarms()) or 'no alarm'}",
-                expected=self.demand_text,
-                remedy="check interlock, load balance and the axis limits",
-            )
-        self._stays = stays
 
 
 class ChamberStation:

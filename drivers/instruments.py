@@ -36,10 +36,11 @@ class TableLimits:
 
 @dataclass(frozen=True)
 class TableState:
-    """Telemetry of one axis."""
+    """Telemetry of the axis that carries the unit; `outer`: of the axes outside of it, by name."""
 
     angle_deg: float
     rate_dps: float
+    outer: Mapping[str, TableState] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -94,34 +95,50 @@ class Instrument(Protocol):
 
 
 class Turntable(Instrument, Protocol):
-    """A rate table axis. Demands return when the device accepted them, not when the motion has ended."""
+    """A rate table of one or more axes. Demands return when the device accepted them, not when the motion ended.
 
-    def limits(self) -> TableLimits:
+    `axes`: their names, outermost first; the last one carries the unit. A verb's `axis` is one of these names, ""
+    the one that carries the unit. Angles are as the table's encoders count them, right-handed about the axis.
+    """
+
+    axes: tuple[str, ...]
+
+    def limits(self, axis: str = "") -> TableLimits:
         """Read the limits in force."""
         ...
 
-    def limit_turns(self, max_rate_dps: float) -> None:
-        """Have the device itself keep turns to an angle at or below `max_rate_dps`."""
+    def limit_turns(
+        self, max_rate_dps: float, axis: str = "", max_acceleration_dps2: float | None = None
+    ) -> None:
+        """Have the device itself keep turns to an angle at or below a rate and, if given, an acceleration."""
         ...
 
     def servo_on(self) -> None:
-        """Reset and close the interlock."""
+        """Reset and close the interlock of every axis."""
         ...
 
     def servo_off(self) -> None:
-        """Open the interlock."""
+        """Open the interlock of every axis."""
         ...
 
-    def point(self, angle_deg: float) -> None:
-        """Demand an angle in position mode."""
+    def home(self, axis: str = "") -> None:
+        """Demand the reference position from which angles count, looked for where the device has to."""
         ...
 
-    def spin(self, rate_dps: float) -> None:
-        """Demand a rate in rate mode."""
+    def point(self, angle_deg: float, axis: str = "") -> None:
+        """Demand an angle in position mode, by the shortest way that the axis allows."""
+        ...
+
+    def turn(self, by_deg: float, axis: str = "") -> None:
+        """Demand a turn from where the axis stands at rest, in the sense of its sign; a whole turn, too."""
+        ...
+
+    def spin(self, rate_dps: float, axis: str = "", acceleration_dps2: float | None = None) -> None:
+        """Demand a rate in rate mode, approached at `acceleration_dps2` (None: as set before)."""
         ...
 
     def request_state(self) -> None:
-        """Ask for telemetry; other devices may be asked before `read_state` collects the answer."""
+        """Ask for telemetry of all axes; other devices may be asked before `read_state` collects the answer."""
         ...
 
     def read_state(self) -> TableState:
@@ -220,7 +237,7 @@ class Gyro(Protocol):
 
 
 Settings = Mapping[str, Any]
-"""A device's section of the bench file as plain values, plus `safe_set_point_c` for a chamber."""
+"""A device's section of the bench file as plain values; plus `safe_set_point_c` for a chamber."""
 Exchange = tuple[int, Literal["sent", "received"], bytes]
 """(bench time in ns, "sent" or "received", bytes) of a polled instrument, in time order."""
 
@@ -229,17 +246,21 @@ Exchange = tuple[int, Literal["sent", "received"], bytes]
 class TableKind:
     """A table driver as the bench finds it by name.
 
+    `settings["axes"]` holds a section for each axis, outermost first, with `name` and `number`.
     `decode_transcript` rebuilds telemetry from recorded bytes: columns of shape (n,) (`time_ns`, `angle_deg`,
-    `rate_dps`) and counts of what was dropped.
+    `rate_dps` of the axis that carries the unit; `<name>_angle_deg`, `<name>_rate_dps` of those outside of it)
+    and counts of what was dropped.
     """
 
     open: Callable[[Settings, Clock, Tap], Turntable]
-    decode_transcript: Callable[[Iterable[Exchange]], tuple[dict[str, NDArray[Any]], dict[str, int]]]
+    decode_transcript: Callable[
+        [Iterable[Exchange], Settings], tuple[dict[str, NDArray[Any]], dict[str, int]]
+    ]
 
 
 @dataclass(frozen=True)
 class ChamberKind:
-    """A chamber driver as the bench finds it by name; columns as `ChamberState`, see `TableKind`."""
+    """A chamber driver as the bench finds it by name; `decode_transcript` gives columns as `ChamberState`."""
 
     open: Callable[[Settings, Clock, Tap], Chamber]
     decode_transcript: Callable[[Iterable[Exchange]], tuple[dict[str, NDArray[Any]], dict[str, int]]]

@@ -82,12 +82,28 @@ class TablePlant(Protocol):
         """Close (True) or open the servo loop; opening lets the axis coast to rest."""
         ...
 
-    def demand_rate(self, now_s: float, rate_dps: float) -> None:
-        """Rate mode: go to `rate_dps` within the acceleration limit."""
+    def demand_rate(self, now_s: float, rate_dps: float, acceleration_limit_dps2: float = math.inf) -> None:
+        """Rate mode: go to `rate_dps` within the axis' own and the given acceleration limit."""
         ...
 
-    def demand_angle(self, now_s: float, angle_deg: float, rate_limit_dps: float = math.inf) -> None:
-        """Position mode: go to `angle_deg` by the shortest path within limits and `rate_limit_dps`."""
+    def demand_angle(
+        self,
+        now_s: float,
+        angle_deg: float,
+        rate_limit_dps: float = math.inf,
+        acceleration_limit_dps2: float = math.inf,
+    ) -> None:
+        """Position mode: go to `angle_deg` by the shortest path within own and given limits."""
+        ...
+
+    def demand_turn(
+        self,
+        now_s: float,
+        by_deg: float,
+        rate_limit_dps: float = math.inf,
+        acceleration_limit_dps2: float = math.inf,
+    ) -> None:
+        """Position mode: turn by a signed angle from where the axis would stop, within own and given limits."""
         ...
 
     def angle_deg(self, now_s: float) -> float:
@@ -108,12 +124,14 @@ class GyroSignal:
     """What a gyro's electronics measured over consecutive sample intervals, shape (n,) each.
 
     `angle_increment_rad`: float64, one entry an axis in the order of `axes`, shape (n, len(axes)).
-    `temp_c`: the gyro's own temperature sensor at the end of each interval.
+    `temp_c`: the gyro's own temperature sensor at the end of each interval. `velocity_increment_mps`: float64,
+    shape (n, 3), of the accelerometers x, y, z of an IMU; None for a unit that has none.
     """
 
     axes: str
     angle_increment_rad: NDArray[np.float64]
     temp_c: NDArray[np.float64]
+    velocity_increment_mps: NDArray[np.float64] | None = None
 
 
 class GyroPlant(Protocol):

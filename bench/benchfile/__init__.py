@@ -3,6 +3,7 @@
 from bench.benchfile._drivers import ENTRY_POINT_GROUP, ROLES, driver_path, known_drivers
 from bench.benchfile._load import bench_file_from, load_bench_file
 from bench.benchfile._model import (
+    AxisSection,
     BenchFile,
     BenchSection,
     ChamberSection,
@@ -17,6 +18,7 @@ from bench.benchfile._write import bench_file_text
 __all__ = [
     "ENTRY_POINT_GROUP",
     "ROLES",
+    "AxisSection",
     "BenchFile",
     "BenchSection",
     "ChamberSection",

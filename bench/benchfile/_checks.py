@@ -13,6 +13,8 @@ from bench.benchfile._model import LimitsSection, SafeSection
 _RESERVED_NAMES = ("table", "turntable", "chamber", "manifest", "events")
 """Words that name other files and ports of a run folder."""
 
+_LINES = {"east": 0, "west": 0, "north": 1, "south": 1, "up": 2, "down": 2}
+
 _Devices = list[tuple[str, str, Mapping[str, Any]]]
 
 
@@ -41,6 +43,7 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
     yield from _shared_ports(devices, resolve_links)
     yield from _axes_and_sensors(data, devices)
     yield from _limits(data)
+    yield from _table_axes(data)
 
 
 def _devices(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
@@ -123,6 +126,39 @@ def _axes_and_sensors(data: Mapping[str, Any], devices: _Devices) -> Iterator[Mi
         if isinstance(sensor, int) and str(sensor) not in numbers:
             have = ", ".join(sorted(numbers)) or "none"
             yield Mistake(f"{key}.case_sensor", str(sensor), f"a number in chamber.auxiliary ({have})")
+
+
+def _table_axes(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    table = data.get("table")
+    axes = table.get("axes") if isinstance(table, dict) else None
+    if not isinstance(table, dict) or not isinstance(axes, (list, tuple)) or not axes:
+        return
+    if "axis" in table and table["axis"] != 1:
+        yield Mistake("table.axis", str(table["axis"]), "either axis or [[table.axes]], not both")
+    sections = [axis for axis in axes if isinstance(axis, dict)]
+    for name in ("name", "number"):
+        given = [section.get(name) for section in sections]
+        for at, value in enumerate(given):
+            if value in given[:at]:
+                first = given.index(value)
+                yield Mistake(
+                    f"table.axes[{at}].{name}", repr(value), f"one of its own (axes[{first}] has this one)"
+                )
+    for at, section in enumerate(sections):
+        along = _LINES.get(str(section.get("direction")))
+        if at and along is not None and along == _LINES.get(str(sections[at - 1].get("direction"))):
+            yield Mistake(
+                f"table.axes[{at}].direction",
+                repr(section["direction"]),
+                "a direction at a right angle to the axis outside of it",
+            )
+        low, high = section.get("min_angle_deg"), section.get("max_angle_deg")
+        if (low is None) != (high is None):
+            yield Mistake(f"table.axes[{at}]", "one stop", "min_angle_deg and max_angle_deg, or neither")
+        elif isinstance(low, (int, float)) and isinstance(high, (int, float)) and not low < high:
+            yield Mistake(
+                f"table.axes[{at}].min_angle_deg", f"{low:g}", f"less than max_angle_deg ({high:g})"
+            )
 
 
 def _limits(data: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -38,13 +38,53 @@ class BenchSection(_Section):
     )
 
 
+Direction = Literal["east", "west", "north", "south", "up", "down"]
+
+
+class AxisSection(_Section):
+    """`[[table.axes]]`: one axis of the table, outermost first; the last one carries the unit."""
+
+    name: str = Field(
+        pattern=r"^[a-z][a-z0-9]{0,15}$", description="a short name, e.g. 'outer', 'middle', 'inner'"
+    )
+    number: int = Field(ge=1, le=9, description="the axis' number on the controller")
+    direction: Direction = Field(
+        description="where the axis points with all axes at 0, positive turns right-handed about it: 'east', "
+        "'west', 'north', 'south', 'up' or 'down'"
+    )
+    max_rate_dps: float | None = Field(
+        default=None, gt=0, allow_inf_nan=False, description="the highest rate of this axis, deg/s"
+    )
+    max_acceleration_dps2: float | None = Field(
+        default=None, gt=0, allow_inf_nan=False, description="the highest acceleration of this axis, deg/s2"
+    )
+    min_angle_deg: float | None = Field(
+        default=None, ge=-360, le=360, description="the lower stop of an axis of limited motion, deg"
+    )
+    max_angle_deg: float | None = Field(
+        default=None, ge=-360, le=360, description="the upper stop of an axis of limited motion, deg"
+    )
+
+
 class TableSection(_Section):
-    """`[table]`: the rate table."""
+    """`[table]`: the rate table, with `axis` for a table of one axis, up, or `axes`."""
 
     driver: str = Field(description="the kind of table driver")
     port: Port = Field(description=_PORT_TEXT)
     baudrate: Baudrate = Field(default=9600, description="the baud rate, a whole number of bit/s")
     axis: int = Field(default=1, ge=1, le=9, description="the number of the table axis that carries the unit")
+    axes: tuple[AxisSection, ...] = Field(
+        default=(),
+        max_length=3,
+        strict=False,
+        exclude_if=lambda axes: not axes,
+        description="one to three [[table.axes]], outermost first, with name, number and direction",
+    )
+
+    @property
+    def all_axes(self) -> tuple[AxisSection, ...]:
+        """The axes, outermost first; a table without `axes` has one, vertical, called 'table'."""
+        return self.axes or (AxisSection(name="table", number=self.axis, direction="up"),)
 
 
 class ChamberSection(_Section):

@@ -25,5 +25,7 @@ def _value(value: Any) -> str:
         return (
             "{ " + ", ".join(f"{json.dumps(str(key))} = {_value(item)}" for key, item in value.items()) + " }"
         )
+    if isinstance(value, list):
+        return f"[{', '.join(_value(item) for item in value)}]"
     # JSON's strings, numbers and booleans are TOML's, given that control characters are escaped alike
     return json.dumps(value, ensure_ascii=False)

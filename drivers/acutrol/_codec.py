@@ -139,9 +139,10 @@ def split_reply(buffer: bytes) -> tuple[Reply, int] | None:
     return Reply(error, decode_text(buffer[HEADER_BYTES:end])), end
 
 
-def encode_state_query(axis: int) -> bytes:
-    """Return the one line that polls angle and rate of an axis (TM-8004-C 4.10.5, joined reads)."""
-    return f":read:pos? {axis};rate? {axis}".encode("ascii") + TERMINATOR
+def encode_state_query(*axes: int) -> bytes:
+    """Return the one line that polls angle and rate of axes (TM-8004-C 4.10.5, joined reads)."""
+    reads = ";".join(f"pos? {axis};rate? {axis}" for axis in axes)
+    return f":read:{reads}".encode("ascii") + TERMINATOR
 
 
 def decode_numbers(text: str, count: int) -> tuple[float, ...]:

@@ -1,8 +1,9 @@
-"""Driver of one axis of an ACUTROL3000 table: demands, telemetry, faults, and the way to rest."""
+"""Driver of an ACUTROL3000 table of one or more axes: demands, telemetry, faults, and the way to rest."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from drivers.acutrol._codec import (
     DYNAMIC_BITS,
@@ -38,15 +39,18 @@ _FAULT_STATES = ("software abort", "hardware abort")
 
 
 class AcutrolTable:
-    """One axis of a table behind an ACUTROL3000, over RS-232 or TCP alike.
+    """A table behind an ACUTROL3000, over RS-232 or TCP alike (`drivers.instruments.Turntable`).
+
+    `axes`: name of each axis, outermost first, and its number on the controller.
 
     Every exchange has a deadline (DeviceSilent), a reply that is not one raises ProtocolError, and an error code
     raises DeviceRefused with the controller's own text and the top of its error queue.
     """
 
-    def __init__(self, link: Link, *, axis: int = 1) -> None:
+    def __init__(self, link: Link, *, axes: Mapping[str, int] | None = None) -> None:
         self.link = link
-        self.axis = axis
+        self._numbers_by_name = dict(axes or {"table": 1})
+        self.axes = tuple(self._numbers_by_name)
         self._closed_by_us = False
         self._state_asked = False
         self._halted = False
@@ -67,15 +71,16 @@ class AcutrolTable:
         maker, model, serial_number, firmware = fields
         return Identity(maker, model, serial_number, firmware, {"*IDN?": text})
 
-    def limits(self) -> TableLimits:
+    def limits(self, axis: str = "") -> TableLimits:
         """Read the rate-mode limits in force; positions are None where their span is a full turn or more.
 
         The controller applies position limits to axes configured for limited motion only and has no query for
         that; a limited rotary axis spans less than a turn, a continuous one keeps the default of a whole turn.
         """
-        (rate,) = self._numbers(self._ask(":limit:rate?", "rate", self.axis), 1)
-        (acceleration,) = self._numbers(self._ask(":limit:acceleration?", "rate", self.axis), 1)
-        absolute = self._ask(":limit:absolute?", self.axis)
+        number = self._number(axis)
+        (rate,) = self._numbers(self._ask(":limit:rate?", "rate", number), 1)
+        (acceleration,) = self._numbers(self._ask(":limit:acceleration?", "rate", number), 1)
+        absolute = self._ask(":limit:absolute?", number)
         count = absolute.replace(";", ",").count(",") + 1
         if count < 5:
             raise self._protocol_error(absolute, "rate, acceleration, jerk, low and high position limits")
@@ -83,38 +88,60 @@ class AcutrolTable:
         continuous = high - low >= 360.0
         return TableLimits(rate, acceleration, None if continuous else low, None if continuous else high)
 
-    def limit_turns(self, max_rate_dps: float) -> None:
-        """Set the rate limit of position mode; that of rate mode, which `limits` reads, stays as it is."""
-        self._command(":limit:rate", "position", self.axis, float(max_rate_dps))
+    def limit_turns(
+        self, max_rate_dps: float, axis: str = "", max_acceleration_dps2: float | None = None
+    ) -> None:
+        """Set the limits of position mode; those of rate mode, which `limits` reads, stay as they are."""
+        number = self._number(axis)
+        self._command(":limit:rate", "position", number, float(max_rate_dps))
+        if max_acceleration_dps2 is not None:
+            self._command(":limit:acceleration", "position", number, float(max_acceleration_dps2))
 
     def servo_on(self) -> None:
         """Reset and close the interlock and wait until the controller reports Close, else DeviceRefused.
 
         The mode is set to Off (zero rate) first, so that closing never starts an old demand.
         """
-        self._command(":mode:off", self.axis)
-        self._command(":interlock:reset", self.axis)
-        self.link.clock.sleep(SERVO_PAUSE_S)
-        self._command(":interlock:close", self.axis)
-        deadline = self.link.clock.now() + SERVO_TIMEOUT_S
-        while (state := self._interlock()) != "close":
-            if state == "fault" or self.link.clock.now() >= deadline:
-                raise self._not_closed(state)
+        for number in self._numbers_by_name.values():
+            self._command(":mode:off", number)
+            self._command(":interlock:reset", number)
             self.link.clock.sleep(SERVO_PAUSE_S)
+            self._command(":interlock:close", number)
+            deadline = self.link.clock.now() + SERVO_TIMEOUT_S
+            while (state := self._interlock(number)) != "close":
+                if state == "fault" or self.link.clock.now() >= deadline:
+                    raise self._not_closed(state)
+                self.link.clock.sleep(SERVO_PAUSE_S)
         self._closed_by_us = True
 
     def servo_off(self) -> None:
-        """Open the interlock: the controller shuts the axis down in an orderly fashion."""
+        """Open the interlock: the controller shuts the axes down in an orderly fashion."""
         self._closed_by_us = False
-        self._command(":interlock:open", self.axis)
+        self._command(":interlock:open", self._all)
 
-    def point(self, angle_deg: float) -> None:
+    def home(self, axis: str = "") -> None:
+        """Demand position 0: the encoders are absolute, and `:Mode:Home` is marked as future in the manual."""
+        self.point(0.0, axis)
+
+    def point(self, angle_deg: float, axis: str = "") -> None:
         """Demand an angle in position mode; a continuous axis takes the shortest path."""
-        self._demand("position", angle_deg)
+        self._demand("position", angle_deg, self._number(axis))
 
-    def spin(self, rate_dps: float) -> None:
-        """Demand a rate in rate mode."""
-        self._demand("rate", rate_dps)
+    def turn(self, by_deg: float, axis: str = "") -> None:
+        """Demand a relative position (`:Demand:DeltaPosition`), in position mode at the present angle first."""
+        self._require_finite(by_deg)
+        number = self._number(axis)
+        if not self._mode(number).startswith("p"):
+            (angle_deg,) = self._numbers(self._ask(":read:position?", number), 1)
+            self._demand("position", angle_deg, number)
+        self._command(":demand:deltaposition", number, float(by_deg))
+
+    def spin(self, rate_dps: float, axis: str = "", acceleration_dps2: float | None = None) -> None:
+        """Demand a rate in rate mode, within an acceleration limit of that mode if one is given."""
+        number = self._number(axis)
+        if acceleration_dps2 is not None:
+            self._command(":limit:acceleration", "rate", number, float(acceleration_dps2))
+        self._demand("rate", rate_dps, number)
 
     def state(self) -> TableState:
         """Read angle and rate in one exchange."""
@@ -124,51 +151,62 @@ class AcutrolTable:
     def request_state(self) -> None:
         """Ask for angle and rate without waiting; `read_state` must follow before any other exchange."""
         self._settle_input()
-        self.link.write(encode_state_query(self.axis))
+        self.link.write(encode_state_query(*self._numbers_by_name.values()))
         self._state_asked = True
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state`."""
         self._state_asked = False
         text = self._accepted(self._read_reply(REPLY_TIMEOUT_S), "state poll")
-        angle_deg, rate_dps = self._numbers(text, 2)
-        return TableState(angle_deg, rate_dps)
+        numbers = self._numbers(text, 2 * len(self.axes))
+        outer = {
+            name: TableState(numbers[2 * at], numbers[2 * at + 1]) for at, name in enumerate(self.axes[:-1])
+        }
+        return TableState(numbers[-2], numbers[-1], outer)
 
-    def settled(self) -> bool:
+    def settled(self, axis: str = "") -> bool:
         """Return whether the demanded profile is complete (A<n>DYN, the bit of the mode in force)."""
-        mode = self._ask(":mode?", self.axis).lower()
-        done = bits_in_words(self._register("DYN"), DYNAMIC_BITS)
-        return f"{'position' if mode.startswith('p') else 'rate'} profile complete" in done
+        number = self._number(axis)
+        mode = "position" if self._mode(number).startswith("p") else "rate"
+        return f"{mode} profile complete" in bits_in_words(self._register(number, "DYN"), DYNAMIC_BITS)
 
     def alarms(self) -> list[str]:
         """Return interlock fault, aborts, software faults and interlock inputs in words.
 
-        An open interlock counts only if this driver closed it: somebody else opened it.
+        An open interlock counts only if this driver closed it: somebody else opened it. Of several axes each
+        alarm says which.
         """
-        interlock = self._interlock()
+        found = []
+        for name, number in self._numbers_by_name.items():
+            prefix = f"{name}: " if len(self.axes) > 1 else ""
+            found += [prefix + text for text in self._alarms_of(number)]
+        return found
+
+    def _alarms_of(self, number: int) -> list[str]:
+        interlock = self._interlock(number)
         found = []
         if interlock == "fault":
             found.append("interlock fault")
         elif interlock == "open" and self._closed_by_us:
             found.append("interlock opened by someone else: the axis is not servoed")
-        state = bits_in_words(self._register("STATE"), STATE_BITS)
+        state = bits_in_words(self._register(number, "STATE"), STATE_BITS)
         found += [words for words in state if words in _FAULT_STATES]
-        found += bits_in_words(self._register("SWFLT"), SOFTWARE_FAULT_BITS)
-        return found + bits_in_words(self._register("INTLK"), INTERLOCK_BITS)
+        found += bits_in_words(self._register(number, "SWFLT"), SOFTWARE_FAULT_BITS)
+        return found + bits_in_words(self._register(number, "INTLK"), INTERLOCK_BITS)
 
     def halt(self) -> None:
-        """Demand Off mode (servoed, zero rate) and wait for nothing.
+        """Demand Off mode (servoed, zero rate) of every axis and wait for nothing.
 
         Starts with a line end, which closes a command that was cut off halfway.
         """
         self._state_asked = False
         self.link.discard()
         self.link.write(b"\r")
-        self.link.write(encode_command(":mode:off", self.axis))
+        self.link.write(encode_command(":mode:off", self._all))
         self._halted = True
 
     def make_safe(self) -> None:
-        """Stop the axis: Off mode, else an open interlock; raises if neither is confirmed.
+        """Stop the axes: Off mode, else an open interlock; raises if neither is confirmed.
 
         What `halt` has sent is not sent again. Replies to its line end and to earlier questions are passed over
         until the controller says OK.
@@ -183,23 +221,46 @@ class AcutrolTable:
             self._insist(":interlock:open")
 
     def read_rest(self) -> Rest:
-        """Read the axis's rate: at rest below 0.01 deg/s."""
-        rate_dps = self.state().rate_dps
-        return Rest(abs(rate_dps) < _REST_DPS, f"{rate_dps:.4f} deg/s")
+        """Read the rates: at rest when that of every axis is below 0.01 deg/s."""
+        state = self.state()
+        rates = {**{name: axis.rate_dps for name, axis in state.outer.items()}, self.axes[-1]: state.rate_dps}
+        named = len(rates) > 1
+        text = ", ".join(f"{name + ' ' if named else ''}{rate:.4f} deg/s" for name, rate in rates.items())
+        return Rest(all(abs(rate) < _REST_DPS for rate in rates.values()), text)
 
-    def _demand(self, mode: str, value: float) -> None:
+    def _demand(self, mode: str, value: float, number: int) -> None:
         """Demand before and after a change of mode: an old demand never runs, whichever the device keeps."""
+        self._require_finite(value)
+        if not self._mode(number).startswith(mode[0]):
+            self._command(f":demand:{mode}", number, float(value))
+            self._command(f":mode:{mode}", number)
+        self._command(f":demand:{mode}", number, float(value))
+
+    def _require_finite(self, value: float) -> None:
         if not math.isfinite(value):
             raise DeviceRefused(
                 "a demand is not a number", where=self._where, found=str(value), expected="a finite number"
             )
-        if not self._ask(":mode?", self.axis).lower().startswith(mode[0]):
-            self._command(f":demand:{mode}", self.axis, float(value))
-            self._command(f":mode:{mode}", self.axis)
-        self._command(f":demand:{mode}", self.axis, float(value))
 
-    def _interlock(self) -> str:
-        return self._ask(":interlock?", self.axis).lower()
+    def _number(self, axis: str) -> int:
+        """Return the controller's number of an axis; "" is the last one, which carries the unit."""
+        name = axis or self.axes[-1]
+        if name not in self._numbers_by_name:
+            raise DeviceRefused(
+                "the table has no such axis", where=self._where, found=name, expected=" or ".join(self.axes)
+            )
+        return self._numbers_by_name[name]
+
+    @property
+    def _all(self) -> int | str:
+        """What a command calls all axes: the number of an only one, else ALL (TM-8004-C 2)."""
+        return self._number("") if len(self.axes) == 1 else "ALL"
+
+    def _mode(self, number: int) -> str:
+        return self._ask(":mode?", number).lower()
+
+    def _interlock(self, number: int) -> str:
+        return self._ask(":interlock?", number).lower()
 
     def _numbers(self, text: str, count: int) -> tuple[float, ...]:
         try:
@@ -207,10 +268,10 @@ class AcutrolTable:
         except ProtocolError as problem:
             raise self._protocol_error(text, problem.expected) from problem
 
-    def _register(self, name: str) -> int:
-        text = self._ask(":status:csr?", f"A{self.axis}{name}")
+    def _register(self, number: int, name: str) -> int:
+        text = self._ask(":status:csr?", f"A{number}{name}")
         if not text.isdecimal():
-            raise self._protocol_error(text, f"status word A{self.axis}{name} as an integer")
+            raise self._protocol_error(text, f"status word A{number}{name} as an integer")
         return int(text)
 
     def _command(self, header: str, *arguments: int | float | str) -> None:
@@ -253,7 +314,7 @@ class AcutrolTable:
 
     def _insist(self, header: str) -> None:
         """Send a command and wait until it is confirmed."""
-        self.link.write(encode_command(header, self.axis))
+        self.link.write(encode_command(header, self._all))
         self._await_confirmation(header)
 
     def _await_confirmation(self, header: str) -> None:
@@ -275,7 +336,8 @@ class AcutrolTable:
 
     @property
     def _where(self) -> str:
-        return f"{self.link.name} ({self.link.url}), axis {self.axis}"
+        numbers = ", ".join(str(number) for number in self._numbers_by_name.values())
+        return f"{self.link.name} ({self.link.url}), axis {numbers}"
 
     def _refused(self, request: str, reply: Reply, queue: str) -> DeviceRefused:
         return DeviceRefused(

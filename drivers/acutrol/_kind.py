@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
+from numpy.typing import NDArray
+
 from drivers.acutrol._driver import AcutrolTable
 from drivers.acutrol._transcript import decode_transcript
 from drivers.clock import Clock
-from drivers.instruments import Settings, TableKind
+from drivers.instruments import Exchange, Settings, TableKind
 from drivers.link import Link, Tap
 
 
 def _open(settings: Settings, clock: Clock, tap: Tap) -> AcutrolTable:
     link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
-    return AcutrolTable(link, axis=settings["axis"])
+    return AcutrolTable(link, axes=_axes(settings))
 
 
-Acutrol3000 = TableKind(open=_open, decode_transcript=decode_transcript)
-"""Settings used: `name`, `port`, `baudrate`, `axis`."""
+def _decode(
+    exchanges: Iterable[Exchange], settings: Settings
+) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
+    return decode_transcript(exchanges, _axes(settings))
+
+
+def _axes(settings: Settings) -> dict[str, int]:
+    return {axis["name"]: axis["number"] for axis in settings["axes"]}
+
+
+Acutrol3000 = TableKind(open=_open, decode_transcript=_decode)
+"""Settings used: `name`, `port`, `baudrate`, `axes` (of each `name` and `number`)."""

@@ -1,4 +1,4 @@
-"""An ACUTROL3000 rate table controller in bytes: ACL over a framed reply channel, one axis on a plant."""
+"""An ACUTROL3000 rate table controller in bytes: ACL over a framed reply channel, axes on a plant."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 
 from drivers.acutrol import (
-    DATA_TYPE_ERROR,
     INTERLOCK_BITS,
     MAX_TEXT_BYTES,
     MESSAGE_TOO_LONG,
@@ -21,18 +20,16 @@ from drivers.acutrol import (
     parse_message,
 )
 from drivers.errors import ConfigurationError
+from simulators.emulators._acutrol_axis import DEMANDS, MODES, AcutrolAxis, fault_bits
 from simulators.interfaces import Reply, TablePlant
+
+__all__ = ["IDENTITY", "AcutrolAxis", "AcutrolEmulator"]
 
 IDENTITY = "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a"
 """The manual's own example of an answer to *IDN? (TM-8004-C 3.4)."""
 
 _QUEUE_LENGTH = 32
-# Modes this axis has, with the number A<n>STATE shows in bits 0-3. The manual refers to the list in 4.7 for the
-# numbers; counting that list from 0 is our reading.
-_MODES: Mapping[str, int] = {"POSITION": 0, "RATE": 1, "OFF": 6}
 _LIMIT_MODES = ("POSITION", "RATE", "ARATE", "SYNTHESIS", "TRACK")
-_AXIS_SERVOED, _NORMAL_UNSERVO, _SOFTWARE_ABORT, _HARDWARE_ABORT = 1 << 4, 1 << 5, 1 << 6, 1 << 7
-_POSITION_COMPLETE, _RATE_COMPLETE = 1 << 8, 1 << 9
 
 
 @lru_cache(maxsize=64)
@@ -42,37 +39,24 @@ def _parsed(line: bytes) -> tuple[Command | Refusal, ...]:
 
 
 class AcutrolEmulator:
-    """The controller with one axis.
+    """The controller with its axes: `axes` gives what moves behind each number (see `AcutrolAxis` for limits).
 
-    `min_angle_deg` and `max_angle_deg` make a limited-motion axis; None for both is a continuous one. Demands
-    wait while the axis is not servoed and run from the moment the interlock closes. Every command line gets one
-    framed reply, `latency_s` after it was taken up; lines are taken up one after the other.
+    Every command line gets one framed reply, `latency_s` after it was taken up; lines are taken up one after the
+    other. `AcutrolEmulator(plant)` is a controller with a continuous axis 1.
     """
 
     def __init__(
         self,
-        plant: TablePlant,
+        axes: TablePlant | Mapping[int, AcutrolAxis],
         *,
-        axis: int = 1,
         identity: str = IDENTITY,
         latency_s: float = 0.002,
-        min_angle_deg: float | None = None,
-        max_angle_deg: float | None = None,
     ) -> None:
-        self._plant = plant
-        self._axis = axis
+        self._axes = dict(axes) if isinstance(axes, Mapping) else {1: AcutrolAxis(axes)}
         self._identity = identity
         self._latency_s = latency_s
-        self._angle_limits = (min_angle_deg, max_angle_deg)
         self._input = bytearray()
         self._free_at_s = 0.0
-        self._interlock = "Open"
-        self._unservo = _NORMAL_UNSERVO
-        self._software_faults = 0
-        self._interlock_faults = 0
-        self._mode = "OFF"
-        self._demands = {"POSITION": 0.0, "RATE": 0.0}
-        self._turn_limit_dps = plant.max_rate_dps
         self._errors: list[Refusal] = []
         self._lockout = "OFF"
         self._fault_unread = False
@@ -85,7 +69,6 @@ class AcutrolEmulator:
             "STATUS": self._status,
             "UTILITY": self._utility,
         }
-        self._profile_moving = False
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take bytes the bench wrote (any chunking); CR, LF or both end a line, empty lines are not answered."""
@@ -99,29 +82,22 @@ class AcutrolEmulator:
                 replies.append(Reply(self._free_at_s, self._answer(line, now_s)))
         return replies
 
-    def trip(self, reason: str, now_s: float) -> None:
-        """Open the interlock by a fault at lab time `now_s`.
+    def trip(self, reason: str, now_s: float, axis: int | None = None) -> None:
+        """Open the interlock of an axis (default: the last) by a fault at lab time `now_s`.
 
         `reason` is one of the fault names in drivers.acutrol (SOFTWARE_FAULT_BITS or INTERLOCK_BITS), e.g.
         "rate trip", "position tracking error", "master interlock"; ConfigurationError for any other.
         """
-        software = {words: 1 << bit for bit, words in SOFTWARE_FAULT_BITS.items()}
-        hardware = {words: 1 << bit for bit, words in INTERLOCK_BITS.items()}
-        if reason not in software and reason not in hardware:
+        bits = fault_bits(reason)
+        if bits is None:
             raise ConfigurationError(
                 "the table has no such fault",
                 found=repr(reason),
-                expected="one of: " + ", ".join((*software, *hardware)),
+                expected="one of: " + ", ".join((*SOFTWARE_FAULT_BITS.values(), *INTERLOCK_BITS.values())),
                 remedy="use one of these names",
             )
-        self._software_faults |= software.get(reason, 0)
-        self._interlock_faults |= hardware.get(reason, 0)
-        self._unservo = _SOFTWARE_ABORT if reason in software else _HARDWARE_ABORT
-        self._interlock = "Fault"
         self._fault_unread = True
-        self._profile_moving = False
-        self._mode = "OFF"
-        self._plant.servo(now_s, False)
+        self._axes[next(reversed(self._axes)) if axis is None else axis].trip(*bits, now_s)
 
     def _answer(self, line: bytes, now_s: float) -> bytes:
         if len(line) > MAX_TEXT_BYTES:
@@ -161,125 +137,101 @@ class AcutrolEmulator:
 
     def _demand(self, command: Command, now_s: float) -> str | Refusal | None:
         name = command.path[-1]
-        if name not in self._demands:
+        if name not in DEMANDS:
             return NOT_IMPLEMENTED
         if command.query:
-            return self._bad_axis(command.arguments, 1) or f"{self._demands[name]:.6f}"
-        if refusal := self._bad_axis(command.arguments, 2):
-            return refusal
-        try:
-            value = float(command.arguments[1])
-        except ValueError:
-            return DATA_TYPE_ERROR
-        if not self._within_limits(name, value):
-            return PARAMETER_OUT_OF_RANGE
-        self._demands[name] = value
-        if self._mode == name:
-            self._apply(now_s)
-        return None
-
-    def _within_limits(self, name: str, value: float) -> bool:
-        if name == "RATE":
-            return abs(value) <= self._plant.max_rate_dps
-        low, high = self._angle_limits
-        return (low is None or value >= low) and (high is None or value <= high) and abs(value) < 1e6
+            found = self._one(command.arguments, 1)
+            if isinstance(found, Refusal):
+                return found
+            return f"{found.demands[name]:.6f}" if name in found.demands else NOT_IMPLEMENTED
+        found = self._one(command.arguments, 2)
+        return found if isinstance(found, Refusal) else found.demand(name, command.arguments[1], now_s)
 
     def _interlock_command(self, command: Command, now_s: float) -> str | Refusal | None:
         name = command.path[-1]
         if command.query and name == "INTERLOCK":
-            return self._bad_axis(command.arguments, 1) or self._interlock
+            found = self._one(command.arguments, 1)
+            return found if isinstance(found, Refusal) else found.interlock
         if command.query or name not in ("CLOSE", "OPEN", "RESET"):
             return NOT_IMPLEMENTED
         arguments = command.arguments
         if name == "RESET" and not arguments:
             arguments = ("ALL",)
-        if refusal := self._bad_axis(arguments, 1, all_allowed=True):
-            return refusal
-        if name == "CLOSE" and self._interlock == "Open":
-            self._interlock = "Close"
-            self._plant.servo(now_s, True)
-            self._apply(now_s)
-        elif name == "OPEN" and self._interlock == "Close":
-            self._interlock, self._unservo, self._mode = "Open", _NORMAL_UNSERVO, "OFF"
-            self._plant.servo(now_s, False)
-        elif name == "RESET" and self._interlock == "Fault":
-            self._interlock, self._unservo = "Open", _NORMAL_UNSERVO
-            self._software_faults = self._interlock_faults = 0
+        axes = self._several(arguments, 1)
+        if isinstance(axes, Refusal):
+            return axes
+        for axis in axes:
+            if name == "CLOSE":
+                axis.close(now_s)
+            elif name == "OPEN":
+                axis.open(now_s)
+            else:
+                axis.reset()
         return None
 
     def _limit(self, command: Command, now_s: float) -> str | Refusal | None:
-        name, plant = command.path[-1], self._plant
-        if not command.query and name == "RATE":
-            return self._set_turn_limit(command.arguments)
-        if not command.query or name not in ("ABSOLUTE", "RATE", "ACCELERATION"):
+        name = command.path[-1]
+        if not command.query:
+            return self._set_limit(name, command.arguments)
+        if name not in ("ABSOLUTE", "RATE", "ACCELERATION"):
             return NOT_IMPLEMENTED
-        rate, acceleration = plant.max_rate_dps, plant.max_acceleration_dps2
         if name == "ABSOLUTE":
-            low, high = self._angle_limits
-            span = (-180.0 if low is None else low, 180.0 if high is None else high)
-            fields = (rate, acceleration, 1000.0 * acceleration, *span, 1.1 * rate)
-            return self._bad_axis(command.arguments, 1) or ",".join(f"{value:.5f}" for value in fields)
+            found = self._one(command.arguments, 1)
+            if isinstance(found, Refusal):
+                return found
+            return ",".join(f"{value:.5f}" for value in found.limit_values())
         if len(command.arguments) != 2:
             return WRONG_PARAMETER_COUNT
-        mode, axis = command.arguments
-        if not any(known.startswith(mode.upper()) for known in _LIMIT_MODES):
+        modes = [mode for mode in _LIMIT_MODES if mode.startswith(command.arguments[0].upper())]
+        if not modes:
             return PARAMETER_OUT_OF_RANGE
-        if "POSITION".startswith(mode.upper()):
-            rate = self._turn_limit_dps
-        return self._bad_axis((axis,), 1) or f"{rate if name == 'RATE' else acceleration:.5f}"
+        found = self._one(command.arguments[1:], 1)
+        return found if isinstance(found, Refusal) else f"{found.limit(name, modes[0]):.5f}"
 
-    def _set_turn_limit(self, arguments: tuple[str, ...]) -> Refusal | None:
-        """Take the rate limit of position mode, e.g. `pos,1,120`; it counts from the next demand on."""
+    def _set_limit(self, name: str, arguments: tuple[str, ...]) -> Refusal | None:
+        """Take a limit of a mode, e.g. rate `pos,1,120`."""
+        if name not in ("RATE", "ACCELERATION"):
+            return NOT_IMPLEMENTED
         if len(arguments) != 3:
             return WRONG_PARAMETER_COUNT
         mode, axis, text = arguments
-        if refusal := self._bad_axis((axis,), 1):
-            return refusal
-        if not mode or not "POSITION".startswith(mode.upper()):
-            return NOT_IMPLEMENTED
-        try:
-            value = float(text)
-        except ValueError:
-            return DATA_TYPE_ERROR
-        if not 0.0 < value <= self._plant.max_rate_dps:
-            return PARAMETER_OUT_OF_RANGE
-        self._turn_limit_dps = value
-        return None
+        found = self._one((axis,), 1)
+        if isinstance(found, Refusal):
+            return found
+        modes = [known for known in _LIMIT_MODES if mode and known.startswith(mode.upper())]
+        return found.set_limit(name, modes[0], text) if modes else NOT_IMPLEMENTED
 
     def _mode_command(self, command: Command, now_s: float) -> str | Refusal | None:
         name, arguments = command.path[-1], command.arguments
         if command.query:
-            return self._bad_axis(arguments, 1) or self._mode.capitalize()
+            found = self._one(arguments, 1)
+            return found if isinstance(found, Refusal) else found.mode.capitalize()
         if name == "MODE":
-            if refusal := self._bad_axis(arguments, 2, all_allowed=True):
-                return refusal
-            matches = [mode for mode in _MODES if mode.startswith(arguments[1].upper())]
+            axes = self._several(arguments, 2)
+            if isinstance(axes, Refusal):
+                return axes
+            matches = [mode for mode in MODES if mode.startswith(arguments[1].upper())]
             if len(matches) != 1:
                 return PARAMETER_OUT_OF_RANGE
             name, arguments = matches[0], arguments[:1]
-        if name not in _MODES:
+        if name not in MODES:
             return NOT_IMPLEMENTED
-        if refusal := self._bad_axis(arguments, 1, all_allowed=True):
-            return refusal
-        self._mode = name
-        self._apply(now_s)
+        axes = self._several(arguments, 1)
+        if isinstance(axes, Refusal):
+            return axes
+        for axis in axes:
+            axis.change_mode(name, now_s)
         return None
 
-    def _apply(self, now_s: float) -> None:
-        if self._interlock != "Close":
-            return
-        if self._mode == "POSITION":
-            self._plant.demand_angle(now_s, self._demands["POSITION"], self._turn_limit_dps)
-        else:
-            self._plant.demand_rate(now_s, self._demands["RATE"] if self._mode == "RATE" else 0.0)
-        self._profile_moving = True
-
     def _read(self, command: Command, now_s: float) -> str | Refusal | None:
-        readings = {"POSITION": self._plant.angle_deg, "RATE": self._plant.rate_dps}
-        if command.path[-1] not in readings:
+        if command.path[-1] not in ("POSITION", "RATE"):
             return NOT_IMPLEMENTED
         # The question mark is optional on READ (TM-8004-C 4.10.4, ACT2000 compatibility).
-        return self._bad_axis(command.arguments, 1) or f"{readings[command.path[-1]](now_s):.6f}"
+        found = self._one(command.arguments, 1)
+        if isinstance(found, Refusal):
+            return found
+        read = found.plant.angle_deg if command.path[-1] == "POSITION" else found.plant.rate_dps
+        return f"{read(now_s):.6f}"
 
     def _status(self, command: Command, now_s: float) -> str | Refusal | None:
         name = command.path[-1]
@@ -293,29 +245,24 @@ class AcutrolEmulator:
             return NOT_IMPLEMENTED
         if len(command.arguments) != 1:
             return WRONG_PARAMETER_COUNT
-        word = self._register(command.arguments[0].upper(), now_s)
-        return PARAMETER_OUT_OF_RANGE if word is None else str(word)
-
-    def _register(self, name: str, now_s: float) -> int | None:
-        prefix = f"A{self._axis}"
-        if name in (f"{prefix}STATE", f"{prefix}STATIC"):
-            servoed = _AXIS_SERVOED if self._interlock == "Close" else self._unservo
-            return _MODES[self._mode] | servoed
-        if name == f"{prefix}DYN":
-            done = _POSITION_COMPLETE if self._mode == "POSITION" else _RATE_COMPLETE
-            return done if self._plant.settled(now_s) else 0
-        if name in (f"{prefix}SWFLT", f"{prefix}SWFAULT"):
-            return self._software_faults
-        return self._interlock_faults if name == f"{prefix}INTLK" else None
+        register = command.arguments[0].upper()
+        for number, axis in self._axes.items():
+            prefix = f"A{number}"
+            if register.startswith(prefix):
+                word = axis.register(register.removeprefix(prefix), now_s)
+                return PARAMETER_OUT_OF_RANGE if word is None else str(word)
+        return PARAMETER_OUT_OF_RANGE
 
     def _status_byte(self, now_s: float, *, clear: bool) -> int:
-        complete = self._profile_moving and self._plant.settled(now_s)
+        moving = [axis for axis in self._axes.values() if axis.moving]
+        complete = bool(moving) and all(axis.plant.settled(now_s) for axis in moving)
         byte = int(self._fault_unread) | int(complete) << 1 | int(bool(self._errors)) << 7
         if self._fault_unread:
             byte |= 1 << 6
         if clear:
             self._fault_unread = False
-            self._profile_moving = self._profile_moving and not complete
+            for axis in moving:
+                axis.moving = not complete
         return byte
 
     def _utility(self, command: Command, now_s: float) -> str | Refusal | None:
@@ -328,12 +275,16 @@ class AcutrolEmulator:
         self._lockout = command.arguments[0].upper()
         return None
 
-    def _bad_axis(
-        self, arguments: tuple[str, ...], count: int, *, all_allowed: bool = False
-    ) -> Refusal | None:
-        """Return why `arguments` (the axis first, `count` in all) are refused, None if they are not."""
+    def _one(self, arguments: tuple[str, ...], count: int) -> AcutrolAxis | Refusal:
+        """Return the axis named by the first of `count` arguments, or why they are refused."""
         if len(arguments) != count:
             return WRONG_PARAMETER_COUNT
-        if arguments[0] == str(self._axis) or (all_allowed and arguments[0].upper() == "ALL"):
-            return None
-        return PARAMETER_OUT_OF_RANGE
+        found = self._axes.get(int(arguments[0])) if arguments[0].isdecimal() else None
+        return PARAMETER_OUT_OF_RANGE if found is None else found
+
+    def _several(self, arguments: tuple[str, ...], count: int) -> list[AcutrolAxis] | Refusal:
+        """Return the axes named by the first argument, a number or ALL, or why the arguments are refused."""
+        if len(arguments) == count and arguments[0].upper() == "ALL":
+            return list(self._axes.values())
+        found = self._one(arguments, count)
+        return found if isinstance(found, Refusal) else [found]

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from drivers.errors import ConfigurationError
-from simulators.emulators.acutrol import AcutrolEmulator
+from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from simulators.emulators.weiss import WeissEmulator
 from simulators.interfaces import Emulator, StreamingEmulator
 from simulators.lab._config import DeviceConfig, GyroConfig, LabConfig
@@ -46,6 +46,7 @@ def _plant_config(config: LabConfig) -> PlantConfig:
         seed=config.seed,
         room_temp_c=config.room_temp_c,
         chamber=_known("chamber model", config.chamber_model, _CHAMBERS),
+        axes=tuple((axis["name"], axis["direction"]) for axis in config.table.settings["axes"]),
         units=tuple(
             UnitConfig(
                 name=gyro.name,
@@ -73,9 +74,11 @@ def _known(what: str, name: str, table: dict[str, T]) -> T:
 
 
 def _table(device: DeviceConfig, plant: LabPlant) -> AcutrolEmulator:
-    return _known("table", device.driver, {"acutrol3000": AcutrolEmulator})(
-        plant.table, axis=device.settings["axis"]
-    )
+    axes = {
+        axis["number"]: AcutrolAxis(plant.tables[axis["name"]], axis["min_angle_deg"], axis["max_angle_deg"])
+        for axis in device.settings["axes"]
+    }
+    return _known("table", device.driver, {"acutrol3000": AcutrolEmulator})(axes)
 
 
 def _chamber(device: DeviceConfig, plant: LabPlant) -> WeissEmulator:
@@ -143,7 +146,7 @@ def _acts(plant: LabPlant, table: AcutrolEmulator, chamber: WeissEmulator) -> di
         return {}
 
     def trip(request: dict[str, Any]) -> dict[str, Any]:
-        table.trip(str(request["reason"]), plant.now_s)
+        table.trip(str(request["reason"]), plant.now_s, request.get("axis"))
         return {}
 
     return {"mount": mount, "truth": truth, "alarm": alarm, "trip": trip}

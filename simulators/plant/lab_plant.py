@@ -54,7 +54,10 @@ class UnitConfig:
 
 @dataclass(frozen=True)
 class PlantConfig:
-    """The lab: place, run seed (noise and turn-on), room, chamber, table, units."""
+    """The lab: place, run seed (noise and turn-on), room, chamber, table, units.
+
+    `axes`: name and direction at 0 (east, west, north, south, up, down) of every table axis, outermost first.
+    """
 
     latitude_deg: float = 39.10
     seed: int = 0
@@ -62,6 +65,7 @@ class PlantConfig:
     chamber: ChamberParameters = field(default_factory=ChamberParameters)
     table: TableParameters = field(default_factory=TableParameters)
     encoder: EncoderParameters = field(default_factory=EncoderParameters)
+    axes: tuple[tuple[str, str], ...] = (("table", "up"),)
     units: tuple[UnitConfig, ...] = ()
 
 
@@ -84,7 +88,12 @@ class LabPlant:
     def __init__(self, config: PlantConfig) -> None:
         self.config = config
         self.now_s = 0.0
-        self._table = EncodedTable(config.table, config.encoder, NoiseSource(config.seed, "encoder"))
+        carrier = config.axes[-1][0]
+        self.tables: dict[str, TableAxis] = {}
+        """The table's axes by name, outermost first; each is a `TablePlant`."""
+        for name, _ in config.axes:
+            owner = "encoder" if name == carrier else f"encoder {name}"
+            self.tables[name] = EncodedTable(config.table, config.encoder, NoiseSource(config.seed, owner))
         self._units: dict[str, GyroUnit] = {}
         self._ticks = 0
         for unit in config.units:
@@ -100,8 +109,8 @@ class LabPlant:
 
     @property
     def table(self) -> TableAxis:
-        """The table axis, a `TablePlant`."""
-        return self._table
+        """The table axis that carries the units."""
+        return self.tables[self.config.axes[-1][0]]
 
     def unit(self, name: str) -> GyroUnit:
         """Return a unit, a `GyroPlant`; ConfigurationError for a name the lab does not have."""
@@ -148,9 +157,16 @@ class LabPlant:
             raise ConfigurationError(
                 "no such mounting", where=config.name, found=config.mounting, expected=" or ".join(MOUNTINGS)
             )
+        if len(self.config.axes) > 1:
+            raise ConfigurationError(
+                "a unit of this model needs a table of one axis",
+                where=config.name,
+                found=f"model {config.model} on {len(self.config.axes)} axes",
+                expected="model imu, or a bench file without [[table.axes]]",
+            )
         mount = Mount(config.mounting, config.mount_azimuth_error_deg, config.tilt_deg)
         source = NoiseSource(self.config.seed, f"unit {config.name}")
-        parts = (unit_model(config, self.config.seed), mount, self._table, self.config.latitude_deg, source)
+        parts = (unit_model(config, self.config.seed), mount, self.table, self.config.latitude_deg, source)
         unit = GyroUnit(*parts)
         if config.model == "ins_triad":
             unit = WhirlingUnit(*parts, config.wobble or nominal_wobble(config.unit_seed))

@@ -72,26 +72,48 @@ class TableAxis:
         deceleration = self.parameters.coast_deceleration_dps2
         self._plan(now_s, [(-math.copysign(deceleration, rate), abs(rate) / deceleration)])
 
-    def demand_rate(self, now_s: float, rate_dps: float) -> None:
-        """Go to `rate_dps` (clipped to the rate limit) at the acceleration limit."""
+    def demand_rate(self, now_s: float, rate_dps: float, acceleration_limit_dps2: float = math.inf) -> None:
+        """Go to `rate_dps` (clipped to the rate limit) at the lower of the two acceleration limits."""
         if not self._on:
             return
         _, rate = self._reference(now_s)
         change = max(-self.max_rate_dps, min(self.max_rate_dps, rate_dps)) - rate
-        acceleration = self.max_acceleration_dps2
+        acceleration = min(self.max_acceleration_dps2, acceleration_limit_dps2)
         self._plan(now_s, [(math.copysign(acceleration, change), abs(change) / acceleration)], rate + change)
 
-    def demand_angle(self, now_s: float, angle_deg: float, rate_limit_dps: float = math.inf) -> None:
+    def demand_angle(
+        self,
+        now_s: float,
+        angle_deg: float,
+        rate_limit_dps: float = math.inf,
+        acceleration_limit_dps2: float = math.inf,
+    ) -> None:
         """Go to `angle_deg` by the shortest path from where the axis would stop, time-optimally.
 
-        `rate_limit_dps` comes on top of the axis' own limit; an axis that turns faster keeps its rate as it can.
+        The limits come on top of the axis' own; an axis that turns faster keeps its rate as it can.
         """
+        a = min(self.max_acceleration_dps2, acceleration_limit_dps2)
+        angle, rate = self._reference(now_s)
+        stop = rate * abs(rate) / (2.0 * a)
+        self._travel(now_s, math.remainder(angle_deg - (angle + stop), 360.0), rate_limit_dps, a)
+
+    def demand_turn(
+        self,
+        now_s: float,
+        by_deg: float,
+        rate_limit_dps: float = math.inf,
+        acceleration_limit_dps2: float = math.inf,
+    ) -> None:
+        """Turn by `by_deg` from where the axis would stop, time-optimally, in the sense of its sign."""
+        a = min(self.max_acceleration_dps2, acceleration_limit_dps2)
+        self._travel(now_s, by_deg, rate_limit_dps, a)
+
+    def _travel(self, now_s: float, beyond: float, rate_limit_dps: float, a: float) -> None:
+        """Come to rest `beyond` degrees past where the axis would stop at acceleration `a`."""
         if not self._on:
             return
         angle, rate = self._reference(now_s)
-        a = self.max_acceleration_dps2
         stop = rate * abs(rate) / (2.0 * a)
-        beyond = math.remainder(angle_deg - (angle + stop), 360.0)
         distance = stop + beyond
         sign = math.copysign(1.0, beyond)
         top = max(min(self.max_rate_dps, rate_limit_dps), sign * rate)

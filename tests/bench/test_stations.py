@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.stations import ChamberStation, GyroStation, StreamTap, TableStation
+from bench.benchfile import AxisSection
+from bench.stations import ChamberStation, GyroStation, StreamTap
+from bench.table_station import TableStation
 from drivers.errors import DeviceRefused, LimitExceeded, RunAborted
 from drivers.instruments import ChamberLimits, FrameBatch, GyroKind, StreamCounts, TableLimits
 
@@ -23,17 +25,17 @@ class Table:
         self.told, self.left = [], 0
         self.target = {"angle_deg": 0.0, "rate_dps": 0.0}
 
-    def limits(self):
+    def limits(self, axis=""):
         return TableLimits(self.own_limit, 100.0, None, None)
 
-    def limit_turns(self, max_rate_dps):
+    def limit_turns(self, max_rate_dps, axis="", max_acceleration_dps2=None):
         self.told.append(("limit", max_rate_dps))
 
-    def point(self, angle_deg):
+    def point(self, angle_deg, axis=""):
         self.told.append(("point", angle_deg))
         self.left, self.target = self.polls, {"angle_deg": angle_deg % 360.0 + self.off, "rate_dps": 0.0}
 
-    def spin(self, rate_dps):
+    def spin(self, rate_dps, axis="", acceleration_dps2=None):
         self.told.append(("spin", rate_dps))
         self.left, self.target = self.polls, {"angle_deg": 1.0, "rate_dps": rate_dps + self.off}
 
@@ -47,7 +49,7 @@ class Bench:
     def __init__(self, table):
         self.file = SimpleNamespace(limits=LIMITS)
         self.commands, self.time_s = [], 0.0
-        self.station = TableStation(table, self)
+        self.station = TableStation(table, self, (AxisSection(name="table", number=1, direction="up"),))
 
     def command(self, device, text):
         self.commands.append((device, text))
@@ -82,7 +84,7 @@ def test_a_demand_returns_after_three_polls_in_a_row_on_it(demand, value):
 
 def test_an_angle_is_compared_round_the_turn():
     bench = Bench(Table())
-    bench.station.device.point = lambda angle: None
+    bench.station.device.point = lambda angle, axis="": None
     bench.station.device.target = {"angle_deg": 359.9995, "rate_dps": 0.0}
     bench.station.point(0.0)
     assert bench.time_s == 3.0

@@ -1,5 +1,6 @@
 """The table driver against scripted bytes and against the emulator, both in memory."""
 
+import math
 import struct
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from drivers.acutrol import AcutrolTable, decode_transcript
 from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.instruments import Rest, TableLimits, TableState
-from simulators.emulators.acutrol import AcutrolEmulator
+from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 
 
 class Clock:
@@ -78,11 +79,11 @@ class Plant:
         self.on = on
         self.rate = 0.0
 
-    def demand_rate(self, now_s, rate_dps):
+    def demand_rate(self, now_s, rate_dps, acceleration_limit_dps2=math.inf):
         assert self.on
         self.rate = rate_dps
 
-    def demand_angle(self, now_s, angle_deg, rate_limit_dps):
+    def demand_angle(self, now_s, angle_deg, rate_limit_dps, acceleration_limit_dps2=math.inf):
         assert self.on
         self.rate_limit = rate_limit_dps
         self.angle = angle_deg % 360.0
@@ -235,7 +236,7 @@ def test_closing_the_interlock_never_runs_an_old_demand(bench):
 
 def test_limits_of_the_emulated_table(bench):
     assert bench[0].limits() == TableLimits(1000.0, 4200.0, None, None)
-    emulator = AcutrolEmulator(Plant(), min_angle_deg=-90.0, max_angle_deg=95.5)
+    emulator = AcutrolEmulator({1: AcutrolAxis(Plant(), -90.0, 95.5)})
     wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in emulator.receive(data, now_s)])
     assert AcutrolTable(wire).limits() == TableLimits(1000.0, 4200.0, -90.0, 95.5)
 

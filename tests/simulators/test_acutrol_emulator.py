@@ -1,5 +1,6 @@
 """The emulated ACUTROL3000 against the manual's own commands and answers."""
 
+import math
 import struct
 from itertools import pairwise
 
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import ConfigurationError
-from simulators.emulators.acutrol import AcutrolEmulator
+from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 
 
 class Plant:
@@ -22,10 +23,10 @@ class Plant:
     def servo(self, now_s, on):
         self.calls.append(("servo", now_s, on))
 
-    def demand_rate(self, now_s, rate_dps):
+    def demand_rate(self, now_s, rate_dps, acceleration_limit_dps2=math.inf):
         self.calls.append(("rate", now_s, rate_dps))
 
-    def demand_angle(self, now_s, angle_deg, rate_limit_dps):
+    def demand_angle(self, now_s, angle_deg, rate_limit_dps, acceleration_limit_dps2=math.inf):
         self.rate_limit_dps = rate_limit_dps
         self.calls.append(("angle", now_s, angle_deg))
 
@@ -147,7 +148,7 @@ def test_rate_limit_of_position_mode_counts_for_turns_and_not_for_rates(table, p
 
 
 def test_limited_axis_refuses_angles_outside(plant):
-    table = AcutrolEmulator(plant, min_angle_deg=-45.0, max_angle_deg=45.0)
+    table = AcutrolEmulator({1: AcutrolAxis(plant, -45.0, 45.0)})
     assert ask(table, ":d:p 1,45.0")[0] == 0
     assert ask(table, ":d:p 1,45.001")[0] != 0
     assert ask(table, ":d:p? 1") == (0, "45.000000")
