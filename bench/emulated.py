@@ -23,6 +23,24 @@ from drivers.errors import BenchError, ConfigurationError
 _MODELS = {"kvh1750": "fog_mid", "sbg_ellipse": "mems", "rlg2t": "rlg"}
 
 
+class PlantFault(BaseModel):
+    """`[[fault]]`: what happens to a port or its device, and when; docs/faults.md has the kinds."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    port: str
+    """`table`, `chamber` or a gyro's name."""
+    kind: str
+    at_s: tuple[float, ...] = ()
+    rate_per_h: float = Field(default=0.0, ge=0, le=3.6e6, allow_inf_nan=False)
+    start_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
+    end_s: float = Field(default=1e12, gt=0, allow_inf_nan=False)
+    count: int = Field(default=1, ge=0)
+    duration_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
+    factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
+    text: str = ""
+
+
 class Plant(BaseModel):
     """What physics stands behind the emulated devices. Units not named get their driver's usual model."""
 
@@ -36,7 +54,8 @@ class Plant(BaseModel):
     """Unit id -> model name (fog_mid, fog_nav, mems, ins_triad, rlg)."""
     mount_azimuth_error_deg: float = Field(default=0.3, ge=-5, le=5)
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
-    """Gyro name -> error of its sample clock, positive when it is fast."""
+    """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
+    fault: tuple[PlantFault, ...] = ()
 
     def model_of(self, gyro: GyroSection) -> str:
         """Return the name of the physics behind a gyro."""
@@ -45,7 +64,8 @@ class Plant(BaseModel):
     def summary(self, file: BenchFile) -> str:
         """Return in a few words what is emulated."""
         units = ", ".join(f"{gyro.name} {self.model_of(gyro)}" for gyro in file.gyro)
-        return f"{self.chamber} chamber, {units}"
+        faults = f", {len(self.fault)} faults" if self.fault else ""
+        return f"{self.chamber} chamber, {units}{faults}"
 
 
 def unit_seed(unit: str) -> int:
@@ -131,10 +151,13 @@ class EmulatedLab:
 
 
 def save_truth(lab: EmulatedLab, folder: Path) -> None:
-    """Keep the true drift of every emulated unit beside the run: for judging fits, never for fitting."""
+    """Keep the true drift of every emulated unit, and which faults struck, beside the run: for judging only."""
     for gyro in lab.file.gyro:
         path = (folder / f"truth_{gyro.name}.npz").resolve()
         lab.perform({"act": "truth", "unit": gyro.name, "path": str(path)})
+    if struck := lab.perform({"act": "struck"})["struck"]:
+        lines = "".join(json.dumps(entry) + "\n" for entry in struck)
+        (folder / "truth_faults.jsonl").write_text(lines, encoding="utf-8")
 
 
 def _ended() -> BenchError:
@@ -201,6 +224,7 @@ def _lab_config(file: BenchFile, plant: Plant, clock: str) -> dict[str, Any]:
             }
             for gyro in file.gyro
         ],
+        "faults": [fault.model_dump(mode="json") for fault in plant.fault],
     }
 
 

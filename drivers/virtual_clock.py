@@ -12,7 +12,7 @@ Wire format (TCP, little-endian). The lab greets with one JSON line: {"protocol"
 `sent` is what the bench wrote to the port since it opened it, -1 for a port that it has not open. The lab
 moves time to `at_ns` first, when those bytes were written, reads them, then moves time to `advance_to_ns`, or
 less: to the first byte that it writes to `stop_port`. `written` counts what it put on the port since the bench
-opened it; the marks say when.
+opened it, -1 for a port that is gone; the marks say when.
 """
 
 from __future__ import annotations
@@ -262,6 +262,10 @@ class VirtualClock:
             while port is not None and port is self._ports[index] and port.bytes_received < written[index]:
                 if not self._take(index):
                     self._await_bytes()
+            if port is not None and port is self._ports[index] and written[index] == NOT_OPEN:
+                self._take(index)  # meets the end of it: LinkLost, once this step is over
+                if port is self._ports[index]:
+                    raise self._lost(f"it says that port {port.name} is gone, which still reads")
         self._now_ns = self._lab_ns = now_ns
         self._hand_over(marks)
         if self._failure is not None:

@@ -21,6 +21,7 @@ from drivers.acutrol import (
 )
 from drivers.errors import ConfigurationError
 from simulators.emulators._acutrol_axis import DEMANDS, MODES, AcutrolAxis, fault_bits
+from simulators.faults import DeviceFault, Fault
 from simulators.interfaces import Reply, TablePlant
 
 __all__ = ["IDENTITY", "AcutrolAxis", "AcutrolEmulator"]
@@ -58,6 +59,7 @@ class AcutrolEmulator:
         self._input = bytearray()
         self._free_at_s = 0.0
         self._errors: list[Refusal] = []
+        self._refusals: list[Refusal] = []
         self._lockout = "OFF"
         self._fault_unread = False
         self._handlers: Mapping[str, Callable[[Command, float], str | Refusal | None]] = {
@@ -99,6 +101,25 @@ class AcutrolEmulator:
         self._fault_unread = True
         self._axes[next(reversed(self._axes)) if axis is None else axis].trip(*bits, now_s)
 
+    @property
+    def faults(self) -> Mapping[str, DeviceFault]:
+        """`trip`: the interlock opens by the fault `text`. `refuse`: the next `count` commands get an error.
+
+        `open`: somebody opens the interlock.
+        """
+        return {"trip": self._trip, "refuse": self._refuse_next, "open": self._open_by_hand}
+
+    def _trip(self, fault: Fault, now_s: float) -> None:
+        self.trip(fault.text or "position tracking error", now_s)
+
+    def _refuse_next(self, fault: Fault, now_s: float) -> None:
+        text = fault.text or PARAMETER_OUT_OF_RANGE.text
+        self._refusals = [Refusal(PARAMETER_OUT_OF_RANGE.code, text)] * fault.count
+
+    def _open_by_hand(self, fault: Fault, now_s: float) -> None:
+        for axis in self._axes.values():
+            axis.open(now_s)
+
     def _answer(self, line: bytes, now_s: float) -> bytes:
         if len(line) > MAX_TEXT_BYTES:
             return self._refuse(MESSAGE_TOO_LONG)
@@ -119,6 +140,8 @@ class AcutrolEmulator:
         """Return a query's answer, None for a command that was carried out, or a refusal."""
         if command.path[0].startswith("*"):
             return self._common(command, now_s)
+        if self._refusals and not command.query:
+            return self._refusals.pop()
         handler = self._handlers.get(command.path[0])
         return NOT_IMPLEMENTED if handler is None else handler(command, now_s)
 

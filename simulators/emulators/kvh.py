@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from typing import cast
 
 import numpy as np
@@ -29,6 +30,7 @@ from drivers.kvh import (
     layout,
     temperature_field,
 )
+from simulators.faults import DeviceFault, Fault, WireShape
 from simulators.interfaces import GyroPlant, Reply, StreamBlock
 
 _BITS = 10  # A byte on a line set to 8N1.
@@ -87,10 +89,24 @@ class KvhEmulator:
         self._measured_s = 0.0  # To where the plant was asked.
         self._bit: bytes | None = None  # Test result to send when `_bit_after` samples of the stream are out.
         self._bit_after = 0
+        self._refusals, self._refusal = 0, b""
         self._begin(0.0)
         self._configuring = not streaming
         if streaming:
             self._switch_on(0.0)
+
+    @property
+    def wire(self) -> WireShape:
+        """A message of the format in force ends in its CRC-32."""
+        return WireShape(frame_bytes=layout(_format(self._settings)).length, check_bytes=4)
+
+    @property
+    def faults(self) -> Mapping[str, DeviceFault]:
+        """`invalid`: `count` messages are flagged bad. `refuse`: `count` commands are answered ERROR, `text`.
+
+        `counter_jump`: the sequence number skips `count` though nothing is lost.
+        """
+        return {"invalid": self._flag, "counter_jump": self._jump, "refuse": self._refuse}
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take command bytes (lines end in CR, LF or both) and return the replies they cause."""
@@ -115,6 +131,15 @@ class KvhEmulator:
                 self._bit = None
         self._data(parts, due)
         return _joined(parts)
+
+    def _flag(self, fault: Fault, now_s: float) -> None:
+        self._invalid = fault.count
+
+    def _jump(self, fault: Fault, now_s: float) -> None:
+        self._counter = (self._counter + fault.count) % COUNTER_MODULO
+
+    def _refuse(self, fault: Fault, now_s: float) -> None:
+        self._refusals, self._refusal = fault.count, (fault.text or "BUSY").encode("latin-1", "replace")
 
     # The line in normal mode.
 
@@ -145,7 +170,10 @@ class KvhEmulator:
         echo = line + b"\r\n" if self._settings["ECHO"] == "1" else b""
         name, *values = line.upper().split(b",")
         text = name[1:].decode("latin-1")
-        if name[:1] == b"=" and text in SETTINGS:
+        if self._refusals:
+            self._refusals -= 1
+            answer = b"ERROR," + self._refusal
+        elif name[:1] == b"=" and text in SETTINGS:
             answer = self._set(text, b",".join(values).decode("latin-1"))
         elif name[:1] == b"?" and text in SETTINGS and not values:
             answer = f"{text},{self._settings[text]}".encode("ascii")

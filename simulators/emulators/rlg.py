@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.errors import ConfigurationError
 from drivers.rlg import LENGTH, encode_frames
+from simulators.faults import WireShape
 from simulators.interfaces import GyroPlant, Reply, StreamBlock
 
 _BITS = 10
@@ -45,6 +46,11 @@ class RlgEmulator:
                 found=f"{rate_hz:g} Hz at {baudrate} Bd",
                 expected=f"at most {1.0 / self._send_s:.0f} Hz",
             )
+
+    @property
+    def wire(self) -> WireShape:
+        """How a frame looks from outside."""
+        return WireShape(frame_bytes=LENGTH, check_bytes=2)
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Ignore what the bench writes."""

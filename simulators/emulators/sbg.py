@@ -11,6 +11,7 @@ from drivers.errors import ConfigurationError
 from drivers.sbg import ALL_GOOD, COUNTER_MODULO, load_ellipse
 from drivers.slcan import FRAME_DTYPE, encode_frames
 from simulators.emulators.slcan import SlcanAdapter
+from simulators.faults import WireShape
 from simulators.interfaces import GyroPlant, GyroSignal, Reply, StreamBlock
 
 _MARKS_PER_S = 2.0
@@ -51,6 +52,11 @@ class SbgEmulator:
             )
         self._samples_per_mark = max(1, int(rate_hz / _MARKS_PER_S))
         self._next = 0
+
+    @property
+    def wire(self) -> WireShape:
+        """A CAN frame is a line of slcan text; the adapter has checked and dropped its CRC."""
+        return WireShape(terminator=b"\r")
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take commands to the adapter; a channel that closes first hands on what had come by then."""

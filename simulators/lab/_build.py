@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -10,9 +11,11 @@ import numpy as np
 from drivers.errors import ConfigurationError
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from simulators.emulators.weiss import WeissEmulator
+from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, StreamingEmulator
 from simulators.lab._config import DeviceConfig, GyroConfig, LabConfig
 from simulators.lab._core import Lab
+from simulators.lab._line import Line
 from simulators.lab._ports import Port, PtyPort, TcpPort
 from simulators.lab._stagehand import Act
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
@@ -25,19 +28,39 @@ _CHAMBERS = {"standard": ChamberParameters(), "weak": WEAK_CHAMBER}
 def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
     """Return the lab and what its stage hands can do; ConfigurationError names what it cannot emulate."""
     plant = LabPlant(_plant_config(config))
-    patient = config.clock == "virtual"
     ports: list[Port] = [
-        _port("table", config.table.transport, patient),
-        _port("chamber", config.chamber.transport, patient),
+        _port("table", config.table.transport, config),
+        _port("chamber", config.chamber.transport, config),
     ]
     weiss, acutrol = _chamber(config.chamber, plant), _table(config.table, plant)
     emulators: dict[str, Emulator] = {"table": acutrol, "chamber": weiss}
     streams: dict[str, StreamingEmulator] = {}
     for gyro in config.gyros:
-        ports.append(_port(gyro.name, gyro.transport, patient))
+        ports.append(_port(gyro.name, gyro.transport, config))
         emulators[gyro.name] = streams[gyro.name] = _gyro(gyro, plant)
-    lab = Lab(plant, ports, emulators, streams, delivery_s=config.delivery_s)
-    return lab, _acts(plant, acutrol, weiss)
+    lab = Lab(
+        plant, ports, emulators, streams, delivery_s=config.delivery_s, lines=_lines(config, emulators, plant)
+    )
+    return lab, _acts(plant, lab, acutrol, weiss)
+
+
+def _lines(config: LabConfig, emulators: Mapping[str, Emulator], plant: LabPlant) -> dict[str, Line]:
+    """Return a line for each port, with its faults; ConfigurationError for one that no port has."""
+    for fault in config.faults:
+        _known("port", fault.port, emulators)
+    lines = {}
+    for name, emulator in emulators.items():
+        device_faults = dict(getattr(emulator, "faults", {}))
+        if name == "chamber":
+            device_faults["weaken"] = lambda fault, now_s: plant.chamber.weaken(now_s, fault.factor)
+        lines[name] = Line(
+            name,
+            [fault for fault in config.faults if fault.port == name],
+            seed=config.seed,
+            wire=getattr(emulator, "wire", None),
+            device_faults=device_faults,
+        )
+    return lines
 
 
 def _plant_config(config: LabConfig) -> PlantConfig:
@@ -61,11 +84,15 @@ def _plant_config(config: LabConfig) -> PlantConfig:
     )
 
 
-def _port(name: str, transport: str, patient: bool) -> Port:
-    return TcpPort(name, patient=patient) if transport == "tcp" else PtyPort(name, patient=patient)
+def _port(name: str, transport: str, config: LabConfig) -> Port:
+    patient = config.clock == "virtual"
+    if transport == "tcp":
+        return TcpPort(name, patient=patient)
+    returns = any(fault.kind == VANISH and fault.port == name for fault in config.faults)
+    return PtyPort(name, patient=patient, returns=returns)
 
 
-def _known(what: str, name: str, table: dict[str, T]) -> T:
+def _known(what: str, name: str, table: Mapping[str, T]) -> T:
     if name not in table:
         raise ConfigurationError(
             f"the emulated lab has no {what} {name!r}", expected="one of " + ", ".join(table)
@@ -129,7 +156,7 @@ def _rlg(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
     )
 
 
-def _acts(plant: LabPlant, table: AcutrolEmulator, chamber: WeissEmulator) -> dict[str, Act]:
+def _acts(plant: LabPlant, lab: Lab, table: AcutrolEmulator, chamber: WeissEmulator) -> dict[str, Act]:
     def mount(request: dict[str, Any]) -> dict[str, Any]:
         units = [request["unit"]] if "unit" in request else [unit.name for unit in plant.config.units]
         for unit in units:
@@ -149,4 +176,15 @@ def _acts(plant: LabPlant, table: AcutrolEmulator, chamber: WeissEmulator) -> di
         table.trip(str(request["reason"]), plant.now_s, request.get("axis"))
         return {}
 
-    return {"mount": mount, "truth": truth, "alarm": alarm, "trip": trip}
+    def inject(request: dict[str, Any]) -> dict[str, Any]:
+        """Put a fault on a port: the keys of a [[fault]] in the plant file, at_s left out for now."""
+        at_s = request.pop("at_s", () if "rate_per_h" in request else [lab.now_ns / 1e9])
+        lab.inject(Fault(**request, at_s=tuple(at_s)))
+        return {}
+
+    def struck(request: dict[str, Any]) -> dict[str, Any]:
+        """Say which faults have struck so far, in order of time."""
+        every = [entry for line in lab.lines.values() for entry in line.struck]
+        return {"struck": sorted(every, key=lambda entry: float(entry["time_s"]))}
+
+    return {"mount": mount, "truth": truth, "alarm": alarm, "trip": trip, "fault": inject, "struck": struck}

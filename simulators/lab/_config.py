@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from simulators.faults import Fault
 from simulators.plant.lab_plant import UnitKind
 
 Transport = Literal["pty", "tcp"]
@@ -51,6 +52,7 @@ class LabConfig:
     table: DeviceConfig
     chamber: DeviceConfig
     gyros: tuple[GyroConfig, ...]
+    faults: tuple[Fault, ...] = ()
     delivery_s: float = 1.0
     cpu: int | None = None
 
@@ -67,5 +69,9 @@ class LabConfig:
                 "table": DeviceConfig(**data["table"]),
                 "chamber": DeviceConfig(**data["chamber"]),
                 "gyros": tuple(GyroConfig(**gyro) for gyro in data["gyros"]),
+                "faults": tuple(
+                    Fault(**{**fault, "at_s": tuple(fault.get("at_s", ()))})
+                    for fault in data.get("faults", ())
+                ),
             }
         )

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from simulators.interfaces import Emulator, StreamBlock, StreamingEmulator
+from drivers.errors import ConfigurationError
+from simulators.faults import VANISH, Fault
+from simulators.interfaces import Emulator, StreamingEmulator
+from simulators.lab._line import Line
 from simulators.lab._ports import Port
+
+_NEVER_NS = 1 << 62
 
 Mark = tuple[int, int, int]
 """(port index, bytes written to it so far, lab time in ns of the last of them)."""
@@ -36,52 +42,144 @@ class Lab:
         streams: Mapping[str, StreamingEmulator],
         *,
         delivery_s: float,
+        lines: Mapping[str, Line] | None = None,
     ) -> None:
         self.now_ns = 0
         self.ports = list(ports)
+        self.lines = dict(lines or {})
+        self._active = self._active_lines()
         self._plant = plant
         self._emulators = [emulators[port.name] for port in ports]
         self._streams = [(i, streams[port.name]) for i, port in enumerate(ports) if port.name in streams]
         self._delivery_ns = round(delivery_s * 1e9)
+        self._delivered_s = [0.0] * len(self.ports)
         self._replies: list[tuple[int, int, int, bytes]] = []
         self._sequence = 0
+        self._gone: dict[int, int] = {}
+        """Ports that have vanished: index -> lab time in ns at which they come back."""
+        self._to_unplug: list[int] = []
 
     def take_input(self, index: int, data: bytes) -> None:
         """Give a device what the bench wrote, now; its replies are put on the calendar."""
+        if index in self._gone:
+            return
+        line = self._active.get(index)
         for reply in self._emulators[index].receive(data, self.now_ns / 1e9):
-            at_ns = max(self.now_ns, round(reply.at_s * 1e9))
-            heapq.heappush(self._replies, (at_ns, self._sequence, index, reply.data))
-            self._sequence += 1
+            passed = reply if line is None else line.reply(reply)
+            if passed is not None:
+                at_ns = max(self.now_ns, round(passed.at_s * 1e9))
+                heapq.heappush(self._replies, (at_ns, self._sequence, index, passed.data))
+                self._sequence += 1
 
     def advance(self, to_ns: int, stop_port: int = -1) -> list[Mark]:
-        """Move to `to_ns`, or to the first byte written to port `stop_port`; return what was written when."""
+        """Move to `to_ns`, or to the first byte written to port `stop_port`, or to where a port vanishes.
+
+        Returns what was written when.
+        """
         marks: list[Mark] = []
         while True:
             next_delivery = (self.now_ns // self._delivery_ns + 1) * self._delivery_ns
             next_reply = self._replies[0][0] if self._replies else to_ns
-            self.now_ns = min(to_ns, next_delivery, next_reply)
+            next_event = self._next_event_ns() if self._active else _NEVER_NS
+            self.now_ns = max(self.now_ns, min(to_ns, next_delivery, next_reply, next_event))
             self._plant.advance(self.now_ns / 1e9)
             stop = False
+            if next_event <= self.now_ns:
+                stop = self._strike(marks)
             if self.now_ns == next_delivery:
                 for index, emulator in self._streams:
-                    block = emulator.stream(self.now_ns / 1e9)
-                    if block is not None and block.data:
-                        self._deliver(index, block, marks)
+                    if self._deliver(index, emulator, marks):
                         stop = stop or index == stop_port
             while self._replies and self._replies[0][0] <= self.now_ns:
                 _, _, index, data = heapq.heappop(self._replies)
                 port = self.ports[index]
-                if port.is_open:
+                if port.is_open and index not in self._gone:
                     port.write(data)
                     marks.append((index, port.written, self.now_ns))
                     stop = stop or index == stop_port
             if stop or self.now_ns >= to_ns:
                 return marks
 
-    def _deliver(self, index: int, block: StreamBlock, marks: list[Mark]) -> None:
-        port = self.ports[index]
-        if not port.is_open:
-            return
+    def inject(self, fault: Fault) -> None:
+        """Put a fault on a line while the lab runs; ConfigurationError if there is no such port."""
+        if fault.port not in self.lines:
+            raise ConfigurationError(
+                "the lab has no such port", found=repr(fault.port), expected="one of " + ", ".join(self.lines)
+            )
+        port = next(port for port in self.ports if port.name == fault.port)
+        if fault.kind == VANISH and not port.returns:
+            raise ConfigurationError(
+                "a serial port that vanishes must be known to do so before the lab starts",
+                where=fault.port,
+                found="a fault put in while the lab runs",
+                expected="a [[fault]] of kind 'vanish' for this port in the plant file",
+            )
+        self.lines[fault.port].add(fault)
+        self._active = self._active_lines()
+
+    def settle(self) -> set[int]:
+        """Hang up the ports that vanished in the last step, now that the bench has read what came before.
+
+        Returns the ports that nobody can have open at the moment, those hung up just now included.
+        """
+        hung_up = set(self._to_unplug) | set(self._gone)
+        for index in self._to_unplug:
+            self.ports[index].unplug()
+        self._to_unplug.clear()
+        for index, back_ns in list(self._gone.items()):
+            if back_ns <= self.now_ns:
+                del self._gone[index]
+                self.ports[index].plug()
+        return hung_up
+
+    def _active_lines(self) -> dict[int, Line]:
+        lines = ((index, self.lines.get(port.name)) for index, port in enumerate(self.ports))
+        return {index: line for index, line in lines if line is not None and line.active}
+
+    def _next_event_ns(self) -> int:
+        """Return when a device or port is struck, or a port comes back; far away if never."""
+        times = [line.next_event_s for line in self._active.values()]
+        soonest = min(times, default=math.inf)
+        events = [back_ns for index, back_ns in self._gone.items() if index not in self._to_unplug]
+        if soonest < math.inf:
+            events.append(math.ceil(soonest * 1e9))
+        return min(events, default=_NEVER_NS)
+
+    def _strike(self, marks: list[Mark]) -> bool:
+        """Carry out what is due on devices and ports; say whether a port vanished, which ends the step."""
+        vanished = False
+        now_s = self.now_ns / 1e9
+        for index, line in self._active.items():
+            if line.next_event_s == math.inf or math.ceil(line.next_event_s * 1e9) > self.now_ns:
+                continue
+            for streaming, emulator in self._streams:
+                if streaming == index:  # what was sent before was sent by a sound device
+                    self._deliver(index, emulator, marks)
+            gone_s = line.strike(now_s)
+            if gone_s and index not in self._gone:
+                self._gone[index] = self.now_ns + round(gone_s * 1e9)
+                self._to_unplug.append(index)
+                vanished = True
+        for index, back_ns in list(self._gone.items()):
+            if back_ns <= self.now_ns and index not in self._to_unplug:
+                del self._gone[index]
+                self.ports[index].plug()
+        return vanished
+
+    def _deliver(self, index: int, emulator: StreamingEmulator, marks: list[Mark]) -> bool:
+        """Write what a device has streamed to its port; say whether anything came."""
+        port, line, now_s = self.ports[index], self._active.get(index), self.now_ns / 1e9
+        block = emulator.stream(now_s)
+        is_open = port.is_open and index not in self._gone
+        since_s, self._delivered_s[index] = self._delivered_s[index], now_s
+        if line is not None:
+            if is_open:
+                block = line.block(block, since_s, now_s)
+            else:
+                line.pass_over(now_s)
+        if not is_open or block is None or not block.data:
+            return False
         before = port.written
         port.write(block.data)
         marks.extend((index, before + int(count), int(time_ns)) for count, time_ns in block.marks)
+        return True

@@ -10,8 +10,10 @@ import contextlib
 import os
 import select
 import socket
+import tempfile
 import tty
 from collections.abc import Callable
+from pathlib import Path
 from typing import Protocol
 
 from drivers.errors import BenchError
@@ -33,6 +35,8 @@ class Port(Protocol):
     received: int
     written: int
     is_open: bool
+    returns: bool
+    """Whether it can come back under its name after it was unplugged."""
     on_full: Callable[[], None]
     """Called before a patient port waits for room."""
 
@@ -56,31 +60,61 @@ class Port(Protocol):
         """Put `data` on the port."""
         ...
 
+    def unplug(self) -> None:
+        """Take the port away from whoever has it open; it cannot be opened until `plug`."""
+        ...
+
+    def plug(self) -> None:
+        """Bring the port back under the same name."""
+        ...
+
     def close(self) -> None:
         """Remove the port."""
         ...
 
 
 class PtyPort:
-    """A serial port: the bench opens the slave side of a pseudo-terminal."""
+    """A serial port: the bench opens the slave side of a pseudo-terminal.
 
-    def __init__(self, name: str, *, patient: bool) -> None:
+    A terminal's name cannot be had twice: one that `returns` after it was unplugged is reached by a link.
+    """
+
+    def __init__(self, name: str, *, patient: bool, returns: bool = False) -> None:
         self.name = name
         self.patient = patient
         self.on_full: Callable[[], None] = _nothing
-        self._master, self._slave = os.openpty()
-        # Raw before anybody knows the name: the line discipline would echo and translate. The slave stays open
-        # here, else the master reads EIO when the bench closes.
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.url = os.ttyname(self._slave)
+        self.returns = returns
+        self._link = Path(tempfile.mkdtemp(prefix="gyrobench-")) / name if returns else None
+        self._master = self._slave = -1
+        self.plug()
+        self.url = os.ttyname(self._slave) if self._link is None else str(self._link)
         self.received = 0
         self.written = 0
         self.is_open = False
 
     def fileno(self) -> int:
-        """Return the master's descriptor."""
+        """Return the master's descriptor, -1 while unplugged."""
         return self._master
+
+    def plug(self) -> None:
+        """Make the terminal."""
+        self._master, self._slave = os.openpty()
+        # Raw before anybody knows the name: the line discipline would echo and translate. The slave stays open
+        # here, else the master reads EIO when the bench closes.
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        if self._link is not None:
+            self._link.symlink_to(os.ttyname(self._slave))
+
+    def unplug(self) -> None:
+        """Hang up: what the bench has not read is lost, as with a pulled adapter."""
+        self.is_open = False
+        if self._link is not None:
+            self._link.unlink(missing_ok=True)
+        for descriptor in (self._master, self._slave):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+        self._master = self._slave = -1
 
     def open(self) -> None:
         """Start counting from zero."""
@@ -107,10 +141,11 @@ class PtyPort:
             self.written += _write(self._master, data, self)
 
     def close(self) -> None:
-        """Close both sides: what the bench has not read is lost, as with a pulled adapter."""
-        for descriptor in (self._master, self._slave):
+        """Remove both sides, and the link."""
+        self.unplug()
+        if self._link is not None:
             with contextlib.suppress(OSError):
-                os.close(descriptor)
+                self._link.parent.rmdir()
 
 
 class TcpPort:
@@ -122,13 +157,17 @@ class TcpPort:
         self.on_full: Callable[[], None] = _nothing
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._connection: socket.socket | None = None
+        self._unplugged = False
+        self.returns = True
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
         self.received = 0
         self.written = 0
         self.is_open = False
 
     def fileno(self) -> int:
-        """Return the connection's descriptor, or the listener's while nobody is connected."""
+        """Return the connection's descriptor, the listener's while nobody is connected, -1 while unplugged."""
+        if self._unplugged:
+            return -1
         return self._listener.fileno() if self._connection is None else self._connection.fileno()
 
     def open(self) -> None:
@@ -168,6 +207,21 @@ class TcpPort:
         """Write to an open port; a closed one swallows it."""
         if self.is_open and self._connection is not None:
             self.written += _write(self._connection.fileno(), data, self)
+
+    def unplug(self) -> None:
+        """Hang up and refuse connections; the port's number stays taken."""
+        self.shut()
+        address = self._listener.getsockname()
+        self._listener.close()
+        self._listener = socket.socket()
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._listener.bind(address)
+        self._unplugged = True
+
+    def plug(self) -> None:
+        """Listen again."""
+        self._listener.listen()
+        self._unplugged = False
 
     def close(self) -> None:
         """Stop listening."""

@@ -89,27 +89,37 @@ class VirtualService:
             connection.sendall(FULL)
 
     def _answer(self, request: Request) -> bytes:
+        lab = self._lab
         try:
-            marks = self._lab.advance(request.at_ns) if request.at_ns > self._lab.now_ns else []
-            for index, (port, sent) in enumerate(zip(self._lab.ports, request.sent, strict=True)):
+            gone = lab.settle()
+            marks = []
+            while lab.now_ns < request.at_ns:
+                marks += lab.advance(request.at_ns)
+            for index, (port, sent) in enumerate(zip(lab.ports, request.sent, strict=True)):
+                if index in gone:
+                    continue
                 if sent == NOT_OPEN:
                     if port.is_open:
                         port.shut()
                     continue
                 if not port.is_open:
                     port.open()
-                while port.received < sent:
+                while port.received < sent and port.fileno() >= 0:
                     data = port.read()
                     if data:
-                        self._lab.take_input(index, data)
+                        lab.take_input(index, data)
                     elif not port.is_open:
                         break
                     else:  # written, but not yet through the kernel
                         select.select([port], [], [])
-            marks += self._lab.advance(request.to_ns, request.stop_port)
+            # a bench that holds a port which is gone is told before anything else happens
+            held = any(request.sent[index] != NOT_OPEN for index in gone)
+            if not held:
+                marks += lab.advance(request.to_ns, request.stop_port)
         except BenchError as error:
             return self._codec.pack_error(str(error))
-        return self._codec.pack_reply(self._lab.now_ns, [port.written for port in self._lab.ports], marks)
+        written = [NOT_OPEN if index in gone else port.written for index, port in enumerate(lab.ports)]
+        return self._codec.pack_reply(lab.now_ns, written, marks)
 
 
 def run_on_wall_clock(lab: Lab, door: StageDoor) -> None:
@@ -119,7 +129,7 @@ def run_on_wall_clock(lab: Lab, door: StageDoor) -> None:
         if port.url.startswith("/"):
             port.open()
     while True:
-        waiting: list[Any] = [door, *lab.ports]
+        waiting: list[Any] = [door, *(port for port in lab.ports if port.fileno() >= 0)]
         ready, _, _ = select.select(waiting, [], [], _TICK_S)
         if door in ready and not door.answer():
             return
@@ -131,6 +141,12 @@ def run_on_wall_clock(lab: Lab, door: StageDoor) -> None:
                 if data:
                     lab.take_input(index, data)
         try:
-            lab.advance(round(clock.now() * 1e9))
+            now_ns = round(clock.now() * 1e9)
+            while lab.now_ns < now_ns:
+                lab.advance(now_ns)
+                lab.settle()
         except BenchError as error:
             sys.stderr.write(f"{error}\n")
+        for port in lab.ports:  # a terminal that came back does not say when it is opened
+            if port.url.startswith("/") and port.fileno() >= 0 and not port.is_open:
+                port.open()

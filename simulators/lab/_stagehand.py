@@ -11,6 +11,8 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from drivers.errors import BenchError
+
 Act = Callable[[dict[str, Any]], dict[str, Any]]
 
 
@@ -50,5 +52,7 @@ class StageDoor:
             request = json.loads(line)
             act = self._acts[request.pop("act")]
             return {"ok": True, **act(request)}
+        except BenchError as error:
+            return {"ok": False, "error": str(error)}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             return {"ok": False, "error": f"{type(error).__name__}: {error}"}

@@ -53,6 +53,8 @@ class ChamberAir:
         self.room_temp_c = room_temp_c
         self.air_c = room_temp_c
         self.set_point_c = room_temp_c
+        self.strength = 1.0
+        """What is left of the heater's and the refrigeration's power."""
         self.demand = ChamberDemand(0.0, room_temp_c, 0.0, 0.0, False)
         self._liner_c = room_temp_c
         self._unit_air_c = room_temp_c
@@ -90,8 +92,8 @@ class ChamberAir:
         error = self.set_point_c - self.air_c
         wanted = p.kp_per_s * error + self._integral
         reach = (self.air_c - p.cooling_floor_c) / (25.0 - p.cooling_floor_c)
-        strongest = -p.cooling_at_25_k_per_s * max(0.0, reach)
-        flow = min(max(wanted, strongest), p.heating_k_per_s)
+        strongest = -p.cooling_at_25_k_per_s * self.strength * max(0.0, reach)
+        flow = min(max(wanted, strongest), p.heating_k_per_s * self.strength)
         if flow == wanted or (flow - wanted) * error > 0.0:
             self._integral += p.ki_per_s2 * error
         return flow

@@ -35,6 +35,11 @@ class LabChamber:
         """Set the target; the controller takes it up at its next tick. Ramps in K/min, 0 = as fast as it can."""
         self._pending.append(ChamberDemand(now_s, set_point_c, ramp_up, ramp_down, running))
 
+    def weaken(self, now_s: float, factor: float) -> None:
+        """Leave the heater and the refrigeration `factor` of their strength from now on; 1 repairs them."""
+        self._advance(now_s)
+        self._air.strength = factor
+
     def air_temp_c(self, now_s: float) -> float:
         """Return the air temperature at the control sensor, linear between ticks."""
         return self._between(now_s, 0)

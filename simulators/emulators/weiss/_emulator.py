@@ -20,6 +20,7 @@ from drivers.weiss import (
     encode_values,
 )
 from simulators.emulators.weiss._controller import MESSAGE_READS, OUTPUT_NAMES, VARIABLE_READS, Controller
+from simulators.faults import DeviceFault, Fault
 from simulators.interfaces import ChamberPlant, Reply
 
 _INDEXED_READS = (
@@ -79,6 +80,7 @@ class WeissEmulator:
         self._configuration = _configuration(auxiliary, Setting(min_temp_c, max_temp_c, "Temperature"))
         self._input = bytearray()
         self._free_at_s = 0.0
+        self._refusals = 0
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take bytes the bench wrote (any chunking); CR ends a line, LF and empty lines are not answered."""
@@ -92,6 +94,22 @@ class WeissEmulator:
                 self._free_at_s = max(self._free_at_s, now_s) + self._latency_s
                 replies.append(Reply(self._free_at_s, answer))
         return replies
+
+    @property
+    def faults(self) -> Mapping[str, DeviceFault]:
+        """`alarm`: an alarm of `text`. `refuse`: the next `count` demands are refused: system not available."""
+        return {"alarm": self._alarm, "refuse": self._refuse}
+
+    def _alarm(self, fault: Fault, now_s: float) -> None:
+        self.raise_alarm(fault.text or "Temperature limiter", now_s)
+
+    def _refuse(self, fault: Fault, now_s: float) -> None:
+        self._refusals = fault.count
+
+    def _refuses(self) -> bool:
+        refuses = self._refusals > 0
+        self._refusals -= refuses
+        return refuses
 
     def raise_alarm(self, text: str, now_s: float) -> None:
         """Put an alarm into the message list at lab time `now_s`; conditioning stops until a reset (17012)."""
@@ -112,6 +130,8 @@ class WeissEmulator:
             return self._ascii2_values(now_s)
         if command == "?" and not arguments:
             return encode_configuration(self._configuration, self._address)
+        if command in ("E", "U") and self._refuses():
+            return b"\r"
         if command == "E":
             return b"0\r" if self._ascii2_set(arguments, now_s) else b"\r"
         if command == "U":
@@ -159,6 +179,8 @@ class WeissEmulator:
             return (WRONG_PARAMETERS,)
         index = int(values[0]) if values else 0
         if number == Number.RESET_ERRORS or len(values) == 2:
+            if self._refuses():
+                return (NOT_AVAILABLE,)
             return (OK,) if self._controller.write(number, index, values, now_s) else (WRONG_PARAMETERS,)
         answer = self._controller.read(number, index, now_s)
         return (NOT_READABLE,) if answer is None else (OK, answer)

@@ -1,0 +1,95 @@
+"""Faults on the wire and in devices, as plain data: what happens to a port, when, and how much of it.
+
+`simulators.lab` applies them between emulator and port; docs/faults.md is the operator's page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from drivers.errors import ConfigurationError
+
+WIRE_FAULTS: Mapping[str, str] = {
+    "drop": "`count` bytes of a message are lost",
+    "repeat": "`count` bytes of a message come twice",
+    "flip": "`count` bits of a message are inverted",
+    "noise": "`count` stray bytes come before a message",
+    "truncate": "a message ends somewhere before its end",
+    "bad_check": "the check value of a message is wrong, all else is intact",
+    "double": "a message comes twice",
+    "lose": "`count` whole messages are lost; a frame counter jumps by as many",
+    "delay": "a message, and all behind it, comes `duration_s` late",
+    "silence": "nothing comes for `duration_s`",
+}
+"""Faults that need nothing of the emulator but its wire shape. A message is a reply, or a frame of a stream."""
+
+VANISH = "vanish"
+"""The port goes away for `duration_s` and comes back under the same name: adapter pulled, connection reset."""
+
+_LASTING = ("delay", "silence", VANISH)
+_MUST_COUNT = ("drop", "repeat", "flip", "noise", "lose")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of one port.
+
+    When: at the lab times `at_s` (s), or at random `rate_per_h` times an hour on average (Poisson) between
+    `start_s` and `end_s`. It strikes the first message whose last byte is sent at or after that instant.
+    `count`, `duration_s`, `factor` and `text` are what the kind makes of them.
+    """
+
+    port: str
+    kind: str
+    at_s: tuple[float, ...] = ()
+    rate_per_h: float = 0.0
+    start_s: float = 0.0
+    end_s: float = 1e12
+    count: int = 1
+    duration_s: float = 0.0
+    factor: float = 1.0
+    text: str = ""
+
+    def check(self, device_faults: Mapping[str, object], wire: WireShape | None) -> None:
+        """Raise ConfigurationError for a fault that this port cannot have."""
+        known = [*WIRE_FAULTS, VANISH, *device_faults]
+        if self.kind not in known:
+            raise self._unusable(f"kind {self.kind!r}", "one of " + ", ".join(known))
+        if bool(self.at_s) == bool(self.rate_per_h):
+            raise self._unusable(
+                f"at_s {list(self.at_s)} and rate_per_h {self.rate_per_h:g}", "one of the two, not 0 or empty"
+            )
+        if self.kind in _LASTING and not self.duration_s > 0.0:
+            raise self._unusable(f"duration_s {self.duration_s:g}", f"how long the {self.kind} lasts, in s")
+        if self.kind in _MUST_COUNT and self.count < 1:
+            raise self._unusable(f"count {self.count}", "1 or more")
+        if self.kind == "bad_check" and (wire is None or not wire.check_bytes):
+            raise self._unusable("bad_check", "another kind: this device's messages carry no check value")
+
+    def _unusable(self, found: str, expected: str) -> ConfigurationError:
+        return ConfigurationError(
+            "a fault cannot be emulated",
+            where=f"plant file, fault of port {self.port!r}",
+            found=found,
+            expected=expected,
+            remedy="docs/faults.md lists the kinds and their keys",
+        )
+
+
+@dataclass(frozen=True)
+class WireShape:
+    """How a device's messages look from outside, for faults that strike a whole one.
+
+    A stream's frames are `frame_bytes` long or, when that is 0, end with `terminator`. `check_bytes`: length of
+    the check value, 0 for none; it ends `tail_bytes` before the end of the message.
+    """
+
+    frame_bytes: int = 0
+    terminator: bytes = b""
+    check_bytes: int = 0
+    tail_bytes: int = 0
+
+
+DeviceFault = Callable[[Fault, float], None]
+"""What a device does about a fault of its own kind at a lab time in s."""
