@@ -7,6 +7,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -212,6 +213,7 @@ def _source(section: GyroSection, start_offset: int) -> GyroSource:
         name=section.name,
         decoder=lambda: kind.decoder(settings),
         rates=lambda columns, rate_hz: kind.rates(settings, columns, rate_hz),
+        accelerations=None if kind.accelerations is None else partial(kind.accelerations, settings),
         axis=section.axis,
         start_offset=start_offset,
         baudrate=None if section.on_can else section.baudrate,

@@ -271,9 +271,13 @@ class GyroKind:
     """A gyro driver as the bench finds it by name.
 
     `decoder` needs no open port, so that a record can be decoded anywhere. `rates` turns decoded columns into
-    rates in deg/s by axis, given the true sample rate in Hz.
+    rates in deg/s by axis, given the true sample rate in Hz; `accelerations` likewise into specific force in
+    m/s2 by axis, None for a kind that has no accelerometers.
     """
 
     open: Callable[[Settings, Clock, Tap], Gyro]
     decoder: Callable[[Settings], StreamDecoder]
     rates: Callable[[Settings, Mapping[str, NDArray[Any]], float], dict[str, NDArray[Any]]]
+    accelerations: Callable[[Settings, Mapping[str, NDArray[Any]], float], dict[str, NDArray[Any]]] | None = (
+        None
+    )

@@ -29,7 +29,7 @@ class GyroSource:
     """How the bytes of one gyro become a table.
 
     `decoder` makes a fresh decoder; `rates` turns its columns into deg/s by axis, given the true sample rate in
-    Hz; `axis` is the one under test. `start_offset`: bytes on the port before the stream began (answers to
+    Hz, `accelerations` into m/s2 where the unit has accelerometers; `axis` is the one under test. `start_offset`: bytes on the port before the stream began (answers to
     configuration). `baudrate`: of a serial port, to take the time on the wire off; None where a frame is
     stamped when it is complete.
     """
@@ -38,6 +38,7 @@ class GyroSource:
     decoder: Callable[[], StreamDecoder]
     rates: Rates
     axis: str
+    accelerations: Rates | None = None
     start_offset: int = 0
     baudrate: int | None = None
 
@@ -176,6 +177,9 @@ def _rate_columns(source: GyroSource, batch: FrameBatch, sample_rate_hz: float) 
     rates = source.rates(batch.columns, sample_rate_hz)
     others = {f"rate_{axis}_dps": rate for axis, rate in rates.items() if axis != source.axis}
     columns = {"rate_dps": rates[source.axis]} | others
+    if source.accelerations is not None:
+        forces = source.accelerations(batch.columns, sample_rate_hz)
+        columns |= {f"accelerometer_{axis}_mps2": force for axis, force in forces.items()}
     return {name: np.asarray(rate, dtype=np.float32) for name, rate in columns.items()}
 
 

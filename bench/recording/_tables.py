@@ -22,7 +22,7 @@ ROW_GROUP = 65536
 
 Columns = Mapping[str, NDArray[Any]]
 
-_UNITS = (("_ns", "ns"), ("_dps", "deg/s"), ("_deg", "deg"), ("_c", "degC"))
+_UNITS = (("_ns", "ns"), ("_dps", "deg/s"), ("_mps2", "m/s2"), ("_deg", "deg"), ("_c", "degC"))
 
 
 class TableWriter(Protocol):
