@@ -34,6 +34,15 @@ class History:
         row = self._rows[(self._count - 1) % len(self._rows)]
         return dict(zip(self._names, row.tolist(), strict=True))
 
+    def row_at(self, time_s: float) -> dict[str, float]:
+        """Return the newest row at or before `time_s`; empty if there is none."""
+        with self._lock:
+            at = self._count % len(self._rows) if self._count > len(self._rows) else 0
+            for part in (self._rows[:at], self._rows[at : self._count]):
+                if found := int(np.searchsorted(part[:, 0], time_s, side="right")):
+                    return dict(zip(self._names, part[found - 1].tolist(), strict=True))
+        return {}
+
     def since(self, start_s: float) -> dict[str, NDArray[np.float64]]:
         """Return the rows with time >= `start_s`, arrays of shape (n,) by column name."""
         with self._lock:

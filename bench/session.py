@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from bench.benchfile import BenchFile
+from bench.limits import RAMP_WINDOW_S, Reach, between, check_ramp, check_rules, check_telemetry
 from bench.live import Request
 from bench.progress import GyroProgress, Progress
 from bench.questions import Operator, Question
@@ -15,8 +16,8 @@ from bench.safe_state import bring_to_rest
 from bench.stations import ChamberStation, GyroStation
 from bench.table_station import TableStation
 from drivers.clock import Clock, host_seconds
-from drivers.errors import BenchError, LimitExceeded, RunAborted
-from drivers.instruments import Chamber, Turntable
+from drivers.errors import BenchError, RunAborted
+from drivers.instruments import Chamber, ChamberState, Turntable
 
 _POLL_S = 1.0
 _RESOLUTION_S = 1e-9
@@ -25,8 +26,6 @@ _ALARMS_S = 60.0
 _DISPLAY_S = 0.1
 _KEPT_LINES = 20
 _RATE_WINDOW_S = 60.0
-_OVERSPEED = 1.05
-_AIR_MARGIN_K = 10.0
 
 
 class Record(Protocol):
@@ -81,6 +80,7 @@ class Bench:
         self.table: TableStation
         self.chamber: ChamberStation
         self.phase_name = ""
+        self._watches_door = any(rule.door for rule in file.limits.forbid)
         self._record = record
         self._display = display
         self._steering = steering
@@ -192,13 +192,12 @@ class Bench:
         chamber.history.append(self.clock.now(), air.air_temp_c, air.set_point_c, *auxiliary)
         turned = table.device.read_state()  # the quicker device: its answer has come meanwhile
         table.take(self.clock.now(), turned)
-        self._watch(max(table.rates_dps, key=abs), air.air_temp_c)
+        self._watch(air)
         table.watch()
 
     def check_alarms(self) -> None:
         """Ask both instruments for alarms; any goes to the record and raises RunAborted."""
-        for name, device in (("table", self.table.device), ("chamber", self.chamber.device)):
-            found = device.alarms()
+        for name, found in (("table", self.table.device.alarms()), ("chamber", self.chamber.alarms())):
             for text in found:
                 self.event("alarm", device=name, text=text)
             if found:
@@ -278,24 +277,58 @@ class Bench:
             else:
                 self.event("note", text=str(request))
 
-    def _watch(self, rate_dps: float, air_temp_c: float) -> None:
+    def allow(
+        self,
+        what: str,
+        *,
+        rate_dps: float | None = None,
+        angle_deg: float | None = None,
+        set_point_c: float | None = None,
+    ) -> None:
+        """Raise LimitExceeded if a demand, on top of the state and the demands in force, may break a rule.
+
+        Of a quantity that is demanded its new value counts, and for the air the way to it.
+        """
         limits = self.file.limits
-        if abs(rate_dps) > limits.max_rate_dps * _OVERSPEED:
-            raise LimitExceeded(
-                "the table turns faster than the bench allows",
-                where="table",
-                found=f"{rate_dps:.3f} deg/s",
-                expected=f"at most {limits.max_rate_dps:g} deg/s (limits.max_rate_dps)",
-                remedy="the bench is being made safe; check the table's controller before starting again",
-            )
-        if not limits.min_temp_c - _AIR_MARGIN_K <= air_temp_c <= limits.max_temp_c + _AIR_MARGIN_K:
-            raise LimitExceeded(
-                "the chamber's air is outside the allowed range",
-                where="chamber",
-                found=f"{air_temp_c:.1f} degC",
-                expected=f"{limits.min_temp_c:g} .. {limits.max_temp_c:g} degC within {_AIR_MARGIN_K:g} K",
-                remedy="the bench is being made safe; check the chamber before starting again",
-            )
+        if not limits.forbid:
+            return
+        air, angle = self.chamber.history.last, self.table.angle_deg()
+        target_c = self.chamber.set_point_c if set_point_c is None else set_point_c
+        reach = Reach(
+            rate_dps=between(max(map(abs, self.table.rates_dps)) if rate_dps is None else abs(rate_dps)),
+            angle_deg=between(angle, angle_deg),
+            air_temp_c=between(air["air_temp_c"], target_c),
+            set_point_c=between(air["set_point_c"], target_c),
+            aux_temp_c=tuple(between(value, target_c) for value in self.chamber.auxiliary_c),
+            door_open=self._watches_door and self.chamber.look_at_door(),
+        )
+        check_rules(limits, reach, what, "the command was not sent; change the order of steps or the rule")
+
+    def _watch(self, air: ChamberState) -> None:
+        limits = self.file.limits
+        rate_dps, angle_deg = max(self.table.rates_dps, key=abs), self.table.angle_deg()
+        check_telemetry(limits, rate_dps, air.air_temp_c)
+        before = self.chamber.history.row_at(self.clock.now() - RAMP_WINDOW_S)
+        if before:
+            window_s = self.chamber.history.last["time_s"] - before["time_s"]
+            check_ramp(limits, air.air_temp_c - before["air_temp_c"], window_s)
+        if not limits.forbid:
+            return
+        reach = Reach(
+            rate_dps=between(abs(rate_dps)),
+            angle_deg=between(angle_deg),
+            air_temp_c=between(air.air_temp_c),
+            set_point_c=between(air.set_point_c),
+            aux_temp_c=tuple(between(value) for value in self.chamber.auxiliary_c),
+            door_open=self._watches_door and self.chamber.look_at_door(),
+        )
+        found = (
+            f"{rate_dps:.3f} deg/s at {angle_deg:.2f} deg, air {air.air_temp_c:.1f} degC, "
+            f"set point {air.set_point_c:.1f} degC, door {'open' if reach.door_open else 'closed'}"
+        )
+        check_rules(
+            limits, reach, found, "the bench is being made safe; clear the cause before starting again"
+        )
 
     # How it ends
 

@@ -50,9 +50,27 @@ class ChamberStation:
                 remedy="lower the ramp parameter, or raise limits.max_ramp_k_per_min if the unit allows it",
             )
 
+    @property
+    def auxiliary_c(self) -> list[float]:
+        """What the auxiliary sensors said last, degC."""
+        return [self.history.last[f"aux_{number}_temp_c"] for number in self.auxiliary]
+
+    def alarms(self) -> list[str]:
+        """Return the chamber's alarms and warnings but for the one that says that its door is open."""
+        return [text for text in self.device.alarms() if not self._tells_door(text)]
+
+    def look_at_door(self) -> bool:
+        """Ask whether the door is open, as `chamber.door_message` of the bench file tells it."""
+        return any(self._tells_door(text) for text in self.device.alarms())
+
+    def _tells_door(self, text: str) -> bool:
+        words = self._bench.file.chamber.door_message
+        return words is not None and words.casefold() in text.casefold()
+
     def go_to(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
         """Demand a set point, approached at `ramp_k_per_min` (None: as fast as the chamber can)."""
         self.check(set_point_c, set_point_c, ramp_k_per_min or 0.0)
+        self._bench.allow(f"go to {set_point_c:g} degC", set_point_c=set_point_c)
         ramp = "as fast as possible" if ramp_k_per_min is None else f"at {ramp_k_per_min:g} K/min"
         self._bench.command("chamber", f"go to {set_point_c:g} degC {ramp}")
         self.set_point_c = set_point_c

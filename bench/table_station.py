@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bench.benchfile import AxisSection
 from bench.history import History
+from bench.limits import check_stops
 from drivers.errors import DeviceRefused, LimitExceeded, RunAborted
 from drivers.instruments import TableState, Turntable
 
@@ -35,6 +36,7 @@ class TableStation:
         outer = [self._columns(axis.name) for axis in axes[:-1]]
         self.history = History(("angle_deg", "rate_dps", *(name for pair in outer for name in pair)))
         self._demands = dict.fromkeys(self.axes, "at rest")
+        self._turn_dps = dict.fromkeys(self.axes, math.inf)
         self._bench = bench
         self._stays: dict[str, Callable[[dict[str, float]], bool]] = {}
 
@@ -86,11 +88,13 @@ class TableStation:
             if max_rate_dps is not None:
                 self.check(max_rate_dps, name)
                 rate_dps = max_rate_dps
+            self._turn_dps[name] = rate_dps
             self.device.limit_turns(rate_dps, self._named(name), axis.max_acceleration_dps2)
 
     def home(self, *, timeout_s: float = 300.0) -> None:
         """Bring every axis to its reference position, outermost first, each settled before the next."""
         for name in self.axes:
+            self._allow(name, "go home", self._turn_dps[name], 0.0)
             self._bench.command(self._where(name), "go home")
             self._begin(name, "home")
             self.device.home(self._named(name))
@@ -112,6 +116,7 @@ class TableStation:
         """
         name = axis or self._carrier
         self._require_between_stops(name, angle_deg)
+        self._allow(name, f"point to {angle_deg:g} deg", self._turn_dps[name], angle_deg)
         way = "" if sense == "shortest" else f", {sense} sense"
         self._bench.command(self._where(name), f"point to {angle_deg:.4f} deg{way}")
         self._begin(name, f"{angle_deg:.3f} deg")
@@ -134,6 +139,8 @@ class TableStation:
         """Turn at `rate_dps` and wait until three polls in a row are within 0.1 % + 0.002 deg/s of it."""
         name = axis or self._carrier
         self.check(abs(rate_dps), name)
+        if rate_dps != 0.0:  # coming to rest is always allowed
+            self._allow(name, f"spin at {rate_dps:g} deg/s", rate_dps)
         within = "" if acceleration_dps2 is None else f" within {acceleration_dps2:g} deg/s2"
         self._bench.command(self._where(name), f"spin at {rate_dps:g} deg/s{within}")
         self._begin(name, f"{rate_dps:g} deg/s")
@@ -153,8 +160,10 @@ class TableStation:
         self._demands[axis or self._carrier] = "at rest"
 
     def watch(self) -> None:
-        """Raise RunAborted if telemetry shows that the table has left what it had settled at."""
+        """Raise RunAborted if telemetry shows that the table has left what it had settled at, or its stops."""
         last = self.history.last
+        for name, axis in self.axes.items():
+            check_stops(axis, self.angle_deg(name), self._where(name))
         for name, stays in list(self._stays.items()):
             if stays(last):
                 continue
@@ -168,6 +177,15 @@ class TableStation:
                 expected=self._demands[name],
                 remedy="check interlock, emergency stop and the controller's error queue",
             )
+
+    def _allow(self, name: str, what: str, rate_dps: float, angle_deg: float | None = None) -> None:
+        """Ask the rules of the bench file; other axes go on as they do."""
+        if not self._bench.file.limits.forbid:
+            return
+        others = [abs(rate) for axis, rate in zip(self.axes, self.rates_dps, strict=True) if axis != name]
+        where = f"{self._where(name)}: {what}" if len(self.axes) > 1 else what
+        fastest = max(abs(rate_dps), *others) if others else abs(rate_dps)
+        self._bench.allow(where, rate_dps=fastest, angle_deg=angle_deg if name == self._carrier else None)
 
     def _columns(self, name: str) -> tuple[str, str]:
         prefix = "" if name == self._carrier else f"{name}_"

@@ -4,9 +4,11 @@ from bench.benchfile._drivers import ENTRY_POINT_GROUP, ROLES, driver_path, know
 from bench.benchfile._load import bench_file_from, load_bench_file
 from bench.benchfile._model import (
     AxisSection,
+    Band,
     BenchFile,
     BenchSection,
     ChamberSection,
+    ForbiddenState,
     GyroSection,
     LimitsSection,
     RecordingSection,
@@ -19,9 +21,11 @@ __all__ = [
     "ENTRY_POINT_GROUP",
     "ROLES",
     "AxisSection",
+    "Band",
     "BenchFile",
     "BenchSection",
     "ChamberSection",
+    "ForbiddenState",
     "GyroSection",
     "LimitsSection",
     "RecordingSection",

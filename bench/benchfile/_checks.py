@@ -44,6 +44,7 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
     yield from _axes_and_sensors(data, devices)
     yield from _limits(data)
     yield from _table_axes(data)
+    yield from _door(data)
 
 
 def _devices(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
@@ -176,6 +177,19 @@ def _limits(data: Mapping[str, Any]) -> Iterator[Mistake]:
             f"{safe:g}",
             f"a temperature within [limits], {low:g} to {high:g} degC",
         )
+
+
+def _door(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    limits, chamber = data.get("limits"), data.get("chamber")
+    rules = limits.get("forbid") if isinstance(limits, dict) else None
+    knows = isinstance(chamber, dict) and chamber.get("door_message") is not None
+    for at, rule in enumerate(rules if isinstance(rules, (list, tuple)) else ()):
+        if isinstance(rule, dict) and rule.get("door") is not None and not knows:
+            yield Mistake(
+                f"limits.forbid[{at}].door",
+                repr(rule["door"]),
+                "chamber.door_message, which says how this chamber tells that its door is open",
+            )
 
 
 def _number(section: object, name: str, default: float) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
 Baudrate = Annotated[int, Field(ge=50, le=12_000_000)]
 Port = Annotated[str, Field(min_length=1)]
@@ -98,6 +98,11 @@ class ChamberSection(_Section):
     start_channel: int = Field(
         default=1, ge=1, le=32, description="the number of the digital output that starts the chamber"
     )
+    door_message: str | None = Field(
+        default=None,
+        min_length=3,
+        description="part of the alarm or warning the chamber shows while its door is open, e.g. 'door'",
+    )
     auxiliary: Annotated[dict[Annotated[int, Field(ge=1)], str], BeforeValidator(_sensor_numbers)] = Field(
         default_factory=dict,
         description='sensor number (1, 2, ...) = what it is glued to, e.g. {1 = "fog_1 case"}',
@@ -148,6 +153,68 @@ class GyroSection(_Section):
         return self.port is None
 
 
+class Band(_Section):
+    """A stretch of a quantity in a rule: above a value, below one, or both."""
+
+    above: float | None = Field(default=None, allow_inf_nan=False, description="more than this, a number")
+    below: float | None = Field(default=None, allow_inf_nan=False, description="less than this, a number")
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Band:
+        if self.above is None and self.below is None:
+            raise ValueError("neither above nor below")
+        return self
+
+    @property
+    def text(self) -> str:
+        """The band in words."""
+        parts = [("above", self.above), ("below", self.below)]
+        return " and ".join(f"{word} {value:g}" for word, value in parts if value is not None)
+
+
+_BAND_TEXT = "{ above = number }, { below = number } or both"
+
+
+class ForbiddenState(_Section):
+    """`[[limits.forbid]]`: a state that must not be: all conditions given, together."""
+
+    name: str = Field(min_length=1, description="what is forbidden, in words, e.g. 'spin with the door open'")
+    rate_dps: Band | None = Field(
+        default=None, description=f"the table's rate in deg/s, without sign: {_BAND_TEXT}"
+    )
+    angle_deg: Band | None = Field(default=None, description=f"the table's angle in deg: {_BAND_TEXT}")
+    air_temp_c: Band | None = Field(default=None, description=f"the chamber's air in degC: {_BAND_TEXT}")
+    set_point_c: Band | None = Field(
+        default=None, description=f"the chamber's set point in degC: {_BAND_TEXT}"
+    )
+    aux_temp_c: Band | None = Field(
+        default=None, description=f"any of the chamber's auxiliary sensors in degC: {_BAND_TEXT}"
+    )
+    door: Literal["open", "closed"] | None = Field(
+        default=None, description="'open' or 'closed', as chamber.door_message tells it"
+    )
+
+    @model_validator(mode="after")
+    def _says_something(self) -> ForbiddenState:
+        if not self.conditions:
+            raise ValueError("no condition")
+        return self
+
+    @property
+    def conditions(self) -> dict[str, Band | str]:
+        """The conditions that are given, by quantity."""
+        names = ("rate_dps", "angle_deg", "air_temp_c", "set_point_c", "aux_temp_c", "door")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    @property
+    def text(self) -> str:
+        """The conditions in words."""
+        return ", ".join(
+            f"{name} {value if isinstance(value, str) else value.text}"
+            for name, value in self.conditions.items()
+        )
+
+
 class LimitsSection(_Section):
     """`[limits]`: what nobody may demand of this bench, whatever its devices could do."""
 
@@ -162,6 +229,12 @@ class LimitsSection(_Section):
     )
     max_ramp_k_per_min: float = Field(
         default=25.0, gt=0, allow_inf_nan=False, description="the fastest temperature ramp allowed, K/min"
+    )
+    forbid: tuple[ForbiddenState, ...] = Field(
+        default=(),
+        strict=False,
+        max_length=100,
+        description="[[limits.forbid]]: name, and what must not be true together",
     )
 
 

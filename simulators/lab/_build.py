@@ -172,6 +172,10 @@ def _acts(plant: LabPlant, lab: Lab, table: AcutrolEmulator, chamber: WeissEmula
         chamber.raise_alarm(str(request["text"]), plant.now_s)
         return {}
 
+    def door(request: dict[str, Any]) -> dict[str, Any]:
+        chamber.open_door(bool(request["open"]))
+        return {}
+
     def trip(request: dict[str, Any]) -> dict[str, Any]:
         table.trip(str(request["reason"]), plant.now_s, request.get("axis"))
         return {}
@@ -187,4 +191,5 @@ def _acts(plant: LabPlant, lab: Lab, table: AcutrolEmulator, chamber: WeissEmula
         every = [entry for line in lab.lines.values() for entry in line.struck]
         return {"struck": sorted(every, key=lambda entry: float(entry["time_s"]))}
 
-    return {"mount": mount, "truth": truth, "alarm": alarm, "trip": trip, "fault": inject, "struck": struck}
+    acts = {"mount": mount, "truth": truth, "alarm": alarm, "trip": trip, "door": door}
+    return {**acts, "fault": inject, "struck": struck}

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.benchfile import TableSection
+from bench.benchfile import LimitsSection, TableSection
 from bench.live import Request
 from bench.questions import AssumeYes
 from bench.session import Bench
@@ -81,7 +81,7 @@ class Record:
 
 
 TABLE = TableSection(driver="acutrol3000", port="/dev/ttyUSB0")
-LIMITS = SimpleNamespace(max_rate_dps=20.0, min_temp_c=-60.0, max_temp_c=85.0, max_ramp_k_per_min=25.0)
+LIMITS = LimitsSection()
 
 
 TOLD = ["table halt", "chamber halt", "table safe", "chamber safe"]
@@ -90,7 +90,8 @@ TOLD = ["table halt", "chamber halt", "table safe", "chamber safe"]
 @pytest.fixture
 def made():
     clock, log, record = Clock(), [], Record()
-    bench = Bench(SimpleNamespace(limits=LIMITS, table=TABLE), clock, record, AssumeYes())
+    file = SimpleNamespace(limits=LIMITS, table=TABLE, chamber=SimpleNamespace(door_message=None))
+    bench = Bench(file, clock, record, AssumeYes())
     table = Device(clock, log, "table", TableState(10.0, 0.0))
     chamber = Device(clock, log, "chamber", ChamberState(25.0, 25.0, {1: 24.5}))
     bench.install(table, chamber, (1,))

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.benchfile import AxisSection
+from bench.benchfile import AxisSection, LimitsSection
 from bench.stations import ChamberStation, GyroStation, StreamTap
 from bench.table_station import TableStation
 from drivers.errors import DeviceRefused, LimitExceeded, RunAborted
 from drivers.instruments import ChamberLimits, FrameBatch, GyroKind, StreamCounts, TableLimits
 
-LIMITS = SimpleNamespace(max_rate_dps=20.0, min_temp_c=-60.0, max_temp_c=85.0, max_ramp_k_per_min=25.0)
+LIMITS = LimitsSection()
 
 
 class Table:
@@ -47,12 +47,15 @@ class Bench:
     """Polls a table's telemetry into its station's history once a second."""
 
     def __init__(self, table):
-        self.file = SimpleNamespace(limits=LIMITS)
+        self.file = SimpleNamespace(limits=LIMITS, chamber=SimpleNamespace(door_message=None))
         self.commands, self.time_s = [], 0.0
         self.station = TableStation(table, self, (AxisSection(name="table", number=1, direction="up"),))
 
     def command(self, device, text):
         self.commands.append((device, text))
+
+    def allow(self, what, **demand):
+        pass
 
     def poll(self):
         table = self.station.device

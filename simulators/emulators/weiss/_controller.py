@@ -9,6 +9,8 @@ from drivers.weiss import ChamberStatus, Number
 from simulators.interfaces import ChamberPlant
 
 _START_BIT = 1
+_ALARM, _WARNING = 1, 2
+DOOR_TEXT = "Door open"
 OUTPUT_NAMES: Mapping[int, str] = {
     **dict.fromkeys(range(32), "unused"),
     **dict.fromkeys((*range(8, 16), 17, 20, 21), "Option"),
@@ -62,8 +64,14 @@ class Controller:
 
     def raise_alarm(self, text: str, now_s: float) -> None:
         """Put an active alarm into the message list; conditioning stops."""
-        self._messages.append(_Message(1, text))
+        self._messages.append(_Message(_ALARM, text))
         self._demand(now_s)
+
+    def open_door(self, is_open: bool) -> None:
+        """Show a warning while the door is open; it stops nothing."""
+        self._messages = [message for message in self._messages if message.text != DOOR_TEXT]
+        if is_open:
+            self._messages.append(_Message(_WARNING, DOOR_TEXT))
 
     def allows(self, set_point_c: float) -> bool:
         """Return whether a set point lies within the input limits."""
@@ -153,11 +161,16 @@ class Controller:
             status |= ChamberStatus.RUNNING
         if self._alarm:
             status |= ChamberStatus.ALARM
+        if self._active(_WARNING):
+            status |= ChamberStatus.WARNING
         return status
 
     @property
     def _alarm(self) -> bool:
-        return any(message.active for message in self._messages)
+        return self._active(_ALARM)
+
+    def _active(self, kind: int) -> bool:
+        return any(message.active and message.kind == kind for message in self._messages)
 
     @property
     def _running(self) -> bool:

@@ -115,6 +115,10 @@ class WeissEmulator:
         """Put an alarm into the message list at lab time `now_s`; conditioning stops until a reset (17012)."""
         self._controller.raise_alarm(text, now_s)
 
+    def open_door(self, is_open: bool) -> None:
+        """Open or close the chamber's door: a warning "Door open" stands as long as it is open."""
+        self._controller.open_door(is_open)
+
     def _answer(self, line: str, now_s: float) -> bytes | None:
         if line.split(SEPARATOR, 1)[0].isdecimal():
             return encode_simserv_reply(*self._simserv(line.split(SEPARATOR), now_s))
