@@ -258,7 +258,7 @@ def test_unusable_dbc_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="cannot be read"):
         SbgDecoder(100.0, dbc=tmp_path / "rubbish.dbc")
     (tmp_path / "other.dbc").write_text(
-        'VERSION ""\nBU_: A\nBO_ 1 M: 8 A\n SG_ S : 0|64@1+ (1,0) [0|0] "" A\n'
+        'VERSION ""\nBU_: A\nBO_ 1 M: 64 A\n SG_ S : 0|64@1+ (1,0) [0|0] "" A\n'
     )
     with pytest.raises(ConfigurationError, match="no message SBG_ECAN_MSG"):
         SbgDecoder(100.0, dbc=tmp_path / "other.dbc")

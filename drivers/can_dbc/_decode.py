@@ -1,0 +1,311 @@
+"""slcan lines of a CAN gyro to samples, by its layout."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.can_dbc._layout import CanLayout, SignalUse, Slot, ValidRule, outer_multiplexer
+from drivers.can_dbc._signals import MessageLayout, SignalLayout
+from drivers.errors import ConfigurationError
+from drivers.instruments import FrameBatch, StreamCounts
+from drivers.slcan import FRAME_DTYPE, SlcanParser
+
+_ROWS = 1 << 62
+"""Modulo of the row number that stands in for a counter."""
+_HELD, _KNOWN, _FOREIGN = 253, 254, 255
+_Index = slice | NDArray[np.intp]
+
+
+class CanDecoder:
+    """One row for every run of the frames of a sample in their order, other messages and answers aside.
+
+    Columns, shape (n,): `counter` (int64: the unit's counter or time in raw steps, or the number of the row where
+    it has neither), `status` (unsigned, 0 where it has none), `rate_<axis>_dps` for each of `axes` (float32;
+    `angle_<axis>_deg` for a unit that sends angle increments), `temp_c` (float32, NaN where unknown),
+    `case_temp_c` if the unit sends it, `valid` (bool). Signals of messages that are not part of a sample have the
+    value that came last before it.
+
+    `counts.frames` are rows; `counts.rejected` has slcan lines by `SlcanParser`'s reasons, and messages by
+    `short_message` (DLC below the message's length; a longer one is read as far as it is known), `unpaired` (the
+    last frame of a sample without the others just before it) and `unknown_id` (no message of the DBC file). A
+    damaged line between the frames of a sample parts them, since it may have been one of them.
+    """
+
+    def __init__(
+        self, layout: CanLayout, rate_hz: float, axes: str | None = None, source_address: int | None = None
+    ) -> None:
+        """`axes`: those wanted, default all. `source_address`: the J1939 node to listen to, None for any.
+
+        Raises ConfigurationError for a rate or axes that cannot be.
+        """
+        have = "".join(layout.rates())
+        axes = have if axes is None else axes
+        if not rate_hz > 0.0 or not axes or len(set(axes)) < len(axes) or not set(axes) <= set(have):
+            raise ConfigurationError(
+                f"these settings cannot be those of a unit with layout {layout.name}",
+                found=f"rate_hz = {rate_hz!r}, axes = {axes!r}",
+                expected=f"a positive rate, and axes out of {', '.join(have)}",
+            )
+        self.counts = StreamCounts()
+        self.nominal_rate_hz = rate_hz
+        self.layout = layout
+        self.axes = axes
+        self._source = source_address
+        self._slots = [(slot, layout.messages[slot.message]) for slot in layout.sample]
+        self._least = np.array([message.length for _, message in self._slots], np.uint8)
+        self._counter = layout.use("time", "counter")
+        self.counter_modulo = self._counter.modulo if self._counter else _ROWS
+        self.counter_step = self._counter.step if self._counter else 1.0
+        if self._counter is not None and self._counter.role == "time":
+            self.counter_step = 1.0 / self._counter.factor / rate_hz
+        used: list[SignalUse | ValidRule] = [*layout.uses, *layout.valid]
+        self._held = {
+            use.message: np.empty(0, FRAME_DTYPE) for use in used if layout.slot_of(use) is None
+        }
+        self._lines = SlcanParser()
+        self._own_rejected: dict[str, int] = {}
+        self._waiting = np.empty(0, FRAME_DTYPE)
+        self._waiting_kind = np.empty(0, np.uint8)
+
+    def feed(self, data: bytes) -> FrameBatch:
+        """Decode the next bytes; frames of a sample that is not complete are kept for the next call."""
+        batch = self.feed_frames(self._lines.feed(data))
+        self.counts.bytes_skipped = self._lines.counts.bytes_skipped
+        self.counts.rejected = self._lines.counts.rejected | self._own_rejected
+        return batch
+
+    def feed_frames(self, frames: NDArray[np.void]) -> FrameBatch:
+        """Decode the next frames, shape (n,) of `drivers.slcan.FRAME_DTYPE`; `end_offset` grows."""
+        kind = self._kinds(frames)
+        held = self._take_held(frames, kind)
+        cycle, rows = self._take_samples(frames, kind)
+        parts = [cycle["data"][at] for at in rows]
+        end_offset = cycle["end_offset"][rows[-1]]
+        with np.errstate(over="ignore", invalid="ignore"):  # floating-point signals may hold anything
+            columns = self._columns(parts, end_offset, held)
+        self.counts.frames += len(end_offset)
+        self.counts.rejected = dict(self._own_rejected)
+        return FrameBatch(columns, end_offset.copy())
+
+    def _kinds(self, frames: NDArray[np.void]) -> NDArray[np.uint8]:
+        """Return what each frame is: the number of its slot, held, known otherwise, or foreign; (n,)."""
+        identifiers, extended = frames["id"], frames["extended"]
+        kind = np.full(len(frames), _FOREIGN, np.uint8)
+        for number, (slot, message) in enumerate(self._slots):
+            kind[self._is(message, slot, frames)] = number
+        if not (kind == _FOREIGN).any():
+            return kind
+        rest = np.flatnonzero(kind == _FOREIGN)
+        identifiers, extended = identifiers[rest], extended[rest]
+        for identifier, mask, is_extended in self.layout.known:
+            same = ((identifiers & np.uint32(mask)) == (identifier & mask)) & (extended == is_extended)
+            kind[rest[same]] = _KNOWN
+        for name in self._held:
+            found = self._from_source(frames[rest], self.layout.messages[name])
+            kind[rest[found]] = _HELD
+        self._reject("unknown_id", np.count_nonzero(kind == _FOREIGN))
+        return kind
+
+    def _is(self, message: MessageLayout, slot: Slot, frames: NDArray[np.void]) -> NDArray[np.bool_]:
+        found = self._from_source(frames, message)
+        selector = self.layout.selector(slot)
+        if selector is not None:
+            found &= selector.raw(frames["data"]) == slot.selection
+        return found
+
+    def _from_source(self, frames: NDArray[np.void], message: MessageLayout) -> NDArray[np.bool_]:
+        found = message.sent_by(frames["id"], frames["extended"])
+        if self._source is not None and message.extended:
+            found &= (frames["id"] & np.uint32(0xFF)) == self._source
+        return found
+
+    def _take_held(
+        self, frames: NDArray[np.void], kind: NDArray[np.uint8]
+    ) -> dict[str, NDArray[np.void]]:
+        """Return, by message, the frames that values are held from: the last of before, then these."""
+        result = {}
+        for name, before in self._held.items():
+            message = self.layout.messages[name]
+            own = frames[kind == _HELD]
+            own = own[self._from_source(own, message)] if len(self._held) > 1 else own
+            whole = own["length"] >= message.length
+            self._reject("short_message", np.count_nonzero(~whole))
+            result[name] = np.concatenate((before, own[whole]))
+            self._held[name] = _last_of_each(result[name], outer_multiplexer(message))
+        return result
+
+    def _take_samples(
+        self, frames: NDArray[np.void], kind: NDArray[np.uint8]
+    ) -> tuple[NDArray[np.void], list[_Index]]:
+        """Return the frames of samples and, by slot, which of them belong to the complete ones."""
+        count = len(self._slots)
+        is_sample = kind < count
+        if not is_sample.all():
+            frames, kind = frames[is_sample], kind[is_sample]
+        new = frames["length"] >= self._least[kind]
+        self._reject("short_message", len(new) - np.count_nonzero(new))
+        if len(self._waiting):
+            frames = np.concatenate((self._waiting, frames))
+            kind = np.concatenate((self._waiting_kind, kind))
+            new = frames["length"] >= self._least[kind]
+        whole, damage = new, frames["rejected_before"]
+        last = (kind == count - 1) & whole
+        complete = last[count - 1 :].copy()
+        if not len(complete):
+            self._reject("unpaired", np.count_nonzero(last))
+            self._keep(frames, kind)
+            return frames, [slice(0, 0)] * count
+        for back in range(1, count):
+            at = slice(count - 1 - back, len(frames) - back)
+            complete &= (kind[at] == count - 1 - back) & whole[at]
+        if count > 1 and len(complete):
+            complete &= damage[count - 1 :] == damage[: len(frames) - count + 1]
+        starts = np.flatnonzero(complete)
+        self._reject("unpaired", np.count_nonzero(last) - len(starts))
+        self._keep(frames, kind)
+        return frames, [_every(starts + slot, count) for slot in range(count)]
+
+    def _keep(self, frames: NDArray[np.void], kind: NDArray[np.uint8]) -> None:
+        """Keep the frames at the end that may begin a sample."""
+        tail = max(0, len(kind) - len(self._slots) + 1)
+        begins = np.flatnonzero(kind[tail:] == 0)
+        keep = len(kind)
+        if len(begins) and len(self._slots) > 1:
+            at = tail + int(begins[-1])
+            keep = at if (kind[at:] == np.arange(len(kind) - at)).all() else keep
+        self._waiting, self._waiting_kind = frames[keep:].copy(), kind[keep:].copy()
+
+    def _columns(
+        self, parts: list[NDArray[np.uint8]], end_offset: NDArray[np.int64], held: Mapping[str, NDArray[np.void]]
+    ) -> dict[str, NDArray[Any]]:
+        rows = len(end_offset)
+        columns: dict[str, NDArray[Any]] = {}
+        valid = np.ones(rows, np.bool_)
+        if self._counter is None:
+            columns["counter"] = self.counts.frames + np.arange(rows)
+        else:
+            raw = self._raw(self._counter, parts, end_offset, held)[0]
+            columns["counter"] = raw & (1 << self.layout.signal(self._counter).bits) - 1
+        status = self.layout.use("status")
+        columns["status"] = np.zeros(rows, np.uint8)
+        if status is not None:
+            raw, known = self._raw(status, parts, end_offset, held)
+            bits = self.layout.signal(status).bits
+            columns["status"] = raw.astype(np.min_scalar_type((1 << bits) - 1))
+            valid &= known
+        rates = self.layout.rates()
+        for axis in self.axes:
+            use = rates[axis]
+            name = f"rate_{axis}_dps" if use.role == "rate" else f"angle_{axis}_deg"
+            columns[name] = self._physical(use, parts, end_offset, held)
+            if use.raw_range is not None or self.layout.signal(use).is_float:
+                valid &= np.isfinite(columns[name])
+        temperature = self.layout.use("temperature")
+        columns["temp_c"] = (
+            np.full(rows, np.nan, np.float32)
+            if temperature is None
+            else self._physical(temperature, parts, end_offset, held)
+        )
+        case = self.layout.use("case_temperature")
+        if case is not None:
+            columns["case_temp_c"] = self._physical(case, parts, end_offset, held)
+        columns["valid"] = valid & self._good(parts, end_offset, held, rows)
+        return columns
+
+    def _good(
+        self,
+        parts: list[NDArray[np.uint8]],
+        end_offset: NDArray[np.int64],
+        held: Mapping[str, NDArray[np.void]],
+        rows: int,
+    ) -> NDArray[np.bool_]:
+        """Return which rows keep every rule; rules about one signal are asked at once."""
+        rules: dict[tuple[str, str], list[ValidRule]] = {}
+        for rule in self.layout.valid:
+            if not rule.axis or rule.axis in self.axes:
+                rules.setdefault((rule.message, rule.signal), []).append(rule)
+        good = np.ones(rows, np.bool_)
+        for same in rules.values():
+            raw, known = self._raw(same[0], parts, end_offset, held)
+            good &= known
+            agreeing = [rule for rule in same if rule.mask == rule.equals]
+            mask = np.bitwise_or.reduce([rule.mask for rule in agreeing]) if agreeing else 0
+            good &= (raw & mask) == mask
+            for rule in same:
+                if rule.mask != rule.equals:
+                    good &= (raw & rule.mask) == rule.equals
+        return good
+
+    def _payload(
+        self,
+        use: SignalUse | ValidRule,
+        parts: list[NDArray[np.uint8]],
+        end_offset: NDArray[np.int64],
+        held: Mapping[str, NDArray[np.void]],
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | bool]:
+        """Return the payload that has a signal for each row, and whether there is one."""
+        signal = self.layout.signal(use)
+        slot = self.layout.slot_of(use)
+        if slot is not None:
+            return parts[slot], signal.present(parts[slot]) if signal.selectors else True
+        source = held[use.message]
+        if signal.selectors:
+            source = source[signal.present(source["data"])]
+        at = np.searchsorted(source["end_offset"], end_offset) - 1
+        if not len(source):
+            return np.zeros((len(end_offset), 8), np.uint8), np.zeros(len(end_offset), np.bool_)
+        return source["data"][np.maximum(at, 0)], at >= 0
+
+    def _raw(
+        self,
+        use: SignalUse | ValidRule,
+        parts: list[NDArray[np.uint8]],
+        end_offset: NDArray[np.int64],
+        held: Mapping[str, NDArray[np.void]],
+    ) -> tuple[NDArray[Any], NDArray[np.bool_] | bool]:
+        payload, known = self._payload(use, parts, end_offset, held)
+        return self.layout.signal(use).raw(payload), known
+
+    def _physical(
+        self,
+        use: SignalUse,
+        parts: list[NDArray[np.uint8]],
+        end_offset: NDArray[np.int64],
+        held: Mapping[str, NDArray[np.void]],
+    ) -> NDArray[np.float32]:
+        payload, known = self._payload(use, parts, end_offset, held)
+        signal = self.layout.signal(use)
+        values = signal.physical(payload)
+        if use.factor != 1.0:
+            values *= use.factor
+        if use.zero:
+            values += use.zero
+        if use.raw_range is not None:
+            raw = signal.raw(payload)
+            known = known & (raw >= use.raw_range[0]) & (raw <= use.raw_range[1])
+        if known is not True:
+            values[~np.asarray(known)] = np.nan
+        return values.astype(np.float32)
+
+    def _reject(self, reason: str, count: int | np.intp) -> None:
+        if count:
+            self._own_rejected[reason] = self._own_rejected.get(reason, 0) + int(count)
+
+
+def _every(at: NDArray[np.intp], step: int) -> _Index:
+    """Return `at` as a slice if its entries are `step` apart, which saves copying what they point at."""
+    if len(at) and at[-1] - at[0] == step * (len(at) - 1):
+        return slice(int(at[0]), int(at[-1]) + 1, step)
+    return at
+
+
+def _last_of_each(frames: NDArray[np.void], multiplexer: SignalLayout | None) -> NDArray[np.void]:
+    """Return the last frame, or the last of each value of the multiplexer, in order."""
+    if multiplexer is None or len(frames) < 2:
+        return frames[-1:].copy()
+    back = np.unique(multiplexer.raw(frames["data"])[::-1], return_index=True)[1]
+    return frames[np.sort(len(frames) - 1 - back)]
