@@ -20,7 +20,7 @@ from bench.benchfile import BenchFile, GyroSection
 from bench.devices import table_settings
 from drivers.errors import BenchError, ConfigurationError
 
-_MODELS = {"kvh1750": "fog_mid", "sbg_ellipse": "mems", "rlg2t": "rlg"}
+_MODELS = {"kvh1750": "fog_mid", "sbg_ellipse": "mems", "can_dbc": "mems", "rlg2t": "rlg"}
 
 
 class PlantFault(BaseModel):

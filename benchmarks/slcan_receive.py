@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from drivers.clock import WallClock, host_seconds
 from drivers.link import Link
-from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, SbgDecoder, load_ellipse
+from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, SbgDecoder, ellipse_layout
 from drivers.slcan import FRAME_DTYPE, BufferedSlcanBus, SlcanParser, encode_frames
 
 _RUNS = 3
@@ -117,7 +117,8 @@ def frames_of_ours(text: bytes) -> float:
 
 def sbg_lines(count: int) -> bytes:
     """Return `count` cycles of IMU_INFO and IMU_GYRO."""
-    ellipse = load_ellipse()
+    messages = ellipse_layout().messages
+    info, gyro = (messages[f"SBG_ECAN_MSG_IMU_{name}"] for name in ("INFO", "GYRO"))
     rng = np.random.default_rng(1)
     rates: dict[str, ArrayLike] = {f"GYRO_{axis}": rng.integers(-32768, 32768, count) for axis in "XYZ"}
     status: dict[str, ArrayLike] = {
@@ -126,10 +127,10 @@ def sbg_lines(count: int) -> bytes:
         "TEMPERATURE": 2500,
     }
     frames = np.zeros((count, 2), FRAME_DTYPE)
-    frames["id"], frames["dlc"] = (ellipse.info.identifier, ellipse.gyro.identifier), (8, 6)
+    frames["id"], frames["dlc"] = (info.identifier, gyro.identifier), (8, 6)
     frames["data"][:, 0], frames["data"][:, 1] = (
-        ellipse.info.pack(status, count),
-        ellipse.gyro.pack(rates, count),
+        info.pack(status, count),
+        gyro.pack(rates, count),
     )
     return encode_frames(frames.ravel())
 

@@ -15,6 +15,10 @@ _RESERVED_NAMES = ("table", "turntable", "chamber", "manifest", "events")
 
 _LINES = {"east": 0, "west": 0, "north": 1, "south": 1, "up": 2, "down": 2}
 
+_ON_CAN = ("can_dbc", "sbg_ellipse")
+_SHARED = ("socketcan", "socketcand", "udp_multicast", "virtual")
+"""Interfaces of python-can whose channel several can have open; each then hears every unit on the bus."""
+
 _Devices = list[tuple[str, str, Mapping[str, Any]]]
 
 
@@ -85,7 +89,8 @@ def _connections(devices: _Devices) -> Iterator[Mistake]:
         if role != "gyro":
             continue
         given = [name for name in ("port", "interface", "channel") if section.get(name) is not None]
-        on_can = section.get("driver") == "sbg_ellipse" or "interface" in given or "channel" in given
+        on_can = section.get("driver") in _ON_CAN or "interface" in given or "channel" in given
+        yield from _layout(key, section)
         if "port" in given and on_can:
             found = " and ".join(given)
             yield Mistake(
@@ -101,12 +106,22 @@ def _connections(devices: _Devices) -> Iterator[Mistake]:
             )
 
 
+def _layout(key: str, section: Mapping[str, Any]) -> Iterator[Mistake]:
+    has_layout = section.get("layout") is not None
+    if section.get("driver") == "can_dbc" and not has_layout:
+        yield Mistake(f"{key}.layout", "nothing", "a shipped CAN layout's name, or a mapping file's path")
+    elif has_layout and section.get("driver") != "can_dbc":
+        yield Mistake(
+            f"{key}.layout", f"driver {section.get('driver')!r}", "a layout only with driver 'can_dbc'"
+        )
+
+
 def _shared_ports(devices: _Devices, resolve_links: bool) -> Iterator[Mistake]:
     seen: dict[str, str] = {}
     for _, key, section in devices:
         name = "channel" if section.get("port") is None else "port"
         port = section.get(name)
-        if not isinstance(port, str):
+        if not isinstance(port, str) or (name == "channel" and section.get("interface") in _SHARED):
             continue
         place = os.path.realpath(port) if resolve_links and port.startswith("/") else port
         if place in seen:

@@ -16,6 +16,7 @@ _BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "chamber": {"weiss": "drivers.weiss:Weiss"},
     "gyro": {
         "kvh1750": "drivers.kvh:Kvh1750",
+        "can_dbc": "drivers.can_dbc:CanDbc",
         "sbg_ellipse": "drivers.sbg:SbgEllipse",
         "rlg2t": "drivers.rlg:Rlg2t",
     },

@@ -14,6 +14,7 @@ from pydantic_core import ErrorDetails
 
 from bench.benchfile._checks import Mistake, cross_checks
 from bench.benchfile._drivers import one_of
+from bench.benchfile._layouts import with_layouts
 from bench.benchfile._model import BenchFile
 from drivers.errors import ConfigurationError
 
@@ -37,7 +38,8 @@ def load_bench_file(path: Path | str) -> BenchFile:
         raise ConfigurationError(
             "the bench file is not TOML", where=str(path), found=str(error), expected="TOML 1.0 in UTF-8"
         ) from error
-    return _checked(data, str(path), hashlib.sha256(content).hexdigest(), resolve_links=True)
+    data, mistakes = with_layouts(data, path.parent)
+    return _checked(data, str(path), hashlib.sha256(content).hexdigest(), True, mistakes)
 
 
 def bench_file_from(data: Mapping[str, Any], where: str = "the bench file of the run") -> BenchFile:
@@ -47,11 +49,12 @@ def bench_file_from(data: Mapping[str, Any], where: str = "the bench file of the
     `sha256` is that of the data as canonical JSON (sorted keys, no spaces, UTF-8).
     """
     canonical = json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=False, default=str)
-    return _checked(data, where, hashlib.sha256(canonical.encode()).hexdigest(), resolve_links=False)
+    return _checked(data, where, hashlib.sha256(canonical.encode()).hexdigest(), False, [])
 
 
-def _checked(data: Mapping[str, Any], where: str, sha256: str, resolve_links: bool) -> BenchFile:
-    mistakes: list[Mistake] = []
+def _checked(
+    data: Mapping[str, Any], where: str, sha256: str, resolve_links: bool, mistakes: list[Mistake]
+) -> BenchFile:
     bench_file: BenchFile | None = None
     try:
         bench_file = BenchFile.model_validate(data)

@@ -140,6 +140,13 @@ class GyroSection(_Section):
     bitrate: int = Field(
         default=500_000, ge=10_000, le=1_000_000, description="the CAN bit rate, a whole number of bit/s"
     )
+    layout: str | dict[str, Any] | None = Field(
+        default=None,
+        description="a shipped CAN layout's name, or a mapping file's path from the bench file's folder",
+    )
+    source_address: int | None = Field(
+        default=None, ge=0, le=253, description="the J1939 address of the unit, 0 to 253; left out: any"
+    )
     rate_hz: float = Field(
         default=100.0, gt=0, le=20_000, allow_inf_nan=False, description="the sample rate in Hz"
     )

@@ -35,8 +35,8 @@ def load_database(path: Path) -> Any:
     """Return the cantools database of a DBC file.
 
     UTF-8, else Windows-1252, in which DBC files were written before. Raises ConfigurationError for a file that
-    cannot be read, that cantools refuses (overlapping signals among the reasons: it names both and the message), or
-    whose sizes no CAN message has: cantools would make tables of them.
+    cannot be read, that cantools refuses (for overlapping signals it names both and the message), or whose sizes
+    no CAN message has: cantools would make tables of them.
     """
     try:
         with path.open("rb") as file:

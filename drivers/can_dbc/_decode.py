@@ -63,9 +63,7 @@ class CanDecoder:
         if self._counter is not None and self._counter.role == "time":
             self.counter_step = 1.0 / self._counter.factor / rate_hz
         used: list[SignalUse | ValidRule] = [*layout.uses, *layout.valid]
-        self._held = {
-            use.message: np.empty(0, FRAME_DTYPE) for use in used if layout.slot_of(use) is None
-        }
+        self._held = {use.message: np.empty(0, FRAME_DTYPE) for use in used if layout.slot_of(use) is None}
         self._lines = SlcanParser()
         self._own_rejected: dict[str, int] = {}
         self._waiting = np.empty(0, FRAME_DTYPE)
@@ -123,9 +121,7 @@ class CanDecoder:
             found &= (frames["id"] & np.uint32(0xFF)) == self._source
         return found
 
-    def _take_held(
-        self, frames: NDArray[np.void], kind: NDArray[np.uint8]
-    ) -> dict[str, NDArray[np.void]]:
+    def _take_held(self, frames: NDArray[np.void], kind: NDArray[np.uint8]) -> dict[str, NDArray[np.void]]:
         """Return, by message, the frames that values are held from: the last of before, then these."""
         result = {}
         for name, before in self._held.items():
@@ -180,7 +176,10 @@ class CanDecoder:
         self._waiting, self._waiting_kind = frames[keep:].copy(), kind[keep:].copy()
 
     def _columns(
-        self, parts: list[NDArray[np.uint8]], end_offset: NDArray[np.int64], held: Mapping[str, NDArray[np.void]]
+        self,
+        parts: list[NDArray[np.uint8]],
+        end_offset: NDArray[np.int64],
+        held: Mapping[str, NDArray[np.void]],
     ) -> dict[str, NDArray[Any]]:
         rows = len(end_offset)
         columns: dict[str, NDArray[Any]] = {}

@@ -62,9 +62,7 @@ class CanGyro:
             raise self._silent(heard)
         if missing:
             raise self._wrong(identifier_names(seen))
-        return Identity(
-            self.layout.maker, self.layout.model, details={"identifiers": identifier_names(seen)}
-        )
+        return Identity(self.layout.maker, self.layout.model, details={"identifiers": identifier_names(seen)})
 
     def start(self) -> None:
         """Take everything on the bus for the stream; the unit streams by itself."""

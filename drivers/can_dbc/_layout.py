@@ -1,7 +1,7 @@
 """What a CAN gyro sends, compiled from DBC and mapping: plain data that decoder, driver and emulator share.
 
-A layout goes into the record of a run as it is (`layout_to_plain`), so that a run can be decoded anywhere without its
-DBC file.
+A layout goes into the record of a run as it is (`layout_to_plain`), so that a run can be decoded anywhere,
+without its DBC file.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class Slot:
 class SignalUse:
     """What a signal is. Physical value * `factor` + `zero` is in deg/s, deg, degC, s or counts.
 
-    `raw_range`: raw values outside it mean "not available". `modulo`: where a counter or time wraps, in raw steps.
-    `step`: raw steps of a counter from sample to sample. `healthy`: the status an emulated unit sends.
+    `raw_range`: raw values outside it mean "not available". `modulo`: where a counter or time wraps, in raw
+    steps. `step`: raw steps of a counter from sample to sample. `healthy`: the status an emulated unit sends.
     """
 
     role: Role
@@ -117,7 +117,7 @@ def outer_multiplexer(message: MessageLayout) -> SignalLayout | None:
 
 def layout_to_plain(layout: CanLayout) -> dict[str, Any]:
     """Return a layout as plain JSON values."""
-    plain: dict[str, Any] = _adapter().dump_python(layout, mode="json")
+    plain: dict[str, Any] = _adapter().dump_python(layout, mode="json", exclude_none=True)
     return plain
 
 

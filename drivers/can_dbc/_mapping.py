@@ -1,4 +1,4 @@
-"""Mapping files: which signal of a DBC file is which axis, in what unit, which counts, which is the temperature."""
+"""Mapping files: which signal of a DBC file is which axis, counter or temperature, in what unit."""
 
 from __future__ import annotations
 
@@ -248,5 +248,3 @@ def _known(messages: Iterable[Any], j1939: bool) -> Iterable[tuple[int, int, boo
 
 def _bad(where: str, what: str, found: str, expected: str) -> ConfigurationError:
     return ConfigurationError(what, where=where, found=found, expected=expected)
-
-

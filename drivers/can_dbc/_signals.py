@@ -1,7 +1,7 @@
 """Signals and messages of classic CAN compiled to shifts and masks over batches of payloads.
 
-DBC bit numbering: Vector, DBC File Format, section 7 (signal definitions). A payload is eight bytes, the unused ones
-zero; a signal is a bit field of the payload read as one little- or big-endian 64-bit word.
+DBC bit numbering: Vector, DBC File Format, section 7 (signal definitions). A payload is eight bytes, the unused
+ones zero; a signal is a bit field of the payload read as one little- or big-endian 64-bit word.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _WHOLE_BYTES = (8, 16, 32, 64)
 class SignalLayout:
     """One signal: `bits` bits at `shift` of the payload read as one little- or big-endian 64-bit word.
 
-    Physical value = raw * `scale` + `offset`, in `unit`; raw is IEEE 754 if `is_float`. `selectors`: the signal is in
-    a payload only if each of these multiplexers has one of its values there (outermost first).
+    Physical value = raw * `scale` + `offset`, in `unit`; raw is IEEE 754 if `is_float`. `selectors`: the signal
+    is in a payload only if each of these multiplexers has one of its values there (outermost first).
     """
 
     name: str

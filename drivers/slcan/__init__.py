@@ -5,6 +5,7 @@ from drivers.slcan._codec import FRAME_DTYPE, SlcanParser, encode_frame, encode_
 from drivers.slcan._commands import BITRATE_COMMANDS
 from drivers.slcan._messages import MessageLink
 from drivers.slcan._open import open_can
+from drivers.slcan._python_can import from_messages, to_messages
 
 __all__ = [
     "BITRATE_COMMANDS",
@@ -15,5 +16,7 @@ __all__ = [
     "SlcanParser",
     "encode_frame",
     "encode_frames",
+    "from_messages",
     "open_can",
+    "to_messages",
 ]

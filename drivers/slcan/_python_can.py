@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import can
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import LimitExceeded
-from drivers.slcan._codec import encode_frame
+from drivers.slcan._codec import FRAME_DTYPE, encode_frame
 
 
 def to_messages(frames: NDArray[np.void], timestamps_s: NDArray[np.float64]) -> list[can.Message]:
@@ -31,6 +33,44 @@ def to_messages(frames: NDArray[np.void], timestamps_s: NDArray[np.float64]) -> 
         )
         for timestamp_s, identifier, extended, remote, dlc, length, at in fields
     ]
+
+
+def from_messages(
+    messages: Iterable[can.Message],
+) -> tuple[NDArray[np.void], NDArray[np.float64], dict[str, int]]:
+    """Return messages as frames (`FRAME_DTYPE`), their times in s, (n,) each, and what was left out.
+
+    Left out, by kind: CAN FD and error frames, which classic CAN has not, and a DLC beyond 8. `end_offset`
+    is the number of the frame among the messages, from 1: it orders, no bytes stand behind it.
+    """
+    rows, data, times_s = [], [], []
+    left_out: dict[str, int] = {}
+    for number, message in enumerate(messages, 1):
+        kind = unsupported_kind(message) or ("dlc" if message.dlc > 8 or len(message.data) > 8 else "")
+        if kind:
+            left_out[kind] = left_out.get(kind, 0) + 1
+            continue
+        payload = b"" if message.is_remote_frame else bytes(message.data)
+        rows.append(
+            (
+                message.arbitration_id,
+                message.is_extended_id,
+                message.is_remote_frame,
+                message.dlc,
+                len(payload),
+                number,
+            )
+        )
+        data.append(payload.ljust(8, b"\0"))
+        times_s.append(message.timestamp)
+    frames = np.zeros(len(rows), FRAME_DTYPE)
+    columns = zip(*rows, strict=True) if rows else ([] for _ in range(6))
+    for name, values in zip(
+        ("id", "extended", "remote", "dlc", "length", "end_offset"), columns, strict=True
+    ):
+        frames[name] = values
+    frames["data"] = np.frombuffer(b"".join(data), np.uint8).reshape(-1, 8)
+    return frames, np.array(times_s, np.float64), left_out
 
 
 def unsupported_kind(message: can.Message) -> str:

@@ -21,11 +21,11 @@ class CanEmulator:
     """One unit and its adapter on a port (`simulators.interfaces.StreamingEmulator`).
 
     The unit's clock is fast by `clock_error_ppm`: sample k is complete at
-    (k + 1) / rate / (1 + clock_error_ppm * 1e-6) of lab time, and says (k + 1) / rate, or counts k + 1. The frames
-    of a sample follow at once, one after the other at `bitrate`; the adapter hands on a frame when it has ended.
-    Messages whose values are held come before each sample. A cycle passes whole or not at all. While the adapter
-    passes nothing the plant is not asked. Axes that the plant does not have read 0, signals without a meaning are 0.
-    `source_address`: of a J1939 unit, default that of the DBC file.
+    (k + 1) / rate / (1 + clock_error_ppm * 1e-6) of lab time, and says (k + 1) / rate, or counts k + 1. The
+    frames of a sample follow at once, one after the other at `bitrate`; the adapter hands on a frame when it has
+    ended. Messages whose values are held come before each sample. A cycle passes whole or not at all. While the
+    adapter passes nothing the plant is not asked. Axes that the plant does not have read 0 deg/s, signals without
+    a meaning raw 0. `source_address`: of a J1939 unit, default that of the DBC file.
     """
 
     def __init__(
@@ -111,9 +111,7 @@ class CanEmulator:
             return message.identifier
         return message.identifier & ~0xFF | self._source
 
-    def _values(
-        self, slot: Slot, signal: GyroSignal, numbers: NDArray[np.int64]
-    ) -> dict[str, ArrayLike]:
+    def _values(self, slot: Slot, signal: GyroSignal, numbers: NDArray[np.int64]) -> dict[str, ArrayLike]:
         """Return the raw values of one frame of each sample by signal name."""
         values: dict[str, ArrayLike] = {}
         for rule in self._layout.valid:
@@ -129,17 +127,16 @@ class CanEmulator:
             values[selector.name] = slot.selection
         return values
 
-    def _value(
-        self, use: SignalUse, signal: GyroSignal, numbers: NDArray[np.int64]
-    ) -> NDArray[np.int64] | int | None:
+    def _value(self, use: SignalUse, signal: GyroSignal, numbers: NDArray[np.int64]) -> ArrayLike | None:
         """Return the raw values of one signal, None for a status that the rules of validity give."""
         layout = self._layout.signal(use)
         if use.role == "status":
             return use.healthy or None
         if use.role == "time":
-            return np.rint(numbers * (1.0 / use.factor / self._rate_hz)).astype(np.int64) % use.modulo
+            ticks = np.rint(numbers * (1.0 / use.factor / self._rate_hz)).astype(np.int64)
+            return np.asarray(ticks % use.modulo)
         if use.role == "counter":
-            return numbers * use.step % use.modulo
+            return np.asarray(numbers * use.step % use.modulo)
         if use.role in ("temperature", "case_temperature"):
             return layout.quantise((signal.temp_c - use.zero) / use.factor)
         angle_rad = np.zeros(len(numbers))

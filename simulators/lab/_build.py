@@ -118,7 +118,9 @@ def _chamber(device: DeviceConfig, plant: LabPlant) -> WeissEmulator:
 
 
 def _gyro(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
-    return _known("gyro", gyro.driver, {"kvh1750": _kvh, "sbg_ellipse": _sbg, "rlg2t": _rlg})(gyro, plant)
+    return _known(
+        "gyro", gyro.driver, {"kvh1750": _kvh, "sbg_ellipse": _can, "can_dbc": _can, "rlg2t": _rlg}
+    )(gyro, plant)
 
 
 def _kvh(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
@@ -134,11 +136,15 @@ def _kvh(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
     )
 
 
-def _sbg(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
-    from simulators.emulators.sbg import SbgEmulator  # cantools takes longer to import than all the rest
+def _can(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
+    from drivers.can_dbc import layout_of  # only a lab with such a gyro needs it
+    from drivers.sbg import ellipse_layout
+    from simulators.emulators.can_dbc import CanEmulator
 
-    return SbgEmulator(
+    return CanEmulator(
         plant.unit(gyro.name),
+        ellipse_layout() if gyro.driver == "sbg_ellipse" else layout_of(gyro.settings),
+        source_address=gyro.settings.get("source_address"),
         rate_hz=gyro.settings["rate_hz"],
         bitrate=gyro.settings["bitrate"],
         clock_error_ppm=gyro.clock_error_ppm,
