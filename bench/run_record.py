@@ -214,6 +214,7 @@ def _source(section: GyroSection, start_offset: int) -> GyroSource:
         decoder=lambda: kind.decoder(settings),
         rates=lambda columns, rate_hz: kind.rates(settings, columns, rate_hz),
         accelerations=None if kind.accelerations is None else partial(kind.accelerations, settings),
+        temperatures=None if kind.temperatures is None else partial(kind.temperatures, settings),
         axis=section.axis,
         start_offset=start_offset,
         baudrate=None if section.on_can else section.baudrate,

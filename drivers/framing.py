@@ -59,23 +59,22 @@ class PositionalCrc:
     the serial algorithm, and vectorise over messages. Bytes known beforehand (`prefix`) go into the constant.
     """
 
-    def __init__(self, crc: Crc, prefix: bytes, length: int) -> None:
-        """Prepare for messages of `prefix` followed by `length` bytes."""
-        zeros = bytes(length)
+    def __init__(self, crc: Crc, prefix: bytes, length: int, padding: int = 0) -> None:
+        """Prepare for messages of `prefix`, `length` bytes, and `padding` zeros that are not sent."""
         self.length = length
-        self._constant = np.uint32(crc.of(prefix + zeros))
+        self._constant = np.uint32(crc.of(prefix + bytes(length + padding)))
         linear = Crc(crc.width, crc.poly, 0, crc.reflected)
-        # A message of one set bit each: the whole table follows from 8 of them a position, by linearity.
-        bits = np.array(
-            [
-                [linear.of(bytes([1 << bit]) + bytes(length - 1 - at)) for bit in range(8)]
-                for at in range(length)
-            ],
-            np.uint32,
-        ).reshape(length, 8)
-        selected = (np.arange(256)[:, None] >> np.arange(8)) & 1
-        table = np.bitwise_xor.reduce(bits[:, None, :] * selected.astype(np.uint32), axis=2)
-        self._table = np.ascontiguousarray(table).ravel()
+        last = np.array([linear.of(bytes([byte])) for byte in range(256)], np.uint32)
+        mask = np.uint32((1 << crc.width) - 1)
+        table = np.empty((length + padding, 256), np.uint32)
+        for at in range(length + padding - 1, -1, -1):
+            if at == length + padding - 1:
+                table[at] = last
+            elif crc.reflected:
+                table[at] = table[at + 1] >> 8 ^ last[table[at + 1] & 0xFF]
+            else:
+                table[at] = table[at + 1] << 8 & mask ^ last[table[at + 1] >> (crc.width - 8)]
+        self._table = table[:length].ravel()
         self._row = (np.arange(length) * 256)[:, None]
 
     def __call__(self, messages: NDArray[np.uint8]) -> NDArray[np.uint32]:
@@ -192,7 +191,7 @@ class FrameSplitter:
         base = self._offset + begin
         starts = find_sync(data, self._sync)
         whole = int(np.searchsorted(starts, len(data) - self._length, side="right"))
-        found = _windows(data, starts[:whole], self._length)
+        found = windows(data, starts[:whole], self._length)
         sound = self._check(found)
         kept = without_overlap(starts[:whole][sound], self._length, shared=1)
         rejected = _outside(starts[:whole][~sound], kept, self._length - 1)
@@ -204,7 +203,7 @@ class FrameSplitter:
         later = starts[whole:]
         later = later[later >= floor]
         keep = int(later[0]) if len(later) else self._partial_sync(stream, begin + floor) - begin
-        return _windows(data, kept, self._length), ends, begin + keep
+        return windows(data, kept, self._length), ends, begin + keep
 
     def _partial_sync(self, stream: bytes, floor: int) -> int:
         """Return where, at `floor` or later, a sync word begins that the end of `stream` cuts off, or its end."""
@@ -225,8 +224,8 @@ class FrameSplitter:
         self.counts.frames += len(ends)
 
 
-def _windows(data: NDArray[np.uint8], starts: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
-    """Copy out `length` bytes from each of `starts`: uint8 (n, length)."""
+def windows(data: NDArray[np.uint8], starts: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
+    """Return copies of the `length` bytes from each of `starts` on in `data`: uint8 (n, length)."""
     if not len(starts):
         return np.empty((0, length), np.uint8)
     # One item a byte offset, each `length` bytes long, as a view; indexing then copies whole items.

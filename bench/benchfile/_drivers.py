@@ -19,6 +19,7 @@ _BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "can_dbc": "drivers.can_dbc:CanDbc",
         "sbg_ellipse": "drivers.sbg:SbgEllipse",
         "rlg2t": "drivers.rlg:Rlg2t",
+        "frames": "drivers.frames:Frames",
     },
 }
 """Role -> kind -> import path of its `TableKind`, `ChamberKind` or `GyroKind` (drivers.instruments)."""

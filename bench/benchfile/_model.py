@@ -126,8 +126,14 @@ class GyroSection(_Section):
     )
     port: Port | None = Field(default=None, description=_PORT_TEXT)
     baudrate: Baudrate = Field(default=921_600, description="the baud rate, a whole number of bit/s")
-    frame_format: Literal["A", "B", "C"] = Field(
-        default="A", description="the frame format the unit is told to send: 'A', 'B' or 'C'"
+    frame_format: str | None = Field(
+        default=None,
+        min_length=1,
+        description="the message the unit sends: 'A', 'B' or 'C' of a KVH gyro, or one of its description's",
+    )
+    description: str | dict[str, Any] | None = Field(
+        default=None,
+        description="a frame description: a name that `gyrobench frames list` shows, or a path to a TOML file",
     )
     interface: str | None = Field(
         default=None,

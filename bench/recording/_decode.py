@@ -29,8 +29,9 @@ class GyroSource:
     """How the bytes of one gyro become a table.
 
     `decoder` makes a fresh decoder; `rates` turns its columns into deg/s by axis, given the true sample rate in
-    Hz, `accelerations` into m/s2 where the unit has accelerometers; `axis` is the one under test. `start_offset`: bytes on the port before the stream began (answers to
-    configuration). `baudrate`: of a serial port, to take the time on the wire off; None where a frame is
+    Hz, `accelerations` into m/s2 by axis where the unit has accelerometers, `temperatures` into further ones in
+    degC by column; `axis` is the one under test. `start_offset`: bytes on the port before the stream began
+    (answers to configuration). `baudrate`: of a serial port, to take the time on the wire off; None where a frame is
     stamped when it is complete.
     """
 
@@ -39,6 +40,7 @@ class GyroSource:
     rates: Rates
     axis: str
     accelerations: Rates | None = None
+    temperatures: Rates | None = None
     start_offset: int = 0
     baudrate: int | None = None
 
@@ -127,8 +129,7 @@ def _write_gyro(
                     "valid": valid,
                     **_rate_columns(source, batch, timing.sample_rate_hz),
                     "temp_c": batch.columns["temp_c"].astype(np.float32),
-                    # a unit that measures its own case, too, sends it in its frame
-                    **{n: batch.columns[n] for n in ("case_temp_c",) if n in batch.columns},
+                    **_temperatures(source, batch, timing.sample_rate_hz),
                 }
             )
             last = int(count[-1])
@@ -181,6 +182,11 @@ def _rate_columns(source: GyroSource, batch: FrameBatch, sample_rate_hz: float) 
         forces = source.accelerations(batch.columns, sample_rate_hz)
         columns |= {f"accelerometer_{axis}_mps2": force for axis, force in forces.items()}
     return {name: np.asarray(rate, dtype=np.float32) for name, rate in columns.items()}
+
+
+def _temperatures(source: GyroSource, batch: FrameBatch, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+    found = {} if source.temperatures is None else source.temperatures(batch.columns, sample_rate_hz)
+    return {name: np.asarray(temp_c, dtype=np.float32) for name, temp_c in found.items()}
 
 
 def _with(report: StreamReport, **changes: Any) -> StreamReport:

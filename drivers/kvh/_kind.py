@@ -23,7 +23,7 @@ def _open(settings: Settings, clock: Clock, tap: Tap) -> KvhGyro:
     return KvhGyro(
         link,
         rate_hz=settings["rate_hz"],
-        frame_format=settings["frame_format"],
+        frame_format=settings.get("frame_format") or "A",
         axes=settings["axes"],
         **_SENT_AS,
     )
@@ -32,7 +32,7 @@ def _open(settings: Settings, clock: Clock, tap: Tap) -> KvhGyro:
 def _decoder(settings: Settings) -> KvhDecoder:
     return KvhDecoder(
         nominal_rate_hz=settings["rate_hz"],
-        frame_format=settings["frame_format"],
+        frame_format=settings.get("frame_format") or "A",
         axes=settings["axes"],
         rotation_units="RAD",
         **_SENT_AS,

@@ -29,5 +29,11 @@ def _rates(
     return {settings["axis"]: columns["increment_arcsec"] * (sample_rate_hz / 3600.0)}
 
 
-Rlg2t = GyroKind(open=_open, decoder=_decoder, rates=_rates)
+def _temperatures(
+    settings: Settings, columns: Mapping[str, NDArray[Any]], sample_rate_hz: float
+) -> dict[str, NDArray[Any]]:
+    return {"case_temp_c": columns["case_temp_c"]}
+
+
+Rlg2t = GyroKind(open=_open, decoder=_decoder, rates=_rates, temperatures=_temperatures)
 """Settings used: `name`, `port`, `baudrate`, `rate_hz`, `axis`."""

@@ -1,0 +1,44 @@
+"""Gyros on a serial port described by a TOML file: decoder, encoder and driver made from the description."""
+
+from drivers.frames._decode import FrameDecoder, MessageReader, Messages, channels
+from drivers.frames._driver import FrameGyro, bits_a_byte
+from drivers.frames._encode import FrameEncoder
+from drivers.frames._kind import Frames, family_in
+from drivers.frames._load import (
+    FrameFamily,
+    description_path,
+    family_from,
+    family_of,
+    is_path,
+    load_family,
+    load_toml,
+    refusal,
+    shipped,
+)
+from drivers.frames._model import Description
+from drivers.frames._split import StreamSplitter
+from drivers.frames._vectors import vector_mistakes
+
+__all__ = [
+    "Description",
+    "FrameDecoder",
+    "FrameEncoder",
+    "FrameFamily",
+    "FrameGyro",
+    "Frames",
+    "MessageReader",
+    "Messages",
+    "StreamSplitter",
+    "bits_a_byte",
+    "channels",
+    "description_path",
+    "family_from",
+    "family_in",
+    "family_of",
+    "is_path",
+    "load_family",
+    "load_toml",
+    "refusal",
+    "shipped",
+    "vector_mistakes",
+]

@@ -1,0 +1,265 @@
+"""Bytes to columns: all messages of a description, and one gyro's stream as the bench reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigurationError
+from drivers.frames._form import Form, Layout
+from drivers.frames._load import FrameFamily
+from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, FieldSection
+from drivers.frames._read import bit_of
+from drivers.frames._split import StreamSplitter
+from drivers.frames._units import constant, factor
+from drivers.instruments import FrameBatch
+
+Array = NDArray[Any]
+_NO_WRAP = 1 << 62
+
+
+@dataclass
+class Messages:
+    """Sound messages of one form and length, in order: rows uint8 (n, length), ends of them in the stream."""
+
+    layout: Layout
+    rows: NDArray[np.uint8]
+    end_offset: NDArray[np.int64]
+
+    @property
+    def form(self) -> Form:
+        """Which message it is."""
+        return self.layout.form
+
+    def columns(self) -> dict[str, Array]:
+        """Return every field in its own unit, (n,) each."""
+        return self.layout.physical(self.layout.raw(self.rows))
+
+
+class MessageReader:
+    """Reads every message of a description from a byte stream, in any chunks; never raises on bytes."""
+
+    def __init__(self, family: FrameFamily, forms: list[Form] | None = None) -> None:
+        self.forms = family.forms if forms is None else forms
+        self._splitter = StreamSplitter([form.kind() for form in self.forms])
+        self.counts = self._splitter.counts
+
+    @property
+    def by_form(self) -> dict[str, int]:
+        """Messages so far, by name."""
+        return {form.name: n for form, n in zip(self.forms, self._splitter.by_kind, strict=True)}
+
+    @property
+    def pending(self) -> int:
+        """Bytes that wait for more."""
+        return self._splitter.pending
+
+    def feed(self, data: bytes) -> list[Messages]:
+        """Return the messages completed by `data`, one entry for each form and length among them."""
+        return [
+            Messages(self.forms[piece.kind].layout(piece.rows.shape[1]), piece.rows, piece.ends)
+            for piece in self._splitter.feed(data)
+        ]
+
+
+class FrameDecoder:
+    """Incremental decoder (`drivers.instruments.StreamDecoder`) of one gyro's stream.
+
+    Columns, (n,): `counter` int64 (without one in the frame: frames by the bytes that went by, so that damage
+    leaves a gap); `status` as sent; `valid` bool: status bits of severity "error" and valid bits are good for the
+    unit's axes, and its rates are numbers; `temp_c` and, where sent, `case_temp_c`, float32; gyro channels,
+    accelerations and temperatures under their own names in their own units (a cumulative angle as the
+    increment of one sample, NaN for the first). Other messages of the description are read and dropped.
+    """
+
+    def __init__(
+        self,
+        family: FrameFamily,
+        *,
+        rate_hz: float,
+        axes: str,
+        axis: str | None = None,
+        message: str | None = None,
+    ) -> None:
+        """Raise ConfigurationError for a message or an axis that the description does not have."""
+        wanted = message or family.description.message
+        self._form = None if wanted is None else family.form(wanted)
+        measuring = [form for form in family.forms if form.measures] if self._form is None else [self._form]
+        for form in measuring:
+            channels(family, form, axes)
+        forms = [form for form in family.forms if form in measuring or not form.measures]
+        self._reader = MessageReader(family, forms)
+        self._family = family
+        self._axes = axes
+        self._axis = axis or axes[0]
+        self.counts = self._reader.counts
+        self.nominal_rate_hz = rate_hz
+        self.counter_modulo, self.counter_step = _counting(family, measuring[0], rate_hz)
+        self._plans: dict[int, _Plan] = {}
+        self._count = 0  # Of frames by bytes, where the frame has no counter.
+        self._end = -1
+        self._angles: dict[str, int] = {}
+        self._counter = 0
+
+    @property
+    def by_message(self) -> dict[str, int]:
+        """Messages so far, by name."""
+        return self._reader.by_form
+
+    def feed(self, data: bytes) -> FrameBatch:
+        """Decode the next bytes of the stream; an incomplete frame is kept for the next call."""
+        found = [messages for messages in self._reader.feed(data) if messages.form.measures]
+        if self._form is None and found:
+            self._form = min(found, key=lambda messages: int(messages.end_offset[0])).form
+        found = [messages for messages in found if messages.form is self._form]
+        if not found:
+            form = self._form or next(form for form in self._reader.forms if form.measures)
+            layout = form.layout(form.shortest)
+            nothing = np.empty((0, layout.length), np.uint8)
+            found = [Messages(layout, nothing, np.empty(0, np.int64))]
+        parts = [self._plan(messages.layout).columns(messages.rows) for messages in found]
+        ends = found[0].end_offset
+        columns = parts[0]
+        if len(parts) > 1:
+            ends = np.concatenate([messages.end_offset for messages in found])
+            order = np.argsort(ends)
+            ends = ends[order]
+            columns = {name: np.concatenate([part[name] for part in parts])[order] for name in columns}
+        if "counter" not in columns:
+            columns = {"counter": self._counted(ends, found[0].layout.length), **columns}
+        self._increments(columns)
+        return FrameBatch(columns, ends)
+
+    def _plan(self, layout: Layout) -> _Plan:
+        if layout.length not in self._plans:
+            self._plans[layout.length] = _Plan(self._family, layout, self._axes, self._axis)
+        return self._plans[layout.length]
+
+    def _counted(self, ends: NDArray[np.int64], length: int) -> NDArray[np.int64]:
+        """Count frames by the bytes from end to end: bytes in between that were none leave a gap."""
+        if not len(ends):
+            return ends
+        before = ends[0] - length if self._end < 0 else self._end
+        steps = np.maximum(1, np.rint(np.diff(ends, prepend=before) / length).astype(np.int64))
+        count: NDArray[np.int64] = self._count + np.cumsum(steps)
+        self._count, self._end = int(count[-1]), int(ends[-1])
+        return count - 1
+
+    def _increments(self, columns: dict[str, Array]) -> None:
+        """Turn cumulative angles into what was turned in one sample."""
+        counter = columns["counter"]
+        form = self._form
+        if form is None or not len(counter):
+            return
+        turned = [spec for spec in form.fields if spec.role == "cumulative_angle" and spec.name in columns]
+        if not turned:
+            return
+        first = self._counter if self._angles else int(counter[0]) - self.counter_step
+        ticks = np.mod(np.diff(counter, prepend=first), self.counter_modulo)
+        samples = np.maximum(1.0, np.rint(ticks / self.counter_step))
+        for spec in turned:
+            raw = columns[spec.name]
+            span = 1 << (8 * spec.bytes if spec.bits is None else spec.bits[1])
+            before = self._angles.get(spec.name)
+            step = np.diff(raw, prepend=raw[0] if before is None else before)
+            step = (step + span // 2) % span - span // 2
+            angle = step * spec.scale.factor / samples
+            if before is None:
+                angle[0] = np.nan
+                columns["valid"][0] = False
+            columns[spec.name] = angle
+            self._angles[spec.name] = int(raw[-1])
+        self._counter = int(counter[-1])
+
+
+class _Plan:
+    """What of a layout the bench reads, worked out once."""
+
+    def __init__(self, family: FrameFamily, layout: Layout, axes: str, axis: str) -> None:
+        description, form = family.description, layout.form
+        by_name = {spec.name: spec for spec in form.fields}
+        self._layout = layout
+        self._counter = None if description.counter is None else description.counter.field
+        self._status = next((spec.name for spec in form.fields if spec.role == "status"), None)
+        self._gyros = [by_name[name] for name in channels(family, form, axes).values()]
+        self._temps = [spec for spec in form.fields if spec.role == "temp"]
+        ordered = sorted(self._temps, key=lambda spec: spec.axis != axis)
+        self._temp = ordered[0] if ordered else None
+        self._case = next((spec for spec in form.fields if spec.role == "case_temp"), None)
+        kept = [*self._gyros, *(spec for spec in form.fields if spec.role in (*ACCEL_ROLES, "temp", "case_temp"))]
+        self._kept = list({spec.name: spec for spec in kept}.values())
+        self._good: dict[str, tuple[int, int]] = {}
+        for bit in description.status:
+            if bit.severity == "error" and bit.field in by_name and (bit.axis is None or bit.axis in axes):
+                mask, good = self._good.get(bit.field, (0, 0))
+                self._good[bit.field] = mask | 1 << bit.bit, good | bit.good << bit.bit
+        self._rules = [spec.valid for spec in self._gyros if spec.valid is not None]
+        needed = {spec.name for spec in self._kept} | set(self._good) | {rule.field for rule in self._rules}
+        needed |= {rule.field for spec in self._kept for rule in (spec.when, spec.valid) if rule is not None}
+        needed |= {name for name in (self._counter, self._status) if name is not None}
+        self._codecs = {name: layout.codecs[name] for name in by_name if name in needed}
+
+    def columns(self, rows: NDArray[np.uint8]) -> dict[str, Array]:
+        """Return the columns of `rows`, see FrameDecoder."""
+        raw = {name: codec.raw(rows) for name, codec in self._codecs.items()}
+        valid = np.ones(len(rows), np.bool_)
+        for name, (mask, good) in self._good.items():
+            valid &= (raw[name] & mask) == good
+        for rule in self._rules:
+            valid &= bit_of(raw[rule.field], rule.bit) == rule.value
+        columns: dict[str, Array] = {}
+        if self._counter is not None:
+            columns["counter"] = raw[self._counter].astype(np.int64)
+        columns["status"] = np.zeros(len(rows), np.uint8) if self._status is None else raw[self._status]
+        columns["valid"] = valid
+        for spec in self._kept:
+            cumulative = spec.role == "cumulative_angle"
+            value = raw[spec.name] if cumulative else self._codecs[spec.name].physical(raw[spec.name], raw)
+            columns[spec.name] = value
+        for spec in self._gyros:
+            if columns[spec.name].dtype.kind == "f":
+                valid &= np.isfinite(columns[spec.name])
+        columns["temp_c"] = (
+            np.full(len(rows), np.nan, np.float32) if self._temp is None else celsius(self._temp, columns)
+        )
+        if self._case is not None:
+            columns["case_temp_c"] = celsius(self._case, columns)
+        return columns
+
+
+def channels(family: FrameFamily, form: Form, axes: str) -> dict[str, str]:
+    """Return axis -> field of the gyro channels that a bench reads from a message; the file's first role."""
+    roles = [spec.role for spec in form.fields if spec.role in GYRO_ROLES]
+    found = {spec.axis: spec.name for spec in form.fields if spec.role == (roles or [None])[0]}
+    for axis in axes:
+        if axis not in found:
+            raise ConfigurationError(
+                f"the message {form.name!r} has no gyro channel {axis}",
+                where=family.where,
+                found=f"axes {', '.join(str(name) for name in found) or 'none'}",
+                expected=f"axes {', '.join(axes)}, as the bench file says",
+                remedy="correct axis and axes in the bench file, or frame_format if another message has it",
+            )
+    return {axis: found[axis] for axis in axes}
+
+
+def celsius(spec: FieldSection, columns: Mapping[str, Array]) -> NDArray[np.float32]:
+    """Return a temperature column in degC, float32."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        value = columns[spec.name] * factor(spec.unit) + constant(spec.unit)
+        return value.astype(np.float32)
+
+
+def _counting(family: FrameFamily, form: Form, rate_hz: float) -> tuple[int, float]:
+    """Return where the counter wraps, and how much it rises a sample."""
+    counter = family.description.counter
+    if counter is None:
+        return _NO_WRAP, 1.0
+    spec = next(each for each in form.fields if each.name == counter.field)
+    bits = min(62, 8 * spec.bytes if spec.bits is None else spec.bits[1])
+    step = float(counter.step) if counter.ticks_per_s is None else counter.ticks_per_s / rate_hz
+    return counter.modulo or 1 << bits, step

@@ -1,0 +1,91 @@
+"""Driver of a gyro that streams what its description says: listened to, and checked to be what it should."""
+
+from __future__ import annotations
+
+from drivers.errors import ConfigurationError, DeviceSilent, WrongDevice
+from drivers.frames._decode import FrameDecoder
+from drivers.frames._load import FrameFamily
+from drivers.instruments import Identity
+from drivers.link import Link
+
+_LISTEN_S = 5.0
+_ENOUGH = 2
+
+
+def bits_a_byte(family: FrameFamily) -> int:
+    """Return the bits on the line for each byte: start, data, parity, stop."""
+    link = family.description.link
+    return 1 + link.bytesize + (link.parity != "N") + link.stopbits
+
+
+class FrameGyro:
+    """A gyro on a serial port (`drivers.instruments.Gyro`) that sends `rate_hz` frames a second, unasked."""
+
+    def __init__(self, link: Link, family: FrameFamily, decoder: FrameDecoder, *, baudrate: int) -> None:
+        """Raise ConfigurationError for a frame rate that the line cannot carry."""
+        self.link = link
+        self._family = family
+        self._decoder = decoder
+        length = min(form.shortest for form in family.forms if form.measures)
+        most_hz = baudrate / (length * bits_a_byte(family))
+        if decoder.nominal_rate_hz > most_hz:
+            raise ConfigurationError(
+                "the line cannot carry that many frames",
+                where=f"{link.name} ({link.url})",
+                found=f"{decoder.nominal_rate_hz:g} Hz of {length} bytes at {baudrate} Bd",
+                expected=f"at most {most_hz:.0f} Hz",
+                remedy="correct rate_hz or baudrate in the bench file",
+            )
+
+    def identify(self) -> Identity:
+        """Listen for two sound frames with rates, at most 5 s and two frame times.
+
+        Raises DeviceSilent when nothing came, WrongDevice when what came are not such frames.
+        """
+        description, decoder, heard, frames = self._family.description, self._decoder, b"", 0
+        limit_s = _LISTEN_S + _ENOUGH / decoder.nominal_rate_hz
+        deadline_s = self.link.clock.now() + limit_s
+        while frames < _ENOUGH and (left_s := deadline_s - self.link.clock.now()) > 0.0:
+            data = self.link.read_some(left_s)
+            heard = (heard + data)[:60]
+            frames += len(decoder.feed(data))
+        where = f"{self.link.name} ({self.link.url})"
+        if not heard:
+            raise DeviceSilent(
+                f"no byte within {limit_s:g} s",
+                where=where,
+                found="nothing",
+                expected=f"frames of {description.title}",
+                remedy="check power, cable and port",
+            )
+        if frames < _ENOUGH:
+            others = {name: n for name, n in decoder.by_message.items() if n}
+            raise WrongDevice(
+                f"what sends on this port is not {description.title}",
+                where=where,
+                found=f"messages {others}" if others else heard.hex(" "),
+                expected=_beginnings(self._family),
+                remedy="check the baud rate, and port, description and frame_format in the bench file",
+            )
+        messages = ", ".join(name for name, n in decoder.by_message.items() if n)
+        return Identity(
+            description.maker, description.model or description.title, details={"messages": messages}
+        )
+
+    def start(self) -> None:
+        """Take everything on the line for the stream; the unit streams by itself."""
+        self.link.streaming = True
+        self.link.discard()
+
+    def stop(self) -> None:
+        """Nothing: the unit cannot be told to be quiet, and what it sends goes on to the link's tap."""
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self.link.close()
+
+
+def _beginnings(family: FrameFamily) -> str:
+    forms = [form for form in family.forms if form.measures]
+    heads = ", ".join(sorted({sync.hex(" ") for form in forms for sync in form.syncs})[:6])
+    return f"frames that begin with {heads} and carry a right check"

@@ -1,0 +1,227 @@
+"""Reads a description and says everything that is wrong with it at once: file, key, found, expected."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from drivers.errors import ConfigurationError
+from drivers.frames._form import Form, forms_of
+from drivers.frames._model import Description
+from drivers.frames._verify import Mistake, verify
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class FrameFamily:
+    """A description with its forms: what decoder, encoder and driver are made from."""
+
+    def __init__(self, description: Description, forms: list[Form], where: str) -> None:
+        self.description = description
+        self.forms = forms
+        self.where = where
+
+    @property
+    def name(self) -> str:
+        """The description's name."""
+        return self.description.name
+
+    def form(self, name: str | None) -> Form:
+        """Return the message of that name, None for the first that carries a gyro channel."""
+        measuring = [form for form in self.forms if form.measures]
+        if name is None:
+            return measuring[0]
+        for form in self.forms:
+            if form.name == name:
+                return form
+        names = [form.name for form in self.forms]
+        raise ConfigurationError(
+            "the description has no such message",
+            where=self.where,
+            found=repr(name),
+            expected=one_of(name, names),
+            remedy="correct frame_format in the bench file",
+        )
+
+
+def shipped() -> dict[str, Path]:
+    """Return the descriptions that come with gyrobench: name -> file."""
+    folder = Path(str(files("drivers.frames") / "descriptions"))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def is_path(description: str) -> bool:
+    """Whether a bench file's `description` is a path rather than a name."""
+    return description.endswith(".toml") or "/" in description
+
+
+def description_path(description: str) -> Path:
+    """Return the file behind a name of ours or a path; ConfigurationError with the nearest name."""
+    if is_path(description):
+        return Path(description)
+    ours = shipped()
+    if description not in ours:
+        raise ConfigurationError(
+            "there is no frame description of that name",
+            found=repr(description),
+            expected=one_of(description, list(ours)) + ", or a path that ends in .toml",
+            remedy="`gyrobench frames list` shows them",
+        )
+    return ours[description]
+
+
+def load_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file; ConfigurationError if it cannot be read or is none."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ConfigurationError(
+            "the frame description cannot be read",
+            where=str(path),
+            found=error.strerror or str(error),
+            expected="a TOML file",
+            remedy="check the path",
+        ) from error
+    try:
+        return tomllib.loads(content.decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError(
+            "the frame description is not TOML",
+            where=str(path),
+            found=str(error),
+            expected="TOML 1.0 in UTF-8",
+        ) from error
+
+
+def load_family(description: str) -> FrameFamily:
+    """Return the description of a name of ours or a path, checked; ConfigurationError lists every mistake."""
+    path = description_path(description)
+    try:
+        changed = path.stat().st_mtime_ns
+    except OSError:
+        changed = 0
+    return _loaded(str(path), changed)
+
+
+@lru_cache(maxsize=64)
+def _loaded(path: str, _changed: int) -> FrameFamily:
+    return family_from(load_toml(Path(path)), path)
+
+
+def family_of(description: str | Mapping[str, Any]) -> FrameFamily:
+    """Return the family a bench file's `description` means: a name of ours, a path, or a description itself."""
+    if isinstance(description, str):
+        return load_family(description)
+    return _parsed(json.dumps(description, sort_keys=True))
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str) -> FrameFamily:
+    data = json.loads(text)
+    return family_from(data, f"description {data.get('name', '')!r} in the bench file")
+
+
+def family_from(data: dict[str, Any], where: str) -> FrameFamily:
+    """Check a description given as parsed TOML; `where` stands for the file in errors."""
+    if "line" in data:
+        raise ConfigurationError(
+            "this describes ASCII lines, not binary frames",
+            where=where,
+            found="[line]",
+            expected="[frame]",
+            remedy="use it with driver = \"lines\"",
+        )
+    description = validated(Description, data, where)
+    forms = forms_of(description)
+    if mistakes := list(verify(description, forms)):
+        raise refusal(where, mistakes)
+    return FrameFamily(description, forms, where)
+
+
+def validated(model: type[Model], data: dict[str, Any], where: str) -> Model:
+    """Return `data` as a pydantic model; ConfigurationError that names every key which is wrong."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise refusal(where, [_mistake(model, details, data) for details in error.errors()]) from None
+
+
+def refusal(where: str, mistakes: list[Mistake]) -> ConfigurationError:
+    """Return the error that says all of `mistakes`."""
+    if len(mistakes) == 1:
+        only = mistakes[0]
+        return ConfigurationError(
+            f"{only.key} cannot be used", where=where, found=only.found, expected=only.expected
+        )
+    lines = [f"  {each.key}: found {each.found}, expected {each.expected}" for each in mistakes]
+    return ConfigurationError(
+        "\n".join([f"{len(mistakes)} mistakes in the frame description", *lines]), where=where
+    )
+
+
+def one_of(found: str, names: list[str]) -> str:
+    """Return "one of a, b, c", with the nearest to `found` pointed out."""
+    near = difflib.get_close_matches(found, names, n=1)
+    return f"one of {', '.join(sorted(names))}" + (f" (did you mean {near[0]!r}?)" if near else "")
+
+
+def _mistake(model: type[BaseModel], details: ErrorDetails, data: Any) -> Mistake:
+    """Turn pydantic's finding into a key as in the file; an entry of a list is called by its own name."""
+    key, here = "", data
+    for part in details["loc"]:
+        here = here[part] if isinstance(here, (dict, list)) and _has(here, part) else None
+        if isinstance(part, int):
+            named = here.get("name") if isinstance(here, dict) else None
+            key += f"[{part}]" + (f" {named!r}" if named else "")
+        else:
+            key += f".{part}" if key else str(part)
+    if details["type"] == "extra_forbidden":
+        return Mistake(key, "an unknown key", one_of(str(details["loc"][-1]), _keys(model, details["loc"])))
+    expected = _text(model, details["loc"]) or details["msg"]
+    if details["type"] == "missing":
+        return Mistake(key, "nothing", expected)
+    found = details["input"]
+    shown = "a table" if isinstance(found, dict) else repr(found)
+    reason = details["msg"].removeprefix("Value error, ")
+    return Mistake(key, shown, expected if reason in expected else f"{expected} ({reason})")
+
+
+def _has(here: Any, part: Any) -> bool:
+    return part in here if isinstance(here, dict) else isinstance(part, int) and part < len(here)
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for each in getattr(annotation, "__args__", ()) for model in _models(each)]
+
+
+def _walk(model: type[BaseModel], location: tuple[Any, ...]) -> tuple[type[BaseModel], str]:
+    """Return the innermost model on the way to `location`, and the text of the last key described."""
+    text = ""
+    for part in location:
+        for field_name, info in model.model_fields.items():
+            if part in (field_name, info.alias):
+                text = info.description or text
+                inner = _models(info.annotation)
+                model = inner[0] if inner else model
+                break
+    return model, text
+
+
+def _text(model: type[BaseModel], location: tuple[Any, ...]) -> str:
+    return _walk(model, location)[1]
+
+
+def _keys(model: type[BaseModel], location: tuple[Any, ...]) -> list[str]:
+    inner = _walk(model, location[:-1])[0]
+    return [info.alias or name for name, info in inner.model_fields.items()]
