@@ -59,7 +59,8 @@ class Plant(BaseModel):
 
     def model_of(self, gyro: GyroSection) -> str:
         """Return the name of the physics behind a gyro."""
-        return self.models.get(gyro.unit, _MODELS.get(gyro.driver, "fog_mid"))
+        usual = "mems" if gyro.driver == "frames" and len(gyro.axes) > 1 else "fog_mid"
+        return self.models.get(gyro.unit, _MODELS.get(gyro.driver, usual))
 
     def summary(self, file: BenchFile) -> str:
         """Return in a few words what is emulated."""

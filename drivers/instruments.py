@@ -272,8 +272,8 @@ class GyroKind:
 
     `decoder` needs no open port, so that a record can be decoded anywhere. `rates` turns decoded columns into
     rates in deg/s by axis, given the true sample rate in Hz; `accelerations` likewise into specific force in
-    m/s2 by axis, None for a kind that has no accelerometers; `temperatures` into those in degC that the unit sends
-    besides its own, by column name: `case_temp_c`, `<sensor>_temp_c`.
+    m/s2 by axis, None for a kind that has no accelerometers; `temperatures` into those in degC that the unit
+    sends besides its own, by column name: `case_temp_c`, `<sensor>_temp_c`.
     """
 
     open: Callable[[Settings, Clock, Tap], Gyro]

@@ -43,6 +43,7 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
     devices = list(_devices(data))
     yield from _drivers(devices)
     yield from _names(devices)
+    yield from _formats(devices)
     yield from _connections(devices)
     yield from _shared_ports(devices, resolve_links)
     yield from _axes_and_sensors(data, devices)
@@ -82,6 +83,23 @@ def _names(devices: _Devices) -> Iterator[Mistake]:
         elif name in seen:
             yield Mistake(f"{key}.name", repr(name), f"a name of its own ({seen[name]} has this one)")
         seen.setdefault(name, key)
+
+
+def _formats(devices: _Devices) -> Iterator[Mistake]:
+    """Who needs a frame description, and which formats a KVH gyro has."""
+    for role, key, section in devices:
+        if role != "gyro":
+            continue
+        described, given = section.get("driver") == "frames", section.get("description")
+        if described and given is None:
+            yield Mistake(
+                f"{key}.description", "nothing", "a name that `gyrobench frames list` shows, or a TOML file"
+            )
+        elif given is not None and not described:
+            yield Mistake(f"{key}.description", "a frame description", "driver = 'frames' with it, or none")
+        frame_format = section.get("frame_format")
+        if section.get("driver") == "kvh1750" and frame_format not in (None, "A", "B", "C"):
+            yield Mistake(f"{key}.frame_format", repr(frame_format), "'A', 'B' or 'C'")
 
 
 def _connections(devices: _Devices) -> Iterator[Mistake]:

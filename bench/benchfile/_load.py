@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from bench.benchfile._checks import Mistake, cross_checks
+from bench.benchfile._descriptions import with_descriptions
 from bench.benchfile._drivers import one_of
 from bench.benchfile._layouts import with_layouts
 from bench.benchfile._model import BenchFile
@@ -38,7 +39,7 @@ def load_bench_file(path: Path | str) -> BenchFile:
         raise ConfigurationError(
             "the bench file is not TOML", where=str(path), found=str(error), expected="TOML 1.0 in UTF-8"
         ) from error
-    data, mistakes = with_layouts(data, path.parent)
+    data, mistakes = with_layouts(with_descriptions(data, path.parent), path.parent)
     return _checked(data, str(path), hashlib.sha256(content).hexdigest(), True, mistakes)
 
 

@@ -31,8 +31,8 @@ class GyroSource:
     `decoder` makes a fresh decoder; `rates` turns its columns into deg/s by axis, given the true sample rate in
     Hz, `accelerations` into m/s2 by axis where the unit has accelerometers, `temperatures` into further ones in
     degC by column; `axis` is the one under test. `start_offset`: bytes on the port before the stream began
-    (answers to configuration). `baudrate`: of a serial port, to take the time on the wire off; None where a frame is
-    stamped when it is complete.
+    (answers to configuration). `baudrate`: of a serial port, to take the time on the wire off; None where a
+    frame is stamped when it is complete.
     """
 
     name: str

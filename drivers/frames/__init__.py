@@ -17,6 +17,7 @@ from drivers.frames._load import (
 )
 from drivers.frames._model import Description
 from drivers.frames._split import StreamSplitter
+from drivers.frames._units import factor as to_bench_unit
 from drivers.frames._vectors import vector_mistakes
 
 __all__ = [
@@ -40,5 +41,6 @@ __all__ = [
     "load_toml",
     "refusal",
     "shipped",
+    "to_bench_unit",
     "vector_mistakes",
 ]

@@ -190,7 +190,10 @@ class _Plan:
         ordered = sorted(self._temps, key=lambda spec: spec.axis != axis)
         self._temp = ordered[0] if ordered else None
         self._case = next((spec for spec in form.fields if spec.role == "case_temp"), None)
-        kept = [*self._gyros, *(spec for spec in form.fields if spec.role in (*ACCEL_ROLES, "temp", "case_temp"))]
+        kept = [
+            *self._gyros,
+            *(spec for spec in form.fields if spec.role in (*ACCEL_ROLES, "temp", "case_temp")),
+        ]
         self._kept = list({spec.name: spec for spec in kept}.values())
         self._good: dict[str, tuple[int, int]] = {}
         for bit in description.status:
@@ -233,14 +236,14 @@ class _Plan:
 
 def channels(family: FrameFamily, form: Form, axes: str) -> dict[str, str]:
     """Return axis -> field of the gyro channels that a bench reads from a message; the file's first role."""
-    roles = [spec.role for spec in form.fields if spec.role in GYRO_ROLES]
-    found = {spec.axis: spec.name for spec in form.fields if spec.role == (roles or [None])[0]}
+    role = next((spec.role for spec in form.fields if spec.role in GYRO_ROLES), None)
+    found = {str(spec.axis): spec.name for spec in form.fields if spec.role == role}
     for axis in axes:
         if axis not in found:
             raise ConfigurationError(
                 f"the message {form.name!r} has no gyro channel {axis}",
                 where=family.where,
-                found=f"axes {', '.join(str(name) for name in found) or 'none'}",
+                found=f"axes {', '.join(found) or 'none'}",
                 expected=f"axes {', '.join(axes)}, as the bench file says",
                 remedy="correct axis and axes in the bench file, or frame_format if another message has it",
             )

@@ -65,7 +65,9 @@ class FrameEncoder:
             elif spec.type.startswith("text:"):
                 raw[name] = np.zeros(count, f"S{spec.bytes}")
             else:
-                zero = codec.unphysical(np.zeros(1)) if spec.transform is None and spec.role != "status" else 0
+                zero = (
+                    codec.unphysical(np.zeros(1)) if spec.transform is None and spec.role != "status" else 0
+                )
                 raw[name] = np.broadcast_to(zero, (count,)).astype(np.float64)
         self._put(rows, raw)
         self.layout.seal(rows)

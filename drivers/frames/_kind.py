@@ -67,7 +67,7 @@ def _form_of(family: FrameFamily, settings: Settings, columns: Columns) -> Form:
     if named is not None:
         return family.form(named)
     forms = [form for form in family.forms if form.measures]
-    fits = [form for form in forms if {name for name in channels(family, form, settings["axes"]).values()} <= set(columns)]
+    fits = [form for form in forms if set(channels(family, form, settings["axes"]).values()) <= set(columns)]
     return fits[0]
 
 

@@ -138,7 +138,7 @@ def family_from(data: dict[str, Any], where: str) -> FrameFamily:
             where=where,
             found="[line]",
             expected="[frame]",
-            remedy="use it with driver = \"lines\"",
+            remedy='use it with driver = "lines"',
         )
     description = validated(Description, data, where)
     forms = forms_of(description)
@@ -176,9 +176,10 @@ def one_of(found: str, names: list[str]) -> str:
 
 def _mistake(model: type[BaseModel], details: ErrorDetails, data: Any) -> Mistake:
     """Turn pydantic's finding into a key as in the file; an entry of a list is called by its own name."""
-    key, here = "", data
+    key = ""
+    here: Any = data
     for part in details["loc"]:
-        here = here[part] if isinstance(here, (dict, list)) and _has(here, part) else None
+        here = here[part] if _has(here, part) else None
         if isinstance(part, int):
             named = here.get("name") if isinstance(here, dict) else None
             key += f"[{part}]" + (f" {named!r}" if named else "")
@@ -196,7 +197,9 @@ def _mistake(model: type[BaseModel], details: ErrorDetails, data: Any) -> Mistak
 
 
 def _has(here: Any, part: Any) -> bool:
-    return part in here if isinstance(here, dict) else isinstance(part, int) and part < len(here)
+    if isinstance(here, dict):
+        return part in here
+    return isinstance(here, list) and isinstance(part, int) and part < len(here)
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

@@ -36,7 +36,7 @@ _NAME = r"^[a-z][a-z0-9_]{0,39}$"
 def _hex_bytes(value: Any) -> Any:
     if not isinstance(value, str):
         raise ValueError("bytes in hexadecimal, such as 'EB 90'")
-    text = value.replace(" ", "").replace("_", "")
+    text = "".join(value.split())
     if not text or len(text) % 2 or not re.fullmatch(r"[0-9A-Fa-f]+", text):
         raise ValueError("whole bytes in hexadecimal, such as 'EB 90'")
     return bytes.fromhex(text)
@@ -75,7 +75,9 @@ class Link(_Part):
     bytesize: Literal[7, 8] = Field(default=8, description="data bits a byte, 7 or 8")
     parity: Literal["N", "E", "O"] = Field(default="N", description="'N', 'E' or 'O'")
     stopbits: Literal[1, 2] = Field(default=1, description="1 or 2")
-    nominal_rate_hz: float = Field(default=100.0, gt=0, le=100_000, description="frames a second as delivered")
+    nominal_rate_hz: float = Field(
+        default=100.0, gt=0, le=100_000, description="frames a second as delivered"
+    )
 
 
 class LengthField(_Part):
@@ -109,7 +111,9 @@ class Checksum(_Part):
     at: int = Field(description="offset of the check value, negative from the frame's end")
     endian: Endian | None = Field(default=None, description="'big' or 'little': order of the check's bytes")
     words: Endian | None = Field(default=None, description="'big' or 'little': order of sum16_words' words")
-    poly: HexNumber | None = Field(default=None, description="the CRC's polynomial in hexadecimal, normal form")
+    poly: HexNumber | None = Field(
+        default=None, description="the CRC's polynomial in hexadecimal, normal form"
+    )
     init: HexNumber = Field(default=0, description="what the check starts from, in hexadecimal")
     reflected: bool = Field(default=False, description="true if bytes go in least significant bit first")
     xorout: HexNumber = Field(default=0, description="what is XORed to the CRC at the end, in hexadecimal")
@@ -127,7 +131,9 @@ class FrameSection(_Part):
         default=None, description="which bits of the sync count, as many bytes as the sync"
     )
     match: tuple[Match, ...] = Field(default=(), description="further bytes that tell frames apart")
-    length: int | None = Field(default=None, ge=2, le=65_535, description="bytes a frame, sync and check included")
+    length: int | None = Field(
+        default=None, ge=2, le=65_535, description="bytes a frame, sync and check included"
+    )
     length_field: LengthField | None = Field(default=None, description="where the frame says its length")
     max_length: int | None = Field(default=None, ge=2, le=65_535, description="the longest frame there is")
     terminator: HexBytes | None = Field(default=None, description="the last bytes of a frame, in hexadecimal")
@@ -220,7 +226,12 @@ class FieldSection(_Part):
             return (self,)
         return tuple(
             self.model_copy(
-                update={"name": f"{self.name}_{axis}", "at": self.at + n * self.bytes, "axis": axis, "axes": None}
+                update={
+                    "name": f"{self.name}_{axis}",
+                    "at": self.at + n * self.bytes,
+                    "axis": axis,
+                    "axes": None,
+                }
             )
             for n, axis in enumerate(self.axes)
         )
@@ -244,7 +255,9 @@ class Counter(_Part):
     field: str = Field(description="the name of the counting field")
     modulo: int | None = Field(default=None, ge=2, description="where it wraps; default the field's range")
     step: int = Field(default=1, ge=1, description="how much it rises a frame")
-    ticks_per_s: float | None = Field(default=None, gt=0, description="for a clock: how much it rises a second")
+    ticks_per_s: float | None = Field(
+        default=None, gt=0, description="for a clock: how much it rises a second"
+    )
 
 
 class StatusBit(_Part):

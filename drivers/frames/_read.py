@@ -89,7 +89,9 @@ class FieldCodec:
         bits = raw if not self._float else raw.view(f"u{raw.dtype.itemsize}")
         for value in spec.sentinel:
             same = 8 * spec.bytes
-            wanted = value - (1 << same) if self._signed and not self._float and value >> (same - 1) else value
+            wanted = (
+                value - (1 << same) if self._signed and not self._float and value >> (same - 1) else value
+            )
             absent |= bits == wanted
         if spec.valid is not None:
             absent |= bit_of(others[spec.valid.field], spec.valid.bit) != spec.valid.value

@@ -263,14 +263,14 @@ class StreamSplitter:
         for position in waiting:
             last = int(np.searchsorted(starts, position, side="left")) - 1
             end = int(ends[last]) if last >= 0 else claimed
-            if position < end - 1:
-                continue
-            if position == end - 1 and last + 1 < len(starts) and starts[last + 1] == end:
-                continue
             if last >= 0 and starts[last] == position - 1:
                 before = int(ends[last - 1]) if last else claimed
                 if before == position:  # A shared beginning was taken for want of the frame that may follow.
                     return position - 1, position - 1
+            if position < end - 1:
+                continue
+            if position == end - 1 and last + 1 < len(starts) and starts[last + 1] == end:
+                continue
             return (self._with_shared(stream, position) if position == end else position), position
         return len(stream), len(stream)
 

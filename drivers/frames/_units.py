@@ -40,7 +40,7 @@ UNITS: dict[str, tuple[str, float, float]] = {
     "%": ("ratio", 0.01, 0.0),
     "1": ("number", 1.0, 0.0),
 }
-"""Unit -> (quantity, factor, constant): value * factor + constant is in deg/s, deg, m/s2, m/s, degC, s, Pa, uT."""
+"""Unit -> (quantity, factor, constant): value * factor + constant is in deg/s, deg, m/s2, m/s, degC, s, Pa ..."""
 
 QUANTITY_OF_ROLE = {
     "rate": "rate",

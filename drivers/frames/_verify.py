@@ -68,7 +68,9 @@ def _head(form: Form) -> Iterator[Mistake]:
     elif form.length is not None and form.length_field is not None:
         yield Mistake(f"{form.key}.length", "length and length_field", "one of the two")
     elif form.length_field is not None and not form.max_length:
-        yield Mistake(f"{form.key}.max_length", "nothing", "the longest frame, where a field gives the length")
+        yield Mistake(
+            f"{form.key}.max_length", "nothing", "the longest frame, where a field gives the length"
+        )
     for number, check in enumerate(form.checksums):
         key = f"{form.key}.checksum[{number}]"
         if check.kind.startswith("crc"):
@@ -83,11 +85,15 @@ def _head(form: Form) -> Iterator[Mistake]:
 def _layout(form: Form) -> Iterator[Mistake]:
     length = form.shortest
     if length > form.longest:
-        yield Mistake(f"{form.key}.max_length", str(form.longest), f"at least {length}, for head, fields and check")
+        yield Mistake(
+            f"{form.key}.max_length", str(form.longest), f"at least {length}, for head, fields and check"
+        )
         return
     taken: list[tuple[int, int, str, FieldSection | None]] = []
     for sync in form.syncs[:1]:
-        taken += [(at, at + 1, "the sync or match bytes", None) for at, _, bits in form.places(sync) if bits == 255]
+        taken += [
+            (at, at + 1, "the sync or match bytes", None) for at, _, bits in form.places(sync) if bits == 255
+        ]
     if (rule := form.length_field) is not None:
         taken.append((rule.at, rule.at + int(rule.type[1:]) // 8, "length_field", None))
     for number, check in enumerate(form.checksums):
@@ -101,7 +107,9 @@ def _layout(form: Form) -> Iterator[Mistake]:
             if not 0 <= first < end <= length:
                 yield Mistake(f"{key}.ranges", f"[{first}, {end}]", f"a range within {_bytes(form)}")
             elif first < at + size and at < end:
-                yield Mistake(f"{key}.ranges", f"[{first}, {end}] with the check at {at}", "ranges without it")
+                yield Mistake(
+                    f"{key}.ranges", f"[{first}, {end}] with the check at {at}", "ranges without it"
+                )
             elif check.kind == "sum16_words" and (end - first) % 2:
                 yield Mistake(f"{key}.ranges", f"{end - first} bytes", "whole 16-bit words")
         taken.append((at, at + size, f"checksum[{number}]", None))
@@ -111,13 +119,17 @@ def _layout(form: Form) -> Iterator[Mistake]:
         at = spec.at + length if spec.at < 0 else spec.at
         if not 0 <= at <= length - spec.bytes:
             yield Mistake(
-                f"{form.key}: field {spec.name!r}.at", f"bytes {at} to {at + spec.bytes}", f"a place within {_bytes(form)}"
+                f"{form.key}: field {spec.name!r}.at",
+                f"bytes {at} to {at + spec.bytes}",
+                f"a place within {_bytes(form)}",
             )
             continue
         for first, end, what, other in taken:
             if first < at + spec.bytes and at < end and not _share(spec, other):
                 yield Mistake(
-                    f"{form.key}: field {spec.name!r}.at", f"bytes {at} to {at + spec.bytes - 1}", f"bytes of its own ({what} is there)"
+                    f"{form.key}: field {spec.name!r}.at",
+                    f"bytes {at} to {at + spec.bytes - 1}",
+                    f"bytes of its own ({what} is there)",
                 )
                 break
         taken.append((at, at + spec.bytes, f"field {spec.name!r}", spec))
@@ -139,7 +151,11 @@ def _share(one: FieldSection, other: FieldSection | None) -> bool:
 
 
 def _bytes(form: Form) -> str:
-    return f"the frame's {form.length} bytes" if form.length is not None else f"{form.shortest} to {form.longest} bytes"
+    return (
+        f"the frame's {form.length} bytes"
+        if form.length is not None
+        else f"{form.shortest} to {form.longest} bytes"
+    )
 
 
 def _fields(form: Form) -> Iterator[Mistake]:
@@ -150,12 +166,17 @@ def _fields(form: Form) -> Iterator[Mistake]:
         if spec.quantity is not None and UNITS[spec.unit][0] != spec.quantity:
             known = ", ".join(unit for unit, parts in UNITS.items() if parts[0] == spec.quantity)
             yield Mistake(f"{key}.unit", repr(spec.unit), f"a unit of {spec.quantity}: {known}")
-        if spec.role in ("rate", "delta_angle", "cumulative_angle", "accel", "delta_velocity") and not spec.axis:
+        if (
+            spec.role in ("rate", "delta_angle", "cumulative_angle", "accel", "delta_velocity")
+            and not spec.axis
+        ):
             yield Mistake(f"{key}.axis", "nothing", f"'x', 'y' or 'z' for the role {spec.role}")
         if spec.bits is not None:
             first, count = spec.bits
             if spec.type[0] != "u" or first < 0 or count < 1 or first + count > 8 * spec.bytes:
-                yield Mistake(f"{key}.bits", f"{list(spec.bits)} of {spec.type}", "bits that an unsigned type has")
+                yield Mistake(
+                    f"{key}.bits", f"{list(spec.bits)} of {spec.type}", "bits that an unsigned type has"
+                )
         if spec.type.startswith("text:") and spec.role != "aux":
             yield Mistake(f"{key}.role", spec.role, "'aux' for a text")
         if spec.role == "cumulative_angle" and (spec.type[0] not in "ui" or spec.offset or spec.transform):
@@ -167,7 +188,11 @@ def _fields(form: Form) -> Iterator[Mistake]:
                 yield Mistake(f"{key}.sentinel", f"{value:X}", f"{spec.bytes} bytes, as the field has")
         for what, rule in (("when", spec.when), ("valid", spec.valid)):
             if rule is not None and rule.field not in (numbers if rule.field in names else ()):
-                yield Mistake(f"{key}.{what}.field", repr(rule.field), "the name of a whole-number field of this message")
+                yield Mistake(
+                    f"{key}.{what}.field",
+                    repr(rule.field),
+                    "the name of a whole-number field of this message",
+                )
         if spec.when is not None and (spec.when.mod is None) == (spec.when.mask is None):
             yield Mistake(f"{key}.when", "not one of mod and mask", "either mod or mask")
         if spec.transform is not None:
@@ -178,7 +203,9 @@ def _transform(key: str, spec: FieldSection) -> Iterator[Mistake]:
     rule = spec.transform
     assert rule is not None
     if rule.kind == "table" and (len(rule.xs) < 2 or len(rule.xs) != len(rule.ys)):
-        yield Mistake(f"{key}.transform", f"{len(rule.xs)} xs and {len(rule.ys)} ys", "two or more of each, as many")
+        yield Mistake(
+            f"{key}.transform", f"{len(rule.xs)} xs and {len(rule.ys)} ys", "two or more of each, as many"
+        )
     elif rule.kind == "table" and any(a >= b for a, b in itertools.pairwise(rule.xs)):
         yield Mistake(f"{key}.transform.xs", "values that do not rise", "rising raw values")
     elif rule.kind == "polynomial" and not rule.coefficients:
@@ -192,16 +219,23 @@ def _transform(key: str, spec: FieldSection) -> Iterator[Mistake]:
 def _gyro(forms: list[Form]) -> Iterator[Mistake]:
     if not any(form.measures for form in forms):
         yield Mistake(
-            "field", "no gyro channel", "a field of role rate, delta_angle or cumulative_angle in some message"
+            "field",
+            "no gyro channel",
+            "a field of role rate, delta_angle or cumulative_angle in some message",
         )
     for form in forms:
         seen: dict[tuple[str, str | None], str] = {}
         for spec in form.fields:
-            if spec.role in ("rate", "delta_angle", "cumulative_angle", "accel", "delta_velocity") and spec.when is None:
+            if (
+                spec.role in ("rate", "delta_angle", "cumulative_angle", "accel", "delta_velocity")
+                and spec.when is None
+            ):
                 what = (spec.role, spec.axis)
                 if what in seen:
                     yield Mistake(
-                        f"{form.key}: field {spec.name!r}.role", f"{spec.role} {spec.axis}", f"a channel of its own ({seen[what]!r} is this one)"
+                        f"{form.key}: field {spec.name!r}.role",
+                        f"{spec.role} {spec.axis}",
+                        f"a channel of its own ({seen[what]!r} is this one)",
                     )
                 seen[what] = spec.name
 
@@ -219,7 +253,9 @@ def _references(description: Description, forms: list[Form]) -> Iterator[Mistake
             if counter.modulo is not None and counter.modulo > 1 << bits:
                 yield Mistake("counter.modulo", str(counter.modulo), f"at most {1 << bits}, for {spec.type}")
             if any(f.measures and counter.field not in {s.name for s in f.fields} for f in forms):
-                yield Mistake("counter.field", repr(counter.field), "a field that every message with rates has")
+                yield Mistake(
+                    "counter.field", repr(counter.field), "a field that every message with rates has"
+                )
     for number, bit in enumerate(description.status):
         key = f"status[{number}] {bit.name!r}"
         if bit.field not in numbers:
@@ -228,9 +264,13 @@ def _references(description: Description, forms: list[Form]) -> Iterator[Mistake
             yield Mistake(f"{key}.bit", str(bit.bit), f"0 to {8 * numbers[bit.field].bytes - 1}")
     for own in description.variant:
         for gone in own.without:
-            known = {name for group in description.field for name in (group.name, *(e.name for e in group.each()))}
+            known = {
+                name for group in description.field for name in (group.name, *(e.name for e in group.each()))
+            }
             if gone not in known:
-                yield Mistake(f"variant {own.name!r}.without", repr(gone), "names of the description's own fields")
+                yield Mistake(
+                    f"variant {own.name!r}.without", repr(gone), "names of the description's own fields"
+                )
     names = {form.name for form in forms}
     measuring = {form.name for form in forms if form.measures}
     if description.message is not None and description.message not in measuring:
@@ -246,9 +286,11 @@ def _references(description: Description, forms: list[Form]) -> Iterator[Mistake
 def _told_apart(forms: list[Form]) -> Iterator[Mistake]:
     for one, other in itertools.combinations(forms, 2):
         for sync, sync_other in itertools.product(one.syncs, other.syncs):
-            first, second = one.places(sync), dict((at, (v, m)) for at, v, m in other.places(sync_other))
+            first, second = one.places(sync), {at: (v, m) for at, v, m in other.places(sync_other)}
             same = all(
-                (value ^ second[at][0]) & bits & second[at][1] == 0 for at, value, bits in first if at in second
+                (value ^ second[at][0]) & bits & second[at][1] == 0
+                for at, value, bits in first
+                if at in second
             )
             if same:
                 yield Mistake(

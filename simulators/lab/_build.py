@@ -118,9 +118,8 @@ def _chamber(device: DeviceConfig, plant: LabPlant) -> WeissEmulator:
 
 
 def _gyro(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
-    return _known(
-        "gyro", gyro.driver, {"kvh1750": _kvh, "sbg_ellipse": _can, "can_dbc": _can, "rlg2t": _rlg}
-    )(gyro, plant)
+    emulators = {"kvh1750": _kvh, "sbg_ellipse": _can, "can_dbc": _can, "rlg2t": _rlg, "frames": _frames}
+    return _known("gyro", gyro.driver, emulators)(gyro, plant)
 
 
 def _kvh(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
@@ -158,6 +157,21 @@ def _rlg(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
         plant.unit(gyro.name),
         rate_hz=gyro.settings["rate_hz"],
         baudrate=gyro.settings["baudrate"],
+        clock_error_ppm=gyro.clock_error_ppm,
+    )
+
+
+def _frames(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
+    from drivers.frames import family_in
+    from simulators.emulators.frames import FrameEmulator
+
+    return FrameEmulator(
+        plant.unit(gyro.name),
+        family_in(gyro.settings),
+        axes=gyro.settings["axes"],
+        rate_hz=gyro.settings["rate_hz"],
+        baudrate=gyro.settings["baudrate"],
+        message=gyro.settings.get("frame_format"),
         clock_error_ppm=gyro.clock_error_ppm,
     )
 

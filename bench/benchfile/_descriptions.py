@@ -1,0 +1,39 @@
+"""Frame descriptions that a bench file names: read in, so that a run keeps what it was decoded with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from drivers.frames import family_from, family_of, is_path, load_toml
+
+_DRIVER = "frames"
+
+
+def with_descriptions(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a bench file's data with description files (relative to `folder`) in place of their paths.
+
+    A gyro without `baudrate` or `rate_hz` gets its description's. ConfigurationError for a description that
+    cannot be used; what is wrong with the rest is for others to say.
+    """
+    gyros = data.get("gyro")
+    if not isinstance(gyros, list):
+        return dict(data)
+    return {**data, "gyro": [_completed(gyro, folder) for gyro in gyros]}
+
+
+def _completed(gyro: Any, folder: Path) -> Any:
+    description = gyro.get("description") if isinstance(gyro, dict) else None
+    if not isinstance(description, (str, dict)) or gyro.get("driver") != _DRIVER:
+        return gyro
+    if isinstance(description, str) and is_path(description):
+        path = folder / description
+        description = load_toml(path)
+        family = family_from(description, str(path))
+    else:
+        family = family_of(description)
+    if isinstance(gyro.get("frame_format"), str):
+        family.form(gyro["frame_format"])
+    link = family.description.link
+    return {"baudrate": link.baud, "rate_hz": link.nominal_rate_hz, **gyro, "description": description}

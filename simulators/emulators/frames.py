@@ -1,0 +1,150 @@
+"""A gyro made from its frame description: streams from switch-on, in the bytes that the description says."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigurationError
+from drivers.frames import FrameEncoder, FrameFamily, bits_a_byte, channels, to_bench_unit
+from simulators.faults import WireShape
+from simulators.interfaces import GyroPlant, GyroSignal, Reply, StreamBlock
+
+_MARKS_PER_S = 2.0
+_AXES = "xyz"
+
+
+class CasePlant(GyroPlant, Protocol):
+    """A gyro whose electronics can also read a sensor on the case."""
+
+    def case_reading_c(self, now_s: float) -> float:
+        """Return the reading of the sensor on the case, held from the last tick."""
+        ...
+
+
+class FrameEmulator:
+    """One unit (`simulators.interfaces.StreamingEmulator`).
+
+    Its clock is fast by `clock_error_ppm`: sample k is complete at (k + 1) / rate / (1 + clock_error_ppm * 1e-6),
+    and its frame is out one transmission time later. Gyro channels, accelerations, temperatures, counter and time
+    are filled from the plant; every other field has its usual value. Axes the plant does not have stand still.
+    """
+
+    def __init__(
+        self,
+        plant: CasePlant,
+        family: FrameFamily,
+        *,
+        axes: str,
+        rate_hz: float,
+        baudrate: int,
+        message: str | None = None,
+        clock_error_ppm: float = 0.0,
+    ) -> None:
+        """Raise ConfigurationError for a rate the line cannot carry, and axes that the plant does not have."""
+        self._plant = plant
+        self._encoder = FrameEncoder(family, message or family.description.message)
+        self._form = self._encoder.form
+        self._counter = family.description.counter
+        self._rate_hz = rate_hz
+        self._period_s = 1.0 / (rate_hz * (1.0 + clock_error_ppm * 1e-6))
+        self._length = self._encoder.layout.length
+        self._send_s = self._length * bits_a_byte(family) / baudrate
+        self._samples_per_mark = max(1, int(rate_hz / _MARKS_PER_S))
+        self._sent = 0
+        self._turned: dict[str, float] = {}
+        channels(family, self._form, axes)
+        # The one axis of a single-axis unit has the name that its description gives it.
+        self._plant_axes = axes if len(axes) == len(plant.axes) == 1 else plant.axes
+        if not set(axes) <= set(self._plant_axes):
+            raise ConfigurationError(
+                "the emulated unit has fewer axes than the bench file says",
+                where="emulated gyro",
+                found=f"axes {axes}",
+                expected=f"axes of the plant's unit, {plant.axes}",
+                remedy="choose another model in the plant file",
+            )
+        if self._send_s > self._period_s:
+            raise ConfigurationError(
+                "a frame takes longer than a sample",
+                where="emulated gyro",
+                found=f"{rate_hz:g} Hz of {self._length} bytes at {baudrate} Bd",
+                expected=f"at most {1.0 / self._send_s:.0f} Hz",
+            )
+
+    @property
+    def wire(self) -> WireShape:
+        """How a frame looks from outside."""
+        checks = [check for check in self._form.checksums if check.at < 0]
+        tail = len(self._form.terminator)
+        size = -checks[-1].at - tail if checks else 0
+        return WireShape(frame_bytes=self._length, check_bytes=size, tail_bytes=tail)
+
+    def receive(self, data: bytes, now_s: float) -> list[Reply]:
+        """Ignore what the bench writes."""
+        return []
+
+    def stream(self, until_s: float) -> StreamBlock | None:
+        """Return the frames whose last byte is out by `until_s`; None if there are none."""
+        first = self._sent
+        due = max(0, math.floor((until_s - self._send_s + 1e-9) / self._period_s))
+        count = due - first
+        if count <= 0:
+            return None
+        self._sent = due
+        signal = self._plant.measure(first * self._period_s, count, self._period_s)
+        numbers = np.arange(first + 1, due + 1)
+        return StreamBlock(
+            self._encoder.encode(count, self._values(signal, numbers)), self._marks(first, due)
+        )
+
+    def _values(self, signal: GyroSignal, numbers: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+        """Return the fields of the frames with these numbers (1 for the first), in their units."""
+        values: dict[str, NDArray[Any]] = {}
+        for spec in self._form.fields:
+            unit, axis = to_bench_unit(spec.unit), spec.axis or ""
+            if self._counter is not None and spec.name == self._counter.field:
+                ticks = self._counter.ticks_per_s
+                step = float(self._counter.step) if ticks is None else ticks / self._rate_hz
+                values[spec.name] = np.rint((numbers - 1) * step) * spec.scale.factor + spec.offset
+            elif spec.role == "time":
+                values[spec.name] = numbers / self._rate_hz / unit
+            elif (
+                spec.role in ("rate", "delta_angle", "cumulative_angle") and axis and axis in self._plant_axes
+            ):
+                angle_deg = np.degrees(signal.angle_increment_rad[:, self._plant_axes.index(axis)])
+                if spec.role == "rate":
+                    angle_deg = angle_deg / self._period_s
+                elif spec.role == "cumulative_angle":
+                    angle_deg = self._turned.get(axis, 0.0) + np.cumsum(angle_deg)
+                    self._turned[axis] = float(angle_deg[-1])
+                values[spec.name] = angle_deg / unit
+            elif spec.role in ("accel", "delta_velocity") and signal.velocity_increment_mps is not None:
+                velocity = signal.velocity_increment_mps[:, _AXES.index(axis)]
+                values[spec.name] = velocity / (self._period_s if spec.role == "accel" else 1.0) / unit
+            elif spec.role == "temp" and spec.unit in _TEMPERATURES:
+                values[spec.name] = _TEMPERATURES[spec.unit](signal.temp_c)
+            elif spec.role == "case_temp" and spec.unit in _TEMPERATURES:
+                # Read just before the sample ends, so that a sample that ends on a tick is not rounded past it.
+                times = numbers * self._period_s - 1e-6
+                case = np.array([self._plant.case_reading_c(time_s) for time_s in times.tolist()])
+                values[spec.name] = _TEMPERATURES[spec.unit](case)
+        return values
+
+    def _marks(self, first: int, due: int) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+        step = self._samples_per_mark
+        ends = np.append(np.arange((first // step + 1) * step, due, step), due)
+        marks = np.empty((len(ends), 2), np.int64)
+        marks[:, 0] = (ends - first) * self._length
+        marks[:, 1] = np.rint((ends * self._period_s + self._send_s) * 1e9)
+        return marks
+
+
+_TEMPERATURES: dict[str, Any] = {
+    "degC": lambda temp_c: temp_c,
+    "K": lambda temp_c: temp_c + 273.15,
+    "degF": lambda temp_c: temp_c * 1.8 + 32.0,
+}

@@ -1,0 +1,158 @@
+"""The splitter of many kinds of frame against a byte-by-byte scan, in any chunks; nothing intact is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from drivers.frames._split import Kind, Pattern, StreamSplitter
+
+
+def additive(rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Sum of all bytes zero modulo 4: weak on purpose, so that chance frames and overlaps occur."""
+    sound: NDArray[np.bool_] = rows.sum(axis=1) % 4 == 0
+    return sound
+
+
+def places(head: bytes, *more: tuple[int, int, int]) -> list[tuple[int, int, int]]:
+    return [(at, byte, 255) for at, byte in enumerate(head)] + list(more)
+
+
+SHORT = (places(b"\xa5"), 1, 4)  # one byte of sync, begins inside itself
+LONG = (places(b"\x5a\x5a"), 2, 7)
+MASKED = (places(b"\x0f", (2, 0x10, 0xF0)), 3, 5)
+STATED = (places(b"\xee"), 2, None)  # says its length, 3 to 8, in byte 1
+KINDS = (SHORT, LONG, MASKED, STATED)
+
+
+def stated(data: NDArray[np.uint8], starts: NDArray[np.int64]) -> NDArray[np.int64]:
+    return data[starts + 1].astype(np.int64)
+
+
+def splitter() -> StreamSplitter:
+    return StreamSplitter(
+        [
+            Kind(
+                (Pattern(head, span),),
+                lambda _: additive,
+                length or 3,
+                length or 8,
+                None if length else stated,
+            )
+            for head, span, length in KINDS
+        ]
+    )
+
+
+def kind_at(data: bytes, at: int) -> int | str | None:
+    """Which kind begins at `at`; "?" if the end of the data leaves it open."""
+    open_end = False
+    for number, (head, span, _) in enumerate(KINDS):
+        known = [(offset, value, mask) for offset, value, mask in head if at + offset < len(data)]
+        if all(data[at + offset] & mask == value for offset, value, mask in known):
+            if at + max(span, *(offset + 1 for offset, _, _ in head)) <= len(data):
+                return number
+            open_end = True
+    return "?" if open_end else None
+
+
+def candidate(data: bytes, at: int) -> tuple[str, int, int]:
+    """(what, kind, length) of the beginning at `at`: sound, unsound, length, wait or none."""
+    kind = kind_at(data, at)
+    if kind is None:
+        return "none", -1, 0
+    if isinstance(kind, str):
+        return "wait", -1, 0
+    length = KINDS[kind][2]
+    if length is None:
+        length = data[at + 1]
+        if not 3 <= length <= 8:
+            return "length", kind, 0
+    if at + length > len(data):
+        return "wait", kind, length
+    return ("sound" if sum(data[at : at + length]) % 4 == 0 else "unsound"), kind, length
+
+
+def scan(data: bytes) -> tuple[list[tuple[int, int, bytes]], dict[str, int], int]:
+    """The splitter's rule, byte by byte: (end, kind, frame), rejects by reason, bytes outside of frames."""
+    frames: list[tuple[int, int, bytes]] = []
+    rejects: dict[str, int] = {}
+    inside: set[int] = set()
+    at, end, looked_ahead = 0, -1, False
+    while at < len(data):
+        if at == end - 1 and not looked_ahead:  # what follows directly goes before what shares a byte
+            what, kind, length = candidate(data, end) if end < len(data) else ("wait", -1, 0)
+            looked_ahead = True
+            if what == "sound":
+                at = end
+            elif what == "wait" and candidate(data, at)[0] != "none":
+                break
+            continue
+        what, kind, length = candidate(data, at)
+        if what == "wait":
+            break
+        if what == "sound":
+            frames.append((at + length, kind, data[at : at + length]))
+            inside.update(range(at, at + length))
+            end, looked_ahead = at + length, False
+            at = end - 1
+            continue
+        if what != "none":
+            reason = "length" if what == "length" else "checksum"
+            rejects[reason] = rejects.get(reason, 0) + 1
+        at += 1
+    return frames, rejects, len(set(range(at)) - inside)
+
+
+def cut(data: bytes, sizes: list[int]) -> list[bytes]:
+    chunks, at, turn = [], 0, 0
+    while at < len(data):
+        chunks.append(data[at : at + sizes[turn % len(sizes)]])
+        at, turn = at + len(chunks[-1]), turn + 1
+    return chunks
+
+
+PIECES = [
+    b"\xa5\x00\x00\x03",
+    b"\x5a\x5a\x00\x00\x00\x00\x00",
+    b"\x0f\x00\x11\x00\x00",
+    b"\xee\x05\x00\x00\x01",
+]
+pieces = st.one_of(
+    st.sampled_from(PIECES),
+    st.sampled_from(
+        [b"\xa5", b"\x5a", b"\x0f", b"\xee", b"\xee\x09", b"\xa5\x00\x00\xa5", b"\xa5\xa5\xa5\xa5"]
+    ),
+    st.binary(max_size=3),
+)
+
+
+@given(
+    data=st.lists(pieces, max_size=30).map(b"".join),
+    sizes=st.lists(st.integers(1, 19), min_size=1, max_size=6),
+)
+@example(data=b"\xa5\x00\x00\xa5" * 3, sizes=[5])
+@settings(max_examples=500, deadline=None)
+def test_splitter_does_what_a_byte_by_byte_scan_does_in_any_chunks(data: bytes, sizes: list[int]) -> None:
+    ours = splitter()
+    got = []
+    for chunk in cut(data, sizes):
+        for piece in ours.feed(chunk):
+            rows = [row.tobytes() for row in piece.rows]
+            got += [(end, piece.kind, row) for end, row in zip(piece.ends.tolist(), rows, strict=True)]
+        assert ours.pending <= 8
+    frames, rejects, skipped = scan(data)
+    assert sorted(got) == frames
+    assert ours.counts.rejected == rejects
+    assert ours.counts.bytes_skipped == skipped
+    assert ours.counts.frames == len(frames) == sum(ours.by_kind)
+
+
+def test_a_lost_last_byte_does_not_cost_the_next_frame() -> None:
+    frame = b"\xa5\x01\x02\x00"  # sum 168: sound, and so is its head with the next one's first byte
+    data = b"\xa5\x00\x06" + frame + b"\xa5\x00\x00\x03"
+    ours = splitter()
+    rows = [row.tobytes() for piece in ours.feed(data) for row in piece.rows]
+    assert frame in rows
