@@ -51,14 +51,14 @@ class Ending:
 
 
 class RunRecord:
-    """Writes a run folder. Every event reaches the disk's cache at once, raw bytes on the journal's cadence."""
+    """Writes a run folder: events as they come, raw bytes on the journal's cadence, by the journal's thread."""
 
     def __init__(self, folder: Path, manifest: Manifest, flush_interval_s: float) -> None:
         self.folder = folder
         self._manifest = manifest
         self._journal = Journal(folder, flush_interval_s)
         self._events = EventLog(folder)
-        self._journal.adopt(self._events.file)
+        self._journal.adopt(self._events)
         self._devices: dict[str, DeviceEntry] = {}
         self._stream_starts: dict[str, int] = {}
         self._measurements: list[dict[str, Any]] = []
@@ -87,6 +87,7 @@ class RunRecord:
             bench_file_sha256=file.sha256,
             units={gyro.name: gyro.unit for gyro in file.gyro},
             emulated=None if emulated is None else dict(emulated),
+            flush_interval_s=min(file.recording.flush_interval_s, 1.0),
             software={"python": platform.python_version()} | {name: version(name) for name in _SOFTWARE},
         )
         write_manifest(folder, manifest)
@@ -109,9 +110,9 @@ class RunRecord:
             self._mounting = str(fields["mounting"])
         self._events.event(time_s, kind, **fields)
 
-    def keep(self, now_s: float) -> None:
-        """Flush what is due."""
-        self._journal.maybe_flush(now_s)
+    def check(self) -> None:
+        """Raise what the journal met."""
+        self._journal.check()
 
     def identify(
         self, name: str, role: str, kind: str, identity: Identity, section: GyroSection | None = None

@@ -35,8 +35,8 @@ class Record(Protocol):
         """Write one line of events.jsonl."""
         ...
 
-    def keep(self, now_s: float) -> None:
-        """Flush what is due."""
+    def check(self) -> None:
+        """Raise RecordError if the record can no longer be written."""
         ...
 
 
@@ -217,7 +217,7 @@ class Bench:
             if self.clock.now() >= self._next_alarms_s:
                 self._next_alarms_s = self.clock.now() + _ALARMS_S
                 self.check_alarms()
-            self._record.keep(self.clock.now())
+            self._record.check()
             self._note_requests()
         if self._display is not None and host_seconds() - self._shown_at >= _DISPLAY_S:
             self._shown_at = host_seconds()

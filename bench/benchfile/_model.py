@@ -263,7 +263,11 @@ class RecordingSection(_Section):
     """`[recording]`: how soon bytes reach the disk."""
 
     flush_interval_s: float = Field(
-        default=1.0, gt=0, le=60, allow_inf_nan=False, description="seconds of bench time between flushes"
+        default=1.0,
+        gt=0,
+        le=1,
+        allow_inf_nan=False,
+        description="seconds of data that a crash may cost",
     )
 
 
