@@ -51,25 +51,26 @@ class Plant(BaseModel):
     chamber: str = "standard"
     delivery_s: float = Field(default=4.0, gt=0, le=4)
     models: dict[str, str] = Field(default_factory=dict)
-    """Unit id -> model name (fog_mid, fog_nav, mems, ins_triad, rlg)."""
+    """Unit id -> model name (fog_mid, fog_nav, mems, ins_triad, rlg, imu, imu_full)."""
     mount_azimuth_error_deg: float = Field(default=0.3, ge=-5, le=5)
-    heading_effect_dph: float = Field(default=1e-3, ge=0, le=1)
-    """rms over headings of the change of a platform's mean drift"""
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
     """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
     fault: tuple[PlantFault, ...] = ()
 
-    def model_of(self, gyro: GyroSection) -> str:
-        """Return the name of the physics behind a gyro."""
+    def model_of(self, gyro: GyroSection, axes: int = 1) -> str:
+        """Return the name of the physics behind a gyro on a table of so many axes; on several it is an IMU."""
+        if axes > 1:
+            return self.models.get(gyro.unit, "imu")
         usual = "mems" if gyro.driver == "frames" and len(gyro.axes) > 1 else "fog_mid"
         return self.models.get(gyro.unit, _MODELS.get(gyro.driver, usual))
 
     def summary(self, file: BenchFile) -> str:
         """Return in a few words what is emulated."""
-        units = [f"{gyro.name} {self.model_of(gyro)}" for gyro in file.gyro]
-        units += [f"{platform.name} space-stable platform" for platform in file.platform]
+        units = ", ".join(
+            f"{gyro.name} {self.model_of(gyro, len(file.table.all_axes))}" for gyro in file.gyro
+        )
         faults = f", {len(self.fault)} faults" if self.fault else ""
-        return f"{self.chamber} chamber, {', '.join(units)}{faults}"
+        return f"{self.chamber} chamber, {units}{faults}"
 
 
 def unit_seed(unit: str) -> int:
@@ -221,7 +222,7 @@ def _lab_config(file: BenchFile, plant: Plant, clock: str) -> dict[str, Any]:
                 "driver": gyro.driver,
                 "transport": "pty" if gyro.on_can else _transport(gyro.port),
                 "settings": gyro.model_dump(mode="json"),
-                "model": plant.model_of(gyro),
+                "model": plant.model_of(gyro, len(file.table.all_axes)),
                 "unit_seed": unit_seed(gyro.unit),
                 "mount_azimuth_error_deg": plant.mount_azimuth_error_deg,
                 "clock_error_ppm": plant.clock_error_ppm.get(gyro.name, 0.0),
@@ -229,17 +230,6 @@ def _lab_config(file: BenchFile, plant: Plant, clock: str) -> dict[str, Any]:
             for gyro in file.gyro
         ],
         "faults": [fault.model_dump(mode="json") for fault in plant.fault],
-        "platforms": [
-            {
-                "name": platform.name,
-                "driver": platform.driver,
-                "transport": _transport(platform.port),
-                "settings": platform.model_dump(mode="json"),
-                "unit_seed": unit_seed(platform.unit),
-                "effect_dph": plant.heading_effect_dph,
-            }
-            for platform in file.platform
-        ],
     }
 
 
@@ -256,8 +246,5 @@ def _with_ports(file: BenchFile, ports: dict[str, str], clock_url: str | None) -
             "table": file.table.model_copy(update={"port": ports["table"]}),
             "chamber": file.chamber.model_copy(update={"port": ports["chamber"]}),
             "gyro": gyros,
-            "platform": tuple(
-                platform.model_copy(update={"port": ports[platform.name]}) for platform in file.platform
-            ),
         }
     )

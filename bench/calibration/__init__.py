@@ -1,6 +1,7 @@
 """System-level calibration of an IMU: error model, observability, schedules, their covariance and search."""
 
 from bench.calibration._closed_loop import estimate_closed_loop
+from bench.calibration._compensation import ImuCompensation
 from bench.calibration._conventions import (
     DPH_RAD_S,
     PARAMETER_NAMES,
@@ -24,6 +25,7 @@ from bench.calibration._model import observability_matrix
 from bench.calibration._navigation import Increments, Track, align, compensate, navigate
 from bench.calibration._observability import Observability, observability
 from bench.calibration._result import Combination, Evaluation, evaluate, poorly_seen
+from bench.calibration._runs import CalibrationRun, load_calibration_run
 from bench.calibration._schedule import (
     Move,
     Schedule,
@@ -54,6 +56,14 @@ from bench.calibration._segments import (
     schedule_segments,
 )
 from bench.calibration._table import TABLES, Table, first_impossible, possible, require_possible
+from bench.calibration._turning import (
+    TableAxis,
+    TableTurn,
+    TurningPlan,
+    plan_turns,
+    require_closed,
+    table_type,
+)
 
 __all__ = [
     "DPH_RAD_S",
@@ -67,10 +77,12 @@ __all__ = [
     "UG_PER_G2",
     "UNIT_SIZE",
     "BiasWander",
+    "CalibrationRun",
     "Combination",
     "Effort",
     "Estimate",
     "Evaluation",
+    "ImuCompensation",
     "Increments",
     "Merit",
     "Move",
@@ -82,8 +94,11 @@ __all__ = [
     "Segment",
     "Site",
     "Table",
+    "TableAxis",
+    "TableTurn",
     "Task",
     "Track",
+    "TurningPlan",
     "align",
     "chain_segments",
     "compensate",
@@ -98,6 +113,7 @@ __all__ = [
     "gravity_mps2",
     "home_attitude",
     "home_text",
+    "load_calibration_run",
     "load_scheme",
     "merit_of",
     "moves_text",
@@ -106,15 +122,18 @@ __all__ = [
     "observability_matrix",
     "pack",
     "parse_moves",
+    "plan_turns",
     "poorly_seen",
     "possible",
     "posterior_sigma",
     "random_schedules",
+    "require_closed",
     "require_possible",
     "schedule_segments",
     "scheme_file",
     "scheme_names",
     "search",
+    "table_type",
     "to_gauge",
     "unpack",
 ]

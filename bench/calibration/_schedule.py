@@ -23,7 +23,7 @@ SCHEMES_FOLDER = Path(__file__).parent / "schemes"
 Profile = Literal["constant", "smooth"]
 """`constant` rate, or `smooth`: angle = A (s - sin(2 pi s) / 2 pi) over the same time."""
 
-_DIRECTIONS = {
+DIRECTIONS = {
     "east": (1, 0, 0),
     "west": (-1, 0, 0),
     "north": (0, 1, 0),
@@ -132,9 +132,9 @@ def home_attitude(text: str, where: str = "home") -> Array:
     """Return C (3, 3) of a home such as `x up, y south`; two axes suffice, a third must agree (right-handed)."""
     rows = dict(part.split() for part in text.split(",") if len(part.split()) == 2)
     columns: dict[int, Array] = {
-        AXES.index(axis): np.array(_DIRECTIONS[to], dtype=float)
+        AXES.index(axis): np.array(DIRECTIONS[to], dtype=float)
         for axis, to in rows.items()
-        if axis in AXES and to in _DIRECTIONS
+        if axis in AXES and to in DIRECTIONS
     }
     first, second = (*columns.values(), np.zeros(3), np.zeros(3))[:2]
     if len(columns) < 2 or len(columns) != len(text.split(",")) or abs(first @ second) > 0.5:
@@ -151,8 +151,8 @@ def home_attitude(text: str, where: str = "home") -> Array:
 
 def home_text(attitude: Array) -> str:
     """Return a home attitude in words; axes off the grid are named by the nearest direction."""
-    names = list(_DIRECTIONS)
-    table = np.array(list(_DIRECTIONS.values()), dtype=float)
+    names = list(DIRECTIONS)
+    table = np.array(list(DIRECTIONS.values()), dtype=float)
     nearest = [names[int(np.argmax(table @ attitude[:, axis]))] for axis in range(3)]
     return ", ".join(f"{AXES[axis]} {name}" for axis, name in enumerate(nearest))
 

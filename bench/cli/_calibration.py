@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -15,12 +16,13 @@ from rich.table import Table as Grid
 from bench.calibration import (
     DPH_RAD_S,
     PARAMETER_NAMES,
-    PARAMETERS,
     STATE_UNITS,
     UG_MPS2,
     UNIT_SIZE,
     BiasWander,
+    CalibrationRun,
     Estimate,
+    ImuCompensation,
     Increments,
     Noise,
     Options,
@@ -28,11 +30,12 @@ from bench.calibration import (
     Task,
     estimate,
     evaluate,
+    load_calibration_run,
     load_scheme,
 )
-from bench.report import calibration_content, render_calibration, write_report
+from bench.report import CalibrationContent, calibration_content, render_calibration, write_report
 from drivers.clock import utc_now
-from drivers.errors import RecordError
+from drivers.errors import ConfigurationError, RecordError
 
 _COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]
 _PERIOD_TOLERANCE = 0.1
@@ -40,38 +43,86 @@ _PERIOD_TOLERANCE = 0.1
 
 def calibrate_command(
     record: Path,
-    scheme: str,
+    scheme: str | None,
     out: Path,
+    *,
+    noise: Noise,
+    gyro: str | None = None,
     dwell_s: float = 180.0,
-    latitude_deg: float = 45.7796,
+    latitude_deg: float | None = None,
     gravity_mps2: float | None = None,
-    arw_deg_per_sqrt_h: float = 0.001,
-    vrw_ug_per_sqrt_hz: float = 10.0,
     wander_dph: float = 0.0,
     wander_ug: float = 0.0,
     lever_arms: bool = False,
+    range_dps: float | None = None,
 ) -> None:
-    """Estimate the parameters from a CSV record and write `calibration.json` and `report.html` into `out`.
+    """Estimate the parameters of a run folder or a CSV record; write compensation.gyrocomp, calibration.json and
+    report.html into `out`.
 
-    The record has columns time_s, gyro_x_dps .. and accelerometer_x_mps2 .., means over each sample at a constant
-    rate. RecordError says what makes it unusable.
+    A CSV record has columns time_s, gyro_x_dps .. and accelerometer_x_mps2 .., means over each sample at a
+    constant rate, and needs `scheme` and `latitude_deg`. RecordError says what makes a record unusable.
     """
-    schedule = load_scheme(scheme).with_(dwell_s=dwell_s)
-    site = Site(latitude_deg=latitude_deg, gravity=gravity_mps2)
-    task = Task(site=site, noise=Noise(arw_deg_per_sqrt_h, vrw_ug_per_sqrt_hz))
+    run = _recorded(record, scheme, gyro, dwell_s, latitude_deg)
+    site = Site(latitude_deg=run.latitude_deg, gravity=gravity_mps2)
+    task = Task(site=site, noise=noise)
     wander = None
     if wander_dph > 0.0 or wander_ug > 0.0:
         wander = BiasWander(wander_dph * DPH_RAD_S, wander_ug * UG_MPS2, 1000.0)
-    options = Options(wander=wander, lever_arms=lever_arms, alignment_s=min(60.0, 0.8 * dwell_s))
-    found = estimate(read_increments(record), task, options, schedule)
-    evaluation = evaluate(task, schedule)
-    out.mkdir(parents=True, exist_ok=True)
-    page = render_calibration(calibration_content(evaluation, found, created_utc=utc_now()))
-    write_report(out / "report.html", page)
-    (out / "calibration.json").write_text(
-        json.dumps(calibration_file(found, scheme), indent=2), encoding="utf-8"
+    options = Options(
+        wander=wander,
+        lever_arms=lever_arms,
+        alignment_s=min(60.0, 0.8 * run.schedule.dwell_s),
+        gyro_range_dps=range_dps,
     )
-    _print(Console(), found)
+    console = Console()
+    with console.status(f"{len(run.increments.angle_rad):,} samples, {options.passes} passes"):
+        found = estimate(run.increments, task, options, run.schedule)
+        evaluation = evaluate(task, run.schedule, run.table)
+        content = calibration_content(evaluation, found, run.truth, utc_now(), run=run, wander=wander)
+    compensation = ImuCompensation.from_estimate(
+        found,
+        unit_id=run.unit_id,
+        scheme=run.schedule.name,
+        runs={run.run_id: run.checksum},
+        declared=(*content.poorly_seen, *content.warnings),
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    compensation.save(out / "compensation.gyrocomp")
+    (out / "calibration.json").write_text(json.dumps(compensation.describe(), indent=2), encoding="utf-8")
+    write_report(out / "report.html", render_calibration(content))
+    _print(console, found, content)
+    console.print(f"{out}/compensation.gyrocomp, calibration.json, report.html", highlight=False)
+
+
+def _recorded(
+    record: Path, scheme: str | None, gyro: str | None, dwell_s: float, latitude_deg: float | None
+) -> CalibrationRun:
+    """Return what a run folder holds, or a CSV record with what the command line says of it."""
+    if record.is_dir():
+        run = load_calibration_run(record, gyro)
+        return run if latitude_deg is None else replace(run, latitude_deg=latitude_deg)
+    if scheme is None or latitude_deg is None:
+        raise ConfigurationError(
+            "a CSV record does not say what was turned where",
+            where=str(record),
+            found="--scheme " + (scheme or "left out"),
+            expected="--scheme and --latitude-deg, and --dwell-s if it was not 180",
+            remedy="a run folder of `gyrobench run system-calibration` says it itself",
+        )
+    schedule = load_scheme(scheme).with_(dwell_s=dwell_s)
+    return CalibrationRun(
+        run_id=record.stem,
+        checksum=hashlib.sha256(record.read_bytes()).hexdigest() if record.is_file() else "",
+        gyro=gyro or record.stem,
+        unit_id=gyro or record.stem,
+        latitude_deg=latitude_deg,
+        increments=read_increments(record),
+        schedule=schedule,
+        table="by-hand",
+        mounting="",
+        turn_s=(),
+        truth=None,
+    )
 
 
 def read_increments(path: Path) -> Increments:
@@ -105,34 +156,23 @@ def read_increments(path: Path) -> Increments:
     return Increments(period, values[:, 1:4] * math.radians(period), values[:, 4:7] * period)
 
 
-def calibration_file(found: Estimate, scheme: str) -> dict[str, Any]:
-    """Return the calibration as plain values: parameters with unit and sigma, SI covariance, conventions."""
-    units, sizes = STATE_UNITS[6:], UNIT_SIZE[PARAMETERS]
-    return {
-        "format": 1,
-        "model": "gyro w~ = (I + K_g) w + eps; accelerometer f~ = (I + K_a) f + nabla + K_2 (f * f)",
-        "gauge": "K_a lower triangular: x along accelerometer x, y in the plane of accelerometers x and y",
-        "scheme": scheme,
-        "parameters": {
-            name: {"value": float(value / size), "sigma": float(sigma / size), "unit": unit}
-            for name, value, sigma, unit, size in zip(
-                PARAMETER_NAMES, found.parameters, found.sigma, units, sizes, strict=True
-            )
-        },
-        "lever_arm_m": found.lever_m.tolist(),
-        "accelerometer_lag_s": found.lag_s,
-        "innovation_rms": found.innovation_rms,
-        "covariance_si": found.covariance.tolist(),
-    }
-
-
-def _print(console: Console, found: Estimate) -> None:
-    grid = Grid("parameter", "estimate", "sigma", "unit")
+def _print(console: Console, found: Estimate, content: CalibrationContent) -> None:
+    heads = ["parameter", "estimate", "sigma", "target", "unit"]
+    grid = Grid(*heads, *(["truth", "error/sigma"] if content.truth is not None else []))
     for number, name in enumerate(PARAMETER_NAMES):
         size = UNIT_SIZE[6 + number]
         value, sigma = found.parameters[number] / size, found.sigma[number] / size
-        grid.add_row(name, f"{value:.4f}", f"{sigma:.4f}", STATE_UNITS[6 + number])
+        target = float(content.target[6 + number])
+        cells = [name, f"{value:.4f}", f"{sigma:.4f}", f"{target:g}", STATE_UNITS[6 + number]]
+        if content.truth is not None:
+            truth = float(content.truth[number])
+            cells += [f"{truth:.4f}", f"{(value - truth) / sigma:+.2f}"]
+        grid.add_row(*cells, style="red" if sigma > target else "")
     console.print(grid)
     console.print(
         f"innovations rms {found.innovation_rms:.3f} (1 if the noise is as assumed)", highlight=False
     )
+    for text in content.poorly_seen:
+        console.print(f"poorly seen: {text}", highlight=False)
+    for text in content.warnings:
+        console.print(f"note: {text}", highlight=False)

@@ -84,12 +84,10 @@ def fit_whirl(
 @fit_app.command("heading-effect")
 def fit_heading_effect(
     log: Annotated[Path, typer.Argument(help="log (CSV or Parquet), or run folder, to calibrate on")],
-    latitude_deg: Annotated[
-        float | None, typer.Option("--latitude-deg", help="latitude of the bench; default the run folder's")
-    ] = None,
+    latitude_deg: Annotated[float, typer.Option("--latitude-deg", help="latitude of the bench")],
     longitude_deg: Annotated[
-        float | None, typer.Option("--longitude-deg", help="its longitude, east positive; default the run's")
-    ] = None,
+        float, typer.Option("--longitude-deg", help="longitude of the bench, east positive")
+    ],
     test: Test = None,
     out: Out = Path("heading-fit"),
     column: Annotated[
@@ -97,9 +95,7 @@ def fit_heading_effect(
     ] = None,
     epoch_s: Annotated[float | None, typer.Option(help="s since 1970 (UTC) at time 0 of the log")] = None,
     damping: Annotated[float, typer.Option(help="damping ratio of the platform's Schuler loop")] = 0.0,
-    form: Annotated[
-        str, typer.Option(help="lag9 or lag15; the paper's form is always shown beside")
-    ] = "lag9",
+    form: Annotated[str, typer.Option(help="lag9, lag15 or nine (the paper's)")] = "lag9",
     window_h: Annotated[float, typer.Option(help="moving window of the paper's form")] = 35.901708,
 ) -> None:
     """Heading effect of a space-stable platform from position errors and platform temperature."""
@@ -178,33 +174,42 @@ def scheme_search(
 
 @fit_app.command("calibration")
 def fit_calibration(
-    record: Annotated[Path, typer.Argument(help="increments of the IMU (CSV)")],
-    scheme: Annotated[str, typer.Option(help="scheme that was turned, by name or as turns")],
+    record: Annotated[
+        Path, typer.Argument(help="run folder of system-calibration, or increments of the IMU (CSV)")
+    ],
+    scheme: Annotated[str | None, typer.Option(help="scheme that was turned; a run says it itself")] = None,
+    gyro: GyroName = None,
     out: Out = Path("calibration"),
-    dwell_s: Annotated[float, typer.Option(help="rest after every turn")] = 180.0,
-    latitude_deg: Annotated[float, typer.Option(help="latitude of the bench")] = 45.7796,
+    dwell_s: Annotated[float, typer.Option(help="rest after every turn; a run says it itself")] = 180.0,
+    latitude_deg: Annotated[
+        float | None, typer.Option(help="latitude of the bench; a run says it itself")
+    ] = None,
     gravity_mps2: Annotated[float | None, typer.Option(help="gravity; default by latitude")] = None,
     arw: Annotated[float, typer.Option(help="angle random walk, deg/sqrt(h)")] = 0.001,
     vrw: Annotated[float, typer.Option(help="velocity random walk, ug/sqrt(Hz)")] = 10.0,
+    velocity_noise_mps: Annotated[float, typer.Option(help="noise of the zero-velocity measurement")] = 1e-3,
     wander_dph: Annotated[float, typer.Option(help="gyro bias wander, deg/h; 0: none")] = 0.0,
     wander_ug: Annotated[float, typer.Option(help="accelerometer bias wander, ug; 0: none")] = 0.0,
     lever_arms: Annotated[
         bool, typer.Option("--lever-arms", help="estimate inner lever arms and lag")
     ] = False,
+    range_dps: Annotated[float | None, typer.Option(help="measuring range of the gyros, deg/s")] = None,
 ) -> None:
     """System-level calibration of an IMU from the record of a rotation scheme."""
+    from bench.calibration import Noise
     from bench.cli._calibration import calibrate_command
 
     calibrate_command(
         record,
         scheme,
         out,
-        dwell_s,
-        latitude_deg,
-        gravity_mps2,
-        arw,
-        vrw,
-        wander_dph,
-        wander_ug,
-        lever_arms,
+        gyro=gyro,
+        dwell_s=dwell_s,
+        latitude_deg=latitude_deg,
+        gravity_mps2=gravity_mps2,
+        noise=Noise(arw, vrw, velocity_noise_mps),
+        wander_dph=wander_dph,
+        wander_ug=wander_ug,
+        lever_arms=lever_arms,
+        range_dps=range_dps,
     )

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from bench.report._calibration_content import CalibrationContent
+from bench.report._calibration_content import CalibrationContent, SchemeColumn
 from bench.report._figures import Curve, Lane, lanes
 from bench.report._layout import render_page
 from bench.report._lettering import BOTTOM, WIDE, label_room
@@ -36,6 +36,7 @@ from bench.report._plotting import drawing, place, printable, svg
 _PAINTS = (BLUE, ORANGE, GREEN, PURPLE, SAND, MUTED)
 _ROW_PT = 13.0
 _FULL_DECADES = 3.0
+_BLIND = 2.0
 _DEFINITIONS = [
     (
         "Observability degree",
@@ -66,12 +67,15 @@ def render_calibration(content: CalibrationContent) -> str:
             Fact("Positions", str(len(content.up_axes))),
             Fact("Dwell", duration(content.dwell_s)),
             Fact("Duration", duration(content.duration_s)),
+            *(Fact(title, text) for title, text in content.facts),
         ],
         verdict=_verdict(content),
         sections=[
             warnings(content.warnings),
             Section("Schedule", [Facts([Fact("Turns", " ".join(content.moves), code=True)])]),
             Section("States", [_states(content)]),
+            Section("Degrees as turns are added", [_degrees(content.first_turns, content)]),
+            Section("Beside the classical schemes", [_degrees(content.others, content)]),
             Section("Poorly seen combinations", [Notes(content.poorly_seen)] if content.poorly_seen else []),
             Section("Convergence", [_convergence(content)]),
             Section("State by position", [_heat_map(content)]),
@@ -112,6 +116,12 @@ def _verdict(content: CalibrationContent) -> Verdict:
         headlines.append(
             Headline("Errors over sigma, rms", significant(rms), note="against the emulated truth")
         )
+        if content.nees is not None:
+            headlines.append(
+                Headline(
+                    "NEES / 24", significant(content.nees), note="1 if the covariance is right; 0.5 to 1.6"
+                )
+            )
     good = missed == 0
     word = "All targets met" if good else f"{missed} targets missed"
     return Verdict(word, "good" if good else "bad", sentences, headlines)
@@ -152,6 +162,35 @@ def _state(content: CalibrationContent, number: int, ratio: float) -> Row:
         z = float((content.estimate - content.truth)[parameter]) / sigma if parameter >= 0 else float("nan")
         cells.append(Cell(significant(z, 2), "doubt" if abs(z) > 3.0 else "plain"))
     return Row(cells)
+
+
+def _degrees(columns: Sequence[SchemeColumn], content: CalibrationContent) -> Table:
+    heads = [Column("State")]
+    for column in columns:
+        heads += [Column(f"{column.title}: degree", number=True), Column("gain", number=True)]
+    rows = [
+        Row(
+            [
+                Cell(name, strong=True),
+                *(
+                    Cell(text, "bad" if column.gain[number] < _BLIND and number >= 6 else "plain")
+                    for column in columns
+                    for text in (
+                        significant(float(column.degree[number])),
+                        significant(float(column.gain[number])),
+                    )
+                ),
+            ]
+        )
+        for number, name in enumerate(content.names)
+    ]
+    ranks = "; ".join(f"{column.title} {column.rank}" for column in columns)
+    return Table(
+        heads,
+        rows,
+        f"Observability degree (white noise) and gain ratio. Of {len(content.names)} states can be told apart: "
+        f"{ranks}. Marked: a gain below {_BLIND:g}.",
+    )
 
 
 def _groups(names: Sequence[str]) -> list[tuple[str, list[int]]]:

@@ -13,7 +13,7 @@ from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from simulators.emulators.weiss import WeissEmulator
 from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, StreamingEmulator
-from simulators.lab._config import DeviceConfig, GyroConfig, LabConfig, PlatformConfig
+from simulators.lab._config import DeviceConfig, GyroConfig, LabConfig
 from simulators.lab._core import Lab
 from simulators.lab._line import Line
 from simulators.lab._ports import Port, PtyPort, TcpPort
@@ -38,9 +38,6 @@ def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
     for gyro in config.gyros:
         ports.append(_port(gyro.name, gyro.transport, config))
         emulators[gyro.name] = streams[gyro.name] = _gyro(gyro, plant)
-    for platform in config.platforms:
-        ports.append(_port(platform.name, platform.transport, config))
-        emulators[platform.name] = streams[platform.name] = _platform(platform, config, plant)
     lab = Lab(
         plant, ports, emulators, streams, delivery_s=config.delivery_s, lines=_lines(config, emulators, plant)
     )
@@ -179,37 +176,14 @@ def _frames(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
     )
 
 
-def _platform(platform: PlatformConfig, config: LabConfig, plant: LabPlant) -> StreamingEmulator:
-    return _known("platform", platform.driver, {"platform_ins": _pins})(platform, config, plant)
-
-
-def _pins(platform: PlatformConfig, config: LabConfig, plant: LabPlant) -> StreamingEmulator:
-    from simulators.emulators.platform import PlatformEmulator
-    from simulators.plant.lab_platform import LabPlatform
-    from simulators.plant.space_stable import draw_platform
-
-    def heading_deg(time_s: float) -> float:
-        return plant.table.total_angle_deg(time_s) - platform.north_deg
-
-    physics = LabPlatform(
-        draw_platform(platform.unit_seed, effect_dph=platform.effect_dph, latitude_deg=config.latitude_deg),
-        config.seed,
-        heading_deg,
-        longitude_deg=platform.settings["longitude_deg"],
-    )
-    return PlatformEmulator(
-        physics,
-        serial_number=platform.settings["unit"],
-        period_s=platform.settings["period_s"],
-        baudrate=platform.settings["baudrate"],
-    )
-
-
 def _acts(plant: LabPlant, lab: Lab, table: AcutrolEmulator, chamber: WeissEmulator) -> dict[str, Act]:
     def mount(request: dict[str, Any]) -> dict[str, Any]:
         units = [request["unit"]] if "unit" in request else [unit.name for unit in plant.config.units]
         for unit in units:
-            plant.mount(unit, request["mounting"])
+            if "attitude" in request:
+                plant.mount_at(unit, request["attitude"])
+            else:
+                plant.mount(unit, request["mounting"])
         return {}
 
     def truth(request: dict[str, Any]) -> dict[str, Any]:

@@ -15,6 +15,13 @@ EARTH_RATE_DPH = 15.041067
 """Inertial rotation rate of the Earth (WGS 84: 7.292115e-5 rad/s)."""
 
 
+def gravity_mps2(latitude_deg: float, height_m: float = 0.0) -> float:
+    """Return normal gravity in m/s2: Somigliana's formula for WGS 84, free-air gradient 3.086e-6 1/s2."""
+    s = math.sin(math.radians(latitude_deg)) ** 2
+    surface = 9.7803253359 * (1.0 + 0.00193185265241 * s) / math.sqrt(1.0 - 0.00669437999014 * s)
+    return surface - 3.086e-6 * height_m
+
+
 def vertical_rate_dph(latitude_deg: float) -> float:
     """Return the upward component of Earth rate in deg/h: w_ie sin(latitude)."""
     return EARTH_RATE_DPH * math.sin(math.radians(latitude_deg))

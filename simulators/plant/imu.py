@@ -106,7 +106,7 @@ def measure_motion(
         count = _samples(leg, number, rate_hz)
         if isinstance(leg, Rest):
             rate, force = _at_rest(c[None], earth, gravity_mps2)
-            w, f = _with_errors(rate, force, np.zeros((1, 3)), np.zeros((1, 3)), errors)
+            w, f = with_errors(rate, force, np.zeros((1, 3)), np.zeros((1, 3)), errors)
             angles.append(np.repeat(w * period, count, axis=0))
             velocities.append(np.repeat(f * period, count, axis=0))
             continue
@@ -120,7 +120,7 @@ def measure_motion(
         w, f = _through_turn(leg, c, count, earth, gravity_mps2, errors)
         angles.append(w * period)
         velocities.append(f * period)
-        c = c @ _turned(leg.axis, np.array([leg.angle_rad]))[0]
+        c = c @ turned_about(leg.axis, np.array([leg.angle_rad]))[0]
     angle, velocity = np.concatenate(angles), np.concatenate(velocities)
     _add_noise(angle, velocity, noise, period, seed)
     return ImuRecord(period, angle, velocity)
@@ -154,10 +154,10 @@ def _through_turn(
         angle = total * (s - np.sin(2.0 * math.pi * s) / (2.0 * math.pi))
         rate = total / duration * (1.0 - np.cos(2.0 * math.pi * s))
         speeding = total / duration**2 * 2.0 * math.pi * np.sin(2.0 * math.pi * s)
-    c = start @ _turned(leg.axis, angle)
+    c = start @ turned_about(leg.axis, angle)
     rest, force = _at_rest(c, earth, gravity_mps2)
     spin = rate[:, None] * leg.axis
-    w, f = _with_errors(rest + spin, force, spin, speeding[:, None] * leg.axis, errors)
+    w, f = with_errors(rest + spin, force, spin, speeding[:, None] * leg.axis, errors)
     share = weights / 2.0
     return (
         np.einsum("q,nqi->ni", share, w.reshape(count, 3, 3)),
@@ -165,9 +165,12 @@ def _through_turn(
     )
 
 
-def _with_errors(
+def with_errors(
     rate: Array, force: Array, spin: Array, speeding: Array, errors: ImuErrors
 ) -> tuple[Array, Array]:
+    """Return what is measured, rates and specific forces (n, 3), of true ones; `spin` and `speeding` are rate and
+    acceleration of b against the Earth, (n, 3), rad/s and rad/s2.
+    """
     w = rate + rate @ errors.kg.T + errors.eps_rad_s
     f = force + force @ errors.ka.T + errors.nabla_mps2 + errors.k2_s2pm * force**2
     for i in range(3):
@@ -176,7 +179,8 @@ def _with_errors(
     return w, f + errors.lag_s * np.cross(spin, force)
 
 
-def _turned(axis: Array, angle: Array) -> Array:
+def turned_about(axis: Array, angle: Array) -> Array:
+    """Return turns about a unit vector by angles (n,) in rad, (n, 3, 3)."""
     x, y, z = axis
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     a = angle[:, None, None]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.plant.chamber import ChamberAir, ChamberDemand
+from simulators.plant.imu_unit import ImuUnit
 from simulators.plant.unit import GyroUnit
 
 
@@ -19,7 +20,7 @@ class LabChamber:
     """
 
     def __init__(
-        self, air: ChamberAir, advance: Callable[[float], None], glued: Mapping[int, GyroUnit]
+        self, air: ChamberAir, advance: Callable[[float], None], glued: Mapping[int, GyroUnit | ImuUnit]
     ) -> None:
         self._air = air
         self._advance = advance

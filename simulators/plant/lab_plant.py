@@ -8,7 +8,7 @@ times give the same bits however `advance` and `measure` are called.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -20,6 +20,7 @@ from simulators.plant.chamber import ChamberAir, ChamberParameters
 from simulators.plant.effect import UnitModel, leave_out
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
+from simulators.plant.imu_unit import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
 from simulators.plant.mounting import MOUNTINGS, Mount, Mounting
@@ -30,7 +31,8 @@ from simulators.plant.triad import triad_unit
 from simulators.plant.unit import GyroUnit
 from simulators.plant.wobble import EncodedTable, EncoderParameters, WhirlingUnit, Wobble, nominal_wobble
 
-UnitKind = Literal["fog_mid", "fog_nav", "mems", "ins_triad", "rlg"]
+UnitKind = Literal["fog_mid", "fog_nav", "mems", "ins_triad", "rlg", "imu", "imu_full"]
+Unit = GyroUnit | ImuUnit
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class LabPlant:
         for name, _ in config.axes:
             owner = "encoder" if name == carrier else f"encoder {name}"
             self.tables[name] = EncodedTable(config.table, config.encoder, NoiseSource(config.seed, owner))
-        self._units: dict[str, GyroUnit] = {}
+        self._units: dict[str, Unit] = {}
         self._ticks = 0
         for unit in config.units:
             self._add(unit)
@@ -112,7 +114,7 @@ class LabPlant:
         """The table axis that carries the units."""
         return self.tables[self.config.axes[-1][0]]
 
-    def unit(self, name: str) -> GyroUnit:
+    def unit(self, name: str) -> Unit:
         """Return a unit, a `GyroPlant`; ConfigurationError for a name the lab does not have."""
         if name not in self._units:
             raise ConfigurationError(
@@ -134,7 +136,21 @@ class LabPlant:
         """Put a unit on its bracket another way, now (a stage hand's action)."""
         if mounting not in MOUNTINGS:
             raise ConfigurationError("no such mounting", found=str(mounting), expected=" or ".join(MOUNTINGS))
-        self.unit(unit_name).mount(self.now_s, mounting)
+        unit = self.unit(unit_name)
+        if isinstance(unit, ImuUnit):
+            raise ConfigurationError(
+                "an IMU is mounted at an attitude", where=unit_name, found=mounting, expected="a matrix"
+            )
+        unit.mount(self.now_s, mounting)
+
+    def mount_at(self, unit_name: str, attitude: Sequence[Sequence[float]]) -> None:
+        """Mount an IMU now so that its attitude C (3, 3), body to east-north-up, is this with all axes at 0."""
+        unit = self.unit(unit_name)
+        if not isinstance(unit, ImuUnit):
+            raise ConfigurationError(
+                "only an IMU is mounted at an attitude", where=unit_name, expected="model imu or imu_full"
+            )
+        unit.mount_at(self.now_s, np.array(attitude, dtype=np.float64))
 
     def true_drift(self, unit_name: str) -> Mapping[str, NDArray[np.float64]]:
         """Return a unit's truth, float64 (ticks,) a name, tick k at k s.
@@ -157,6 +173,20 @@ class LabPlant:
             raise ConfigurationError(
                 "no such mounting", where=config.name, found=config.mounting, expected=" or ".join(MOUNTINGS)
             )
+        source = NoiseSource(self.config.seed, f"unit {config.name}")
+        if config.model in ("imu", "imu_full"):
+            full = config.model == "imu_full"
+            imu = ImuUnit(
+                imu_errors(config.unit_seed, full),
+                imu_noise(full),
+                [(direction, self.tables[name]) for name, direction in self.config.axes],
+                self.config.latitude_deg,
+                source,
+                azimuth_error_deg=config.mount_azimuth_error_deg,
+            )
+            imu.start(self.config.room_temp_c)
+            self._units[config.name] = imu
+            return
         if len(self.config.axes) > 1:
             raise ConfigurationError(
                 "a unit of this model needs a table of one axis",
@@ -165,7 +195,6 @@ class LabPlant:
                 expected="model imu, or a bench file without [[table.axes]]",
             )
         mount = Mount(config.mounting, config.mount_azimuth_error_deg, config.tilt_deg)
-        source = NoiseSource(self.config.seed, f"unit {config.name}")
         parts = (unit_model(config, self.config.seed), mount, self.table, self.config.latitude_deg, source)
         unit = GyroUnit(*parts)
         if config.model == "ins_triad":

@@ -13,6 +13,7 @@ from bench.calibration import (
     PARAMETER_NAMES,
     PARAMETERS,
     UNIT_SIZE,
+    ImuCompensation,
     Schedule,
     Task,
     evaluate,
@@ -22,7 +23,7 @@ from bench.calibration import (
 from bench.cli._calibration import calibrate_command, read_increments
 from bench.cli._scheme import scheme_evaluate_command
 from bench.report import render_calibration, scheme_content
-from drivers.errors import RecordError
+from drivers.errors import ConfigurationError, RecordError
 from simulators.plant.imu import ImuErrors, ImuNoise, ImuRecord, Rest, Turn, measure_motion
 
 TASK = Task()
@@ -65,8 +66,17 @@ def test_a_record_becomes_a_calibration_file_and_a_page(
     schedule = load_scheme("o8").with_(dwell_s=60.0)
     truth = np.random.default_rng(3).standard_normal(24) * TASK.prior_sigma[PARAMETERS]
     path = written(tmp_path / "record.csv", simulated(schedule, ImuErrors(*unpack(truth)), 50.0))
-    calibrate_command(path, "o8", tmp_path / "out", dwell_s=60.0)
+    calibrate_command(
+        path,
+        "o8",
+        tmp_path / "out",
+        dwell_s=60.0,
+        noise=TASK.noise,
+        latitude_deg=TASK.site.latitude_deg,
+    )
     assert "eps_x" in capsys.readouterr().out
+    saved = ImuCompensation.load(tmp_path / "out" / "compensation.gyrocomp")
+    assert saved.unit_id == "record" and saved.scheme == "o8" and len(saved.runs["record"]) == 64
     file = json.loads((tmp_path / "out" / "calibration.json").read_text())
     z = []
     for name, true in zip(PARAMETER_NAMES, truth / UNIT_SIZE[PARAMETERS], strict=True):
@@ -75,6 +85,11 @@ def test_a_record_becomes_a_calibration_file_and_a_page(
     assert np.sqrt(np.mean(np.square(z))) < 1.6 and np.abs(z).max() < 4.0
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Calibration by o8" in page and "Estimate" in page and page.count("<svg") == 2
+
+
+def test_a_csv_record_needs_scheme_and_latitude(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="--scheme and --latitude-deg"):
+        calibrate_command(tmp_path / "record.csv", None, tmp_path / "out", noise=TASK.noise)
 
 
 def test_unreadable_records_are_named(tmp_path: Path) -> None:

@@ -1,0 +1,135 @@
+"""System-level calibration: an IMU turned through a scheme of positions, still after every turn.
+
+The record from which all gyro and accelerometer biases, scale factors, installation angles and quadratic terms
+are found at once (19- and 23-position schemes of the literature, or one searched for this table). Nothing of the
+table's accuracy enters: the turns are measured by the IMU itself.
+"""
+
+from __future__ import annotations
+
+from bench.calibration import (
+    Schedule,
+    TableAxis,
+    TurningPlan,
+    home_text,
+    load_scheme,
+    moves_text,
+    plan_turns,
+)
+from bench.procedure import Demands, Parameters, Procedure, parameter
+from bench.session import Bench
+
+_SETTLING_S = 5.0
+_START_TURN_DEG = 180.0
+
+
+class SystemCalibrationParameters(Parameters):
+    """Scheme, dwell, rate of the turns."""
+
+    scheme: str = parameter(
+        "23-position", "19-position, 23-position (-b, -c), optimised, another name, or a scheme file"
+    )
+    dwell_s: float = parameter(180.0, "rest at every position", "s", ge=20, le=3600)
+    rate_dps: float = parameter(10.0, "rate of the turns", "deg/s", gt=0.1, le=100)
+    warm_up_min: float = parameter(10.0, "powered at rest before the first position", "min", ge=0, le=600)
+
+
+def run(bench: Bench, p: SystemCalibrationParameters) -> None:
+    """Run the test."""
+    plan = plan_turns(_schedule(p), _axes(bench))
+    for name in bench.table.axes:
+        bench.table.check(p.rate_dps, name)
+
+    with bench.step("K1", "Mount, home the table"):
+        bench.phase("mount")
+        names = ", ".join(bench.gyros)
+        bench.ask(
+            f"Table at 0 on every axis: mount {names} with body axes {plan.mount_text}, within 1 deg. Ready?",
+            act="mount",
+            mounting=plan.mount_text,
+            attitude=plan.mount.tolist(),
+        )
+        _describe(bench, plan)
+        bench.table.device.servo_on()
+        bench.table.confine(p.rate_dps)
+        bench.table.home()
+
+    with bench.step("K2", f"Start attitude, {home_text(plan.schedule.home)}; warm-up"):
+        bench.phase("warm_up")
+        for name, angle_deg in plan.start_deg.items():
+            bench.table.point(angle_deg, name)
+        bench.wait(60.0 * p.warm_up_min, "warm-up")
+
+    with bench.step("K3", f"{plan.schedule.positions} positions of {plan.schedule.name}"):
+        _dwell(bench, p, 1, plan.schedule.positions)
+        for number, turn in enumerate(plan.turns, 2):
+            bench.phase("turn")
+            bench.event("turn", number=number - 1, axis=turn.axis, by_deg=turn.by_deg, to_deg=turn.to_deg)
+            timeout_s = 60.0 + 2.0 * abs(turn.by_deg) / p.rate_dps
+            bench.table.point(
+                turn.to_deg,
+                turn.axis,
+                sense="positive" if turn.by_deg > 0 else "negative",
+                timeout_s=timeout_s,
+            )
+            _dwell(bench, p, number, plan.schedule.positions)
+
+    with bench.step("K4", "Close"):
+        bench.phase("close")
+        for name, gyro in bench.gyros.items():
+            bench.measure(f"{name}_temperature", gyro.history.last.get("temp_c", float("nan")), "degC")
+
+
+def _dwell(bench: Bench, p: SystemCalibrationParameters, number: int, positions: int) -> None:
+    bench.phase("dwell")
+    bench.event("position", number=number)
+    bench.wait(p.dwell_s, f"position {number} of {positions}")
+
+
+def _describe(bench: Bench, plan: TurningPlan) -> None:
+    """Write down what is really turned: the fit reads it from here."""
+    schedule = plan.schedule
+    bench.event(
+        "scheme",
+        name=schedule.name,
+        source=schedule.source,
+        home=home_text(schedule.home),
+        moves=moves_text(schedule.moves),
+        dwell_s=schedule.dwell_s,
+        rate_dps=schedule.rate_dps,
+        mounting=plan.mount_text,
+    )
+
+
+def _axes(bench: Bench) -> list[TableAxis]:
+    return [
+        TableAxis(axis.name, axis.direction, axis.min_angle_deg, axis.max_angle_deg)
+        for axis in bench.file.table.all_axes
+    ]
+
+
+def _schedule(p: SystemCalibrationParameters) -> Schedule:
+    return load_scheme(p.scheme).with_(dwell_s=p.dwell_s, rate_dps=p.rate_dps, profile="constant")
+
+
+def expected_duration_s(p: SystemCalibrationParameters) -> float:
+    """Return the expected bench time."""
+    schedule = _schedule(p)
+    start_s = 2.0 * _START_TURN_DEG / p.rate_dps
+    return 60.0 * p.warm_up_min + schedule.duration_s + schedule.positions * _SETTLING_S + start_s + 20.0
+
+
+def demands(p: SystemCalibrationParameters) -> Demands:
+    """Return the extremes of the run; the chamber stays as it is."""
+    return Demands(max_rate_dps=p.rate_dps)
+
+
+PROCEDURE = Procedure(
+    name="system-calibration",
+    title="System-level calibration of an IMU, scheme of positions",
+    source="Zhang et al., full-state field calibration (19 and 23 positions); design note on calibration",
+    parameters=SystemCalibrationParameters,
+    run=run,
+    expected_duration_s=expected_duration_s,
+    demands=demands,
+)

@@ -1,0 +1,245 @@
+"""An IMU on the inner axis of a table of one to three axes: it measures what the table's axes really do.
+
+    C = R_1(angle_1) ... R_n(angle_n) C_mount,    R_k a turn about the direction of axis k with all axes at 0
+
+in east, north, up of the table's base. Every sample has the angles of the axes at its ends and in its middle: the
+turned angle is what the axes turned, the specific force is gravity through Simpson's rule. Noise depends on seed
+and sample index only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigurationError
+from simulators.interfaces import GyroSignal
+from simulators.plant.earth import EARTH_RATE_DPH, gravity_mps2
+from simulators.plant.imu import ImuErrors, ImuNoise, turned_about, with_errors
+from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
+from simulators.plant.table import TableAxis
+
+Array = NDArray[np.float64]
+
+DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
+    "east": (1.0, 0.0, 0.0),
+    "west": (-1.0, 0.0, 0.0),
+    "north": (0.0, 1.0, 0.0),
+    "south": (0.0, -1.0, 0.0),
+    "up": (0.0, 0.0, 1.0),
+    "down": (0.0, 0.0, -1.0),
+}
+_PRIOR = (0.1, 1000.0, 100.0, 100.0, 100.0)
+"""One sigma of a unit's errors, as after a factory calibration: deg/h, ug, ppm, arcsec, ug/g^2."""
+_ARW_DEG_PER_SQRT_H, _VRW_UG_PER_SQRT_HZ, _VIBRATION_MPS = 0.001, 10.0, 1e-3
+_WANDER_DPH, _WANDER_UG, _WANDER_TIME_S = 0.003, 5.0, 1000.0
+_LEVER_M, _LAG_S = 0.03, 1e-3
+_MOUNT_DEG = 0.05
+_UG, _DPH, _ARCSEC = 9.7803267715e-6, math.radians(1.0) / 3600.0, math.radians(1.0) / 3600.0
+_WHITE, _VIBRATION, _WANDER, _MOUNT = 0, 10, 20, 30
+"""Noise streams of a unit; an axis adds its number."""
+
+
+def imu_errors(unit_seed: int, full: bool) -> ImuErrors:
+    """Return the errors of a unit: 24 parameters drawn at prior size, K_a lower triangular; `full`: lever arms of
+    accelerometers x and y and a lag, too.
+    """
+    rng = NoiseSource(unit_seed, "imu").generator(0)
+    bias, nabla, scale, angle, square = _PRIOR
+    size = np.where(np.eye(3) == 1.0, scale * 1e-6, angle * _ARCSEC)
+    kg, ka = rng.standard_normal((3, 3)) * size, np.tril(rng.standard_normal((3, 3)) * size)
+    lever = rng.standard_normal((3, 3)) * _LEVER_M
+    lever[2] = 0.0
+    return ImuErrors(
+        eps_rad_s=rng.standard_normal(3) * bias * _DPH,
+        nabla_mps2=rng.standard_normal(3) * nabla * _UG,
+        kg=kg,
+        ka=ka,
+        k2_s2pm=rng.standard_normal(3) * square * 1e-6 / (_UG * 1e6),
+        lever_m=lever if full else np.zeros((3, 3)),
+        lag_s=_LAG_S if full else 0.0,
+    )
+
+
+def imu_noise(full: bool) -> ImuNoise:
+    """Return the noise of a navigation-grade unit on a table that vibrates by 1 mm/s; `full`: biases wander."""
+    return ImuNoise(
+        arw_rad_per_sqrt_s=math.radians(_ARW_DEG_PER_SQRT_H) / 60.0,
+        vrw_mps_per_sqrt_s=_VRW_UG_PER_SQRT_HZ * _UG,
+        wander_rad_s=_WANDER_DPH * _DPH if full else 0.0,
+        wander_mps2=_WANDER_UG * _UG if full else 0.0,
+        wander_time_s=_WANDER_TIME_S,
+        vibration_mps=_VIBRATION_MPS,
+    )
+
+
+class ImuUnit:
+    """A powered IMU (`simulators.interfaces.GyroPlant` with accelerometers), at the temperature of its air.
+
+    `axes` of the table: (direction, axis), outermost first. It is mounted a little askew, by its seed.
+    """
+
+    axes = "xyz"
+
+    def __init__(
+        self,
+        errors: ImuErrors,
+        noise: ImuNoise,
+        table: Sequence[tuple[str, TableAxis]],
+        latitude_deg: float,
+        source: NoiseSource,
+        *,
+        azimuth_error_deg: float = 0.0,
+    ) -> None:
+        self.errors, self.noise = errors, noise
+        self._directions = [np.array(DIRECTIONS[direction]) for direction, _ in table]
+        self._table = [axis for _, axis in table]
+        latitude = math.radians(latitude_deg)
+        earth_rad_s = math.radians(EARTH_RATE_DPH / 3600.0)
+        self._earth = earth_rad_s * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+        self._gravity = np.array([0.0, 0.0, gravity_mps2(latitude_deg)])
+        askew = source.substream(_MOUNT).generator(0).standard_normal(3) * math.radians(_MOUNT_DEG)
+        azimuth = turned_about(np.array([0.0, 0.0, 1.0]), np.array([math.radians(azimuth_error_deg)]))[0]
+        self._askew = azimuth @ turned_about(_unit(askew), np.array([float(np.linalg.norm(askew))]))[0]
+        self._mounts: list[tuple[float, Array]] = [(0.0, self._askew)]
+        self._white = [SampleNoise(source.substream(_WHITE + at), "normal") for at in range(6)]
+        self._shaken = [SampleNoise(source.substream(_VIBRATION + at), "normal") for at in range(3)]
+        sizes = [noise.wander_rad_s] * 3 + [noise.wander_mps2] * 3
+        self._wander = [
+            TickNoise(source.substream(_WANDER + at), (noise.wander_time_s,), size)
+            for at, size in enumerate(sizes)
+            if any(sizes)
+        ]
+        self._wandered: list[list[float]] = []
+        self._temps_c: list[float] = []
+        self._anchor_s, self._period_s, self._anchor_index, self._next_index = 0.0, 0.0, 0, 0
+
+    def start(self, temp_c: float) -> None:
+        """Take the room's temperature at tick 0."""
+        self.tick(temp_c)
+
+    def tick(self, air_temp_c: float) -> None:
+        """Advance by 1 s in air of the given temperature."""
+        self._temps_c.append(air_temp_c)
+        self._wandered.append([process.value(len(self._wandered)) for process in self._wander])
+
+    def mount_at(self, now_s: float, attitude: Array) -> None:
+        """Mount it so that with all axes at 0 its attitude C (3, 3) is the given one, as well as hands can."""
+        self._mounts.append((now_s, self._askew @ np.asarray(attitude, dtype=np.float64)))
+
+    def case_reading_c(self, now_s: float) -> float:
+        """Return the temperature of its case, held from the last tick."""
+        return self._temps_c[min(int(now_s), len(self._temps_c) - 1)]
+
+    def truth(self) -> dict[str, Array]:
+        """Return its errors, SI: what a calibration should find."""
+        errors = self.errors
+        return {
+            "eps_rad_s": errors.eps_rad_s,
+            "nabla_mps2": errors.nabla_mps2,
+            "kg": errors.kg,
+            "ka": errors.ka,
+            "k2_s2pm": errors.k2_s2pm,
+            "lever_m": errors.lever_m,
+            "lag_s": np.array(errors.lag_s),
+        }
+
+    def measure(self, start_s: float, count: int, period_s: float) -> GyroSignal:
+        """Return `count` samples (see `GyroPlant`); ConfigurationError beyond the last tick."""
+        if count == 0:
+            return GyroSignal(self.axes, np.empty((0, 3)), np.empty(0), np.empty((0, 3)))
+        index = self._locate(start_s, period_s)
+        self._next_index = index + count
+        halves = np.arange(2 * count + 3, dtype=np.float64) - 1.0
+        first = index - self._anchor_index
+        times_s = self._anchor_s + period_s * (first + halves / 2.0)
+        if times_s[-2] > len(self._temps_c) - 1 + 1e-9:
+            raise ConfigurationError(
+                "samples were asked for that the plant has not reached",
+                where="imu plant",
+                found=f"samples up to {times_s[-2]:.6f} s, plant at {len(self._temps_c) - 1} s",
+                expected="the plant advanced past the last sample's end",
+            )
+        angle, velocity = self._exact(np.maximum(times_s, 0.0), count, period_s)
+        self._add_noise(angle, velocity, index, count, times_s[1:-1:2][:count], period_s)
+        held = np.minimum((times_s[3::2][:count] + 1e-9).astype(np.int64), len(self._temps_c) - 1)
+        return GyroSignal(self.axes, angle, np.array(self._temps_c)[held], velocity)
+
+    def _locate(self, start_s: float, period_s: float) -> int:
+        """Return the index of the sample that starts at `start_s`, moving the anchor after a gap."""
+        expected = self._anchor_s + period_s * (self._next_index - self._anchor_index)
+        if period_s != self._period_s or abs(start_s - expected) > 0.25 * period_s:
+            self._anchor_s, self._period_s = start_s, period_s
+            self._anchor_index = self._next_index = round(start_s / period_s)
+        return self._next_index
+
+    def _exact(self, times_s: Array, count: int, period_s: float) -> tuple[Array, Array]:
+        """Return increments without noise, (count, 3) each; `times_s`: half samples, one before and one after."""
+        mount = next(matrix for since_s, matrix in reversed(self._mounts) if since_s <= times_s[1])
+        angles = [np.radians(axis.total_angles_deg(times_s)) for axis in self._table]
+        if all(len(angle) == 2 for angle in angles):  # all axes stand still: two equal angles each
+            angles = [angle[:1] for angle in angles]
+            rate, force = self._at(angles, mount)
+            none = np.zeros((1, 3))
+            w, f = with_errors(rate, force, none, none, self.errors)
+            return np.repeat(w * period_s, count, axis=0), np.repeat(f * period_s, count, axis=0)
+        angles = [np.repeat(a[:1], len(times_s)) if len(a) == 2 else a for a in angles]
+        inside = [angle[1:-1] for angle in angles]
+        rate, force = self._at(inside, mount)
+        half = period_s / 2.0
+        spin, speeding = np.zeros((2, 2 * count + 1, 3))
+        turned = np.zeros((count, 3))
+        for u, angle in zip(self._lines(inside, mount), angles, strict=True):
+            spin += u * ((angle[2:] - angle[:-2]) / period_s)[:, None]
+            speeding += u * ((angle[2:] - 2.0 * angle[1:-1] + angle[:-2]) / half**2)[:, None]
+            # exact for one axis at a time, whose direction in b stands; the middle's direction for more
+            turned += u[1::2] * np.diff(angle[1:-1:2])[:, None]
+        _, measured = with_errors(rate, force, spin, speeding, self.errors)
+        still, _ = with_errors(_simpson(rate), _simpson(force), turned * 0.0, turned * 0.0, self.errors)
+        angle = still * period_s + turned @ (np.eye(3) + self.errors.kg).T
+        return angle, _simpson(measured) * period_s
+
+    def _at(self, angles: Sequence[Array], mount: Array) -> tuple[Array, Array]:
+        """Return Earth rate and specific force in b, (n, 3), at the axes' angles (n,)."""
+        c = np.broadcast_to(np.eye(3), (len(angles[0]), 3, 3))
+        for direction, angle in zip(self._directions, angles, strict=True):
+            c = c @ turned_about(direction, angle)
+        c = c @ mount
+        return np.einsum("nij,i->nj", c, self._earth), np.einsum("nij,i->nj", c, self._gravity)
+
+    def _lines(self, angles: Sequence[Array], mount: Array) -> list[Array]:
+        """Return the direction of every axis in b, (n, 3): turned back by the axes inside of it."""
+        inner = np.broadcast_to(mount, (len(angles[0]), 3, 3))
+        found = []
+        for direction, angle in zip(reversed(self._directions), reversed(angles), strict=True):
+            found.append(np.einsum("nij,i->nj", inner, direction))
+            inner = turned_about(direction, angle) @ inner
+        return found[::-1]
+
+    def _add_noise(
+        self, angle: Array, velocity: Array, index: int, count: int, starts_s: Array, period_s: float
+    ) -> None:
+        noise = self.noise
+        white = np.stack([source.values(index, count) for source in self._white], axis=1)
+        angle += white[:, :3] * (noise.arw_rad_per_sqrt_s * math.sqrt(period_s))
+        velocity += white[:, 3:] * (noise.vrw_mps_per_sqrt_s * math.sqrt(period_s))
+        if noise.vibration_mps:
+            shaken = np.stack([source.values(index, count + 1) for source in self._shaken], axis=1)
+            velocity += np.diff(shaken * noise.vibration_mps, axis=0)
+        if self._wander:
+            ticks = np.minimum(starts_s.astype(np.int64), len(self._wandered) - 1)
+            wander = np.array(self._wandered[int(ticks[0]) : int(ticks[-1]) + 1])[ticks - ticks[0]]
+            angle += wander[:, :3] * period_s
+            velocity += wander[:, 3:] * period_s
+
+
+def _simpson(values: Array) -> Array:
+    """Return means over samples, (n, 3), of values at ends and middles, (2 n + 1, 3)."""
+    return np.asarray((values[:-2:2] + 4.0 * values[1::2] + values[2::2]) / 6.0)
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
