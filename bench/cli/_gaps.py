@@ -45,3 +45,18 @@ def gap_close(
     from bench.cli._gap import gap_close_command
 
     gap_close_command(runs, model, gyro, out)
+
+
+@gap_app.command("exam")
+def gap_exam(
+    seed: Annotated[int, typer.Option(help="fresh seed; every case of a seed once looked at is spent")],
+    cases: Annotated[int, typer.Option(help="number of cases, a quarter of them without any effect")] = 600,
+    out: Annotated[
+        Path | None, typer.Option(help="new folder for cases, seals, results; default: nothing is kept")
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="diagnosing processes")] = 1,
+) -> None:
+    """Examine the diagnosis on plants whose physics is not the catalogue's, answers sealed beforehand."""
+    from bench.cli._gap_exam import gap_exam_command
+
+    gap_exam_command(cases, seed, out, jobs)

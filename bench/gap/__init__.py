@@ -4,12 +4,13 @@ from bench.gap._close import Shrinkage, closed_model, shrinkage
 from bench.gap._data import GapRun, Group, check_runs, group_runs
 from bench.gap._diagnose import Cause, Diagnosis, diagnose
 from bench.gap._exam import Answer, Closed, Sealed, close, examined, make_case, nominal_model
+from bench.gap._examination import case_kinds, examine
 from bench.gap._fit import Floor
 from bench.gap._import import read_mapped_runs
 from bench.gap._model_file import Model, Term, model_text, parse_model, read_model
 from bench.gap._noise import Noise
 from bench.gap._run_folder import load_gap_runs
-from bench.gap._score import Line, Marked, table
+from bench.gap._score import Line, Marked, Reliability, reliability, shrinkage_quantiles, table
 from bench.gap._where import PhasePlace, Place
 
 __all__ = [
@@ -26,13 +27,16 @@ __all__ = [
     "Noise",
     "PhasePlace",
     "Place",
+    "Reliability",
     "Sealed",
     "Shrinkage",
     "Term",
+    "case_kinds",
     "check_runs",
     "close",
     "closed_model",
     "diagnose",
+    "examine",
     "examined",
     "group_runs",
     "load_gap_runs",
@@ -42,6 +46,8 @@ __all__ = [
     "parse_model",
     "read_mapped_runs",
     "read_model",
+    "reliability",
     "shrinkage",
+    "shrinkage_quantiles",
     "table",
 ]

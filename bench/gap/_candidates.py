@@ -7,19 +7,23 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.gap._data import GapRun
 from bench.gap._evidence import Candidate
+from bench.gap._generic import PREFIX, free_curves
 from bench.gap._model_file import Model
 from simulators.effects import Effect, Variant, catalogue
 
 Array = NDArray[np.float64]
 _LEAST_DETECTABLE = 5.0
+FREE_CURVE = -4.0
+"""Prior log odds of a free curve against an effect of the catalogue."""
 
 
-def candidate_variants(model: Model) -> list[Variant]:
-    """Return the catalogue's variants that the model does not have as terms."""
+def candidate_variants(model: Model, runs: Sequence[GapRun]) -> list[Variant]:
+    """Return the catalogue's variants that the model does not have as terms, then free curves over the inputs."""
     names = {term.name for term in model.terms}
     effects = [each for each in catalogue().values() if isinstance(each, Effect) and each.name not in names]
-    return [variant for effect in effects for variant in effect.variants()]
+    return [variant for effect in effects for variant in effect.variants()] + free_curves(runs)
 
 
 def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:
@@ -28,7 +32,8 @@ def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:
     for index, variant in enumerate(variants):
         k = len(variant.effect.parameters)
         own = tuple(range(column, column + k))
-        result.append(Candidate(variant.effect.name, index, own, len(variant.effect.shapes)))
+        odds = FREE_CURVE if variant.effect.name.startswith(PREFIX) else 0.0
+        result.append(Candidate(variant.effect.name, index, own, len(variant.effect.shapes), odds))
         column += k
     return result
 

@@ -34,6 +34,8 @@ BANDS = (
     "5..10 s",
     "under 5 s",
 )
+_NEGLIGIBLE = 1e-5
+"""Part of a column's energy in one cell below which it counts as none."""
 
 
 @dataclass(frozen=True)
@@ -136,17 +138,25 @@ def group_cells(group: Group, parity_runs: Array, noise: Noise) -> list[Cell]:
     n, period_s = parity_runs.shape[2] + 1, group.runs[0][0].stimulus.period_s
     names, repeatable, _ = mixing(group)
     power = spectrum(noise, np.arange(1, n) / n, period_s)
+    parts = band_slices(n, period_s)
+    by_band = np.array(
+        [np.einsum("rik,rik->ri", parity_runs[:, :, part], parity_runs[:, :, part]) for part in parts]
+    )
+    least = _NEGLIGIBLE * by_band.sum(axis=(0, 1))
     cells = []
     for index, name in enumerate(names):
-        for band, part in enumerate(band_slices(n, period_s)):
+        for band, part in enumerate(parts):
             if part.stop <= part.start:
                 continue
-            rows = parity_runs[index][:, part].astype(np.float64)
+            # most columns are smooth and have nothing in the fast bands, which hold most coefficients
+            at = np.flatnonzero(by_band[band, index] > least)
+            at = at if len(at) and at[0] == 0 else np.insert(at, 0, 0)
+            rows = parity_runs[index, at, part].astype(np.float64)
+            gram = np.zeros((parity_runs.shape[1],) * 2)
+            gram[np.ix_(at, at)] = rows @ rows.T
             mean_power = float(power[part].mean())
             count = part.stop - part.start
-            cells.append(
-                Cell(group.profile, name, repeatable[index], band, count, rows @ rows.T, mean_power, n)
-            )
+            cells.append(Cell(group.profile, name, repeatable[index], band, count, gram, mean_power, n))
     return cells
 
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
 from bench.gap._candidates import candidate_variants, candidates_of, possible_candidates
-from bench.gap._cells import Cell, mixed_whitened
-from bench.gap._data import GapRun
+from bench.gap._cells import BANDS, mixing
+from bench.gap._data import GapRun, Group
 from bench.gap._evidence import SetPosterior, reduced, search
 from bench.gap._fit import (
+    DIRECTIONS,
     MISFIT,
     Floor,
     Solution,
@@ -24,12 +25,15 @@ from bench.gap._fit import (
     tolerated,
     weighted_gram,
 )
+from bench.gap._generic import PREFIX, absorbed
+from bench.gap._lines import SpectralLine, strongest_line
 from bench.gap._model_file import Model, Term
-from bench.gap._noise import Noise
-from bench.gap._prepare import Prepared, gathered, noise_beside, prepare
+from bench.gap._noise import Noise, spectrum
+from bench.gap._prepare import Prepared, gathered, narrowed, noise_beside, prepare
+from bench.gap._refine import best_of_each, between_grid_points, members_of_note
 from bench.gap._stochastic import NoiseVerdict
 from bench.gap._unknown import CREDIBLE, Remainder, credibility, remainder
-from bench.gap._where import PhasePlace, Place, phase_map, places
+from bench.gap._where import SIGNIFICANT, PhasePlace, Place, RegimePlace, phase_map, places, regime_map
 from simulators.effects import Variant
 
 Array = NDArray[np.float64]
@@ -72,6 +76,7 @@ class Diagnosis:
     floor: Floor
     places: tuple[Place, ...]
     phases: tuple[PhasePlace, ...]
+    regimes: tuple[RegimePlace, ...]
     left_places: tuple[Place, ...]
     unidentifiable: Mapping[str, str]
     warnings: tuple[str, ...]
@@ -88,14 +93,36 @@ class Diagnosis:
 
 def diagnose(runs: Sequence[GapRun], model: Model) -> Diagnosis:
     """Diagnose the gap between runs of one unit and its nominal model."""
-    variants = candidate_variants(model)
+    variants = candidate_variants(model, runs)
     found = _found(prepare(runs, model, variants), model, variants)
     if found.best.members:
-        # what an effect does differently in each repeat is no noise
-        noise = noise_beside(found.data, found.best.solution, model)
-        again = gathered(found.data.groups, found.data.stacks, noise, model, found.best.solution)
-        found = _found(again, model, variants)
+        variants, again = _second_look(found, model, variants)
+        found = _found(again, model, variants, found.hidden)
     return _reported(found, runs, model, variants)
+
+
+def _second_look(found: _Found, model: Model, variants: Sequence[Variant]) -> tuple[list[Variant], Prepared]:
+    """Return the variants and data again: noise beside the best set, its effects between the grid's points."""
+    # what an effect does differently in each repeat is no noise
+    noise = noise_beside(found.data, found.best.solution, model)
+    posterior = found.posterior
+    known = [each for each in found.judged if not each.curved]
+    closest = max(known, key=lambda each: each.log_evidence)
+    kept = best_of_each(posterior)
+    note = members_of_note(posterior, (found.best.members, closest.members))
+    fresh = between_grid_points([variants[each] for each in note])
+    few, data = narrowed(found.data, model, variants, kept, fresh)
+    taken = Solution(*_renumbered(found, kept, len(model.sigmas)))
+    return few, gathered(data.groups, data.stacks, noise, model, taken)
+
+
+def _renumbered(found: _Found, kept: Sequence[int], q: int) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return the best solution with its columns at their places among those kept."""
+    solution = found.best.solution
+    columns = [column + q for each in kept for column in found.posterior.candidates[each].columns]
+    places_ = {column: 1 + q + index for index, column in enumerate(columns)}
+    indices = np.array([places_.get(int(each), int(each)) for each in solution.indices], dtype=np.int64)
+    return indices, solution.values, solution.covariance
 
 
 @dataclass(frozen=True)
@@ -106,17 +133,19 @@ class _Judged:
     solution: Solution
     left: Array
     rest: Remainder
-    rival: float
+    line: float = 0.0
 
     @property
-    def log_total(self) -> float:
-        """Log evidence of the set, with or without something unknown beside it, on one footing for all sets."""
-        return float(np.logaddexp(self.log_evidence, self.log_evidence + self.rival - _UNKNOWN_PRIOR))
+    def curved(self) -> bool:
+        """Whether a free curve is a member."""
+        return any(name.startswith(PREFIX) for name in self.names)
 
     @property
     def unknown(self) -> float:
-        """Probability that something is missing beside this set."""
-        return float(expit(self.rest.total - _UNKNOWN_PRIOR))
+        """Probability that something is missing beside the effects of this set."""
+        if self.curved:
+            return 1.0
+        return float(expit(self.rest.total + self.line - _UNKNOWN_PRIOR))
 
 
 @dataclass(frozen=True)
@@ -128,20 +157,34 @@ class _Found:
     judged: list[_Judged]
     best: _Judged
     hidden: dict[str, str]
+    line: SpectralLine | None
 
 
-def _found(data: Prepared, model: Model, variants: Sequence[Variant]) -> _Found:
+def _found(
+    data: Prepared, model: Model, variants: Sequence[Variant], hidden: dict[str, str] | None = None
+) -> _Found:
     sigmas, cells = model.sigmas, data.cells
     before = nominal_energies(cells, sigmas)
     variance = tolerated(cells, before)
-    gram = weighted_gram(cells, variance)
+    gram = weighted_gram(cells, tolerated(cells, before, directions=DIRECTIONS))
     system = reduced(gram, sigmas)
     candidates = candidates_of(variants)
-    possible, hidden = possible_candidates(system, gram, candidates, variants, len(sigmas))
+    possible, reasons = possible_candidates(system, gram, candidates, variants, len(sigmas))
     posterior = search(system, candidates, possible)
-    judged = _judge_sets(posterior, data, gram, variance, before, sigmas)
-    best = max(judged, key=lambda each: each.log_total)
-    return _Found(data, before, variance, posterior, judged, best, hidden)
+    judged = _judge_sets(posterior, data, gram, before, sigmas)
+    best = max(judged, key=lambda each: each.log_evidence)
+    gaps = dict.fromkeys((cell.profile for cell in cells), 0.0)
+    for cell, own in zip(cells, before, strict=True):
+        gaps[cell.profile] += max(own - cell.count, 0.0) if cell.repeatable else 0.0
+    line = strongest_line(data.groups, _residuals(data, best.solution), data.noise.noise, gaps)
+    turning = any("a turn" in variants[each].effect.follows for each in best.members)
+    if line is not None and not (line.harmonic and turning):
+        # harmonics of a ripple that is named already are its waveform, no effect of their own
+        judged = [replace(each, line=line.log_evidence) for each in judged]
+        best = replace(best, line=line.log_evidence)
+    return _Found(
+        data, before, variance, posterior, judged, best, reasons if hidden is None else hidden, line
+    )
 
 
 def _reported(found: _Found, runs: Sequence[GapRun], model: Model, variants: Sequence[Variant]) -> Diagnosis:
@@ -150,6 +193,13 @@ def _reported(found: _Found, runs: Sequence[GapRun], model: Model, variants: Seq
     weights = _normalised(judged)
     unknown = sum(both[1] for both in weights.values())
     stochastic = _stochastic(data.noise, runs) if unknown < 0.5 else {}
+    where = places(cells, found.before, data.floor)
+    active: dict[str, set[int]] = {}
+    for place in where:
+        if place.p_value < SIGNIFICANT:
+            active.setdefault(place.profile, set()).add(BANDS.index(place.band))
+    noise = data.noise.noise
+    nominal = _residuals(data, solve(weighted_gram(cells, np.ones(len(cells))), model.sigmas, ()))
     return Diagnosis(
         runs[0].unit_id,
         _corrected(model, best.solution, data.noise.noise),
@@ -161,8 +211,9 @@ def _reported(found: _Found, runs: Sequence[GapRun], model: Model, variants: Seq
         stochastic,
         data.noise,
         data.floor,
-        tuple(places(cells, found.before, data.floor)),
-        tuple(_phases(data, cells, model.sigmas)),
+        tuple(where),
+        tuple(phase_map(data.groups, _mixed(data.groups, nominal), data.floor, noise)),
+        tuple(regime_map(data.groups, nominal, data.floor, noise, active)),
         tuple(places(cells, best.left, data.floor)),
         found.hidden,
         _warnings(data),
@@ -171,7 +222,7 @@ def _reported(found: _Found, runs: Sequence[GapRun], model: Model, variants: Seq
 
 
 def _judge_sets(
-    posterior: SetPosterior, data: Prepared, gram: Array, variance: Array, before: Array, sigmas: Array
+    posterior: SetPosterior, data: Prepared, gram: Array, before: Array, sigmas: Array
 ) -> list[_Judged]:
     by_effects = posterior.by_effects()
     highest = max(by_effects.values())
@@ -187,9 +238,17 @@ def _judge_sets(
         solution = solve(gram, sigmas, columns)
         left = energies(data.cells, solution)
         rest = remainder(data.cells, strict, before, left, data.floor)
-        rival = remainder(data.cells, variance, before, left, data.floor).total
-        judged.append(_Judged(names, members, by_effects[names], solution, left, rest, rival))
-    return judged
+        judged.append(_Judged(names, members, by_effects[names], solution, left, rest))
+    return _curves_that_matter(judged, before)
+
+
+def _curves_that_matter(judged: Sequence[_Judged], before: Array) -> list[_Judged]:
+    """Return the sets less those whose free curves take away no more than a formula's misfit would leave."""
+    known = [each for each in judged if not each.curved]
+    closest = max(known, key=lambda each: each.log_evidence)
+    left = float(closest.left.sum())
+    misfit = MISFIT**2 * (float(before.sum()) - left)
+    return [*known, *(each for each in judged if each.curved and left - float(each.left.sum()) > misfit)]
 
 
 def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:
@@ -199,8 +258,8 @@ def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[i
 
 def _normalised(judged: Sequence[_Judged]) -> dict[frozenset[str], tuple[float, float]]:
     """Return the probability of each set being all there is, and of it with something unknown beside it."""
-    highest = max(each.log_total for each in judged)
-    raw = {each.names: (math.exp(each.log_total - highest), each.unknown) for each in judged}
+    highest = max(each.log_evidence for each in judged)
+    raw = {each.names: (math.exp(each.log_evidence - highest), each.unknown) for each in judged}
     total = sum(weight for weight, _ in raw.values())
     return {names: (weight / total * (1 - odd), weight / total * odd) for names, (weight, odd) in raw.items()}
 
@@ -216,10 +275,15 @@ def _causes(
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     weights = _normalised(judged)
     q = len(model.sigmas)
+    curves = [
+        variants[each].effect for each in best.members if posterior.candidates[each].effect.startswith(PREFIX)
+    ]
     named: list[Cause] = []
     doubtful: list[Cause] = []
     for member in sorted(best.members):
         candidate = posterior.candidates[member]
+        if candidate.effect.startswith(PREFIX):
+            continue
         own = [column + q for column in candidate.columns]
         at = [int(np.flatnonzero(best.solution.indices == column)[0]) for column in own]
         values = best.solution.values[at]
@@ -233,7 +297,8 @@ def _causes(
             trust,
             variants[member].effect.meaning,
         )
-        (doubtful if best.unknown > 0.5 and trust < CREDIBLE else named).append(cause)
+        doubt = best.unknown > 0.5 and trust < CREDIBLE
+        (doubtful if doubt or absorbed(variants[member].effect, curves) else named).append(cause)
     return tuple(named), tuple(doubtful)
 
 
@@ -245,7 +310,7 @@ def _rivals(
     places_ = {
         next(iter(each - others)): sum(both)
         for each, both in weights.items()
-        if others <= each and len(each) == len(names)
+        if others <= each and len(each) == len(names) and not next(iter(each - others)).startswith(PREFIX)
     }
     total = sum(places_.values())
     rivals = {rival: value / total for rival, value in places_.items() if rival != name}
@@ -271,14 +336,21 @@ def _corrected(model: Model, solution: Solution, noise: Noise) -> Model:
     return Model(model.name, tuple(terms), noise, model.fitted_on)
 
 
-def _phases(data: Prepared, cells: Sequence[Cell], sigmas: Array) -> list[PhasePlace]:
-    solution = solve(weighted_gram(cells, np.ones(len(cells))), sigmas, ())
-    residuals = []
+def _residuals(data: Prepared, solution: Solution) -> list[Array]:
+    """Return what a solution leaves of each run, whitened coefficients (runs, n - 1) by group."""
+    result = []
     for group, stack in zip(data.groups, data.stacks, strict=True):
-        own = stack[:, : 1 + len(sigmas)].astype(np.float64)
-        left = own[:, :1] - np.tensordot(own[:, 1:], solution.values, axes=(1, 0))[:, None]
-        residuals.append(mixed_whitened(group, left, data.noise.noise)[:, 0])
-    return phase_map(data.groups, residuals, data.floor)
+        chosen = stack[:, solution.indices].astype(np.float64)
+        left = stack[:, 0] - np.tensordot(chosen, solution.values, axes=(1, 0))
+        n = left.shape[1] + 1
+        power = spectrum(data.noise.noise, np.arange(1, n) / n, group.runs[0][0].stimulus.period_s)
+        result.append(left / np.sqrt(power))
+    return result
+
+
+def _mixed(groups: Sequence[Group], residuals: Sequence[Array]) -> list[Array]:
+    """Return the parity runs of each run's whitened coefficients."""
+    return [mixing(group)[2] @ own for group, own in zip(groups, residuals, strict=True)]
 
 
 def _warnings(data: Prepared) -> tuple[str, ...]:

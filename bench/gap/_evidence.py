@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 Array = NDArray[np.float64]
 _G = np.array([30.0, 300.0, 3e3, 3e4, 3e5])
+_G_TERMS = tuple(zip((_G / (1.0 + _G)).tolist(), np.log1p(_G).tolist(), strict=True))
 _FURTHER_MEMBER = 3.0
 """Extra log odds against each effect after the first."""
 _BEAM = 6
@@ -25,12 +25,13 @@ _CLOSE = 8.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """A variant of an effect: its columns' places in the Gram matrix."""
+    """A variant of an effect: its columns' places in the Gram matrix, prior log odds against other effects."""
 
     effect: str
     variant: int
     columns: tuple[int, ...]
     variants: int
+    log_odds: float = 0.0
 
 
 VariantSet = frozenset[int]
@@ -52,7 +53,7 @@ class SetPosterior:
         gathered: dict[frozenset[str], list[float]] = {}
         for members, value in self.log_evidence.items():
             gathered.setdefault(self.effects(members), []).append(value)
-        return {names: float(logsumexp(values)) for names, values in gathered.items()}
+        return {names: _log_sum(values) for names, values in gathered.items()}
 
     def best_variant(self, names: frozenset[str]) -> VariantSet:
         """Return the best set of variants of these effects."""
@@ -80,8 +81,14 @@ def reduced(gram: Array, prior_sigmas: Array) -> Array:
 
 def log_bayes(gain: float, columns: int) -> float:
     """Return the log evidence ratio of a fit against none, a mixture over g."""
-    terms = 0.5 * _G / (1.0 + _G) * gain - 0.5 * columns * np.log1p(_G)
-    return float(logsumexp(terms) - math.log(len(_G)))
+    terms = [0.5 * each * gain - 0.5 * columns * log for each, log in _G_TERMS]
+    highest = max(terms)
+    return float(highest + math.log(sum(math.exp(term - highest) for term in terms) / len(terms)))
+
+
+def _log_sum(values: Sequence[float]) -> float:
+    highest = max(values)
+    return highest + math.log(sum(math.exp(value - highest) for value in values))
 
 
 def search(system: Array, candidates: Sequence[Candidate], possible: Iterable[int]) -> SetPosterior:
@@ -149,7 +156,8 @@ class _Search:
     def _log_prior(self, members: VariantSet) -> float:
         one = math.log(0.5 / max(self.effects, 1))
         variants = sum(math.log(self.candidates[each].variants) for each in members)
-        return len(members) * one - (len(members) - 1) * _FURTHER_MEMBER - variants
+        own = sum(self.candidates[each].log_odds for each in members)
+        return len(members) * one - (len(members) - 1) * _FURTHER_MEMBER - variants + own
 
 
 def _without(system: Array, columns: Sequence[int]) -> tuple[Array, float]:

@@ -11,11 +11,11 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.gap._cells import mixed_whitened, transformed
+from bench.gap._cells import BANDS, group_cells, mixed_whitened, transformed
 from bench.gap._close import Shrinkage, closed_model, judged_cells, shrinkage
-from bench.gap._data import GapRun, group_runs
+from bench.gap._data import GapRun, Group, group_runs
 from bench.gap._diagnose import diagnose
-from bench.gap._fit import Floor, solve
+from bench.gap._fit import Floor, nominal_energies, solve
 from bench.gap._model_file import Model, Term, model_text, parse_model
 from bench.gap._noise import Noise
 from simulators.effects import Effect, Stimulus, Variant, catalogue
@@ -45,12 +45,19 @@ class Sealed:
     case: ExamCase
     amplitudes: Mapping[str, float]
     snr: Mapping[str, float]
+    region: tuple[tuple[str, str, str], ...]
+    """Cells (profile, runs, band) that hold 80 % of the effects' true energy, strongest first."""
 
     @property
     def text(self) -> str:
         """The answer as JSON."""
         return json.dumps(
-            {"case": asdict(self.case), "amplitudes": dict(self.amplitudes), "snr": dict(self.snr)},
+            {
+                "case": asdict(self.case),
+                "amplitudes": dict(self.amplitudes),
+                "snr": dict(self.snr),
+                "region": [list(cell) for cell in self.region],
+            },
             sort_keys=True,
         )
 
@@ -112,7 +119,24 @@ def make_case(seed: int, kind: str) -> tuple[Sealed, list[GapRun], list[GapRun],
     given = [run for run, truth in zip(runs, truths, strict=True) if truth.repeat < REPEATS - 1]
     kept = [run for run, truth in zip(runs, truths, strict=True) if truth.repeat == REPEATS - 1]
     clean = outputs_dph(case, [t for t in truths if t.repeat == REPEATS - 1], amplitudes, noisy=False)
-    return Sealed(case, amplitudes, dict.fromkeys(case.effects, case.snr)), given, kept, clean
+    pure = [
+        replace(run, output_dph=signal)
+        for run, signal in zip(given, _signals(case, truths, amplitudes), strict=True)
+    ]
+    sealed = Sealed(case, amplitudes, dict.fromkeys(case.effects, case.snr), true_region(pure, model))
+    return sealed, given, kept, clean
+
+
+def _signals(case: ExamCase, truths: Sequence[RunTruth], amplitudes: Mapping[str, float]) -> list[Array]:
+    """Return the effects' signals alone in the runs that are given, (n,) each."""
+    return [
+        sum(
+            (own * signal_dph(case, effect, truth) for effect, own in amplitudes.items()),
+            np.zeros(len(truth.time_s)),
+        )
+        for truth in truths
+        if truth.repeat < REPEATS - 1
+    ]
 
 
 def _stimulus(truth: RunTruth, rng: np.random.Generator) -> Stimulus:
@@ -148,17 +172,43 @@ def signature_norm(runs: Sequence[GapRun], model: Model) -> float:
     """Return the norm of the runs' outputs taken as a signature: whitened, nominal columns projected out."""
     gram = np.zeros((1 + len(model.sigmas),) * 2)
     for group in group_runs(runs):
-        stack = np.stack(
-            [
-                transformed(run, np.concatenate((run.output_dph[None], model.columns(run.stimulus))))
-                for each in group.runs
-                for run in each
-            ]
-        )
-        rows = mixed_whitened(group, stack, model.noise)
+        rows = mixed_whitened(group, _stacked(group, model), model.noise)
         gram += np.einsum("rik,rjk->ij", rows, rows, optimize=True)
     solution = solve(gram, model.sigmas, ())
     return math.sqrt(max(float(gram[0, 0] - gram[solution.indices, 0] @ solution.values), 1e-30))
+
+
+def true_region(runs: Sequence[GapRun], model: Model) -> tuple[tuple[str, str, str], ...]:
+    """Return the repeatable cells with 80 % of the energy of outputs taken as a gap, nominal model out."""
+    cells = []
+    for group in group_runs(runs):
+        cells += group_cells(group, mixed_whitened(group, _stacked(group, model), model.noise), model.noise)
+    left = nominal_energies(cells, model.sigmas)
+    energy = sorted(
+        (
+            (own, (cell.profile, cell.parity, BANDS[cell.band]))
+            for own, cell in zip(left, cells, strict=True)
+            if cell.repeatable
+        ),
+        reverse=True,
+    )
+    total, gathered, region = sum(own for own, _ in energy), 0.0, []
+    for own, cell in energy:
+        if total <= 0.0 or gathered >= 0.8 * total:
+            break
+        gathered += own
+        region.append(cell)
+    return tuple(region)
+
+
+def _stacked(group: Group, model: Model) -> Array:
+    return np.stack(
+        [
+            transformed(run, np.concatenate((run.output_dph[None], model.columns(run.stimulus))))
+            for each in group.runs
+            for run in each
+        ]
+    )
 
 
 def examined(runs: Sequence[GapRun], nominal: str) -> Answer:

@@ -18,6 +18,8 @@ TOLERANCE = 0.35
 """Part of an effect's amplitude that a catalogue's formula may miss of the real one."""
 MISFIT = 0.22
 """The same as far as it goes without another effect being suspected; the rest is for choosing between effects."""
+DIRECTIONS = 20.0
+"""Coefficients of one cell that a formula's misfit fills; it has a form and is not noise over all of them."""
 _LEAK = 0.4
 _FLOOR_PRIOR = 40.0
 _JITTER = 1e-10
@@ -80,11 +82,14 @@ def nominal_energies(cells: Sequence[Cell], prior_sigmas: Array) -> Array:
     return energies(cells, solution)
 
 
-def tolerated(cells: Sequence[Cell], left: Array, tolerance: float = TOLERANCE) -> Array:
+def tolerated(
+    cells: Sequence[Cell], left: Array, tolerance: float = TOLERANCE, directions: float = np.inf
+) -> Array:
     """Return each cell's variance in units of noise, (cells,): 1 + tolerance^2 times the gap found there.
 
     A catalogue's formula never is the real effect; without this the misfit of a strong effect buys false further
-    ones. Part of a cell's gap counts in the neighbouring bands, where the misfit may lie.
+    ones. Part of a cell's gap counts in the neighbouring bands, where the misfit may lie. A misfit has a form: it
+    fills at most `directions` of a cell's coefficients.
     """
     gap = np.maximum(left - counts(cells), 0.0)
     at = {(cell.profile, cell.parity, cell.repeatable, cell.band): k for k, cell in enumerate(cells)}
@@ -94,7 +99,7 @@ def tolerated(cells: Sequence[Cell], left: Array, tolerance: float = TOLERANCE) 
             near = at.get((cell.profile, cell.parity, cell.repeatable, band))
             if near is not None:
                 spread[k] += _LEAK * gap[near]
-    return np.asarray(1.0 + tolerance**2 * spread / counts(cells))
+    return np.asarray(1.0 + tolerance**2 * spread / np.minimum(counts(cells), directions))
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,11 @@ _ZERO_C = {"degC": 0.0, "K": 273.15}
 def read_mapped_runs(path: Path) -> list[GapRun]:
     """Return the runs that a mapping file lists, as 1 s means.
 
-    The mapping names `unit_id`, `latitude_deg`, for each of `time`, `output`, `t_in` and optionally `t_out` and
-    `angle` a column and its unit, and for each run its file, profile, condition, `elevation_deg`, phases and,
-    without an angle column, the table's `angle_deg`. Without `t_out` it is taken to equal `t_in`: effects of
-    temperature differences are then not seen. ConfigurationError says what a mapping or file lacks.
+    The mapping names `unit_id`, `latitude_deg`, for each of `time`, `output`, `t_in` and optionally `t_out`,
+    `angle` and `elevation` a column and its unit, and for each run its file, profile, condition, phases and,
+    without those columns, the constants `elevation_deg` and `angle_deg`. Without `t_out` it is taken to equal
+    `t_in`: effects of temperature differences are then not seen. ConfigurationError says what a mapping or file
+    lacks.
     """
     try:
         mapping = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -79,6 +80,8 @@ def _run(entry: Mapping[str, Any], mapping: Mapping[str, Any], folder: Path) -> 
         turned = _column(table, columns["angle"], file) * _unit(columns["angle"], _TO_DEG, file)
         angle = np.interp(edges, time_s - start, np.unwrap(turned, period=360.0))
     elevation = np.full(count, float(entry.get("elevation_deg", 0.0)))
+    if "elevation" in columns:
+        elevation = _bridged(means("elevation") * _unit(columns["elevation"], _TO_DEG, file))
     since_s = edges[1:] + float(entry.get("power_on_s", 0.0))
     stimulus = Stimulus(since_s, t_in, t_out, angle, elevation, float(mapping["latitude_deg"]))
     return GapRun(

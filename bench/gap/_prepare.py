@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,29 @@ def gathered(
         cells += group_cells(group, mixed_whitened(group, stack, noise.noise), noise.noise)
     floor = floor_from_repeats(cells, model.sigmas, solution)
     return Prepared(groups, stacks, noise, tuple(rescaled(cells, floor.ratio)), floor)
+
+
+def narrowed(
+    data: Prepared, model: Model, variants: Sequence[Variant], kept: Sequence[int], fresh: Sequence[Variant]
+) -> tuple[list[Variant], Prepared]:
+    """Return the variants `kept` and after them `fresh` ones, and the stacks with their columns."""
+    at = list(range(1 + len(model.sigmas)))
+    starts = np.cumsum([len(at), *(len(variant.effect.parameters) for variant in variants)])
+    for each in kept:
+        at += range(int(starts[each]), int(starts[each + 1]))
+    stacks = []
+    for group, stack in zip(data.groups, data.stacks, strict=True):
+        runs = [run for each in group.runs for run in each]
+        parts = [stack[:, at]]
+        if fresh:
+            rows = [np.concatenate([each.columns(run.stimulus) for each in fresh]) for run in runs]
+            parts.append(
+                np.stack(
+                    [transformed(run, own).astype(np.float32) for run, own in zip(runs, rows, strict=True)]
+                )
+            )
+        stacks.append(np.concatenate(parts, axis=1))
+    return [*(variants[each] for each in kept), *fresh], replace(data, stacks=tuple(stacks))
 
 
 def _stack(group: Group, model: Model, variants: Sequence[Variant]) -> NDArray[np.float32]:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
+
 from bench.gap._exam import Answer, Closed, Sealed
 from simulators.exam import KNOWN
 
@@ -49,6 +51,17 @@ class Marked:
         for rivals in self.answer.alternatives.values():
             stated.update(rivals)
         return self.known <= stated
+
+    @property
+    def placed(self) -> bool:
+        """Whether the strongest cell lies in the region that holds 80 % of the true energy."""
+        return self.answer.strongest in self.sealed.region
+
+    @property
+    def claims(self) -> list[tuple[float, bool]]:
+        """Stated probabilities, of each cause named and of something unknown, and whether they came true."""
+        stated = [(p, name in self.known) for name, p in self.answer.probabilities.items()]
+        return [*stated, (self.answer.unknown_probability, self.foreign)]
 
     @property
     def unknown(self) -> bool:
@@ -102,15 +115,63 @@ def table(marked: Sequence[Marked]) -> list[Line]:
             ),
             _line("known and unknown: both reported", band, "known and unknown", _both, snr),
         ]
+    detectable = [each for each in marked if each.sealed.case.snr >= 1.0]
+    pairs = [each for each in detectable if each.sealed.case.kind == "pair"]
+    hits = sum(len(each.named & each.known) for each in pairs)
+    lines.append(Line("pairs: precision", "1..30", hits, sum(len(each.named) for each in pairs)))
+    lines.append(Line("pairs: recall", "1..30", hits, sum(len(each.known) for each in pairs)))
     lines.append(_line("stochastic: named exactly", marked, "stochastic", _stochastic))
+    for low, high in pairwise(EDGES[1:]):
+        acted = [each for each in marked if each.sealed.region and low <= each.sealed.case.snr < high]
+        right = sum(each.placed for each in acted)
+        lines.append(
+            Line("place: strongest cell in the true 80 % region", f"{low:g}..{high:g}", right, len(acted))
+        )
     strong = [each for each in marked if each.sealed.case.kind in ("single", "pair") and _coverable(each)]
     covered = sum(c.stated.low <= c.true_share <= c.stated.high for c in (each.closed for each in strong))
     lines.append(Line("shrinkage: 95 % interval holds the true shrinkage", "1..30", covered, len(strong)))
     good = sum(each.closed.true_share >= 0.95 for each in strong)
-    lines.append(
-        Line("shrinkage: at least 95 % of what the true effect would give", "1..30", good, len(strong))
-    )
+    lines.append(Line("shrinkage: at least 95 % of the oracle's", "1..30", good, len(strong)))
     return [line for line in lines if line.of]
+
+
+def shrinkage_quantiles(marked: Sequence[Marked]) -> tuple[float, float]:
+    """Return median and 10th percentile of true shrinkage over the oracle's, single effects and pairs, SNR >= 1.
+
+    The oracle takes out the true effect with its true amplitude, nothing but noise is left: its share is 1.
+    """
+    shares = [
+        each.closed.true_share
+        for each in marked
+        if each.sealed.case.kind in ("single", "pair") and _coverable(each)
+    ]
+    if not shares:
+        return math.nan, math.nan
+    return float(np.median(shares)), float(np.quantile(shares, 0.1))
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Claims of about one probability: their mean, how many there were and how many came true."""
+
+    stated: float
+    count: int
+    true: int
+
+
+def reliability(marked: Sequence[Marked]) -> tuple[list[Reliability], float]:
+    """Return claims in ten bins of probability, and the expected calibration error (Naeini et al., AAAI 2015)."""
+    claims = [claim for each in marked for claim in each.claims]
+    bins: list[Reliability] = []
+    error = 0.0
+    for k in range(10):
+        own = [claim for claim in claims if k / 10 <= claim[0] < (k + 1) / 10 or (k == 9 and claim[0] >= 1.0)]
+        if not own:
+            continue
+        stated, true = sum(p for p, _ in own) / len(own), sum(right for _, right in own)
+        bins.append(Reliability(stated, len(own), true))
+        error += abs(stated * len(own) - true) / len(claims)
+    return bins, error
 
 
 def _line(

@@ -17,7 +17,7 @@ _PENALTY = 7.0
 _LEAST_SHARE = 0.10
 _MISFIT_OF_FLOOR = 0.03
 _ACTIVE = 4.0
-CREDIBLE = 0.85
+CREDIBLE = 0.75
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from simulators.effects._stimulus import EARTH_RATE_DPH, Stimulus
 Array = NDArray[np.float64]
 Shape = Mapping[str, float]
 _AT_DPS = 100.0
-_SIDES: tuple[Shape, ...] = tuple({"side": side} for side in (0.0, 1.0, 0.5, -0.5, -1.0))
+_SIDES: tuple[Shape, ...] = tuple({"side": side} for side in (0.0, 0.5, -0.5, 1.0, -1.0))
 
 
 def _scale_factor(s: Stimulus, _: Shape) -> Array:
@@ -59,14 +59,35 @@ def _wobble(order: int, s: Stimulus) -> Array:
 
 
 def _change(s: Stimulus, shape: Shape) -> Array:
-    """Rate at the end less rate at the start of each sample, from the samples before, around or after its edges.
+    """Return rate at the end less rate at the start of each sample.
 
-    A step of rate at a sample's edge moves into the sample before if samples are late (side 1), into the one
-    after if they are early (side -1).
+    Side 0.5 has changes of rate begin at samples' edges, -0.5 has them end there, 0 is between; a step right at
+    an edge moves into the sample before if samples are late (side 1), into the one after if early (side -1).
     """
-    rate, side = s.input_rate_dph, shape["side"]
-    after, before = np.diff(rate, append=rate[-1]), np.diff(rate, prepend=rate[0])
-    return np.asarray(0.5 * (1.0 + side) * after + 0.5 * (1.0 - side) * before)
+    rate, side = s.input_rate_dph, min(max(shape["side"], -1.0), 1.0)
+    forward, backward = _edge_values(rate), _edge_values(rate[::-1])[::-1]
+    late = np.append(rate, rate[-1])
+    early = np.insert(rate, 0, rate[0])
+    edges = (early, backward, forward, late)
+    weights = np.array([np.interp(side, (-1.0, -0.5, 0.5, 1.0), row) for row in np.eye(4)])
+    return np.diff(np.einsum("i,ij->j", weights, np.stack(edges)))
+
+
+def _edge_values(means: Array) -> Array:
+    """Return values at the edges (n + 1,) of a signal linear in each sample from its means (n,), left to right.
+
+    A value that overshoots the neighbouring samples is cut: there the slope changes inside the sample.
+    """
+    edges = np.append(means[:1], means)
+    value = float(means[0])
+    moving = np.flatnonzero(means[1:] != means[:-1])
+    for k in np.unique(np.concatenate((moving, moving + 1)).clip(0, len(means) - 2)).tolist():
+        here, following = float(means[k]), float(means[k + 1])
+        if k and means[k - 1] == here:
+            value = here
+        value = min(max(2.0 * here - value, min(here, following)), max(here, following))
+        edges[k + 1] = value
+    return edges
 
 
 def _time_offset(s: Stimulus, shape: Shape) -> Array:

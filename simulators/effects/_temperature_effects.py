@@ -72,7 +72,7 @@ def _warm_up(s: Stimulus, shape: Shape) -> Array:
 
 def _mode_hop(s: Stimulus, shape: Shape) -> Array:
     warm_k = s.lagged(s.warm_k, shape["lag_s"])
-    return np.asarray(0.5 * np.tanh((warm_k + REFERENCE_C - shape["at_c"]) / 2.0))
+    return np.asarray(0.5 * np.tanh((warm_k + REFERENCE_C - shape["at_c"]) / shape["width_k"]))
 
 
 def _ppm_of_rate(column: Callable[[Stimulus, Shape], Array]) -> Callable[[Stimulus, Shape], Array]:
@@ -181,7 +181,10 @@ TEMPERATURE_EFFECTS = (
         "step of laser mode or of a control loop at a temperature",
         "Bias steps where the temperature crosses a threshold.",
         tuple(
-            {"at_c": at, "lag_s": lag} for lag in (0.0, 300.0) for at in np.arange(-35.0, 20.0, 5.0).tolist()
+            {"at_c": at, "lag_s": lag, "width_k": width}
+            for lag in (0.0, 300.0)
+            for at in np.arange(-35.0, 20.0, 5.0).tolist()
+            for width in (0.8, 2.5)
         ),
     ),
     Effect(

@@ -183,7 +183,8 @@ def _table(condition: str, n: int, start_deg: float) -> tuple[Array, Array, Arra
         at = np.minimum(np.arange(n) // POSITION_S, 2 * len(POSITIONS) - 1) % len(POSITIONS)
         angles, elevations = np.array(POSITIONS).T
         angle, elevation = np.append(angles[at], angles[at[-1]]), elevations[at]
-        angle = np.concatenate((angle[:1], angle[:-1]))
+        # the table goes the short way round
+        angle = np.unwrap(np.concatenate((angle[:1], angle[:-1])), period=360.0)
     else:
         angle, elevation = start_deg + float(condition) * edges, up
         edge_rate = np.full(n + 1, float(condition))

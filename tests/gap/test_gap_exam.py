@@ -1,4 +1,4 @@
-"""Some cases of the blind exam; the long form is `python -m benchmarks.gap_exam`."""
+"""Some cases of the blind exam; the long form is `gyrobench gap exam`."""
 
 from __future__ import annotations
 

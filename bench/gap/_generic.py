@@ -1,0 +1,111 @@
+"""Competitors outside the catalogue: free curves over one input each, to see whether an effect only resembles.
+
+A free curve costs many parameters, so an effect of the catalogue that is really there wins against it; one that
+merely imitates the real dependence loses. The winner also says what the missing effect follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.gap._data import GapRun
+from simulators.effects import Effect, Parameter, Stimulus, Variant
+
+Array = NDArray[np.float64]
+Shape = Mapping[str, float]
+PREFIX = "free curve: "
+_BOUND = 1e6
+_LAGS_S = (0.0, 150.0, 400.0)
+_FINE_LAGS_S = (0.0, 250.0)
+_FINE = 18
+"""Nodes of a curve over temperature that shows lines and ripples some kelvins wide."""
+_LEAST_SPAN = {"T_in": 10.0, "dT_in/dt": 0.5, "T_in - T_out": 1.0}
+_HATS = {"T_in": 9, "dT_in/dt": 9, "T_in - T_out": 9}
+_TURNING_DPS = 1.0
+_INPUTS: dict[str, Callable[[Stimulus], Array]] = {
+    "T_in": lambda s: s.warm_k,
+    "dT_in/dt": lambda s: s.warming_k_per_min,
+    "T_in - T_out": lambda s: s.gradient_k,
+}
+
+
+def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
+    """Return free curves over what changes in these runs: temperatures, on bias and scale factor, and angle."""
+    effects: list[Effect] = []
+    turning = any(
+        np.ptp(run.stimulus.axis_rate_dps) + abs(run.stimulus.axis_rate_dps[0]) > _TURNING_DPS for run in runs
+    )
+    for name, of in _INPUTS.items():
+        low = min(float(of(run.stimulus).min()) for run in runs)
+        high = max(float(of(run.stimulus).max()) for run in runs)
+        if high - low < _LEAST_SPAN[name]:
+            continue
+        nodes = np.linspace(low, high, _HATS[name])
+        effects += [_curve(f"bias over {name}", name, nodes, of, _LAGS_S, rate=False)]
+        if turning:
+            effects += [_curve(f"scale factor over {name}", name, nodes, of, _LAGS_S, rate=True)]
+        if name == "T_in":
+            fine = np.linspace(low, high, _FINE)
+            effects += [_curve("bias over T_in, fine", name, fine, of, _FINE_LAGS_S, rate=False)]
+            if turning:
+                effects += [_curve("scale factor over T_in, fine", name, fine, of, _FINE_LAGS_S, rate=True)]
+    if turning:
+        effects.append(_harmonics("rate over table angle", rate=True))
+    effects.append(_harmonics("bias over table angle", rate=False))
+    return [variant for effect in effects for variant in effect.variants()]
+
+
+def absorbed(effect: Effect, curves: Sequence[Effect]) -> bool:
+    """Return whether a free curve in the model is over the very input that an effect is a function of."""
+    for curve in curves:
+        rate = curve.name.startswith(PREFIX + "scale factor")
+        wanted = f"rate times {curve.follows}" if rate else curve.follows
+        if effect.follows == wanted or effect.follows.startswith((f"{wanted} crossing", f"{wanted} below")):
+            return True
+    return False
+
+
+def _curve(
+    name: str,
+    follows: str,
+    nodes: Array,
+    of: Callable[[Stimulus], Array],
+    lags_s: Sequence[float],
+    *,
+    rate: bool,
+) -> Effect:
+    def columns(s: Stimulus, shape: Shape) -> Array:
+        values = s.lagged(of(s), shape["lag_s"])
+        hats = np.stack([np.interp(values, nodes, row) for row in np.eye(len(nodes))[1:]])
+        return np.asarray(hats * 1e-6 * s.input_rate_dph if rate else hats)
+
+    unit = "ppm" if rate else "dph"
+    parameters = tuple(Parameter(f"{unit}_at_{node:.2f}", -_BOUND, _BOUND) for node in nodes[1:])
+    return _effect(name, parameters, columns, follows, tuple({"lag_s": lag} for lag in lags_s))
+
+
+def _harmonics(name: str, *, rate: bool) -> Effect:
+    orders = (1, 2, 3, 4)
+
+    def columns(s: Stimulus, _: Shape) -> Array:
+        waves = np.concatenate([s.harmonic(order) for order in orders])
+        return np.asarray(waves * 1e-6 * s.input_rate_dph if rate else waves)
+
+    parameters = tuple(
+        Parameter(f"{part}_{order}", -_BOUND, _BOUND) for order in orders for part in ("cos", "sin")
+    )
+    return _effect(name, parameters, columns, "table angle", ({},))
+
+
+def _effect(
+    name: str,
+    parameters: tuple[Parameter, ...],
+    columns: Callable[[Stimulus, Shape], Array],
+    follows: str,
+    shapes: tuple[Shape, ...],
+) -> Effect:
+    meaning = f"A curve of {name}, of any form; no effect of the catalogue has it."
+    return Effect(PREFIX + name, parameters, columns, follows, "linear splines", meaning, shapes)
