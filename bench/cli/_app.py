@@ -157,6 +157,24 @@ def campaign_rehearse(
 
 
 @app.command()
+def panel(
+    runs: Annotated[Path, typer.Argument(help="folder of runs and campaigns to watch")] = DEFAULT_RUNS,
+    host: Annotated[
+        str, typer.Option(help="address to listen on; another than this machine needs a token")
+    ] = ("127.0.0.1"),
+    port: Annotated[int, typer.Option(help="port to listen on", min=1, max=65535)] = 8765,
+    token: Annotated[
+        str | None,
+        typer.Option(envvar="GYROBENCH_PANEL_TOKEN", help="what a browser must show", show_envvar=True),
+    ] = None,
+) -> None:
+    """Show in a browser what the bench is doing; a process of its own that cannot disturb a run."""
+    from bench.cli._panel import panel_command
+
+    panel_command(runs, host, port, token)
+
+
+@app.command()
 def ports() -> None:
     """List serial ports and CAN channels of this machine."""
     from bench.cli._ports import ports_command

@@ -1,0 +1,106 @@
+"""Reads the growing files of a run by their tails: the events' last lines, the history from where it was left."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from bench.live import read_history
+
+Line = dict[str, Any]
+_TAIL_BYTES = 65_536
+_KEPT_LINES = 200
+_RECENT_BYTES = 262_144
+_SAMPLES = 1500
+
+
+class EventTail:
+    """The last lines of an events.jsonl; a file opened late is read from its last 64 KiB on."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.lines: deque[Line] = deque(maxlen=_KEPT_LINES)
+        self.count = 0
+        """Lines read so far: changes when there is news."""
+        self._offset = -1
+        self._rest = b""
+
+    def update(self) -> bool:
+        """Read what has come; return whether there is news."""
+        try:
+            size = self.path.stat().st_size
+            if self._offset < 0:
+                self._offset = max(0, size - _TAIL_BYTES)
+                torn = self._offset > 0
+            else:
+                torn = False
+            if size <= self._offset:
+                return False
+            with self.path.open("rb") as file:
+                file.seek(self._offset)
+                data = file.read(max(_TAIL_BYTES, size - self._offset))
+        except OSError:
+            return False
+        self._offset += len(data)
+        *whole, self._rest = (self._rest + data).split(b"\n")
+        before = self.count
+        for line in whole[1:] if torn else whole:
+            with suppress(ValueError):
+                row = json.loads(line)
+                if isinstance(row, dict) and "kind" in row:
+                    self.lines.append(row)
+                    self.count += 1
+        return self.count > before
+
+
+class HistoryTail:
+    """A run's live/history.jsonl. Opened late, its last quarter megabyte is read in full, and of what was before
+    a line in each of some thousand places: the cost does not grow with the run.
+    """
+
+    def __init__(self, run: Path) -> None:
+        self.run = run
+        self._offset: int | None = None
+
+    def update(self) -> list[Line]:
+        """Return the rows that have come, in order of time; the first call returns the past, thinned."""
+        if self._offset is None:
+            return list(self._past())
+        rows, self._offset = read_history(self.run, self._offset)
+        return rows
+
+    def _past(self) -> Iterator[Line]:
+        path = self.run / "live" / "history.jsonl"
+        try:
+            size = path.stat().st_size
+        except OSError:
+            return
+        recent = max(0, size - _RECENT_BYTES)
+        if recent:
+            with path.open("rb", buffering=4096) as file:
+                step = max(1, recent // _SAMPLES)
+                for start in range(0, recent, step):
+                    file.seek(start)
+                    if start:
+                        file.readline()
+                    if file.tell() >= recent:
+                        break
+                    if (row := _row(file.readline())) is not None:
+                        yield row
+                file.seek(recent)
+                file.readline()
+                recent = file.tell()
+        rows, self._offset = read_history(self.run, recent)
+        yield from rows
+
+
+def _row(line: bytes) -> Line | None:
+    with suppress(ValueError):
+        row = json.loads(line)
+        if isinstance(row, dict):
+            return row
+    return None

@@ -1,0 +1,282 @@
+// The page's numbers, lists and curves: takes what the server sends and shows it. Everything from a run is set as
+// text, never as markup.
+(() => {
+  "use strict";
+  const place = (selector) => document.querySelector(selector);
+  const state = { values: {}, columns: [], levels: {}, capacity: 0, level: "run", gyros: "", auxiliary: "" };
+  const PLOTS = {
+    temperature: { unit: "°C", title: "Temperature", least: 2 },
+    gyro: { unit: "°/s", title: "Gyro rate", least: 1e-5 },
+    table: { unit: "°/s", title: "Table rate", least: 0.2 },
+  };
+  const PAINTS = ["--c1", "--c2", "--c3", "--c4", "--c5", "--c6", "--c7", "--c8"];
+
+  // Numbers
+
+  function setText(node, text) {
+    if (node.textContent !== text) node.textContent = text;
+  }
+
+  function showValues(values) {
+    for (const [key, text] of Object.entries(values)) {
+      state.values[key] = text;
+      for (const node of document.querySelectorAll(`[data-live="${CSS.escape(key)}"]`)) setText(node, text);
+    }
+    if ("progress" in values) {
+      const bar = place("[data-progress]");
+      if (bar) bar.style.width = `${100 * Number(values.progress)}%`;
+    }
+  }
+
+  function element(name, className, text) {
+    const node = document.createElement(name);
+    if (className) node.className = className;
+    if (text !== undefined) node.textContent = text;
+    return node;
+  }
+
+  function live(key, unit, className) {
+    const both = document.createDocumentFragment();
+    const value = element("span", className || "value", state.values[key] ?? "–");
+    value.dataset.live = key;
+    both.append(value);
+    if (unit) {
+      const tail = element("span", "unit", unit.startsWith("=") ? state.values[unit.slice(1)] ?? "" : unit);
+      if (unit.startsWith("=")) tail.dataset.live = unit.slice(1);
+      both.append(tail);
+    }
+    return both;
+  }
+
+  function pair(label, ...content) {
+    const row = element("div");
+    const right = element("dd");
+    right.append(...content);
+    row.append(element("dt", "", label), right);
+    return row;
+  }
+
+  function buildGyros(names) {
+    const found = JSON.stringify(names);
+    if (found === state.gyros) return;
+    state.gyros = found;
+    place("[data-gyros]").replaceChildren(
+      ...names.map((name) => {
+        const key = (part) => `gyro.${name}.${part}`;
+        const card = element("article", "card gyro");
+        const head = element("h2", "", `${name} `);
+        head.append(live(key("unit"), "", "serial"));
+        const main = element("p", "main");
+        main.append(live(key("mean"), "=" + key("rate_unit"), "value big"));
+        const list = element("dl");
+        list.append(
+          pair("Latest", live(key("latest"), "=" + key("rate_unit"))),
+          pair("Inside", live(key("temp"), "°C")),
+          pair("Frames", live(key("frames"))),
+          pair("Lost", live(key("lost"), "", "value counter")),
+          pair("CRC and others", live(key("rejected"), "", "value counter"), live(key("reasons"), "", "reasons")),
+        );
+        card.append(head, main, element("p", "note", "mean of the last minute"), list, live(key("silent"), "", "late"));
+        return card;
+      }),
+    );
+  }
+
+  function buildAuxiliary(names) {
+    const found = JSON.stringify(names);
+    if (found === state.auxiliary) return;
+    state.auxiliary = found;
+    place("[data-auxiliary]").replaceChildren(
+      ...names.map((name) => pair(`Sensor ${name}`, live(`aux.${name}`, "°C"))),
+    );
+  }
+
+  // Banner and lists
+
+  function clock(seconds) {
+    if (typeof seconds !== "number") return "";
+    const whole = Math.round(seconds);
+    const two = (number) => String(number).padStart(2, "0");
+    return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
+  }
+
+  function showNews(news) {
+    const head = news.banner;
+    const section = place("[data-banner]");
+    section.className = `banner ${head.tone}`;
+    setText(place("[data-word]"), head.word);
+    for (const part of ["happened", "done", "press"]) {
+      const node = place(`[data-part="${part}"]`);
+      setText(node, head[part]);
+      node.parentElement.hidden = !head[part];
+    }
+    document.title = head.tone === "good" ? "gyrobench panel" : `${head.word} · gyrobench panel`;
+    for (const name of ["alarms", "log"]) {
+      const rows = news[name].map(([seconds, kind, text]) => {
+        const row = element("li", `k-${kind}`);
+        row.append(element("time", "", clock(seconds)), element("span", "", text));
+        return row;
+      });
+      if (!rows.length) rows.push(element("li", "k-none", name === "alarms" ? "No alarms in this run." : "Nothing yet."));
+      place(`[data-list="${name}"]`).replaceChildren(...rows);
+    }
+    buildGyros(news.gyros);
+    buildAuxiliary(news.auxiliary);
+  }
+
+  // Curves
+
+  function addRows(rows) {
+    for (const [name, fresh] of Object.entries(rows)) {
+      const level = state.levels[name];
+      if (!level) continue;
+      for (const row of fresh) {
+        let at = level.rows.length;
+        while (at && level.rows[at - 1][0] > row[0]) at -= 1;
+        if (at && level.rows[at - 1][0] === row[0]) level.rows[at - 1] = row;
+        else level.rows.splice(at, 0, row);
+      }
+      while (level.rows.length > state.capacity) level.rows.shift();
+    }
+  }
+
+  function points(rows, column, factor) {
+    const found = [];
+    for (const row of rows) {
+      const low = row[1 + 2 * column];
+      const high = row[2 + 2 * column];
+      if (low === null) continue;
+      found.push([row[0], low * factor]);
+      if (high !== low) found.push([row[0], high * factor]);
+    }
+    return found;
+  }
+
+  function chartOf(plot) {
+    const node = place(`[data-plot="${plot}"]`);
+    if (!node || !node.id || typeof getElement !== "function") return null;
+    return getElement(Number(node.id.slice(1)))?.chart ?? null;
+  }
+
+  const STEPS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400];
+  const step = (length) => STEPS.find((one) => length / one <= 8) ?? 86400 * Math.ceil(length / 86400 / 8);
+
+  // A curve that does not move is drawn as a line in the middle, not as its last digit.
+  function span(plot, series, factor) {
+    let [low, high] = [Infinity, -Infinity];
+    for (const one of series) for (const [, y] of one.data) [low, high] = [Math.min(low, y), Math.max(high, y)];
+    const least = PLOTS[plot].least * factor;
+    if (!(low <= high) || high - low >= least) return {};
+    const middle = (low + high) / 2;
+    return { min: Number((middle - least / 2).toPrecision(6)), max: Number((middle + least / 2).toPrecision(6)) };
+  }
+
+  function draw(plot, whole) {
+    const chart = chartOf(plot);
+    const level = state.levels[state.level];
+    if (!chart || !level) return false;
+    const css = getComputedStyle(document.body);
+    const paint = (name) => css.getPropertyValue(name).trim();
+    const mine = state.columns.map((column, index) => ({ ...column, index })).filter((c) => c.plot === plot);
+    const rows = level.rows;
+    let factor = 1;
+    let unit = PLOTS[plot].unit;
+    if (plot === "gyro") {
+      let most = 0;
+      for (const row of rows)
+        for (const c of mine) most = Math.max(most, Math.abs(row[1 + 2 * c.index] ?? 0), Math.abs(row[2 + 2 * c.index] ?? 0));
+      if (most < 0.05) [factor, unit] = [3600, "°/h"];
+    }
+    const last = rows.length ? rows[rows.length - 1][0] : 0;
+    const from = level.span_s ? last - level.span_s : 0;
+    const series = mine.map((c, number) => ({
+      id: c.key,
+      name: c.name,
+      type: "line",
+      showSymbol: false,
+      animation: false,
+      silent: true,
+      lineStyle: { width: 1.5, color: paint(PAINTS[number]), type: c.key === "set" ? "dashed" : "solid" },
+      itemStyle: { color: paint(PAINTS[number]) },
+      data: points(rows, c.index, factor),
+    }));
+    const axis = { axisLabel: { color: paint("--muted") }, axisLine: { onZero: false, lineStyle: { color: paint("--line") } } };
+    const option = {
+      animation: false,
+      title: { text: `${PLOTS[plot].title}, ${unit}`, left: 4, top: 2, textStyle: { color: paint("--ink"), fontSize: 13, fontWeight: 600, fontFamily: paint("--sans") } },
+      legend: { right: 8, top: 2, icon: "roundRect", itemWidth: 14, itemHeight: 3, textStyle: { color: paint("--muted") } },
+      grid: { left: 66, right: 14, top: 30, bottom: 24 },
+      tooltip: { trigger: "axis", confine: true, transitionDuration: 0, backgroundColor: paint("--paper"), borderColor: paint("--line"), textStyle: { color: paint("--ink") } },
+      xAxis: { ...axis, type: "value", min: Math.max(from, Math.min(0, from)), max: Math.max(last, from + 1), interval: step(last - Math.max(from, 0)), splitLine: { show: false }, axisLabel: { ...axis.axisLabel, formatter: clock, hideOverlap: true }, axisPointer: { label: { formatter: (p) => clock(p.value) } } },
+      yAxis: { ...axis, type: "value", scale: true, ...span(plot, series, factor), splitNumber: 4, splitLine: { lineStyle: { color: paint("--grid") } } },
+      series,
+    };
+    chart.setOption(option, whole ? { notMerge: true, lazyUpdate: true } : { lazyUpdate: true });
+    return true;
+  }
+
+  let whole = true;
+  let waiting = false;
+
+  function redraw() {
+    if (waiting) return;
+    waiting = true;
+    requestAnimationFrame(() => {
+      waiting = false;
+      const drawn = Object.keys(PLOTS).map((plot) => draw(plot, whole));
+      if (drawn.every(Boolean)) whole = false;
+      else if (state.columns.length) setTimeout(redraw, 100);
+    });
+  }
+
+  // The socket
+
+  function take(message) {
+    if (message.values) showValues(message.values);
+    if (message.news) showNews(message.news);
+    if (message.curves) {
+      Object.assign(state, { columns: message.curves.columns, levels: message.curves.levels, capacity: message.curves.capacity });
+      whole = true;
+    }
+    if (message.rows) addRows(message.rows);
+    if (message.curves || message.rows) redraw();
+    window.gyrobench.messages += 1;
+  }
+
+  let pending = [];
+  let panel = "";
+
+  function connect() {
+    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/panel/live`);
+    socket.onmessage = (event) => {
+      const message = JSON.parse(event.data);
+      if (message.panel) {
+        // another process than the one that made this page: its buttons lead nowhere
+        if (panel && panel !== message.panel) return void location.reload();
+        panel = message.panel;
+        document.body.classList.remove("cut-off");
+      }
+      if (place("[data-banner]")) take(message);
+      else pending.push(message);
+    };
+    socket.onclose = () => {
+      document.body.classList.add("cut-off");
+      setTimeout(connect, 1000);
+    };
+  }
+
+  window.gyrobench = {
+    messages: 0,
+    show(level) { state.level = level; whole = true; redraw(); },
+    repaint() { whole = true; redraw(); },
+    rows: () => state.levels[state.level]?.rows.length ?? 0,
+  };
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => window.gyrobench.repaint());
+
+  function begin() {
+    if (!place("[data-banner]")) return void setTimeout(begin, 20);
+    for (const message of pending.splice(0)) take(message);
+  }
+  connect();
+  begin();
+})();
