@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
-import re
 import secrets
 from collections.abc import Iterator
 from contextlib import suppress
@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from drivers.clock import utc_now
+from drivers.clock import epoch_seconds, utc_now
 from drivers.errors import BenchError, ConfigurationError, RecordError
 
 LIVE_FOLDER = "live"
@@ -21,6 +21,7 @@ HISTORY_FILE = "history.jsonl"
 Action = Literal["pause", "resume", "abort"]
 _LONGEST = 4096
 """Bytes of an answer or a request; a longer file is not one."""
+_order = itertools.count()
 
 
 @dataclass(frozen=True)
@@ -121,8 +122,8 @@ def drop_request(session: Path, action: Action, by: str) -> Request:
     request = Request(action, by.strip()[:200] or "unknown", utc_now())
     folder = live_folder(session) / "requests"
     part = _write_part(folder, json.dumps(asdict(request), ensure_ascii=False))
-    # the name sorts by time, so that requests are taken in order
-    name = f"{re.sub(r'[^0-9]', '', request.utc)}-{secrets.token_hex(4)}.json"
+    # the name sorts by time, then by the order in this process, so that requests are taken in order
+    name = f"{epoch_seconds() * 1e3:.0f}-{next(_order):06d}-{secrets.token_hex(4)}.json"
     try:
         part.rename(folder / name)
     except OSError as error:
