@@ -59,6 +59,28 @@ class StageHand:
         return lambda: "done"
 
 
+class Assisted:
+    """Has a stage hand do in the emulated lab what the operator says is done."""
+
+    def __init__(self, operator: Operator, perform: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        self.name = operator.name
+        self._operator, self._perform = operator, perform
+
+    def ask(self, question: Question) -> Callable[[], str | None]:
+        """Put the question; the act follows the answer."""
+        answered = self._operator.ask(question)
+
+        def answer() -> str | None:
+            given = answered()
+            if given is not None:
+                self.name = self._operator.name
+                if question.act:
+                    self._perform(dict(question.act))
+            return given
+
+        return answer
+
+
 class Prepared:
     """Answers what somebody wrote down beforehand, and passes on what nobody foresaw.
 

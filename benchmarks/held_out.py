@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bench.benchfile import load_bench_file
 from bench.campaign import load_campaign, rehearse_campaign
-from bench.cli._campaign import study_of
+from bench.campaign_study import study_of
 from bench.emulated import Plant
 from bench.fitting import Study
 from drivers.clock import host_seconds
@@ -36,7 +36,7 @@ def run(folder: Path) -> Study:
         wall_s = host_seconds() - started
         hours, speed = bench_s / 3600.0, bench_s / wall_s
         print(f"{len(results)} runs, {hours:.0f} h of bench time in {wall_s:.0f} s ({speed:,.0f} x)")
-    return study_of(campaign, {entry.name: runs / entry.name for entry in campaign.run}, jobs=jobs)
+    return study_of(campaign, {entry.name: runs / entry.name for entry in campaign.runs}, jobs=jobs)
 
 
 def main() -> None:

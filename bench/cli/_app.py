@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli._campaigns import campaign_app
 from bench.cli._fits import fit_app, scheme_app
 from bench.cli._gaps import gap_app
 from drivers.errors import BenchError, RunAborted
@@ -23,7 +24,6 @@ app = typer.Typer(
 )
 runs_app = typer.Typer(help="Look at recorded runs.", no_args_is_help=True)
 app.add_typer(runs_app, name="runs")
-campaign_app = typer.Typer(help="Many runs and one fit.", no_args_is_help=True)
 app.add_typer(campaign_app, name="campaign")
 app.add_typer(fit_app, name="fit")
 app.add_typer(scheme_app, name="scheme")
@@ -38,6 +38,9 @@ PlantFile = Annotated[
     Path | None, typer.Option("--plant", help="plant file (TOML): physics behind the emulated devices")
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="seed of the emulated lab")]
+Json = Annotated[
+    bool, typer.Option("--json", help="for machines: one JSON object a line, the last one the result")
+]
 
 DEFAULT_BENCH = Path("lab.toml")
 DEFAULT_RUNS = Path("runs")
@@ -79,11 +82,12 @@ def run(
     runs: RunsFolder = DEFAULT_RUNS,
     set_: Set = None,
     yes: Annotated[bool, typer.Option("--yes", help="answer operator questions beforehand")] = False,
+    json: Json = False,
 ) -> None:
     """Run a procedure on the bench that the bench file describes."""
     from bench.cli._run import run_command
 
-    sys.exit(run_command(procedure, bench, runs, set_ or [], yes))
+    sys.exit(run_command(procedure, bench, runs, set_ or [], yes, json))
 
 
 @app.command()
@@ -94,11 +98,25 @@ def rehearse(
     set_: Set = None,
     plant: PlantFile = None,
     seed: Seed = None,
+    json: Json = False,
 ) -> None:
     """Run a procedure on an emulated lab that matches the bench file: time plan, log size and plots."""
     from bench.cli._run import rehearse_command
 
-    sys.exit(rehearse_command(procedure, bench, runs, set_ or [], plant, seed))
+    sys.exit(rehearse_command(procedure, bench, runs, set_ or [], plant, seed, json))
+
+
+@app.command()
+def steer(
+    session: Annotated[Path, typer.Argument(help="campaign folder, or run folder of a single run")],
+    action: Annotated[str, typer.Argument(help="pause, resume, abort or answer")],
+    answer: Annotated[str, typer.Argument(help="the answer to the question that is open")] = "",
+    by: Annotated[str, typer.Option("--by", help="your name; default the user's")] = "",
+) -> None:
+    """Answer, pause, resume or abort a session that another process runs."""
+    from bench.cli._steer import steer_command
+
+    sys.exit(steer_command(session, action, answer, by))
 
 
 @app.command()
@@ -137,23 +155,6 @@ def report(
     from bench.cli._report import report_command
 
     sys.exit(report_command(run, out, limits, pdf))
-
-
-@campaign_app.command("rehearse")
-def campaign_rehearse(
-    campaign: Annotated[Path, typer.Argument(help="campaign file (TOML)")],
-    bench: Bench = DEFAULT_BENCH,
-    out: Annotated[Path, typer.Option(help="new folder for runs, compensation and report")] = Path(
-        "campaign"
-    ),
-    plant: PlantFile = None,
-    seed: Seed = None,
-    jobs: Annotated[int | None, typer.Option(help="runs at the same time; default one a processor")] = None,
-) -> None:
-    """Run a whole campaign on emulated labs, fit the compensation and write the report."""
-    from bench.cli._campaign import rehearse_command
-
-    sys.exit(rehearse_command(campaign, bench, out, plant, seed, jobs))
 
 
 @app.command()

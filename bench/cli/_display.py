@@ -1,30 +1,42 @@
-"""Progress of a run on the terminal: a live panel, or a plain line now and then when it is no terminal."""
+"""Progress of a run on the terminal: a live view, a plain line now and then when it is no terminal, or JSON."""
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
 from types import TracebackType
+from typing import Any
 
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
-from bench.progress import Progress
+from bench.progress import GyroProgress, Progress
 from drivers.clock import host_seconds
 
 _PLAIN_EVERY_S = 5.0
+_JSON_EVERY_S = 1.0
+_LOG_LINES = 4
 
 
 class RunDisplay:
-    """Shows `Progress`; call it with each one. Use as a context manager around the run."""
+    """Shows `Progress`; call it with each one. Use as a context manager around the run.
 
-    def __init__(self, console: Console, title: str, expected_s: float) -> None:
+    `as_json`: a line of JSON a second on `console` in place of anything for human eyes.
+    """
+
+    def __init__(self, console: Console, title: str, expected_s: float, *, as_json: bool = False) -> None:
         self._console = console
         self._title = title
         self._expected_s = expected_s
-        self._live = (
-            Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
-        )
-        self._said_at = -_PLAIN_EVERY_S
+        self._json = as_json
+        living = console.is_terminal and not as_json
+        self._live = Live(console=console, auto_refresh=False, transient=True) if living else None
+        self._every_s = _JSON_EVERY_S if as_json else _PLAIN_EVERY_S
+        self._said_at = -self._every_s
         self._started = host_seconds()
 
     def __enter__(self) -> RunDisplay:
@@ -41,45 +53,109 @@ class RunDisplay:
     def __call__(self, progress: Progress) -> None:
         """Show where the run is."""
         if self._live is not None:
-            self._live.update(self._panel(progress), refresh=True)
-        elif host_seconds() - self._said_at >= _PLAIN_EVERY_S:
+            self._live.update(self._view(progress), refresh=True)
+        elif host_seconds() - self._said_at >= self._every_s:
             self._said_at = host_seconds()
-            self._console.print(self._line(progress), highlight=False)
+            if self._json:
+                say_json(
+                    self._console,
+                    "progress",
+                    run=self._title,
+                    left_s=self._left_s(progress),
+                    **asdict(progress),
+                )
+            else:
+                self._console.print(self._line(progress), highlight=False, markup=False, soft_wrap=True)
+
+    def _left_s(self, progress: Progress) -> float:
+        return max(0.0, self._expected_s - progress.time_s)
 
     def _left(self, progress: Progress) -> str:
-        left = max(0.0, self._expected_s - progress.time_s)
+        left = self._left_s(progress)
         speed = progress.time_s / max(1e-9, host_seconds() - self._started)
         wall = f" ({duration(left / speed)} at {speed:,.0f} x)" if speed > 5.0 else ""
         return f"about {duration(left)} left{wall}"
 
     def _line(self, progress: Progress) -> str:
+        trouble = "".join(
+            f"  {name}: {_trouble(gyro)}" for name, gyro in progress.gyros.items() if _trouble(gyro)
+        )
+        alarms = f"  ALARM {_alarm(progress.alarms[-1])}" if progress.alarms else ""
         return (
             f"{duration(progress.time_s)}  {progress.step}: {progress.doing}  "
             f"air {progress.air_temp_c:.1f} / {progress.set_point_c:.1f} degC  "
             f"table {progress.angle_deg:.2f} deg {progress.rate_dps:+.3f} deg/s  "
-            f"{self._left(progress)}"
+            f"{self._left(progress)}{trouble}{alarms}"
         )
 
-    def _panel(self, progress: Progress) -> Table:
-        panel = Table(title=self._title, show_header=False, min_width=78)
-        panel.add_column(style="bold", no_wrap=True)
-        panel.add_column()
-        panel.add_row("bench time", f"{duration(progress.time_s)}, {self._left(progress)}")
-        panel.add_row("step", progress.step)
-        panel.add_row("doing", progress.doing)
-        panel.add_row("phase", progress.phase)
-        panel.add_row(
-            "chamber", f"{progress.air_temp_c:7.2f} degC, set point {progress.set_point_c:.2f} degC"
-        )
-        panel.add_row(
-            "table",
-            f"{progress.angle_deg:8.3f} deg, {progress.rate_dps:+.4f} deg/s, demand {progress.demand}",
-        )
-        for name, gyro in progress.gyros.items():
-            panel.add_row(
-                name, f"{gyro.rate_dps * 3600.0:+12.3f} deg/h (last minute), {gyro.temp_c:.2f} degC"
-            )
-        return panel
+    def _view(self, progress: Progress) -> Table:
+        view = Table(title=self._title, show_header=False, min_width=78)
+        view.add_column(style="bold", no_wrap=True)
+        view.add_column()
+        for name, text, style in rows(progress, self._left(progress)):
+            view.add_row(name, Text(text, style=style))
+        return view
+
+
+def rows(progress: Progress, left: str) -> Iterable[tuple[str, str, str]]:
+    """Yield (name, text, style) of everything that is shown of a run, top to bottom."""
+    yield "bench time", f"{duration(progress.time_s)}, {left}", ""
+    yield "step", progress.step, ""
+    yield "doing", progress.doing, "yellow" if progress.paused else ""
+    yield "phase", progress.phase, ""
+    rate = progress.air_rate_k_per_min
+    moving = "" if math.isnan(rate) else f", {rate:+.2f} K/min"
+    yield (
+        "chamber",
+        f"{progress.air_temp_c:7.2f} degC, set point {progress.set_point_c:.2f} degC{moving}",
+        "",
+    )
+    table = f"{progress.angle_deg:8.3f} deg, {progress.rate_dps:+.4f} deg/s, demand {progress.demand}"
+    yield "table", table, ""
+    for name, gyro in progress.gyros.items():
+        text = f"{gyro.rate_dps * 3600.0:+12.3f} deg/h (last minute), {gyro.temp_c:.2f} degC"
+        counts = f"{gyro.frames:,} frames, {_trouble(gyro) or 'none lost or rejected'}"
+        yield name, f"{text}\n{counts}", "red" if gyro.age_s > 5.0 else ""
+    for alarm in progress.alarms[-3:]:
+        yield "ALARM", _alarm(alarm), "bold red"
+    for row in progress.log[-_LOG_LINES:]:
+        yield "", event_text(row), "dim"
+
+
+def _trouble(gyro: GyroProgress) -> str:
+    parts = [f"{gyro.lost} lost"] if gyro.lost else []
+    parts += [f"{count} rejected ({why})" for why, count in gyro.rejected.items() if count]
+    if gyro.age_s > 5.0:
+        parts.append(f"silent for {gyro.age_s:.0f} s")
+    return ", ".join(parts)
+
+
+def _alarm(alarm: Any) -> str:
+    return f"{duration(float(alarm['time_s']))} {alarm['device']}: {alarm['text']}"
+
+
+def event_text(row: Any) -> str:
+    """Return a line of events.jsonl for reading."""
+    hidden = ("time_s", "kind", "utc")
+    said = ", ".join(
+        str(value) for key, value in row.items() if key not in hidden and value not in (None, "")
+    )
+    return f"{duration(float(row['time_s']))} {row['kind']}: {said}"
+
+
+def say_json(console: Console, kind: str, **fields: Any) -> None:
+    """Print one JSON object on a line; numbers that are not finite become null."""
+    text = json.dumps({"kind": kind} | _finite(fields), ensure_ascii=False, allow_nan=False, default=str)
+    console.file.write(text + "\n")
+    console.file.flush()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def duration(seconds: float) -> str:

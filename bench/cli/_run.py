@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import signal
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from bench.benchfile import bench_file_text, load_bench_file
-from bench.cli._display import RunDisplay, duration, size
+from bench.cli._display import RunDisplay, duration, say_json, size
 from bench.emulated import EmulatedLab, Plant, load_plant, save_truth
+from bench.live import Live
 from bench.procedure import find_procedure
 from bench.questions import AssumeYes, StageHand
 from bench.questions import Console as ConsoleOperator
-from bench.recording import Run
+from bench.recording import Run, read_manifest
 from bench.runner import RunRequest, RunResult, run_procedure
 from drivers.clock import host_seconds
 from drivers.errors import ConfigurationError
@@ -35,34 +38,41 @@ def parse_settings(pairs: list[str]) -> dict[str, str]:
     return settings
 
 
-def run_command(name: str, bench: Path, runs: Path, pairs: list[str], yes: bool) -> int:
+def run_command(name: str, bench: Path, runs: Path, pairs: list[str], yes: bool, as_json: bool) -> int:
     """Run on the bench file's own devices."""
-    console = Console()
+    console = console_for(as_json)
     procedure = find_procedure(name)
     parameters = procedure.parse(parse_settings(pairs))
     file = load_bench_file(bench)
-    operator = (
-        AssumeYes() if yes else ConsoleOperator(lambda text: console.input(f"[bold]{text}[/bold] [yes/no] "))
-    )
-    with RunDisplay(console, name, procedure.expected_duration_s(parameters)) as display:
-        result = run_procedure(RunRequest(procedure, parameters, file, runs, operator, display))
-    say_result(console, result)
+    expected_s = procedure.expected_duration_s(parameters)
+    with Live() as live, RunDisplay(console, name, expected_s, as_json=as_json) as display:
+        human = live if as_json else live.beside(console_operator(console))
+        operator = AssumeYes() if yes else human
+        result = run_procedure(RunRequest(procedure, parameters, file, runs, operator, display, live=live))
+    say_result(console, result, as_json=as_json, kind="result")
     return EXIT_CODES[result.outcome]
 
 
 def rehearse_command(
-    name: str, bench: Path, runs: Path, pairs: list[str], plant_file: Path | None, seed: int | None
+    name: str,
+    bench: Path,
+    runs: Path,
+    pairs: list[str],
+    plant_file: Path | None,
+    seed: int | None,
+    as_json: bool,
 ) -> int:
     """Run on an emulated lab in virtual time, then print time plan and log size."""
-    console = Console()
+    console = console_for(as_json)
     procedure = find_procedure(name)
     parameters = procedure.parse(parse_settings(pairs))
     plant = plant_with_seed(plant_file, seed)
     file = load_bench_file(bench)
     started = host_seconds()
+    expected_s = procedure.expected_duration_s(parameters)
     with (
         EmulatedLab(file, plant) as lab,
-        RunDisplay(console, f"rehearsal of {name}", procedure.expected_duration_s(parameters)) as display,
+        RunDisplay(console, f"rehearsal of {name}", expected_s, as_json=as_json) as display,
     ):
         request = RunRequest(
             procedure,
@@ -75,18 +85,23 @@ def rehearse_command(
             before_close=lambda folder: save_truth(lab, folder),
         )
         result = run_procedure(request)
-    say_result(console, result)
-    console.print(_time_plan(result.folder))
     log_bytes = sum(path.stat().st_size for path in result.folder.rglob("*") if path.is_file())
     wall = host_seconds() - started
-    console.print(
-        f"{duration(result.duration_s)} of bench time in {wall:.1f} s ({result.duration_s / wall:,.0f} x); "
-        f"the run folder takes {size(log_bytes)}"
-    )
+    page = None
     if result.outcome != "aborted":
         from bench.report import render_run, run_content, write_report
 
         page = write_report(result.folder / "report.html", render_run(run_content(Run.open(result.folder))))
+    if as_json:
+        say_result(console, result, as_json=True, kind="result", bytes=log_bytes, wall_s=wall)
+        return EXIT_CODES[result.outcome]
+    say_result(console, result)
+    console.print(_time_plan(result.folder))
+    console.print(
+        f"{duration(result.duration_s)} of bench time in {wall:.1f} s ({result.duration_s / wall:,.0f} x); "
+        f"the run folder takes {size(log_bytes)}"
+    )
+    if page is not None:
         console.print(f"plots: {page}")
     return EXIT_CODES[result.outcome]
 
@@ -121,10 +136,35 @@ def plant_with_seed(path: Path | None, seed: int | None) -> Plant:
     return plant if seed is None else plant.model_copy(update={"seed": seed})
 
 
-def say_result(console: Console, result: RunResult) -> None:
+def console_for(as_json: bool) -> Console:
+    """Return where a command prints; JSON is never wrapped or coloured, so that it goes to the bare stream."""
+    return Console(highlight=False, markup=False, color_system=None) if as_json else Console()
+
+
+def console_operator(console: Console) -> ConsoleOperator:
+    """Return the operator at the terminal."""
+    return ConsoleOperator(
+        lambda text: console.input(f"[bold]{escape(text)}[/bold] \\[yes/no] "),
+        lambda text: console.print(f"{text} [yes/no] ", style="bold", markup=False, highlight=False),
+    )
+
+
+def say_result(
+    console: Console, result: RunResult, *, as_json: bool = False, kind: str = "run", **fields: Any
+) -> None:
     """Print how a run ended."""
+    if as_json:
+        said: dict[str, Any] = {
+            "outcome": result.outcome,
+            "reason": result.reason,
+            "folder": str(result.folder),
+        }
+        said |= {"duration_s": result.duration_s, "warnings": result.warnings}
+        measured = read_manifest(result.folder).measurements
+        say_json(console, kind, **said, measurements=list(measured), **fields)
+        return
     style = {"completed": "green", "invalid": "yellow", "aborted": "red"}[result.outcome]
-    console.print(f"[{style}]{result.outcome}[/{style}]  {result.folder}", highlight=False)
+    console.print(f"[{style}]{result.outcome}[/{style}]  {escape(str(result.folder))}", highlight=False)
     if result.reason:
         console.print(result.reason, style=style, highlight=False, markup=False)
     for warning in result.warnings:

@@ -1,0 +1,240 @@
+"""A campaign's folder: copies of its files, the journal, the runs. The run folders are the truth."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from bench.benchfile import BenchFile, bench_file_from
+from bench.campaign._file import Campaign, CampaignRun, load_campaign
+from bench.emulated import Plant
+from bench.recording import Manifest, checksum, read_manifest
+from drivers.clock import epoch_seconds, utc_now
+from drivers.errors import BenchInUse, ConfigurationError, RecordError
+
+CAMPAIGN_FILE, BENCH_FILE, JOURNAL_FILE, LOCK_FILE = "campaign.toml", "bench.json", "events.jsonl", ".lock"
+
+
+@dataclass(frozen=True)
+class RunState:
+    """How far one run of the campaign is. `folder` is that of its newest attempt, `attempts` how many there are.
+
+    `done`: recorded whole and sealed, whatever its verdict; `open`: still to be done, `reason` says why the
+    newest attempt does not count.
+    """
+
+    run: CampaignRun
+    state: Literal["done", "open"]
+    attempts: int = 0
+    folder: Path | None = None
+    outcome: str = ""
+    reason: str = ""
+    duration_s: float | None = None
+
+
+class CampaignFolder:
+    """The folder of a campaign that was begun."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        about = _read_about(path)
+        self.file: BenchFile = bench_file_from(about["bench"], str(path / BENCH_FILE))
+        self.campaign: Campaign = load_campaign(path / CAMPAIGN_FILE, self.file)
+        plant = about.get("plant")
+        self.plant: Plant | None = None if plant is None else Plant.model_validate(plant)
+        self.ask: bool = bool(about.get("ask"))
+        self.started_s = float(about["started_s"])
+
+    @classmethod
+    def create(
+        cls,
+        path: Path,
+        campaign_file: Path,
+        campaign: Campaign,
+        file: BenchFile,
+        plant: Plant | None,
+        ask: bool,
+    ) -> CampaignFolder:
+        """Begin a campaign in a new or empty folder; ConfigurationError if there is something in it."""
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            begun = (path / CAMPAIGN_FILE).exists()
+            raise ConfigurationError(
+                "the folder is not empty",
+                where=str(path),
+                found="a campaign that was begun" if begun else "files",
+                expected="a new or empty folder: runs are never overwritten",
+                remedy=f"`gyrobench campaign resume {path}`" if begun else "name another one with --out",
+            )
+        about = {
+            "bench": file.model_dump(mode="json", exclude_none=True),
+            "plant": None if plant is None else plant.model_dump(mode="json"),
+            "ask": ask,
+            "started_s": epoch_seconds(),
+        }
+        try:
+            (path / "runs").mkdir(parents=True)
+            _write_synced(path / CAMPAIGN_FILE, campaign_file.read_bytes())
+            _write_synced(path / BENCH_FILE, json.dumps(about, indent=1).encode())
+        except OSError as error:
+            raise RecordError(
+                "the campaign folder cannot be written", where=str(path), found=str(error)
+            ) from error
+        folder = cls(path)
+        folder.event(
+            "campaign",
+            title=campaign.title,
+            file_sha256=campaign.sha256,
+            bench_sha256=file.sha256,
+            runs=[run.name for run in campaign.runs],
+        )
+        return folder
+
+    @property
+    def runs(self) -> Path:
+        """The folder of the run folders."""
+        return self.path / "runs"
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Be the one process that works on this campaign; BenchInUse names the one that does."""
+        descriptor = os.open(self.path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                holder = os.read(descriptor, 200).decode("utf-8", "replace").strip()
+                raise BenchInUse(
+                    "somebody works on this campaign already",
+                    where=str(self.path),
+                    found=holder or "another process",
+                    remedy="`gyrobench campaign status` shows how far it is",
+                ) from error
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, f"process {os.getpid()}, since {utc_now()}\n".encode())
+            yield
+        finally:
+            os.close(descriptor)
+
+    def event(self, kind: str, **fields: Any) -> None:
+        """Add a line to the journal, on the disk when this returns; RecordError if it cannot be written.
+
+        A line that a power cut tore is ended first, so that it does not spoil this one.
+        """
+        line = {"time_s": round(epoch_seconds() - self.started_s, 3), "kind": kind, "utc": utc_now()} | fields
+        path = self.path / JOURNAL_FILE
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                size = os.fstat(descriptor).st_size
+                torn = size > 0 and os.pread(descriptor, 1, size - 1) != b"\n"
+                text = json.dumps(line, ensure_ascii=False, default=str).encode() + b"\n"
+                text = b"\n" + text if torn else text
+                if os.write(descriptor, text) != len(text):
+                    raise OSError(28, "the line was written in part")
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+        except OSError as error:
+            raise RecordError(
+                "the campaign's journal cannot be written", where=str(path), found=str(error)
+            ) from error
+
+    def events(self) -> list[dict[str, Any]]:
+        """Return the journal; a line torn by a power cut is left out."""
+        rows = []
+        with suppress(FileNotFoundError):
+            for line in (self.path / JOURNAL_FILE).read_bytes().splitlines():
+                with suppress(ValueError):
+                    rows.append(json.loads(line))
+        return rows
+
+    def states(self, *, thorough: bool = False) -> list[RunState]:
+        """Return how far every run is; `thorough` recomputes the checksums of what counts as done."""
+        names = [path.name for path in self.runs.iterdir() if path.is_dir()] if self.runs.is_dir() else []
+        return [self._state(run, names, thorough) for run in self.campaign.runs]
+
+    def next_id(self, run: CampaignRun) -> str:
+        """Return the folder name of the run's next attempt: `name`, `name.2`, `name.3`, ..."""
+        taken = self._attempts(run, [path.name for path in self.runs.iterdir()])
+        last = max(taken, default=0)
+        return run.name if last == 0 else f"{run.name}.{last + 1}"
+
+    def judge(self, run: CampaignRun, folder: Path, *, thorough: bool = True) -> tuple[str, Manifest | None]:
+        """Return why a folder does not count as a record of `run` (empty if it does), and its manifest."""
+        try:
+            manifest = read_manifest(folder)
+        except RecordError as error:
+            return str(error), None
+        wanted = json.loads(run.values.model_dump_json())
+        if manifest.procedure != run.procedure or dict(manifest.parameters) != wanted:
+            return "it is of another procedure or other parameters", manifest
+        if manifest.outcome == "running":
+            return "it was not closed: the process or the power ended first", manifest
+        if manifest.outcome not in ("completed", "invalid"):
+            return f"{manifest.outcome}: {manifest.reason}", manifest
+        return _damage(folder, manifest, thorough), manifest
+
+    def _attempts(self, run: CampaignRun, names: list[str]) -> dict[int, str]:
+        form = re.compile(re.escape(run.name) + r"(?:\.(\d+))?")
+        found = ((form.fullmatch(name), name) for name in names)
+        return {int(match[1] or 1): name for match, name in found if match is not None}
+
+    def _state(self, run: CampaignRun, names: list[str], thorough: bool) -> RunState:
+        attempts = self._attempts(run, names)
+        state = RunState(run, "open")
+        for number in sorted(attempts, reverse=True):
+            folder = self.runs / attempts[number]
+            reason, manifest = self.judge(run, folder, thorough=thorough)
+            outcome = manifest.outcome if manifest is not None else "unreadable"
+            duration_s = manifest.duration_s if manifest is not None else None
+            if not reason:
+                said = manifest.reason if manifest is not None else ""
+                return RunState(run, "done", len(attempts), folder, outcome, said, duration_s)
+            if state.folder is None:
+                state = RunState(run, "open", len(attempts), folder, outcome, reason, duration_s)
+        return state
+
+
+def _damage(folder: Path, manifest: Manifest, thorough: bool) -> str:
+    """Return what of the sealed files is missing or not what was sealed, empty if nothing."""
+    if not manifest.files:
+        return "it was sealed without files"
+    wrong = [name for name, entry in manifest.files.items() if _size(folder / name) != entry.bytes]
+    if thorough and not wrong:
+        wrong = [name for name, entry in manifest.files.items() if checksum(folder / name) != entry]
+    return f"not what was sealed: {', '.join(wrong)}" if wrong else ""
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return -1
+
+
+def _read_about(path: Path) -> dict[str, Any]:
+    try:
+        about: dict[str, Any] = json.loads((path / BENCH_FILE).read_bytes())
+        _ = about["bench"], about["started_s"]
+    except (OSError, ValueError, KeyError) as error:
+        raise ConfigurationError(
+            "this is not the folder of a campaign",
+            where=str(path),
+            found=str(error),
+            expected=f"{CAMPAIGN_FILE}, {BENCH_FILE} and runs/ as `gyrobench campaign run` makes them",
+        ) from error
+    return about
+
+
+def _write_synced(path: Path, content: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())

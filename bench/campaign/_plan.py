@@ -1,0 +1,155 @@
+"""The schedule of a campaign before anything moves: steps with start and end, chamber hours, bytes, limits."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from bench.benchfile import BenchFile
+from bench.campaign._file import Campaign, CampaignRun, bench_of
+from bench.campaign._rehearse import rehearse_run
+from bench.emulated import Plant
+from bench.procedure import Demands
+from bench.recording import read_events
+from drivers.errors import LimitExceeded
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """A step of a run, from its start, s."""
+
+    title: str
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A run in the schedule: `start_s` from the campaign's start, and what it takes.
+
+    `rehearsed` is the outcome of its rehearsal, empty without one; `steps` and `bytes` (of the run folder) come
+    from the rehearsal. `chamber_s`: time that the chamber conditions.
+    """
+
+    run: CampaignRun
+    demands: Demands
+    start_s: float
+    duration_s: float
+    chamber_s: float
+    bytes: int | None = None
+    steps: tuple[PlannedStep, ...] = ()
+    questions: tuple[str, ...] = ()
+    rehearsed: str = ""
+    reason: str = field(default="")
+
+    @property
+    def end_s(self) -> float:
+        """End, from the campaign's start."""
+        return self.start_s + self.duration_s
+
+
+def check_limits(campaign: Campaign, file: BenchFile) -> None:
+    """Raise LimitExceeded that names every run which demands more than the bench file allows."""
+    found = [f"{run.name}: {text}" for run in campaign.runs for text in _beyond(run, file)]
+    if found:
+        limits = file.limits
+        raise LimitExceeded(
+            "the campaign demands what the bench file forbids",
+            where=campaign.title,
+            found="; ".join(found),
+            expected=f"{limits.min_temp_c:g} .. {limits.max_temp_c:g} degC, "
+            f"at most {limits.max_ramp_k_per_min:g} K/min and {limits.max_rate_dps:g} deg/s ([limits])",
+            remedy="change the parameters of these runs, or the limits if bench and units really allow it",
+        )
+
+
+def plan_campaign(
+    campaign: Campaign,
+    file: BenchFile,
+    plant: Plant | None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[PlannedRun]:
+    """Return the schedule. With `plant` every run is rehearsed on an emulated lab, the same run only once;
+    without, durations are the procedures' own estimates and nothing is known of steps and bytes.
+
+    `progress` is told how many of how many rehearsals are done.
+    """
+    file = bench_of(campaign, file)
+    check_limits(campaign, file)
+    different = {_key(run): run for run in campaign.runs}
+    known = {}
+    for number, (key, run) in enumerate(different.items()):
+        if progress is not None:
+            progress(number, len(different))
+        known[key] = _estimated(run) if plant is None else _rehearsed(run, file, plant)
+    planned, start_s = [], 0.0
+    for run in campaign.runs:
+        planned.append(replace(known[_key(run)], run=run, start_s=start_s))
+        start_s = planned[-1].end_s
+    return planned
+
+
+def _key(run: CampaignRun) -> str:
+    return json.dumps([run.procedure, run.values.model_dump(mode="json")], sort_keys=True)
+
+
+def _beyond(run: CampaignRun, file: BenchFile) -> Iterator[str]:
+    demands, limits = run.test.demands(run.values), file.limits
+    if demands.min_temp_c < limits.min_temp_c or demands.max_temp_c > limits.max_temp_c:
+        yield f"{demands.min_temp_c:g} .. {demands.max_temp_c:g} degC"
+    if demands.max_ramp_k_per_min > limits.max_ramp_k_per_min:
+        yield f"{demands.max_ramp_k_per_min:g} K/min"
+    if demands.max_rate_dps > limits.max_rate_dps:
+        yield f"{demands.max_rate_dps:g} deg/s"
+
+
+def _estimated(run: CampaignRun) -> PlannedRun:
+    demands = run.test.demands(run.values)
+    duration_s = run.test.expected_duration_s(run.values)
+    usual = Demands()
+    conditions = (demands.min_temp_c, demands.max_temp_c) != (usual.min_temp_c, usual.max_temp_c)
+    return PlannedRun(run, demands, 0.0, duration_s, duration_s if conditions else 0.0)
+
+
+def _rehearsed(run: CampaignRun, file: BenchFile, plant: Plant) -> PlannedRun:
+    with tempfile.TemporaryDirectory(prefix="gyrobench-plan-") as scratch:
+        result = rehearse_run(run, file, plant, 0, Path(scratch))
+        rows = read_events(result.folder).rows
+        size = sum(
+            path.stat().st_size
+            for path in result.folder.rglob("*")
+            if path.is_file() and not path.name.startswith("truth_")
+        )
+    begins = [
+        (float(row["time_s"]), f"{row['code']} {row['title']}") for row in rows if row["kind"] == "step"
+    ]
+    ends = [*(start for start, _ in begins[1:]), result.duration_s]
+    return PlannedRun(
+        run,
+        run.test.demands(run.values),
+        0.0,
+        result.duration_s,
+        _chamber_s(
+            [(float(row["time_s"]), str(row["text"])) for row in rows if row.get("device") == "chamber"],
+            ends[-1],
+        ),
+        size,
+        tuple(PlannedStep(title, start, end) for (start, title), end in zip(begins, ends, strict=True)),
+        tuple(str(row["question"]) for row in rows if row["kind"] == "prompt"),
+        result.outcome,
+        result.reason,
+    )
+
+
+def _chamber_s(commands: list[tuple[float, str]], end_s: float) -> float:
+    """Return how long the chamber was on, from what it was told."""
+    total, since = 0.0, None
+    for time_s, text in commands:
+        if text == "start" and since is None:
+            since = time_s
+        elif text == "stop" and since is not None:
+            total, since = total + time_s - since, None
+    return total if since is None else total + end_s - since

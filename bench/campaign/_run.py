@@ -1,0 +1,244 @@
+"""A campaign being run: what is left of it, in order, each run recorded whole before the next begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.campaign._file import CampaignRun, bench_of
+from bench.campaign._folder import CampaignFolder, RunState
+from bench.campaign._notify import Announcing, Notifier
+from bench.campaign._places import EmulatedPlace, Place, Placed, RealPlace
+from bench.campaign._plan import check_limits
+from bench.lease import Lease, take_lease
+from bench.live import Live, Request
+from bench.procedure import Procedure, find_procedure
+from bench.progress import Progress
+from bench.questions import Assisted, AssumeYes, Operator, Prepared, StageHand
+from bench.runner import RunRequest, RunResult, run_procedure
+from drivers.errors import BenchError, RunAborted
+
+KNOWN_STATE = "known-state"
+"""The procedure that brings the bench to a known state and says whether it got there."""
+
+
+@dataclass(frozen=True)
+class CampaignEnding:
+    """How a campaign's process ended: "completed" if every run is recorded, else "aborted" or "failed"."""
+
+    outcome: str
+    reason: str
+    states: tuple[RunState, ...]
+
+    @property
+    def folders(self) -> dict[str, Path]:
+        """Run name -> folder of the runs that are done."""
+        return {
+            state.run.name: state.folder for state in self.states if state.folder and state.state == "done"
+        }
+
+
+@dataclass
+class CampaignRunner:
+    """Runs what is left of the campaign in `folder`.
+
+    `operator` answers what was not answered beforehand, None asks in the live files only; `yes` answers all.
+    `display` is given each run's name and expected duration, and returns what shows its progress.
+    `say` hears how each run ended.
+    """
+
+    folder: CampaignFolder
+    operator: Operator | None = None
+    yes: bool = False
+    display: Callable[[str, float], Callable[[Progress], None]] | None = None
+    say: Callable[[RunResult], None] | None = None
+
+    def run(self) -> CampaignEnding:
+        """Work until all is done or something stops it. The bench is this campaign's from first to last.
+
+        Raises BenchInUse, LimitExceeded, ConfigurationError before anything moves, RecordError if the journal
+        cannot be written.
+        """
+        folder, campaign = self.folder, self.folder.campaign
+        file = bench_of(campaign, folder.file, str(folder.path))
+        check_limits(campaign, file)
+        place = RealPlace(file) if folder.plant is None else EmulatedPlace(file, folder.plant)
+        notifier = Notifier(campaign.notify, campaign.title)
+        with ExitStack() as stack:
+            stack.enter_context(folder.lock())
+            lease: Lease | None = None
+            if place.plant is None:
+                lease = stack.enter_context(take_lease(file, f"campaign {campaign.title}"))
+            live = stack.enter_context(Live(folder.path))
+            session = _Session(self, place, lease, live, notifier)
+            outcome, reason = "failed", "the process was stopped"
+            try:
+                outcome, reason = session.work()
+            except KeyboardInterrupt:
+                outcome, reason = "aborted", "stopped by Ctrl-C"
+            except BenchError as error:
+                outcome = "aborted" if live.abort is not None else "failed"
+                reason = str(error)
+            finally:
+                live.end(outcome, reason)
+                occasion = "completed" if outcome == "completed" else "failed"
+                notifier.tell(occasion, reason or "all runs are recorded", outcome=outcome)
+                notifier.wait()
+                session.note_sent()
+                folder.event("stopped", outcome=outcome, reason=reason)
+            return CampaignEnding(outcome, reason, tuple(folder.states()))
+
+
+class _Session:
+    """One process at work on a campaign."""
+
+    def __init__(
+        self, runner: CampaignRunner, place: Place, lease: Lease | None, live: Live, notifier: Notifier
+    ) -> None:
+        self._runner = runner
+        self._folder = runner.folder
+        self._place = place
+        self._lease = lease
+        self._live = live
+        self._notifier = notifier
+        self._last_by = ""
+
+    def work(self) -> tuple[str, str]:
+        """Do what is left; return the outcome and its reason."""
+        folder, runs = self._folder, self._folder.campaign.runs
+        states = folder.states(thorough=True)
+        before = [row for row in folder.events() if row["kind"] in ("started", "continued")]
+        by = self._lease.holder.user if self._lease is not None else "emulated"
+        folder.event("continued" if before else "started", by=by, emulated=self._place.plant is not None)
+        for state in states:
+            if state.state == "open" and state.folder is not None:
+                where = state.folder.relative_to(folder.path).as_posix()
+                folder.event("set_aside", run=state.run.name, folder=where, reason=state.reason)
+        left = [(number, state.run) for number, state in enumerate(states) if state.state == "open"]
+        if left and before:
+            self._check_known_state(len(before))
+        for number, run in left:
+            self._pause_between(run)
+            left_s = sum(each.test.expected_duration_s(each.values) for at, each in left if at > number)
+            self._live.campaign(
+                title=folder.campaign.title,
+                folder=str(folder.path.absolute()),
+                number=number + 1,
+                count=len(runs),
+                run=run.name,
+                left_s=left_s,
+            )
+            result = self._run_one(run, number)
+            if result.outcome == "aborted":
+                return "aborted" if isinstance(result.error, RunAborted) else "failed", result.reason
+        if wrong := [
+            f"{state.run.name} ({state.reason})" for state in folder.states() if state.state == "open"
+        ]:
+            return "failed", f"not recorded: {'; '.join(wrong)}"
+        return "completed", ""
+
+    def note_sent(self) -> None:
+        """Write to the journal what became of the messages so far."""
+        while self._notifier.sent:
+            self._folder.event("notified", **self._notifier.sent.popleft())
+
+    def _run_one(self, run: CampaignRun, number: int) -> RunResult:
+        run_id = self._folder.next_id(run)
+        self._folder.event("run_started", run=run.name, folder=f"runs/{run_id}")
+        with self._place.open(number) as placed:
+            result = self._procedure(run.test, run.values, placed, self._folder.runs, run_id)
+        damage, _ = self._folder.judge(run, result.folder)
+        if damage and result.outcome != "aborted":
+            result.outcome, result.reason = "aborted", f"the record is not sound: {damage}"
+        self._folder.event(
+            "run_ended",
+            run=run.name,
+            folder=f"runs/{result.folder.name}",
+            outcome=result.outcome,
+            reason=result.reason,
+        )
+        if self._runner.say is not None:
+            self._runner.say(result)
+        self._notifier.tell("run_ended", f"{run.name}: {result.outcome}", reason=result.reason)
+        self.note_sent()
+        return result
+
+    def _check_known_state(self, attempt: int) -> None:
+        """Bring table and chamber to a known state before anything that an interruption left is trusted."""
+        procedure = find_procedure(KNOWN_STATE)
+        safe_c = self._folder.file.safe.chamber_set_point_c
+        checks = self._folder.path / "checks"
+        with self._place.open(0) as placed:
+            values = procedure.parse({"air_c": safe_c})
+            result = self._procedure(procedure, values, placed, checks, f"{KNOWN_STATE}-{attempt}")
+        where = result.folder.relative_to(self._folder.path).as_posix()
+        self._folder.event("checked", folder=where, outcome=result.outcome, reason=result.reason)
+        if self._runner.say is not None:
+            self._runner.say(result)
+        if result.outcome != "completed":
+            raise RunAborted(
+                "the bench is not in a known state, so the campaign does not go on",
+                where=where,
+                found=result.reason,
+                expected="table at rest where it was sent, air and units at the safe set point",
+                remedy="put right what it found, then resume again",
+            )
+
+    def _procedure(
+        self, procedure: Procedure, values: Any, placed: Placed, runs: Path, run_id: str
+    ) -> RunResult:
+        show = None
+        if self._runner.display is not None:
+            show = self._runner.display(run_id, procedure.expected_duration_s(values))
+        return run_procedure(
+            RunRequest(
+                procedure,
+                values,
+                placed.file,
+                runs,
+                self._operator(placed),
+                show,
+                run_id=run_id,
+                emulated=placed.emulated,
+                before_close=placed.before_close,
+                lease=self._lease,
+                live=self._live,
+            )
+        )
+
+    def _operator(self, placed: Placed) -> Operator:
+        if placed.perform is not None and not self._folder.ask:
+            return StageHand(placed.perform)
+        human: Operator = self._live
+        if self._runner.operator is not None:
+            human = self._live.beside(self._runner.operator)
+        asked: Operator = AssumeYes() if self._runner.yes else Announcing(human, self._notifier)
+        answers = [(each.question, each.answer) for each in self._folder.campaign.answer]
+        operator: Operator = Prepared(answers, "campaign file", asked)
+        return operator if placed.perform is None else Assisted(operator, placed.perform)
+
+    def _pause_between(self, run: CampaignRun) -> None:
+        """Stand still before a run as long as somebody wants a pause; an abort ends the campaign here."""
+        live, paused = self._live, False
+        while True:
+            self._note_requests()
+            if live.abort is not None:
+                raise RunAborted(f"stopped by {live.abort.by} before run {run.name}")
+            if bool(live.pause_wanted) != paused:
+                paused = bool(live.pause_wanted)
+                live.between_paused(paused)
+                self._folder.event("paused" if paused else "resumed", by=live.pause_wanted or self._last_by)
+            if not paused:
+                return
+            live.wait_host()
+
+    def _note_requests(self) -> None:
+        for request in self._live.take():
+            if isinstance(request, Request):
+                self._last_by = request.by
+                self._folder.event("request", action=request.action, by=request.by)
+            else:
+                self._folder.event("note", text=str(request))

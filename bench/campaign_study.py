@@ -1,0 +1,22 @@
+"""What is fitted at the end of a campaign, from its run folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bench.campaign import Campaign
+from bench.fitting import Study, load_runs, run_study
+
+
+def study_of(campaign: Campaign, folders: dict[str, Path], *, jobs: int) -> Study:
+    """Return the study of a campaign's run folders, by run name."""
+    gyro = campaign.gyro or ""
+    training, validation, tests = (
+        load_runs(
+            [folders[run.name] for run in campaign.runs if run.role == role],
+            gyro,
+            allow_invalid=role == "test",
+        )
+        for role in ("training", "validation", "test")
+    )
+    return run_study(training, validation, tests, n_jobs=jobs)

@@ -1,0 +1,89 @@
+"""Bring the bench to a known state: table at rest at an angle, chamber and units at a temperature, read back.
+
+What a campaign does before it goes on after an interruption, since nobody knows what the bench did meanwhile.
+"""
+
+from __future__ import annotations
+
+from bench.procedure import Demands, Parameters, Procedure, parameter
+from bench.session import Bench
+from procedures._cold_shock import temperature_steady
+
+_POSITION_DEG = 0.01
+_REST_DPS = 0.01
+_WINDOW_S = 660.0
+"""`temperature_steady` compares 1 min means 10 min apart."""
+
+
+class KnownStateParameters(Parameters):
+    """Where to bring the bench, and when it counts as being there."""
+
+    air_c: float = parameter(25.0, "chamber set point", "degC", ge=-40, le=85)
+    angle_deg: float = parameter(0.0, "table angle", "deg", ge=0, lt=360)
+    air_tolerance_k: float = parameter(1.0, "air counts as there within", "K", gt=0, le=10)
+    drift_k_per_10min: float = parameter(
+        0.5, "units count as steady below this drift in 10 min", "K", gt=0, le=5
+    )
+    timeout_min: float = parameter(240.0, "longest wait for the temperatures", "min", gt=0, le=1440)
+
+
+def run(bench: Bench, p: KnownStateParameters) -> None:
+    """Run it."""
+    with bench.step("K1", "Table to a known angle"):
+        bench.phase("table")
+        found = bench.table.history.last
+        bench.measure("found_angle", found["angle_deg"], "deg")
+        bench.measure("found_rate", found["rate_dps"], "deg/s")
+        bench.measure("found_air", bench.chamber.history.last["air_temp_c"], "degC")
+        bench.table.device.servo_on()
+        bench.table.point(p.angle_deg)
+        bench.wait(5.0, "reading back")
+        there = bench.table.history.last
+        error_deg = (there["angle_deg"] - p.angle_deg + 180.0) % 360.0 - 180.0
+        if not bench.measure("angle_error", error_deg, "deg", low=-_POSITION_DEG, high=_POSITION_DEG):
+            bench.invalidate(f"the table is {error_deg:+.4f} deg off the angle it was sent to")
+        if not bench.measure("rate", there["rate_dps"], "deg/s", low=-_REST_DPS, high=_REST_DPS):
+            bench.invalidate(f"the table turns at {there['rate_dps']:+.4f} deg/s where it should rest")
+
+    with bench.step("K2", f"Chamber and units to {p.air_c:g} degC"):
+        bench.phase("temperature")
+        bench.chamber.go_to(p.air_c)
+        bench.chamber.start()
+
+        def reached() -> bool:
+            now = bench.now_s
+            near = abs(bench.chamber.history.last["air_temp_c"] - p.air_c) <= p.air_tolerance_k
+            return near and all(
+                temperature_steady(gyro, now, p.drift_k_per_10min) for gyro in bench.gyros.values()
+            )
+
+        what = f"chamber and units to {p.air_c:g} degC"
+        if not bench.wait_until(reached, timeout_s=60.0 * p.timeout_min, what=what, every_s=10.0):
+            bench.invalidate(f"chamber and units were not at {p.air_c:g} degC within {p.timeout_min:g} min")
+        last = bench.chamber.history.last
+        tolerance = p.air_tolerance_k
+        bench.measure("air", last["air_temp_c"], "degC", low=p.air_c - tolerance, high=p.air_c + tolerance)
+        for name, gyro in bench.gyros.items():
+            bench.measure(f"{name}_temperature", gyro.history.last["temp_c"], "degC")
+        bench.chamber.stop()
+
+
+def expected_duration_s(p: KnownStateParameters) -> float:
+    """Return the bench time on a bench that is near it already."""
+    return _WINDOW_S + 60.0
+
+
+def demands(p: KnownStateParameters) -> Demands:
+    """Return the extremes of the run."""
+    return Demands(min_temp_c=p.air_c, max_temp_c=p.air_c)
+
+
+PROCEDURE = Procedure(
+    name="known-state",
+    title="Table at rest at an angle, chamber and units at one temperature",
+    source="this project: resumption of a campaign",
+    parameters=KnownStateParameters,
+    run=run,
+    expected_duration_s=expected_duration_s,
+    demands=demands,
+)

@@ -1,0 +1,224 @@
+"""A campaign on emulated labs: stopped by hand, killed, resumed, steered; the run folders are the truth."""
+
+import json
+import select
+import shutil
+import signal
+
+import pytest
+
+from bench.benchfile import load_bench_file
+from bench.campaign import CampaignFolder, CampaignRunner, load_campaign, plan_campaign
+from bench.emulated import Plant
+from bench.lease import take_lease
+from bench.live import drop_answer, drop_request, read_now
+from bench.recording import read_events, read_manifest
+from drivers.errors import BenchInUse, ConfigurationError
+
+pytestmark = pytest.mark.timeout(300)
+
+
+def wait_for(process, folder, condition):
+    """Return the live state that meets `condition`; fails when the process ends before."""
+    while True:
+        now = read_now(folder) if folder.exists() else None
+        if now is not None and now["alive"] and condition(now):
+            return now
+        assert process.poll() is None, process.ended()
+        select.select([], [], [], 0.02)
+
+
+def asks(run):
+    return lambda now: now["prompts"] and now["campaign"] and now["campaign"]["run"] == run
+
+
+def answer(folder, now, text="yes"):
+    return drop_answer(folder, now["prompts"][0]["id"], text, "Ann")
+
+
+def journal(folder, *kinds):
+    return [row for row in CampaignFolder(folder).events() if row["kind"] in kinds]
+
+
+def states(folder):
+    return [
+        (each.run.name, each.state, each.attempts) for each in CampaignFolder(folder).states(thorough=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, texts):
+    """A campaign that has run to its end on emulated labs, uninterrupted."""
+    root = tmp_path_factory.mktemp("done")
+    (root / "bench.toml").write_text(texts[0])
+    (root / "campaign.toml").write_text(texts[1])
+    file = load_bench_file(root / "bench.toml")
+    campaign = load_campaign(root / "campaign.toml", file)
+    path = root / "out"
+    folder = CampaignFolder.create(path, root / "campaign.toml", campaign, file, Plant(seed=5), False)
+    ending = CampaignRunner(folder).run()
+    assert ending.outcome == "completed", ending.reason
+    return path
+
+
+def test_every_run_records_all_units_under_their_serial_numbers(done):
+    for number, (name, state, attempts) in enumerate(states(done)):
+        manifest = read_manifest(done / "runs" / name)
+        assert (state, attempts, manifest.outcome) == ("done", 1, "completed")
+        assert manifest.units == {"fog_2": "FOG-002", "fog_1": "FOG-007"}
+        assert manifest.emulated.seed == 5 + number
+        assert all((done / "runs" / name / f"gyro_{gyro}.parquet").exists() for gyro in manifest.units)
+    assert read_now(done)["state"] == "ended"
+
+
+def test_the_plan_gives_the_time_and_steps_that_the_run_takes(done):
+    folder = CampaignFolder(done)
+    planned = plan_campaign(folder.campaign, folder.file, Plant(seed=5))
+    for row, state in zip(planned, folder.states(), strict=True):
+        assert row.duration_s == pytest.approx(state.duration_s, abs=2.0)
+        assert [step.title.split()[0] for step in row.steps] == ["R1", "R2", "R3"]
+        taken = sum(path.stat().st_size for path in state.folder.glob("**/*.bin"))
+        assert taken < row.bytes < 20 * taken
+        assert any("Mount" in question for question in row.questions)
+
+
+@pytest.mark.parametrize(
+    "damage", ["flip", "delete", "running", "parameters", "shorten", "no manifest", "unsealed"]
+)
+def test_a_folder_that_is_not_what_was_sealed_does_not_count(done, tmp_path, damage):
+    copy = tmp_path / "copy"
+    shutil.copytree(done, copy)
+    run = copy / "runs" / "turn-2"
+    target = run / "raw" / "fog_1.bin"
+    manifest = json.loads((run / "manifest.json").read_text())
+    if damage == "flip":
+        content = bytearray(target.read_bytes())
+        content[len(content) // 2] ^= 1
+        target.write_bytes(content)
+    elif damage == "shorten":
+        target.write_bytes(target.read_bytes()[:-1])
+    elif damage == "delete":
+        (run / "gyro_fog_1.parquet").unlink()
+    elif damage == "no manifest":
+        (run / "manifest.json").unlink()
+    else:
+        change = {"running": {"outcome": "running"}, "unsealed": {"files": {}}}
+        manifest.update(change.get(damage, {"parameters": manifest["parameters"] | {"turns": 3}}))
+        (run / "manifest.json").write_text(json.dumps(manifest))
+    found = CampaignFolder(copy).states(thorough=True)
+    assert [each.state for each in found] == ["done", "open", "done"]
+    assert found[1].reason and CampaignFolder(copy).next_id(found[1].run) == "turn-2.2"
+
+
+def test_ctrl_c_then_sigkill_then_resume_records_every_run_once(
+    gyrobench, campaign_path, bench_path, tmp_path
+):
+    folder = tmp_path / "out"
+    options = ("--bench", bench_path, "--out", folder, "--emulated", "--ask", "--seed", "7")
+    process = gyrobench("campaign", "run", campaign_path, *options)
+    answer(folder, wait_for(process, folder, asks("turn-1")))
+    wait_for(process, folder, asks("turn-2"))
+    process.send_signal(signal.SIGINT)
+    said = process.ended()
+    assert process.returncode == 3, said
+    assert "stopped by Ctrl-C" in said and "campaign resume" in said
+    assert states(folder) == [("turn-1", "done", 1), ("turn-2", "open", 1), ("last", "open", 0)]
+    assert read_manifest(folder / "runs" / "turn-2").outcome == "aborted"
+    sealed = (folder / "runs" / "turn-1" / "manifest.json").read_bytes()
+
+    process = gyrobench("campaign", "resume", folder)
+    answer(folder, wait_for(process, folder, asks("turn-2")))
+    wait_for(process, folder, asks("last"))
+    process.kill()
+    process.wait()
+    assert not read_now(folder)["alive"]
+    assert read_manifest(folder / "runs" / "last").outcome == "running"
+    status = gyrobench("campaign", "status", folder)
+    assert "ended without a word" in status.ended()
+
+    process = gyrobench("campaign", "resume", folder, "--json")
+    wait_for(process, folder, asks("last"))
+    second = gyrobench("campaign", "resume", folder)
+    said = second.ended()
+    assert second.returncode == 2 and "somebody works on this campaign" in said and str(process.pid) in said
+    steered = gyrobench("steer", folder, "answer", "yes", "--by", "Bob")
+    assert steered.wait() == 0, steered.ended()
+    lines = [json.loads(line) for line in process.ended().splitlines()]
+    assert process.returncode == 0
+    assert lines[-1]["kind"] == "result" and lines[-1]["outcome"] == "completed" and lines[-1]["done"] == 3
+
+    assert states(folder) == [("turn-1", "done", 1), ("turn-2", "done", 2), ("last", "done", 2)]
+    assert (folder / "runs" / "turn-1" / "manifest.json").read_bytes() == sealed
+    assert [row["run"] for row in journal(folder, "set_aside")] == ["turn-2", "last"]
+    checks = journal(folder, "checked")
+    assert [row["outcome"] for row in checks] == ["completed", "completed"]
+    measured = {row["name"]: row for row in read_manifest(folder / checks[0]["folder"]).measurements}
+    assert measured["angle_error"]["passed"] and measured["rate"]["passed"] and measured["air"]["passed"]
+    (told,) = [row for row in read_events(folder / "runs" / "last.2").rows if row["kind"] == "answer"]
+    assert told["by"] == "Bob" and told["answer"] == "yes" and "Mount" in told["question"]
+    assert read_manifest(folder / "runs" / "last.2").emulated.seed == 9
+
+
+def test_abort_from_outside_makes_safe_and_pause_holds_between_steps(
+    gyrobench, campaign_path, bench_path, tmp_path
+):
+    folder = tmp_path / "out"
+    process = gyrobench(
+        *("campaign", "run", campaign_path, "--bench", bench_path, "--out", folder, "--emulated", "--ask")
+    )
+    now = wait_for(process, folder, asks("turn-1"))
+    drop_request(folder, "pause", "Ann")
+    wait_for(process, folder, lambda now: now["pause_wanted"])
+    answer(folder, now)
+    now = wait_for(process, folder, lambda now: now["state"] == "paused")
+    assert now["step"].startswith("R1") and now["table"]["rate_dps"] == pytest.approx(0.0, abs=0.01)
+    drop_request(folder, "resume", "Bob")
+    wait_for(process, folder, asks("turn-2"))
+    drop_request(folder, "abort", "Cem")
+    said = process.ended()
+    assert process.returncode == 3 and "stopped by Cem" in said
+    rows = read_events(folder / "runs" / "turn-1").rows
+    kinds = [row["kind"] for row in rows if row["kind"] in ("paused", "resumed", "request")]
+    assert kinds == ["request", "paused", "request", "resumed"]
+    rows = read_events(folder / "runs" / "turn-2").rows
+    assert [(row["action"], row["by"]) for row in rows if row["kind"] == "request"] == [("abort", "Cem")]
+    assert any(row["kind"] == "note" and "made safe: " in row["text"] for row in rows)
+    assert rows[-1]["outcome"] == "aborted" and read_now(folder)["outcome"] == "aborted"
+
+
+def test_two_campaigns_on_one_bench(campaign_path, bench_path, bench_file, gyrobench, tmp_path):
+    with take_lease(bench_file, "campaign of somebody else"):
+        process = gyrobench(
+            "campaign", "run", campaign_path, "--bench", bench_path, "--out", tmp_path / "out"
+        )
+        said = process.ended()
+    assert process.returncode == 2, said
+    assert "campaign of somebody else" in said and not list((tmp_path / "out" / "runs").iterdir())
+
+
+def test_a_folder_that_holds_anything_is_not_begun_in(campaign_path, bench_file, done, tmp_path):
+    campaign = load_campaign(campaign_path, bench_file)
+    with pytest.raises(ConfigurationError, match="campaign resume"):
+        CampaignFolder.create(done, campaign_path, campaign, bench_file, None, False)
+    with pytest.raises(ConfigurationError, match="not the folder of a campaign"):
+        CampaignFolder(tmp_path)
+
+
+def test_one_process_works_on_a_campaign(done):
+    folder = CampaignFolder(done)
+    with folder.lock(), pytest.raises(BenchInUse, match="works on this campaign"), folder.lock():
+        pass
+    with folder.lock():
+        pass
+
+
+def test_a_torn_journal_line_spoils_nothing(done, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(done, copy)
+    folder = CampaignFolder(copy)
+    before = folder.events()
+    with (copy / "events.jsonl").open("ab") as file:
+        file.write(b'{"time_s": 12.0, "ki')  # the power went
+    assert folder.events() == before
+    folder.event("continued", by="Ann")
+    assert [row["kind"] for row in folder.events()] == [*(row["kind"] for row in before), "continued"]
