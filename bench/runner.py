@@ -178,6 +178,7 @@ def _display(request: RunRequest) -> Callable[[Progress], None] | None:
 def _check_limits(request: RunRequest, bench: Bench) -> None:
     demands = request.procedure.demands(request.parameters)
     bench.table.check(demands.max_rate_dps)
+    bench.chamber.check_sensors()
     bench.chamber.check(demands.min_temp_c, demands.max_temp_c, demands.max_ramp_k_per_min)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.history import History
 from drivers.errors import LimitExceeded
-from drivers.instruments import Chamber, GyroKind, Settings, StreamDecoder
+from drivers.instruments import Chamber, GyroKind, Settings, StreamDecoder, require_ramp
 from drivers.link import Tap
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class ChamberStation:
 
     def check(self, min_temp_c: float, max_temp_c: float, max_ramp_k_per_min: float = 0.0) -> None:
         """Raise LimitExceeded if the demands are beyond the bench file's or the chamber's own limits."""
-        limits, own = self._bench.file.limits, self.device.limits()
+        limits, own, can = self._bench.file.limits, self.device.limits(), self.device.capabilities()
         low, high = max(limits.min_temp_c, own.min_temp_c), min(limits.max_temp_c, own.max_temp_c)
         if min_temp_c < low or max_temp_c > high:
             raise LimitExceeded(
@@ -41,6 +41,8 @@ class ChamberStation:
                 expected=f"{low:g} .. {high:g} degC (bench file and chamber limits)",
                 remedy="change the temperature parameters, or the limits if chamber and unit really allow it",
             )
+        if max_ramp_k_per_min:
+            require_ramp(can, max_temp_c, max_ramp_k_per_min, "chamber")
         if max_ramp_k_per_min > limits.max_ramp_k_per_min:
             raise LimitExceeded(
                 "a chamber ramp faster than allowed",
@@ -66,6 +68,19 @@ class ChamberStation:
     def _tells_door(self, text: str) -> bool:
         words = self._bench.file.chamber.door_message
         return words is not None and words.casefold() in text.casefold()
+
+    def check_sensors(self) -> None:
+        """Raise LimitExceeded if the bench file names a sensor that the chamber does not have."""
+        have = self.device.capabilities().auxiliary
+        missing = [] if have is None else [number for number in self.auxiliary if number not in have]
+        if missing:
+            raise LimitExceeded(
+                "the chamber has no such auxiliary sensor",
+                where="chamber",
+                found=", ".join(str(number) for number in missing),
+                expected="one of " + ", ".join(str(number) for number in have or ()) if have else "none",
+                remedy="correct auxiliary in the bench file, and case_sensor of the gyros with it",
+            )
 
     def go_to(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
         """Demand a set point, approached at `ramp_k_per_min` (None: as fast as the chamber can)."""

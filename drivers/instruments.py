@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
+from drivers.errors import LimitExceeded
 from drivers.link import Link, Tap
 
 
@@ -49,6 +51,22 @@ class ChamberLimits:
 
     min_temp_c: float
     max_temp_c: float
+
+
+@dataclass(frozen=True)
+class ChamberCapabilities:
+    """What a chamber can do, known before anything moves.
+
+    `temp_resolution_c`: step of its telemetry and set point. `ramp_k_per_min`: slowest and fastest ramp that
+    it can be told, None if it cannot be told one. `auxiliary`: numbers of the sensors it can read besides the
+    air, None if it does not say. `ramp_duration_step_s`: a ramp lasts a multiple of this, and is never faster
+    than demanded.
+    """
+
+    temp_resolution_c: float
+    ramp_k_per_min: tuple[float, float] | None
+    auxiliary: tuple[int, ...] | None
+    ramp_duration_step_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,10 +113,12 @@ class Instrument(Protocol):
 
 
 class Turntable(Instrument, Protocol):
-    """A rate table of one or more axes. Demands return when the device accepted them, not when the motion ended.
+    """A rate table of one or more axes. Demands return when the device accepted them, not when the motion
+    ended.
 
-    `axes`: their names, outermost first; the last one carries the unit. A verb's `axis` is one of these names, ""
-    the one that carries the unit. Angles are as the table's encoders count them, right-handed about the axis.
+    `axes`: their names, outermost first; the last one carries the unit. A verb's `axis` is one of these
+    names, "" the one that carries the unit. Angles are as the table's encoders count them, right-handed about
+    the axis.
     """
 
     axes: tuple[str, ...]
@@ -149,6 +169,10 @@ class Turntable(Instrument, Protocol):
 class Chamber(Instrument, Protocol):
     """A thermal chamber. Demands return when the device accepted them."""
 
+    def capabilities(self) -> ChamberCapabilities:
+        """Return what this chamber can do; `identify` must have been called."""
+        ...
+
     def limits(self) -> ChamberLimits:
         """Read the set-point limits."""
         ...
@@ -172,6 +196,23 @@ class Chamber(Instrument, Protocol):
     def read_state(self) -> ChamberState:
         """Read telemetry, asked for by `request_state`, at the best resolution the device offers."""
         ...
+
+
+def require_ramp(
+    can: ChamberCapabilities, set_point_c: float, ramp_k_per_min: float | None, where: str
+) -> None:
+    """Raise LimitExceeded for a set point that is no number or a ramp that a chamber cannot be told."""
+    slowest, fastest = can.ramp_k_per_min or (math.inf, 0.0)
+    if math.isfinite(set_point_c) and (ramp_k_per_min is None or slowest <= ramp_k_per_min <= fastest):
+        return
+    ramps = f"a ramp of {slowest:g} .. {fastest:g} K/min, or none" if can.ramp_k_per_min else "no ramp"
+    raise LimitExceeded(
+        "the chamber cannot be told that",
+        where=where,
+        found=f"{set_point_c:g} degC" + ("" if ramp_k_per_min is None else f" at {ramp_k_per_min:g} K/min"),
+        expected=f"a finite set point and {ramps}",
+        remedy="correct the procedure's parameters, or use a chamber that can",
+    )
 
 
 @dataclass

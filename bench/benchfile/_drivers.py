@@ -13,7 +13,13 @@ ROLES = ("table", "chamber", "gyro")
 
 _BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "table": {"acutrol3000": "drivers.acutrol:Acutrol3000"},
-    "chamber": {"weiss": "drivers.weiss:Weiss"},
+    "chamber": {
+        "weiss": "drivers.weiss:Weiss",
+        "espec_p300": "drivers.espec:EspecP300",
+        "espec_scp220": "drivers.espec:EspecScp220",
+        "watlow_f4": "drivers.watlow:WatlowF4",
+        "watlow_f4t": "drivers.watlow:WatlowF4T",
+    },
     "gyro": {
         "kvh1750": "drivers.kvh:Kvh1750",
         "can_dbc": "drivers.can_dbc:CanDbc",

@@ -93,7 +93,12 @@ class ChamberSection(_Section):
     driver: str = Field(description="the kind of chamber driver")
     port: Port = Field(description=_PORT_TEXT)
     baudrate: Baudrate = Field(default=9600, description="the baud rate, a whole number of bit/s")
-    address: int = Field(default=1, ge=0, le=31, description="the chamber's bus address, 0 to 31")
+    address: int | None = Field(
+        default=None,
+        ge=0,
+        le=247,
+        description="the chamber's bus address, 0 to 247; left out: 1, or none for an ESPEC on RS-232 or TCP",
+    )
     simserv: bool = Field(default=True, description="true if the chamber's port also answers SimServ")
     start_channel: int = Field(
         default=1, ge=1, le=32, description="the number of the digital output that starts the chamber"

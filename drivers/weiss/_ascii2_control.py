@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.errors import DeviceRefused, LimitExceeded, ProtocolError
+from drivers.errors import DeviceRefused, ProtocolError
 from drivers.instruments import ChamberState
 from drivers.link import Link
 from drivers.weiss._ascii2 import CR, Values, decode_values, encode_gradient, encode_read, encode_set
@@ -45,14 +45,6 @@ class Ascii2Control:
 
     def set_temperature(self, set_point_c: float, ramp_k_per_min: float) -> None:
         """Demand a set point and a gradient in its direction (0 = as fast as possible)."""
-        if ramp_k_per_min and round(ramp_k_per_min, 1) == 0.0:
-            raise LimitExceeded(
-                "the ramp is too slow for ASCII-2, which would take it as no limit at all",
-                where=self._where,
-                found=f"{ramp_k_per_min:g} K/min",
-                expected="0.1 K/min or more",
-                remedy="use a faster ramp or SimServ",
-            )
         values = self._values()
         upwards = set_point_c >= values.numbers[self._configuration().read_fields.index("CV01")]
         up, down = (ramp_k_per_min, 0.0) if upwards else (0.0, ramp_k_per_min)

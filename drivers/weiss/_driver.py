@@ -5,8 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from drivers.errors import DeviceRefused, DeviceSilent, LimitExceeded, ProtocolError, WrongDevice
-from drivers.instruments import ChamberLimits, ChamberState, Identity, Rest
+from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.instruments import (
+    ChamberCapabilities,
+    ChamberLimits,
+    ChamberState,
+    Identity,
+    Rest,
+    require_ramp,
+)
 from drivers.link import Link
 from drivers.weiss._ascii2 import encode_configuration_query
 from drivers.weiss._ascii2_control import Ascii2Control
@@ -109,6 +116,12 @@ class WeissChamber:
             self._configuration = decode_configuration(answer.decode("latin-1"))
         return self._configuration
 
+    def capabilities(self) -> ChamberCapabilities:
+        """SimServ has thousandths; ASCII-2 tenths and the measured values that the configuration names."""
+        if self.simserv:
+            return ChamberCapabilities(0.001, (0.001, math.inf), None)
+        return ChamberCapabilities(0.1, (0.1, 9999.9), self.configuration().measured_values())
+
     def limits(self) -> ChamberLimits:
         """Read the input limits of the temperature set point."""
         self._settle_input()
@@ -129,15 +142,8 @@ class WeissChamber:
 
     def set_temperature(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
         """Demand a set point; `ramp_k_per_min` limits both directions, None takes every limit away."""
+        require_ramp(self.capabilities(), set_point_c, ramp_k_per_min, self._where)
         ramp = 0.0 if ramp_k_per_min is None else ramp_k_per_min
-        if not math.isfinite(set_point_c) or (ramp_k_per_min is not None and not 0.001 <= ramp < math.inf):
-            raise LimitExceeded(
-                "a temperature demand makes no sense",
-                where=self._where,
-                found=f"{set_point_c} degC at {ramp_k_per_min} K/min",
-                expected="a finite set point, and a ramp of 0.001 K/min or more, or none",
-                remedy="correct the procedure's parameters",
-            )
         self._settle_input()
         if not self.simserv:
             self._ascii2.set_temperature(set_point_c, ramp)

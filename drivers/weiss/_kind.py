@@ -13,7 +13,7 @@ def _open(settings: Settings, clock: Clock, tap: Tap) -> WeissChamber:
     link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
     return WeissChamber(
         link,
-        address=settings["address"],
+        address=1 if settings["address"] is None else settings["address"],
         auxiliary=tuple(settings["auxiliary"]),
         simserv=settings["simserv"],
         start_channel=settings["start_channel"],

@@ -32,8 +32,10 @@ def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
         _port("table", config.table.transport, config),
         _port("chamber", config.chamber.transport, config),
     ]
-    weiss, acutrol = _chamber(config.chamber, plant), _table(config.table, plant)
-    emulators: dict[str, Emulator] = {"table": acutrol, "chamber": weiss}
+    emulators: dict[str, Emulator] = {
+        "table": _table(config.table, plant),
+        "chamber": _chamber(config.chamber, plant),
+    }
     streams: dict[str, StreamingEmulator] = {}
     for gyro in config.gyros:
         ports.append(_port(gyro.name, gyro.transport, config))
@@ -41,7 +43,7 @@ def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
     lab = Lab(
         plant, ports, emulators, streams, delivery_s=config.delivery_s, lines=_lines(config, emulators, plant)
     )
-    return lab, _acts(plant, lab, acutrol, weiss)
+    return lab, _acts(plant, lab, emulators["chamber"])
 
 
 def _lines(config: LabConfig, emulators: Mapping[str, Emulator], plant: LabPlant) -> dict[str, Line]:
@@ -108,12 +110,58 @@ def _table(device: DeviceConfig, plant: LabPlant) -> AcutrolEmulator:
     return _known("table", device.driver, {"acutrol3000": AcutrolEmulator})(axes)
 
 
-def _chamber(device: DeviceConfig, plant: LabPlant) -> WeissEmulator:
-    return _known("chamber", device.driver, {"weiss": WeissEmulator})(
+def _chamber(device: DeviceConfig, plant: LabPlant) -> Emulator:
+    kinds = {
+        "weiss": _weiss,
+        "espec_p300": _p300,
+        "espec_scp220": _scp220,
+        "watlow_f4": _f4,
+        "watlow_f4t": _f4t,
+    }
+    return _known("chamber", device.driver, kinds)(device, plant)
+
+
+def _weiss(device: DeviceConfig, plant: LabPlant) -> Emulator:
+    return WeissEmulator(
         plant.chamber,
-        address=device.settings["address"],
+        address=1 if device.settings["address"] is None else device.settings["address"],
         auxiliary=tuple(int(number) for number in device.settings["auxiliary"]),
         start_channel=device.settings["start_channel"],
+    )
+
+
+def _p300(device: DeviceConfig, plant: LabPlant) -> Emulator:
+    from simulators.emulators.espec import EspecEmulator
+
+    return EspecEmulator(plant.chamber, address=device.settings["address"])
+
+
+def _scp220(device: DeviceConfig, plant: LabPlant) -> Emulator:
+    from simulators.emulators.espec import EspecEmulator
+
+    return EspecEmulator(plant.chamber, rom="SCP-220 V2.10", address=device.settings["address"])
+
+
+def _f4(device: DeviceConfig, plant: LabPlant) -> Emulator:
+    from simulators.emulators.watlow import F4Emulator  # pymodbus takes a third of a second to import
+
+    settings = device.settings
+    return F4Emulator(
+        plant.chamber,
+        start_output=settings["start_channel"],
+        device=settings["address"] or 1,
+        baudrate=settings["baudrate"],
+    )
+
+
+def _f4t(device: DeviceConfig, plant: LabPlant) -> Emulator:
+    from simulators.emulators.watlow import F4TEmulator
+
+    return F4TEmulator(
+        plant.chamber,
+        framing="tcp" if device.transport == "tcp" else "rtu",
+        device=device.settings["address"] or 1,
+        baudrate=device.settings["baudrate"],
     )
 
 
@@ -176,7 +224,7 @@ def _frames(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
     )
 
 
-def _acts(plant: LabPlant, lab: Lab, table: AcutrolEmulator, chamber: WeissEmulator) -> dict[str, Act]:
+def _acts(plant: LabPlant, lab: Lab, chamber: Emulator) -> dict[str, Act]:
     def mount(request: dict[str, Any]) -> dict[str, Any]:
         units = [request["unit"]] if "unit" in request else [unit.name for unit in plant.config.units]
         for unit in units:
@@ -191,16 +239,12 @@ def _acts(plant: LabPlant, lab: Lab, table: AcutrolEmulator, chamber: WeissEmula
         np.savez(Path(request["path"]), allow_pickle=False, **plant.true_drift(request["unit"]))
         return {}
 
-    def alarm(request: dict[str, Any]) -> dict[str, Any]:
-        chamber.raise_alarm(str(request["text"]), plant.now_s)
-        return {}
-
     def door(request: dict[str, Any]) -> dict[str, Any]:
+        if not isinstance(chamber, WeissEmulator):
+            raise ConfigurationError(
+                "the emulated chamber cannot tell of its door", expected="driver 'weiss'"
+            )
         chamber.open_door(bool(request["open"]))
-        return {}
-
-    def trip(request: dict[str, Any]) -> dict[str, Any]:
-        table.trip(str(request["reason"]), plant.now_s, request.get("axis"))
         return {}
 
     def inject(request: dict[str, Any]) -> dict[str, Any]:
@@ -214,5 +258,5 @@ def _acts(plant: LabPlant, lab: Lab, table: AcutrolEmulator, chamber: WeissEmula
         every = [entry for line in lab.lines.values() for entry in line.struck]
         return {"struck": sorted(every, key=lambda entry: float(entry["time_s"]))}
 
-    acts = {"mount": mount, "truth": truth, "alarm": alarm, "trip": trip, "door": door}
+    acts = {"mount": mount, "truth": truth, "door": door}
     return {**acts, "fault": inject, "struck": struck}

@@ -1,0 +1,43 @@
+"""Chamber telemetry of an ESPEC controller rebuilt from the recorded bytes of both directions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from numpy.typing import NDArray
+
+from drivers.errors import ProtocolError
+from drivers.espec._codec import END, decode_temperatures
+from drivers.instruments import Exchange
+from drivers.pairing import pairs, table
+
+
+def decode_transcript(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
+    """Return one row an answered `TEMP?` (`air_temp_c`, `set_point_c`, degC) and counts; never raises on
+    bytes."""
+    rows: list[tuple[int, dict[str, float]]] = []
+    polls = 0
+    for at_ns, request, reply in pairs(exchanges, _request, lambda request, buffer: _line(buffer)):
+        if not request.endswith(b"TEMP?"):
+            continue
+        polls += 1
+        try:
+            found = decode_temperatures((reply or b"").decode("latin-1"))
+        except ProtocolError:
+            continue
+        rows.append((at_ns, {"air_temp_c": found.measured_c, "set_point_c": found.set_point_c}))
+    return table(rows, ("air_temp_c", "set_point_c")), {"polls": polls, "damaged": polls - len(rows)}
+
+
+def _request(buffer: bytes) -> tuple[bytes, int] | None:
+    """Return the first line that is not empty: the empty one of a halt is not answered."""
+    skipped = 0
+    while (found := _line(buffer[skipped:])) is not None and not found[0]:
+        skipped += found[1]
+    return None if found is None else (found[0], skipped + found[1])
+
+
+def _line(buffer: bytes) -> tuple[bytes, int] | None:
+    at = buffer.find(END)
+    return None if at < 0 else (buffer[:at].strip(), at + len(END))

@@ -1,0 +1,131 @@
+"""Registers of the Watlow F4 and F4T, relative numbers, and what their words mean; no I/O.
+
+F4: Watlow manual 0600-0032-0013 (F4P) and ESPEC's ChamberConnectLibrary (MIT): signed 16-bit numbers, scaled
+by the decimal places that the controller itself reports. F4T: ChamberConnectLibrary and, for the ramp,
+TestEquity's manual of its F4T chambers, page 52: float32 in two registers, the low word first; data map 1,
+degrees Celsius.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from drivers.errors import ProtocolError
+from drivers.instruments import ChamberState
+from drivers.modbus import to_signed, words_float
+
+AIR_C, SET_POINT_C = "air_temp_c", "set_point_c"
+
+
+class F4:
+    """Register numbers of the F4."""
+
+    INPUTS: ClassVar[Mapping[int, int]] = {1: 100, 2: 104, 3: 108}
+    DECIMALS: ClassVar[Mapping[int, int]] = {1: 606, 2: 616, 3: 626}
+    ALARMS: ClassVar[Mapping[int, int]] = {1: 102, 2: 106}
+    SET_POINT = 300
+    SET_POINT_LOW, SET_POINT_HIGH = 602, 603
+    CELSIUS = 901
+    RAMP_MODE, RAMP_RATE, RAMP_UNIT = 1100, 1101, 1102
+    OUTPUT_1 = 2000
+    OUTPUT_STEP = 10
+
+
+class F4T:
+    """Register numbers of the F4T's control loop 1; loop n adds 160 (n - 1)."""
+
+    MODE = 2730
+    SET_POINT_LOW, SET_POINT_HIGH = 2774, 2776
+    SET_POINT = 2782
+    RAMP_ACTION, RAMP_SCALE, RAMP_RATE = 2794, 2796, 2798
+    ACTIVE_SET_POINT = 2810
+    ACTIVE_MODE = 2814
+    AIR = 2820
+    ALARM_1 = 1356
+    ALARM_STEP = 100
+    ALARMS = 6
+    AUTO, MANUAL, OFF = 10, 54, 62
+    RAMP_OFF, RAMP_BOTH, PER_MINUTE = 62, 13, 57
+    ALARM_WORDS: ClassVar[Mapping[int, str]] = {
+        61: "",
+        88: "",
+        53: "low",
+        37: "high",
+        28: "error",
+        49: "latched",
+        24: "deviation",
+    }
+    """Alarm states that ChamberConnectLibrary names; 61 is none and 88 the start-up state, neither an alarm."""
+
+
+def scaled(word: int, decimals: int) -> float:
+    """Return an F4 register as a number: signed, with so many decimal places."""
+    return to_signed(word) / 10.0**decimals
+
+
+def unscaled(value: float, decimals: int) -> int:
+    """Return the register for a number; ProtocolError beyond what 16 bits hold."""
+    number = round(value * 10.0**decimals)
+    if not -0x8000 <= number <= 0x7FFF:
+        raise ProtocolError(
+            "a value does not fit an F4 register",
+            found=f"{value:g} at {decimals} decimal places",
+            expected=f"{-0x8000 / 10**decimals:g} .. {0x7FFF / 10**decimals:g}",
+        )
+    return number & 0xFFFF
+
+
+class F4Readings:
+    """Turns registers of the F4 into telemetry, given what it said before; used live and on records."""
+
+    def __init__(self) -> None:
+        self.decimals = dict.fromkeys(F4.INPUTS, 1)
+        self._inputs: dict[int, float] = {}
+
+    def take(self, start: int, words: Sequence[int]) -> dict[str, float] | None:
+        """Take an answer; return air, set point and inputs 2 and 3 when it completes a state.
+
+        The set point is the one demanded: the F4 has no register for the ramp's momentary value that is public.
+        """
+        for number, register in F4.DECIMALS.items():
+            if start == register and len(words) == 1 and words[0] in range(4):
+                self.decimals[number] = words[0]
+        for number, register in F4.INPUTS.items():
+            if start == register and len(words) == 1:
+                self._inputs[number] = scaled(words[0], self.decimals[number])
+        if start != F4.SET_POINT or len(words) != 1 or 1 not in self._inputs:
+            return None
+        inputs, self._inputs = self._inputs, {}
+        set_point_c = scaled(words[0], self.decimals[1])
+        others = {f"aux_{number}_temp_c": value for number, value in inputs.items() if number > 1}
+        return {AIR_C: inputs[1], SET_POINT_C: set_point_c, **others}
+
+
+class F4TReadings:
+    """Turns registers of the F4T into telemetry."""
+
+    def __init__(self) -> None:
+        self._air_c: float | None = None
+
+    def take(self, start: int, words: Sequence[int]) -> dict[str, float] | None:
+        """Take an answer; return air and set point in force, ramp included, when it completes a state."""
+        if start not in (F4T.AIR, F4T.ACTIVE_SET_POINT) or len(words) != 2:
+            return None
+        value = words_float(words)
+        if start == F4T.AIR:
+            self._air_c = value if math.isfinite(value) else None
+            return None
+        air_c, self._air_c = self._air_c, None
+        return None if air_c is None or not math.isfinite(value) else {AIR_C: air_c, SET_POINT_C: value}
+
+
+Readings = F4Readings | F4TReadings
+
+
+def chamber_state(row: dict[str, float], auxiliary: Sequence[int]) -> ChamberState:
+    """Return a row of telemetry as the bench takes it, with the sensors it names."""
+    return ChamberState(
+        row[AIR_C], row[SET_POINT_C], {number: row[f"aux_{number}_temp_c"] for number in auxiliary}
+    )

@@ -1,0 +1,161 @@
+"""ESPEC chambers: lines against the maker's own library, driver and emulator in memory, records decoded again."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import DeviceRefused, LimitExceeded, ProtocolError, WrongDevice
+from drivers.espec import (
+    EspecChamber,
+    Temperatures,
+    decode_alarms,
+    decode_temperatures,
+    decode_transcript,
+    ramp_minutes,
+    ramp_text,
+)
+from drivers.instruments import ChamberLimits, Rest
+from simulators.emulators.espec import EspecEmulator
+from simulators.faults import Fault
+from tests.wires import Plant, Wire
+
+
+def emulated(address=None, rom="P3", **options):
+    plant = Plant()
+    device = EspecEmulator(plant, address=address, **options)
+    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in device.receive(data, now_s)])
+    return EspecChamber(wire, model="P-300", rom=rom, address=address), wire, plant, device
+
+
+def scripted(*replies):
+    queue = list(replies)
+    wire = Wire(lambda data, now_s: [(now_s + 0.05, queue.pop(0))] if queue else [])
+    return EspecChamber(wire, model="P-300", rom="P3"), wire
+
+
+def test_replies_of_the_makers_documents():
+    assert decode_temperatures("26.4,0.0,140.0,-50.0") == Temperatures(26.4, 0.0, 140.0, -50.0)
+    assert decode_alarms("0") == []
+    assert decode_alarms("2,0,48") == [0, 48]
+
+
+@pytest.mark.parametrize("reply", ["", "26.4,0.0,140.0", "26.4,nan,140.0,-50.0", "a,b,c,d", "NA:CMD ERR"])
+def test_what_is_no_temperature_reply_is_said(reply):
+    with pytest.raises(ProtocolError, match="TEMP"):
+        decode_temperatures(reply)
+
+
+def test_a_ramp_is_a_remote_program():
+    assert ramp_text(25.0, 85.0, 60.0 / 90.0) == "RUN PRGM, TEMP25.0 TIME1:30 GOTEMP85.0"
+    assert ramp_text(25.0, -45.0, 12.0) == "RUN PRGM, TEMP25.0 TIME0:06 GOTEMP-45.0"  # 5.83 min
+
+
+@given(st.floats(-70, 150), st.floats(-70, 150), st.floats(0.01, 100))
+def test_a_ramp_is_never_faster_than_demanded_and_less_than_a_minute_too_long(start, end, rate):
+    minutes = ramp_minutes(start, end, rate)
+    assert abs(end - start) / minutes <= rate * (1 + 1e-6)
+    assert minutes - 1 <= abs(end - start) / rate + 1e-6
+
+
+def test_a_day_of_a_chamber():
+    chamber, wire, plant, _ = emulated()
+    plant.air = 25.0
+    assert chamber.identify().maker == "ESPEC"
+    assert chamber.limits() == ChamberLimits(-75.0, 155.0)
+    chamber.set_temperature(23.0)
+    chamber.start()
+    assert plant.demands[-1] == (23.0, 0.0, 0.0, True)
+    plant.air = 25.0
+    chamber.set_temperature(-45.0, 10.0)
+    assert b"RUN PRGM, TEMP25.0 TIME0:07 GOTEMP-45.0\r\n" in wire.sent
+    assert plant.demands[-1] == (-45.0, 10.0, 10.0, True)
+    assert chamber.state().air_temp_c == -45.0
+    chamber.set_temperature(60.0)
+    assert plant.demands[-1] == (60.0, 0.0, 0.0, True)
+    chamber.halt()
+    chamber.make_safe()
+    assert plant.demands[-1] == (23.0, 0.0, 0.0, False)
+    assert chamber.read_rest() == Rest(True, "standby, set point 23 degC")
+    assert wire.sent.count(b"MODE,STANDBY") == 1  # what halt sent was confirmed
+
+
+def test_a_ramp_demanded_at_rest_begins_with_the_start():
+    chamber, wire, plant, _ = emulated()
+    plant.air = 20.0
+    chamber.set_temperature(50.0, 5.0)
+    assert b"RUN PRGM" not in wire.sent
+    chamber.start()
+    assert b"RUN PRGM, TEMP20.0 TIME0:06 GOTEMP50.0\r\n" in wire.sent
+    assert plant.demands[-1] == (50.0, 5.0, 5.0, True)
+
+
+def test_on_rs485_every_line_begins_with_the_address():
+    chamber, wire, _, _ = emulated(address=7)
+    chamber.state()
+    assert wire.sent == b"7,TEMP?\r\n"
+
+
+def test_refusals_come_with_their_meaning():
+    chamber, _, plant, device = emulated()
+    with pytest.raises(DeviceRefused, match=r"DATA OUT OF RANGE \(a value is outside its range\)"):
+        chamber.set_temperature(200.0)
+    assert plant.demands == []
+    device.faults["refuse"](Fault("chamber", "refuse", at_s=(0.0,), text="PROTECT ON"), 0.0)
+    with pytest.raises(DeviceRefused, match="changes are locked at the chamber's panel"):
+        chamber.set_temperature(20.0)
+    device.faults["alarm"](Fault("chamber", "alarm", at_s=(0.0,), count=48), 0.0)
+    assert chamber.alarms() == ["alarm 48 (see the alarm list of the chamber's manual)"]
+    with pytest.raises(DeviceRefused, match="CHB NOT READY"):
+        chamber.start()
+
+
+def test_demands_that_make_no_sense_never_reach_the_line():
+    chamber, wire, _, _ = emulated()
+    for demand in ((float("inf"), None), (20.0, 0.0), (20.0, -3.0)):
+        with pytest.raises(LimitExceeded):
+            chamber.set_temperature(*demand)
+    assert wire.sent == b""
+
+
+def test_the_other_controller_is_named():
+    with pytest.raises(WrongDevice, match="SCP-220 V2"):
+        scripted(b"SCP-220 V2.10\r\n", b"T,S2,160.0\r\n")[0].identify()
+
+
+def test_make_safe_passes_over_answers_to_older_questions():
+    chamber, wire, plant, _ = emulated()
+    chamber.set_temperature(60.0)
+    chamber.start()
+    chamber.request_state()  # its answer is still on its way
+    chamber.halt()
+    chamber.make_safe()
+    assert plant.demands[-1] == (23.0, 0.0, 0.0, False)
+    assert wire.sent.endswith(b"MODE,STANDBY\r\nTEMP, S23.0\r\n")
+
+
+def test_the_record_gives_the_telemetry_that_the_run_saw():
+    chamber, wire, plant, _ = emulated()
+    chamber.start()
+    seen = []
+    for air in (20.04, -12.36, 40.0):
+        plant.air = air
+        wire.clock.sleep(1.0)
+        seen.append(chamber.state())
+    assert [state.air_temp_c for state in seen] == [20.0, -12.4, 40.0]
+    chamber.halt()
+    columns, counts = decode_transcript(iter(wire.exchanges))
+    assert counts == {"polls": 3, "damaged": 0}
+    np.testing.assert_array_equal(columns["air_temp_c"], [20.0, -12.4, 40.0])
+    assert columns["time_ns"].dtype == np.int64
+    damaged = [(at, way, data.replace(b"-12.4", b"-1\xff.4")) for at, way, data in wire.exchanges]
+    columns, counts = decode_transcript(iter(damaged))
+    assert counts == {"polls": 3, "damaged": 1}
+    np.testing.assert_array_equal(columns["air_temp_c"], [20.0, 40.0])
+
+
+@given(st.lists(st.tuples(st.sampled_from(["sent", "received"]), st.binary(max_size=30)), max_size=12))
+def test_a_record_of_random_bytes_decodes_to_nothing_and_raises_nothing(chunks):
+    exchanges = [(at, way, data) for at, (way, data) in enumerate(chunks)]
+    columns, _ = decode_transcript(exchanges)
+    assert len(columns["air_temp_c"]) == len(columns["time_ns"])

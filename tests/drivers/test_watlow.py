@@ -1,0 +1,193 @@
+"""Watlow chambers: registers against documented bytes, driver and emulator in memory, records decoded again."""
+
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceRefused, DeviceSilent, LimitExceeded, WrongDevice
+from drivers.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Rest
+from drivers.modbus import ModbusMaster
+from drivers.watlow import WatlowChamber, decode_f4, decode_f4t, scaled, unscaled
+from drivers.watlow._controllers import F4Controller, F4TController
+from simulators.emulators.watlow import F4Emulator, F4TEmulator
+from simulators.faults import Fault
+from tests.wires import Plant, Wire
+
+
+def f4(auxiliary=(2,), start_output=1, emulator=None, **options):
+    plant = Plant()
+    device = emulator or F4Emulator(plant, start_output=start_output, **options)
+    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in device.receive(data, now_s)])
+    modbus = ModbusMaster(wire, "rtu", 1)
+    chamber = WatlowChamber(wire, modbus, F4Controller(modbus, start_output, auxiliary), auxiliary=auxiliary)
+    return chamber, wire, plant, device
+
+
+def f4t(framing="tcp"):
+    plant = Plant()
+    device = F4TEmulator(plant, framing=framing)
+    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in device.receive(data, now_s)])
+    modbus = ModbusMaster(wire, framing, 1)
+    return WatlowChamber(wire, modbus, F4TController(modbus)), wire, plant, device
+
+
+BOTH = pytest.mark.parametrize("make", [f4, f4t], ids=["f4", "f4t"])
+
+
+def test_numbers_are_scaled_by_the_controllers_own_decimal_places():
+    # 25.0 degC at one place is 00 FA, on the captured frame
+    assert scaled(0x00FA, 1) == 25.0
+    assert unscaled(25.0, 1) == 0x00FA
+    assert scaled(0xFE0C, 1) == -50.0
+    assert unscaled(-50.0, 1) == 0xFE0C
+    assert scaled(0x00FA, 2) == 2.5
+
+
+def test_the_f4_is_told_what_the_manual_says():
+    chamber, wire, plant, _ = f4()
+    chamber.identify()
+    sent = len(wire.sent)
+    chamber.set_temperature(25.0, 3.0)
+    frames = wire.sent[sent:]
+    # rate 3.0 per minute, unit minutes, ramp on a change of the set point, then the set point 25.0
+    assert frames[:8] == bytes.fromhex("01 06 04 4D 00 1E 98 E5")
+    assert frames[8:14] == bytes.fromhex("01 06 04 4E 00 00")
+    assert frames[16:24] == bytes.fromhex("01 06 04 4C 00 02 C8 EC")
+    assert frames[24:] == bytes.fromhex("01 06 01 2C 00 FA C9 BC")
+    assert plant.demands[-1] == (25.0, 3.0, 3.0, False)
+
+
+def test_the_f4t_is_told_what_the_manuals_say():
+    chamber, wire, plant, _ = f4t("rtu")
+    chamber.identify()
+    sent = len(wire.sent)
+    chamber.set_temperature(25.0)
+    frames = wire.sent[sent:]
+    assert frames[:6] == bytes.fromhex("01 06 0A EA 00 3E")  # ramp action (2794) off (62)
+    assert frames[8:] == bytes.fromhex("01 10 0A DE 00 02 04 00 00 41 C8 30 19")
+    chamber.set_temperature(-40.0, 2.5)
+    assert plant.demands[-1] == (-40.0, 2.5, 2.5, False)
+
+
+@BOTH
+def test_a_day_of_a_chamber(make):
+    chamber, _, plant, _ = make()
+    identity = chamber.identify()
+    assert identity.maker == "Watlow"
+    assert chamber.limits() == ChamberLimits(-73.0, 190.0)
+    chamber.set_temperature(-45.0, 10.0)
+    chamber.start()
+    assert plant.demands[-1] == (-45.0, 10.0, 10.0, True)
+    assert chamber.state().air_temp_c == -45.0
+    chamber.set_temperature(60.0)
+    assert plant.demands[-1] == (60.0, 0.0, 0.0, True)
+    assert chamber.alarms() == []
+    chamber.halt()
+    chamber.make_safe()
+    assert plant.demands[-1] == (23.0, 0.0, 0.0, False)
+    assert chamber.read_rest() == Rest(True, "stopped, set point 23 degC")
+
+
+def test_telemetry_has_the_resolution_that_is_declared():
+    chamber, _, plant, _ = f4()
+    chamber.identify()
+    plant.air = -45.678
+    assert chamber.state() == ChamberState(-45.7, 23.0, {2: 20.1})
+    assert chamber.capabilities() == ChamberCapabilities(0.1, (0.1, 3276.7), (2, 3))
+    chamber, _, plant, _ = f4t()
+    plant.air = -45.678
+    assert chamber.state().air_temp_c == pytest.approx(-45.678, abs=4e-6)  # float32
+    assert chamber.capabilities().auxiliary == ()
+
+
+@BOTH
+@pytest.mark.parametrize(("set_point", "ramp"), [(float("nan"), None), (20.0, 0.0), (20.0, -1.0)])
+def test_demands_that_make_no_sense_never_reach_the_line(make, set_point, ramp):
+    chamber, wire, _, _ = make()
+    with pytest.raises(LimitExceeded):
+        chamber.set_temperature(set_point, ramp)
+    assert wire.sent == b""
+
+
+@BOTH
+def test_a_set_point_out_of_range_is_refused_in_the_controllers_words(make):
+    chamber, _, plant, _ = make()
+    with pytest.raises(DeviceRefused, match="illegal data value"):
+        chamber.set_temperature(500.0)
+    assert plant.set_point == 23.0
+
+
+@BOTH
+def test_faults_of_the_device(make):
+    chamber, _, plant, device = make()
+    chamber.identify()
+    chamber.set_temperature(0.0)
+    chamber.start()
+    device.faults["refuse"](Fault("chamber", "refuse", at_s=(1.0,)), 1.0)
+    with pytest.raises(DeviceRefused, match="device busy"):
+        chamber.set_temperature(1.0)
+    device.faults["alarm"](Fault("chamber", "alarm", at_s=(2.0,)), 2.0)
+    assert chamber.alarms() == ["alarm 1: high"]
+    assert plant.demands[-1][3] is False
+
+
+def test_another_output_can_start_the_chamber():
+    chamber, wire, plant, _ = f4(start_output=3)
+    chamber.start()
+    assert bytes.fromhex("01 06 07 E4 00 01") in wire.sent  # register 2020
+    assert plant.demands[-1][3] is True
+
+
+def test_what_is_no_f4_is_named_so():
+    for emulator in (F4TEmulator(Plant(), framing="rtu"),):
+        chamber, *_ = f4(emulator=emulator)
+        with pytest.raises(WrongDevice, match="not a Watlow F4 "):
+            chamber.identify()
+    chamber, *_ = f4()
+    chamber._modbus._device = 2
+    with pytest.raises(DeviceSilent, match="Modbus address"):
+        chamber.identify()
+
+
+def test_a_fahrenheit_controller_is_refused_before_anything_moves():
+    class Fahrenheit(F4Emulator):
+        def read(self, register, now_s):
+            return 0 if register == 901 else super().read(register, now_s)
+
+    chamber, *_ = f4(emulator=Fahrenheit(Plant()))
+    with pytest.raises(WrongDevice, match="degrees Celsius"):
+        chamber.identify()
+
+
+def test_a_stop_that_is_lost_is_told_again():
+    chamber, _, plant, _ = f4()
+    chamber.identify()
+    chamber.start()
+    chamber.request_state()
+    chamber.halt()  # the emulator answers both; the first answer is taken for the stop's
+    chamber.make_safe()
+    assert plant.demands[-1] == (23.0, 0.0, 0.0, False)
+
+
+@pytest.mark.parametrize(
+    ("make", "decode", "others"), [(f4, decode_f4, {"aux_2_temp_c"}), (f4t, decode_f4t, set())]
+)
+def test_the_record_gives_the_telemetry_that_the_run_saw(make, decode, others):
+    chamber, wire, _, _ = make()
+    chamber.identify()
+    chamber.start()
+    seen = []
+    for set_point in (0.0, -12.3, 40.0):
+        chamber.set_temperature(set_point)
+        wire.clock.sleep(1.0)
+        seen.append(chamber.state())
+    columns, counts = decode(iter(wire.exchanges))
+    assert counts == {"polls": 3, "damaged": 0}
+    assert set(columns) == {"time_ns", "air_temp_c", "set_point_c"} | others
+    np.testing.assert_array_equal(columns["air_temp_c"], [state.air_temp_c for state in seen])
+    np.testing.assert_array_equal(columns["set_point_c"], [state.set_point_c for state in seen])
+    cut = [
+        (at, direction, data[:-1] if direction == "received" and index == len(wire.exchanges) - 1 else data)
+        for index, (at, direction, data) in enumerate(wire.exchanges)
+    ]
+    columns, counts = decode(iter(cut))
+    assert counts == {"polls": 3, "damaged": 1} and len(columns["time_ns"]) == 2

@@ -1,0 +1,93 @@
+"""Every chamber driver in a run on the emulated lab: the same script, and what a chamber lacks is said first."""
+
+import json
+
+import pyarrow.parquet as pq
+import pytest
+
+from bench.benchfile import load_bench_file
+from bench.emulated import Plant
+from bench.procedure import Demands, Procedure
+from drivers.errors import LimitExceeded
+
+pytestmark = pytest.mark.timeout(60)
+
+KINDS = {
+    "espec_p300": "/dev/ttyUSB2",
+    "espec_scp220": "socket://192.168.1.20:10001",
+    "watlow_f4": "/dev/ttyUSB2",
+    "watlow_f4t": "socket://192.168.1.20:502",
+}
+
+
+def bench_file(text, tmp_path, kind, extra=""):
+    chamber = f'driver = "{kind}"\nport = "{KINDS[kind]}"\n{extra}'
+    old = 'driver = "weiss"\nport = "/dev/ttyUSB2"\nauxiliary = { 1 = "fog_1 case" }\n'
+    assert old in text
+    path = tmp_path / "lab.toml"
+    path.write_text(text.replace(old, chamber).replace("case_sensor = 1\n", ""))
+    return load_bench_file(path)
+
+
+def ramp_down(bench, p):
+    bench.chamber.start()
+    bench.chamber.go_to(5.0, 5.0)
+    bench.wait(300.0)
+
+
+def short(spin, demands):
+    run = ramp_down if demands is None else None
+    return Procedure(
+        "ramp",
+        "Ramp",
+        "tests",
+        spin.parameters,
+        run,
+        lambda p: 1.0,
+        lambda p: demands or Demands(0, 5, 25, 5),
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_chamber_ramps_as_told_and_is_left_safe(bench, fog_text, tmp_path, kind):
+    file = bench_file(fog_text, tmp_path, kind)
+    with bench.thread_lab(file, Plant()) as lab:
+        result = bench.drive(lab.file, tmp_path / "runs", short(bench.spin, None))
+    assert result.outcome == "completed", result.reason
+    assert bench.problems(result.folder) == []
+    table = pq.read_table(result.folder / "chamber.parquet").to_pandas()
+    time_s = table["time_ns"] * 1e-9
+    assert len(table) > 290
+    # 20 K at 5 K/min take 4 minutes: half-way after 2, and there after 4, whatever the protocol rounds
+    half = table["air_temp_c"][(time_s > 118) & (time_s < 128)].mean()
+    assert half == pytest.approx(15.0, abs=1.5)
+    assert table["air_temp_c"].iloc[-20:].mean() == pytest.approx(5.0, abs=0.5)
+    events = (result.folder / "events.jsonl").read_text()
+    assert "at rest: st" in events and "set point 25 degC" in events
+    manifest = json.loads((result.folder / "manifest.json").read_text())
+    assert manifest["devices"]["chamber"]["maker"] in ("ESPEC", "Watlow")
+
+
+@pytest.mark.parametrize(
+    ("kind", "extra", "demands", "words"),
+    [
+        ("watlow_f4", 'auxiliary = { 4 = "fog_1 case" }\n', None, ["auxiliary sensor", "4", "one of 2, 3"]),
+        ("espec_p300", 'auxiliary = { 1 = "fog_1 case" }\n', None, ["auxiliary sensor", "none"]),
+        ("watlow_f4", "", Demands(0, 5, 25, 0.01), ["0.01 K/min", "a ramp of 0.1 .. 3276.7 K/min"]),
+    ],
+)
+def test_what_a_chamber_cannot_do_is_said_before_anything_moves(
+    bench, fog_text, tmp_path, kind, extra, demands, words
+):
+    file = bench_file(fog_text, tmp_path, kind, extra)
+    with bench.thread_lab(file, Plant()) as lab:
+        result = bench.drive(lab.file, tmp_path / "runs", short(bench.spin, demands))
+    assert isinstance(result.error, LimitExceeded)
+    assert all(word in str(result.error) for word in words), result.error
+    sent = (result.folder / "raw" / "chamber.sent.bin").read_bytes()
+    if kind == "espec_p300":
+        assert all(line.endswith(b"?") for line in sent.split(b"\r\n") if line), sent
+    else:
+        assert {sent[at + 1] for at in range(0, len(sent), 8)} == {
+            3
+        }  # read requests of 8 bytes, nothing else
