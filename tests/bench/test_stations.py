@@ -12,7 +12,14 @@ from bench.benchfile import AxisSection, LimitsSection
 from bench.stations import ChamberStation, GyroStation, StreamTap
 from bench.table_station import TableStation
 from drivers.errors import DeviceRefused, LimitExceeded, RunAborted
-from drivers.instruments import ChamberLimits, FrameBatch, GyroKind, StreamCounts, TableLimits
+from drivers.instruments import (
+    ChamberCapabilities,
+    ChamberLimits,
+    FrameBatch,
+    GyroKind,
+    StreamCounts,
+    TableLimits,
+)
 
 LIMITS = LimitsSection()
 
@@ -140,6 +147,9 @@ class Chamber:
 
     def limits(self):
         return ChamberLimits(-72.0, 80.0)
+
+    def capabilities(self):
+        return ChamberCapabilities(0.1, (0.1, 1000.0), None)
 
     def set_temperature(self, set_point_c, ramp_k_per_min):
         self.told.append((set_point_c, ramp_k_per_min))
