@@ -189,6 +189,10 @@ class RunRecord:
 def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]:
     """Make all tables of a run from its raw bytes, in `out` (default: the run folder); the one way there is."""
     manifest = read_manifest(folder)
+    if manifest.imported is not None:
+        from bench.exchange import decode_imported  # only a run of another bench needs it
+
+        return decode_imported(folder, out or folder)
     file = bench_file_from(manifest.bench)
     settings = table_settings(file)
     decode_instrument(

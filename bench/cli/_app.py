@@ -191,6 +191,30 @@ def runs_list(runs: RunsFolder = DEFAULT_RUNS) -> None:
     list_command(runs)
 
 
+@runs_app.command("export")
+def runs_export(
+    run: Path,
+    format_: Annotated[str, typer.Option("--format", help="csv, parquet, mdf4 or blf (recorded CAN frames)")],
+    out: Annotated[Path | None, typer.Option(help="file or folder; default named after the run")] = None,
+) -> None:
+    """Write a run for other software."""
+    from bench.cli._exchange import export_command
+
+    export_command(run, format_, out)
+
+
+@app.command("import")
+def import_(
+    log: Annotated[list[Path], typer.Argument(help="logs of another bench: CSV, Parquet or MDF")],
+    mapping: Annotated[Path, typer.Option("--mapping", help="mapping file (TOML): columns, units, phases")],
+    out: Annotated[Path, typer.Option("--out", help="folder that holds the runs")] = DEFAULT_RUNS,
+) -> None:
+    """Make run folders from logs of another bench, for fitting, reports and the gap diagnosis."""
+    from bench.cli._exchange import import_command
+
+    import_command(log, mapping, out)
+
+
 @runs_app.command("show")
 def runs_show(run: Path) -> None:
     """Show what a run was, on what, and how it ended."""

@@ -13,14 +13,16 @@ from bench.recording._manifest import (
     DeviceEntry,
     EmulatedLab,
     FileEntry,
+    Imported,
     Manifest,
     checksum,
     read_manifest,
     seal,
     write_manifest,
 )
-from bench.recording._raw import read_exchanges
+from bench.recording._raw import can_frames, read_exchanges
 from bench.recording._read import Phase, Run, RunEntry, list_runs, read_table, seconds
+from bench.recording._tables import table_writer, unit_of
 from bench.recording._timing import StreamTimer, StreamTiming
 from bench.recording._verify import FileProblem, VerifyReport, verify
 
@@ -33,6 +35,7 @@ __all__ = [
     "FileEntry",
     "FileProblem",
     "GyroSource",
+    "Imported",
     "Journal",
     "Manifest",
     "Phase",
@@ -43,6 +46,7 @@ __all__ = [
     "StreamTimer",
     "StreamTiming",
     "VerifyReport",
+    "can_frames",
     "checksum",
     "decode_gyro",
     "decode_instrument",
@@ -53,6 +57,8 @@ __all__ = [
     "read_table",
     "seal",
     "seconds",
+    "table_writer",
+    "unit_of",
     "verify",
     "write_manifest",
 ]

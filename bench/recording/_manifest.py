@@ -41,6 +41,13 @@ class EmulatedLab(_Part):
     model: str
 
 
+class Imported(_Part):
+    """Present if the run came from another bench: the log and its mapping file, paths in the run folder."""
+
+    log: str
+    mapping: str
+
+
 class FileEntry(_Part):
     """Checksum and size of a file of the run."""
 
@@ -66,6 +73,7 @@ class Manifest(_Part):
     devices: dict[str, DeviceEntry] = Field(default_factory=dict)
     units: dict[str, str] = Field(default_factory=dict)
     emulated: EmulatedLab | None = None
+    imported: Imported | None = None
     software: dict[str, str] = Field(default_factory=dict)
     stream: dict[str, dict[str, Any]] = Field(default_factory=dict)
     measurements: tuple[dict[str, Any], ...] = ()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bench.recording._journal import RAW_FOLDER, TIE_NS
 from drivers.errors import RecordError
 from drivers.instruments import Exchange
+from drivers.slcan import SlcanParser
 
 BLOCK_BYTES = 1 << 20
 _LONGEST_SILENCE_NS = 30 * 86_400 * 10**9
@@ -84,6 +85,20 @@ def read_exchanges(folder: Path, port: str) -> Iterator[Exchange]:
         else:
             yield right
             right = next(sent, None)
+
+
+def can_frames(folder: Path, port: str) -> Iterator[tuple[NDArray[np.void], NDArray[np.float64]]]:
+    """Yield the frames (`drivers.slcan.FRAME_DTYPE`) that a CAN port received and bench times in s, (n,) each.
+
+    A frame's time lies on the straight line between the arrivals before and after its line's end.
+    """
+    path = raw_path(folder, port)
+    marks = read_marks(path)
+    parser = SlcanParser()
+    for block in read_blocks(path):
+        frames = parser.feed(block)
+        if len(frames) and len(marks):
+            yield frames, np.interp(frames["end_offset"], marks[:, 0], marks[:, 1] * 1e-9)
 
 
 def _directed(path: Path, direction: Literal["sent", "received"]) -> Iterator[Exchange]:
