@@ -47,8 +47,9 @@ _MDF = (".mf4", ".mdf", ".dat")
 class Log:
     """A log, rows in time order, shape (n,) each; `time_s` grows from row to row as it was recorded.
 
-    `columns` has `output` and `table_rate` in deg/s, `angle` (unwrapped) and `elevation` in deg, `t_in`, `t_out`, `air` and
-    `set_point` in degC, `valid` as it stood; only those that the mapping names. NaN where a value is missing.
+    `columns` has `output` and `table_rate` in deg/s, `angle` (unwrapped) and `elevation` in deg, `t_in`, `t_out`,
+    `air` and `set_point` in degC, `valid` as it stood; only those that the mapping names. NaN where a value is
+    missing.
     """
 
     time_s: Array

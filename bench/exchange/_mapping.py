@@ -30,7 +30,8 @@ class Columns(_Part):
     """What the columns are. `output`: the rate under the axis of test; `valid`: zero where it is none.
 
     `t_in`: the gyro's own temperature, `t_out` that of its case, `air` and `set_point` the chamber's; `angle` and
-    `table_rate` the table's, `elevation` that of the input axis (read by the gap diagnosis, not kept in runs). MDF files have times of their own: `time` is left out for them.
+    `table_rate` the table's, `elevation` that of the input axis (read by the gap diagnosis, not kept in runs).
+    MDF files have times of their own: `time` is left out for them.
     """
 
     time: Column | None = None
