@@ -11,6 +11,7 @@ import typer
 
 from bench.cli._campaigns import campaign_app
 from bench.cli._fits import fit_app, scheme_app
+from bench.cli._frames import frames_app
 from bench.cli._gaps import gap_app
 from drivers.errors import BenchError, RunAborted
 
@@ -28,6 +29,7 @@ app.add_typer(campaign_app, name="campaign")
 app.add_typer(fit_app, name="fit")
 app.add_typer(scheme_app, name="scheme")
 app.add_typer(gap_app, name="gap")
+app.add_typer(frames_app, name="frames")
 
 Bench = Annotated[Path, typer.Option("--bench", help="bench file (TOML)", show_default=True)]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="folder that holds the runs")]

@@ -3,6 +3,7 @@
 from drivers.frames._decode import FrameDecoder, MessageReader, Messages, channels
 from drivers.frames._driver import FrameGyro, bits_a_byte
 from drivers.frames._encode import FrameEncoder
+from drivers.frames._form import Form
 from drivers.frames._kind import Frames, family_in
 from drivers.frames._load import (
     FrameFamily,
@@ -15,13 +16,15 @@ from drivers.frames._load import (
     refusal,
     shipped,
 )
-from drivers.frames._model import Description
+from drivers.frames._model import GYRO_ROLES, Description
 from drivers.frames._split import StreamSplitter
 from drivers.frames._units import factor as to_bench_unit
 from drivers.frames._vectors import vector_mistakes
 
 __all__ = [
+    "GYRO_ROLES",
     "Description",
+    "Form",
     "FrameDecoder",
     "FrameEncoder",
     "FrameFamily",

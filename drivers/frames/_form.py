@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames._checks import Check
+from drivers.frames._checks import Check, check_bytes
 from drivers.frames._model import (
     GYRO_ROLES,
     Checksum,
@@ -46,10 +47,17 @@ class Form:
     """Where it stands in the file, for errors."""
     _layouts: dict[int, Layout] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def measures(self) -> bool:
         """Whether it carries a gyro channel, so that a row of the table comes of it."""
         return any(each.role in GYRO_ROLES for each in self.fields)
+
+    @property
+    def false_per_byte(self) -> float:
+        """Return how often a place in random bytes passes for such a message: head, checks and terminator."""
+        checks = sum(8 * check_bytes(check.kind) for check in self.checksums) + 8 * len(self.terminator)
+        heads = (sum(bits.bit_count() for _, _, bits in self.places(sync)) for sync in self.syncs)
+        return sum(2.0 ** -(bits + checks) for bits in heads)
 
     @property
     def shortest(self) -> int:
@@ -117,7 +125,7 @@ class Layout:
         rows = np.zeros((count, self.length), np.uint8)
         sync = self.form.syncs[0]
         rows[:, : len(sync)] = np.frombuffer(sync, np.uint8)
-        for at, value, mask in self.form.places(sync)[:]:
+        for at, value, mask in self.form.places(sync):
             rows[:, at] = (rows[:, at] & (0xFF ^ mask)) | value
         if rule := self.form.length_field:
             order = ">" if (rule.endian or self.form.endian) == "big" else "<"
@@ -154,7 +162,7 @@ def _form(description: Description, own: FrameSection, key: str) -> Form:
             for each in groups.get(gone, [gone]):
                 fields.pop(each, None)
         fields |= {each.name: each for group in own.field for each in group.each()}
-    syncs = own.sync if own.sync is not None else base.sync or ()
+    syncs = tuple(dict.fromkeys(own.sync if own.sync is not None else base.sync or ()))
     mask = own.sync_mask or (base.sync_mask if own.sync is None else None)
     fixed = own.length is not None or own.length_field is not None
     terminator = own.terminator if own.terminator is not None else base.terminator

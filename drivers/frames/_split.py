@@ -27,16 +27,18 @@ class Pattern:
         self.anchor = (whole or list(places))[0]
         self.places = tuple(places)
         self.span = max(span, *(at + 1 for at, _, _ in places))
+        self.alone = False
+        """Whether what `anchors` finds is this pattern's anchor and nothing else."""
         self._others = [place for place in places if place is not self.anchor]
 
-    def find(self, data: Bytes) -> Ints:
-        """Return every offset at which it is complete, in order."""
-        count = len(data) - self.span + 1
-        if count <= 0:
-            return np.empty(0, np.int64)
+    def find(self, data: Bytes, anchored: Ints) -> Ints:
+        """Return every offset at which it is complete; `anchored`: where its anchor may be. Both in order."""
+        whole = int(np.searchsorted(anchored, len(data) - self.span, side="right"))
+        found = anchored[:whole]
         offset, value, mask = self.anchor
-        part = data[offset : offset + count]
-        found = np.flatnonzero(part == value if mask == 0xFF else (part & mask) == value)
+        if not self.alone:
+            byte = data[found + offset]
+            found = found[byte == value if mask == 0xFF else (byte & mask) == value]
         for offset, value, mask in self._others:
             byte = data[found + offset]
             found = found[byte == value if mask == 0xFF else (byte & mask) == value]
@@ -104,6 +106,7 @@ class StreamSplitter:
         self._kinds = list(kinds)
         self._patterns = [(number, pattern) for number, kind in enumerate(kinds) for pattern in kind.patterns]
         self._span = max(pattern.span for _, pattern in self._patterns)
+        self._anchors = _anchors([pattern for _, pattern in self._patterns])
         self._pending = b""
         self._offset = 0  # In the stream, of the first pending byte.
         self._claimed = 0  # In the stream, end of the last frame taken.
@@ -228,9 +231,13 @@ class StreamSplitter:
         bad: list[_Group] = []
         waiting: list[int] = []
         size = len(stream)
+        anchored = {
+            offset: np.flatnonzero(stream[offset:] == first if table is None else table[stream[offset:]])
+            for offset, (first, table) in self._anchors.items()
+        }
         for number, kind in enumerate(self._kinds):
-            starts = [pattern.find(stream) for pattern in kind.patterns]
-            at = starts[0] if len(starts) == 1 else np.unique(_joined(starts))
+            starts = [pattern.find(stream, anchored[pattern.anchor[0]]) for pattern in kind.patterns]
+            at = starts[0] if len(starts) == 1 else np.sort(_joined(starts))
             if not len(at):
                 continue
             if kind.read is None:
@@ -296,6 +303,25 @@ class StreamSplitter:
         self.counts.frames += len(ends)
         for number, count in kinds:
             self.by_kind[number] += count
+
+
+def _anchors(patterns: list[Pattern]) -> dict[int, tuple[int, NDArray[np.bool_] | None]]:
+    """Return offset -> (byte, None) where all anchors there are one byte, else (0, which bytes are an anchor)."""
+    found: dict[int, tuple[int, NDArray[np.bool_] | None]] = {}
+    for offset in {pattern.anchor[0] for pattern in patterns}:
+        here = [pattern for pattern in patterns if pattern.anchor[0] == offset]
+        alike = len({pattern.anchor for pattern in here}) == 1
+        for pattern in here:
+            pattern.alone = alike
+        if alike and here[0].anchor[2] == 0xFF:
+            found[offset] = (here[0].anchor[1], None)
+        else:
+            bytes_ = np.arange(256)
+            table = np.zeros(256, np.bool_)
+            for pattern in here:
+                table |= bytes_ & pattern.anchor[2] == pattern.anchor[1]
+            found[offset] = (0, table)
+    return found
 
 
 def _joined(arrays: list[Ints]) -> Ints:

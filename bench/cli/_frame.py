@@ -1,0 +1,117 @@
+"""`gyrobench frames list` and `gyrobench frames check`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table as Grid
+
+from bench.capture import Capture, read_capture, write_plot, write_table
+from drivers.errors import ConfigurationError
+from drivers.frames import GYRO_ROLES, Form, FrameFamily, load_family, refusal, shipped, vector_mistakes
+
+_RANDOM_BYTES = 1e9
+
+
+def frames_list_command() -> None:
+    """Show name, title, messages and where each comes from."""
+    grid = Grid("name", "gyro", "messages with rates", "source")
+    for name in shipped():
+        family = load_family(name)
+        forms = [form.name for form in family.forms if form.measures]
+        shown = ", ".join(forms[:4]) + (f" and {len(forms) - 4} more" if len(forms) > 4 else "")
+        grid.add_row(name, family.description.title, shown, family.description.source)
+    Console().print(grid)
+
+
+def frames_check_command(
+    description: str, capture: Path | None, out: Path, parquet: bool, console: Console | None = None
+) -> None:
+    """Show what the description says, raise for a vector that fails, decode the capture."""
+    console = console or Console()
+    family = load_family(description)
+    if mistakes := list(vector_mistakes(family)):
+        raise refusal(family.where, mistakes)
+    _show(console, family)
+    if capture is not None:
+        _decode(console, family, capture, out, parquet)
+
+
+def _show(console: Console, family: FrameFamily) -> None:
+    about = family.description
+    console.print(f"{about.name}: {about.title}", highlight=False)
+    grid = Grid(
+        "message", "begins with", "bytes", "check", "gyro channels", "false frames in 1e9 random bytes"
+    )
+    for form in family.forms:
+        size = str(form.length) if form.length is not None else f"{form.shortest} to {form.longest}"
+        kinds = ", ".join(check.kind for check in form.checksums) or "none"
+        heads = " or ".join(sync.hex(" ") for sync in form.syncs)
+        false = f"{_RANDOM_BYTES * form.false_per_byte:.2g}"
+        grid.add_row(form.name, heads, size, kinds, _channels(form), false)
+    console.print(grid)
+    weak = sum(form.false_per_byte for form in family.forms if form.measures)
+    if _RANDOM_BYTES * weak > 1.0:
+        console.print(
+            f"note: head and check together let {_RANDOM_BYTES * weak:.3g} frames with rates pass in 1e9 random "
+            "bytes; on a noisy line name the message (frame_format) or use a longer check",
+            highlight=False,
+        )
+    flips = sum(8 * len(vector.hex) for vector in about.vector)
+    console.print(
+        f"vectors: {len(about.vector)} right, and all of their {flips} single-bit flips noticed"
+        if about.vector
+        else "no vectors: nothing says that this description fits a real unit",
+        highlight=False,
+    )
+
+
+def _channels(form: Form) -> str:
+    found: dict[tuple[str, str], str] = {}
+    for spec in form.fields:
+        if spec.role in GYRO_ROLES:
+            kind = (spec.role.replace("_", " "), spec.unit)
+            found[kind] = found.get(kind, "") + (spec.axis or "")
+    return "; ".join(f"{role} {axes}, {unit}" for (role, unit), axes in found.items())
+
+
+def _decode(console: Console, family: FrameFamily, path: Path, out: Path, parquet: bool) -> None:
+    capture = read_capture(family, path)
+    if not capture.tables:
+        raise ConfigurationError(
+            "there is no message of this description in the capture",
+            where=str(path),
+            found=_beginning(capture),
+            expected=f"messages of {family.description.title}",
+            remedy="check that the capture is of this device, and that it was taken at the right baud rate",
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    for name, columns in capture.tables.items():
+        target = out / f"{path.stem}_{name}.{'parquet' if parquet else 'csv'}"
+        write_table(target, columns)
+        console.print(f"{_count(columns)} {name}: {target}", highlight=False)
+    rejected = ", ".join(f"{n} by {why}" for why, n in capture.counts.rejected.items()) or "none"
+    console.print(
+        f"{capture.size} bytes: {capture.counts.bytes_skipped} skipped, {capture.pending} left of an unfinished "
+        f"message, candidates rejected: {rejected}",
+        highlight=False,
+    )
+    for text in capture.counter_notes:
+        console.print(text, highlight=False)
+    plot = out / f"{path.stem}.png"
+    if write_plot(plot, family, capture):
+        console.print(f"plot: {plot}", highlight=False)
+
+
+def _count(columns: dict[str, NDArray[Any]]) -> int:
+    return len(next(iter(columns.values()), np.empty(0)))
+
+
+def _beginning(capture: Capture) -> str:
+    if not capture.size:
+        return "an empty file"
+    return f"{capture.size} bytes that begin with {capture.head.hex(' ')}"

@@ -1,0 +1,190 @@
+"""Decoding described frames: the compiled decoder against the loop people write, and against copying the bytes.
+
+Run as `python -m benchmarks.frames`. The loop finds the sync with `bytes.find`, checks each frame with a table
+in Python and unpacks all of its numbers with `struct`. Both take turns on the same bytes, clean and with 1 % of
+the bytes changed or lost; ours must find every intact frame; figures are medians of processor time. The last rows
+count false frames in random bytes.
+"""
+
+from __future__ import annotations
+
+import statistics
+import struct
+from collections.abc import Callable
+from functools import partial
+from time import process_time
+
+import numpy as np
+
+from benchmarks.decode_kvh import _row, table_crc
+from drivers.frames import FrameDecoder, FrameEncoder, MessageReader, load_family
+
+_COUNT = 20_000
+_RUNS = 9
+_COPY = 64 * 2**20
+_RANDOM = 20_000_000
+
+
+def crc16(data: bytes, register: int = 0x1D0F) -> int:
+    """CRC-16 by one table, byte after byte."""
+    for byte in data:
+        register = (register << 8 & 0xFFFF) ^ _TABLE16[register >> 8 ^ byte]
+    return register
+
+
+_TABLE16 = [0] * 256
+for _byte in range(256):
+    _value = _byte << 8
+    for _ in range(8):
+        _value = (_value << 1 ^ (0x11021 if _value & 0x8000 else 0)) & 0xFFFF
+    _TABLE16[_byte] = _value
+
+
+def _kvh(frame: bytes) -> tuple[float, ...] | None:
+    return struct.unpack(">4x6fBBh4x", frame) if table_crc(frame) == 0 else None
+
+
+def _stim(frame: bytes) -> tuple[float, ...] | None:
+    if table_crc(frame[:-4] + b"\0\0") != int.from_bytes(frame[-4:], "big"):  # 38 bytes, padded to 36
+        return None
+    numbers = [
+        int.from_bytes(frame[at : at + 3], "big", signed=True) for at in (1, 4, 7, 11, 14, 17, 21, 24, 27)
+    ]
+    return (*numbers, frame[10], frame[31], int.from_bytes(frame[32:34], "big"))
+
+
+def _openimu(frame: bytes) -> tuple[float, ...] | None:
+    if crc16(frame[2:-2]) != int.from_bytes(frame[-2:], "big"):
+        return None
+    return struct.unpack("<5xI9f2x", frame)
+
+
+CASES: dict[str, tuple[str | None, bytes, int, Callable[[bytes], tuple[float, ...] | None]]] = {
+    "kvh": ("a", bytes.fromhex("FE81FF55"), 36, _kvh),
+    "stim300": ("rate_acc_incl", b"\x93", 38, _stim),
+    "openimu": (None, bytes.fromhex("55557A3128"), 47, _openimu),
+}
+
+
+def loop(
+    data: bytes, sync: bytes, length: int, read: Callable[[bytes], tuple[float, ...] | None]
+) -> list[tuple[float, ...]]:
+    """Decode frame after frame."""
+    found = []
+    at = data.find(sync)
+    while 0 <= at <= len(data) - length:
+        numbers = read(data[at : at + length])
+        if numbers is not None:
+            found.append(numbers)
+            at += length
+        else:
+            at += 1
+        at = data.find(sync, at)
+    return found
+
+
+def ours(name: str, message: str | None) -> Callable[[bytes], int]:
+    """Return what decodes a stream call by call and says how many frames there were."""
+    decoder = FrameDecoder(load_family(name), rate_hz=100.0, axes="xyz", message=message)
+    return lambda data: len(decoder.feed(data))
+
+
+def stream(name: str, message: str | None, count: int = _COUNT) -> list[bytes]:
+    """Return `count` frames with noise in every channel."""
+    rng = np.random.default_rng(1)
+    encoder = FrameEncoder(load_family(name), message)
+    values = {
+        spec.name: rng.normal(0.0, 0.01, count)
+        for spec in encoder.form.fields
+        if spec.axis and spec.type != "u8"
+    }
+    counter = load_family(name).description.counter
+    if counter is not None:
+        values[counter.field] = np.arange(count) * 1.0
+    data = encoder.encode(count, values)
+    size = len(data) // count
+    return [data[at : at + size] for at in range(0, len(data), size)]
+
+
+def damaged(frames: list[bytes], share: float) -> tuple[bytes, int]:
+    """Return the stream with a share of its bytes changed or lost (half each), and how many frames are intact."""
+    rng = np.random.default_rng(2)
+    clean = np.frombuffer(b"".join(frames), np.uint8)
+    changed = rng.random(clean.size) < share / 2
+    lost = rng.random(clean.size) < share / 2
+    noise = np.where(changed, rng.integers(1, 256, clean.size), 0).astype(np.uint8)
+    intact = ~(changed | lost).reshape(len(frames), -1).any(axis=1)
+    return (clean ^ noise)[~lost].tobytes(), int(intact.sum())
+
+
+def rows() -> list[dict[str, object]]:
+    """Return benchmark, ours, yardstick, yardstick_name, unit and ratio of each comparison."""
+    table = []
+    for name, (message, sync, length, read) in CASES.items():
+        frames = stream(name, message)
+        for title, share in (("clean", 0.0), ("1 % of bytes damaged", 0.01)):
+            data, intact = damaged(frames, share)
+            if not intact <= ours(name, message)(data) <= intact + 3:
+                raise AssertionError(f"{name}, {title}: {ours(name, message)(data)} frames, {intact} intact")
+            fast, slow = _turns(
+                partial(lambda run, data: run(data), ours(name, message), data),
+                partial(loop, data, sync, length, read),
+            )
+            rate = len(frames) / 1e6
+            table.append(
+                _row(
+                    f"decode {name}, {title}",
+                    rate / fast,
+                    rate / slow,
+                    "struct + table loop",
+                    "million frames/s",
+                )
+            )
+        data = b"".join(frames)
+        source, target = np.ones(_COPY, np.uint8), np.ones(_COPY, np.uint8)
+        fast, copy = _turns(partial(ours(name, message), data), partial(np.copyto, target, source))
+        table.append(
+            _row(
+                f"decode {name}, clean", len(data) / fast / 1e6, _COPY / copy / 1e6, "copy of 64 MiB", "MB/s"
+            )
+        )
+    table += [_false(name) for name in ("fg333", "stim210")]
+    return table
+
+
+def _turns(one: Callable[[], object], other: Callable[[], object]) -> tuple[float, float]:
+    """Return the median processor time of each in s, run in turns: what else the machine does counts little."""
+    times = [(_seconds(one), _seconds(other)) for _ in range(_RUNS)]
+    return statistics.median(a for a, _ in times), statistics.median(b for _, b in times)
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    begin = process_time()
+    work()
+    return process_time() - begin
+
+
+def _false(name: str) -> dict[str, object]:
+    """Count false frames in random bytes against what head and check promise."""
+    family = load_family(name)
+    reader, rng = MessageReader(family), np.random.default_rng(3)
+    for _ in range(_RANDOM // 1_000_000):
+        reader.feed(rng.bytes(1_000_000))
+    promised = 1e9 * sum(form.false_per_byte for form in family.forms)
+    found = reader.counts.frames * 1e9 / _RANDOM
+    return _row(
+        f"false frames, {name}", found, promised, "2**-(bits of head and check)", "in 1e9 random bytes"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    for row in rows():
+        print(
+            f"{row['benchmark']:<44}{row['ours']:>10.4g}{row['yardstick']:>11.4g}  {row['unit']:<22}"
+            f"{row['ratio']:>8.3g}  {row['yardstick_name']}"
+        )
+
+
+if __name__ == "__main__":
+    main()
