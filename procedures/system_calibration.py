@@ -7,6 +7,8 @@ table's accuracy enters: the turns are measured by the IMU itself.
 
 from __future__ import annotations
 
+from pydantic import field_validator
+
 from bench.calibration import (
     Schedule,
     TableAxis,
@@ -15,6 +17,7 @@ from bench.calibration import (
     load_scheme,
     moves_text,
     plan_turns,
+    require_closed,
 )
 from bench.procedure import Demands, Parameters, Procedure, parameter
 from bench.session import Bench
@@ -32,6 +35,12 @@ class SystemCalibrationParameters(Parameters):
     dwell_s: float = parameter(180.0, "rest at every position", "s", ge=20, le=3600)
     rate_dps: float = parameter(10.0, "rate of the turns", "deg/s", gt=0.1, le=100)
     warm_up_min: float = parameter(10.0, "powered at rest before the first position", "min", ge=0, le=600)
+
+    @field_validator("scheme")
+    @classmethod
+    def _is_a_scheme(cls, scheme: str) -> str:
+        require_closed(load_scheme(scheme))
+        return scheme
 
 
 def run(bench: Bench, p: SystemCalibrationParameters) -> None:

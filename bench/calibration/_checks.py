@@ -15,6 +15,9 @@ from drivers.errors import RecordError
 _TURN_TOLERANCE_DEG = 3.0
 _TILT_TOLERANCE_DEG = 2.0
 _FULL_SCALE = 0.999
+_NOISY, _STUCK = 100, 8
+_LEAST_REST = 10
+"""Seconds of rest from which a rest counts for the latitude."""
 
 
 def require_whole(data: Increments, range_dps: float | None) -> None:
@@ -29,6 +32,8 @@ def require_whole(data: Increments, range_dps: float | None) -> None:
                 expected="an unbroken record: a lost increment of a turn cannot be made up",
                 remedy="run the schedule again",
             )
+    for name, values in (("gyro", data.angle_rad), ("accelerometer", data.velocity_mps)):
+        _require_unclipped(name, values, data.period_s)
     if range_dps is None:
         return
     rate = np.abs(np.degrees(data.angle_rad)) / data.period_s
@@ -42,25 +47,78 @@ def require_whole(data: Increments, range_dps: float | None) -> None:
             )
 
 
-def require_latitude(data: Increments, duration_s: float, task: Task) -> None:
-    """Raise RecordError if Earth rate and gravity at the start do not fit the latitude, or each other's axes."""
-    count = max(1, round(duration_s / data.period_s))
-    rate = data.angle_rad[:count].mean(axis=0) / data.period_s
-    force = data.velocity_mps[:count].mean(axis=0)
-    up = force / np.linalg.norm(force)
-    size = float(np.linalg.norm(rate))
-    doubt = 5.0 * float(np.linalg.norm(task.prior_sigma[EPS]))
-    expected = EARTH_RATE_RAD_S * math.sin(math.radians(task.site.latitude_deg))
-    if abs(rate @ up - expected) > doubt or abs(size - EARTH_RATE_RAD_S) > doubt:
-        up_dph = rate @ up / DPH_RAD_S
-        seen = math.degrees(math.asin(float(np.clip(rate @ up / EARTH_RATE_RAD_S, -1.0, 1.0))))
+def _require_unclipped(name: str, values: Array, period_s: float) -> None:
+    """Raise RecordError if a noisy channel stays exactly at its largest or smallest value for a while.
+
+    A unit at the end of its range sends one number again and again. Channels without noise are passed over.
+    """
+    for axis, channel in zip("xyz", values.T, strict=True):
+        if len(np.unique(channel[: min(len(channel), 500)])) < _NOISY:
+            continue
+        for end in (channel.max(), channel.min()):
+            at = np.flatnonzero(channel == end)
+            longest, first = _longest_run(at)
+            if longest >= _STUCK:
+                raise RecordError(
+                    f"{name} {axis} is saturated",
+                    where=f"{first * period_s:.2f} s",
+                    found=f"{len(at)} samples at exactly its {'largest' if end > 0 else 'smallest'} value, "
+                    f"{longest} of them in a row",
+                    expected="readings within the range: a clipped turn looks like a scale factor error",
+                    remedy="turn the table more slowly, or set a larger range on the unit",
+                )
+
+
+def _longest_run(at: NDArray[np.int64]) -> tuple[int, int]:
+    """Return length and first sample of the longest run of consecutive numbers."""
+    breaks = np.flatnonzero(np.diff(at) != 1)
+    starts = np.concatenate([[0], breaks + 1])
+    lengths = np.diff(np.append(starts, len(at)))
+    longest = int(np.argmax(lengths))
+    return int(lengths[longest]), int(at[starts[longest]])
+
+
+def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_], task: Task) -> None:
+    """Raise RecordError if Earth rate at the rests does not fit the latitude.
+
+    At every rest the rate about up is w_ie sin(latitude) + eps . u, u up in body axes: rests with up along
+    several axes tell the latitude from the gyro biases. What the data leave open is allowed: 5 sigma of the fit.
+    """
+    a_second = round(track.interval_s / data.period_s)
+    count = len(resting)
+    rate = data.angle_rad[: count * a_second].reshape(count, a_second, 3).sum(axis=1) / track.interval_s
+    force = data.velocity_mps[: count * a_second].reshape(count, a_second, 3).sum(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], resting, [False]]).astype(int)))
+    rests = [(start + 1, end - 1) for start, end in edges.reshape(-1, 2) if end - start >= _LEAST_REST]
+    if len(rests) < 2:
+        return
+    up = np.array([force[start:end].mean(axis=0) for start, end in rests])
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    seen = np.array([rate[start:end].mean(axis=0) for start, end in rests])
+    length = np.array([(end - start) * track.interval_s for start, end in rests])
+    latitude = math.radians(task.site.latitude_deg)
+    expected = EARTH_RATE_RAD_S * math.sin(latitude)
+    sigma = task.noise.arw / np.sqrt(length)
+    design = np.column_stack([np.ones(len(rests)), up])
+    # the prior of the biases keeps the fit sane where the rests do not separate them from the latitude
+    prior = np.diag(1.0 / np.concatenate([[np.inf], task.prior_sigma[EPS]]))
+    whole = np.vstack([design / sigma[:, None], prior])
+    right = np.concatenate([(np.einsum("ni,ni->n", up, seen) - expected) / sigma, np.zeros(4)])
+    found, *_ = np.linalg.lstsq(whole, right, rcond=None)
+    doubt = math.sqrt(float(np.linalg.pinv(whole.T @ whole)[0, 0]))
+    # 1e-4 of Earth rate: scale factors and angles of a unit not yet calibrated
+    allowed = 5.0 * doubt + 5e-4 * EARTH_RATE_RAD_S
+    if abs(found[0]) > allowed:
+        sine = float(np.clip((expected + found[0]) / EARTH_RATE_RAD_S, -1.0, 1.0))
+        margin = math.degrees(allowed / EARTH_RATE_RAD_S / max(math.cos(latitude), 0.05))
         raise RecordError(
-            "gyros and accelerometers do not show the Earth as it turns at this latitude",
-            where=f"first {duration_s:g} s",
-            found=f"{up_dph:.2f} deg/h about up, as at latitude {seen:.1f} deg, of {size / DPH_RAD_S:.2f} deg/h",
-            expected=f"{expected / DPH_RAD_S:.2f} deg/h within {doubt / DPH_RAD_S:.2f}, latitude "
-            f"{task.site.latitude_deg:g} deg",
-            remedy="check the latitude, and that axes are neither swapped nor of wrong sign",
+            "the gyros do not show the Earth as it turns at this latitude",
+            where=f"{len(rests)} rests",
+            found=f"{(expected + found[0]) / DPH_RAD_S:.3f} deg/h about up, as at latitude "
+            f"{math.degrees(math.asin(sine)):.2f} deg",
+            expected=f"latitude {task.site.latitude_deg:g} deg within {margin:.2f} deg",
+            remedy="correct latitude_deg in the bench file: 0.1 deg shifts a gyro scale factor by several ppm; "
+            "the other hemisphere may also be accelerometers that all read down as positive",
         )
 
 

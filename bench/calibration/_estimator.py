@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.calibration._axes_check import require_axis_order
 from bench.calibration._checks import require_axes, require_latitude, require_schedule, require_whole
 from bench.calibration._conventions import PARAMETERS, Array, Task
 from bench.calibration._model import process_noise
@@ -111,10 +112,11 @@ def _require_plausible(
     data: Increments, track: Track, task: Task, options: Options, schedule: Schedule | None
 ) -> None:
     resting = rest_intervals(track, options)
-    require_latitude(data, options.alignment_s, task)
-    require_axes(data, track, resting)
+    require_axis_order(data, track, resting, schedule, task.site.latitude_deg)
     if schedule is not None:
         require_schedule(track, resting, schedule)
+    require_axes(data, track, resting)
+    require_latitude(data, track, resting, task)
 
 
 def _prior(task: Task, options: Options) -> Array:

@@ -229,13 +229,10 @@ def test_unusable_records_are_named() -> None:
     gap = replace(good, angle_rad=good.angle_rad.copy())
     gap.angle_rad[9000, 1] = np.nan
     refused(gap, "gaps")
-    refused(replace(good, angle_rad=good.angle_rad[:, [1, 0, 2]]), "disagree|latitude")
-    refused(replace(good, angle_rad=good.angle_rad * [1, -1, 1]), "disagree|latitude")
-    refused(
-        replace(good, angle_rad=good.angle_rad * [-1, 1, 1], velocity_mps=good.velocity_mps * [-1, 1, 1]),
-        "disagree",
-    )
-    refused(good, "latitude", Task(site=Site(latitude_deg=-45.0)))
+    stuck = replace(good, velocity_mps=np.minimum(good.velocity_mps, 0.0978))
+    refused(stuck, "accelerometer [xyz] is saturated")
+    refused(good, r"as at latitude 45\.[78]", Task(site=Site(latitude_deg=-45.0)))
+    refused(good, r"as at latitude 45\.[78]", Task(site=Site(latitude_deg=45.4)))
     refused(Increments(0.01, good.angle_rad[6200:], good.velocity_mps[6200:]), "does not start at rest")
     cut = slice(0, 30000)
     refused(Increments(0.01, good.angle_rad[cut], good.velocity_mps[cut]), "positions")
@@ -255,6 +252,42 @@ def test_unusable_records_are_named() -> None:
         gravity_mps2=TASK.site.gravity_mps2,
     )
     refused(Increments(0.01, made.angle_rad, made.velocity_mps), "turn 2", expected=short)
+
+
+@pytest.mark.parametrize(
+    ("gyros", "accelerometers", "match"),
+    [
+        (([1, 0, 2], [1, 1, 1]), None, r"gyros are exchanged \(left-handed\). Found: x arrives as y, y arri"),
+        (([1, 2, 0], [1, 1, 1]), None, r"gyros are exchanged. Found: x arrives as z, y arrives as x"),
+        (
+            ([0, 1, 2], [1, -1, 1]),
+            None,
+            r"gyros are reversed \(left-handed\). Found: x arrives as x, y arrives as -y",
+        ),
+        (
+            None,
+            ([0, 2, 1], [1, 1, 1]),
+            r"accelerometers are exchanged \(left-handed\). Found: x arrives as x, y",
+        ),
+        (None, ([0, 1, 2], [-1, -1, -1]), "other hemisphere may also be accelerometers"),
+        (
+            ([0, 1, 2], [-1, 1, 1]),
+            ([0, 1, 2], [-1, 1, 1]),
+            r"gyros and accelerometers are reversed \(left-handed\). Found: x arrives as -x",
+        ),
+        (([0, 1, 2], [-1, -1, 1]), ([0, 1, 2], [-1, -1, 1]), "mounted another way"),
+    ],
+)
+def test_axes_that_are_not_what_they_are_taken_for_are_named(gyros, accelerometers, match) -> None:
+    schedule = scheme("o8", 30.0)
+    good = record(schedule, errors_of(drawn(7)), WHITE)
+
+    def wired(values, how):
+        return values if how is None else values[:, how[0]] * np.array(how[1], dtype=float)
+
+    bad = Increments(0.01, wired(good.angle_rad, gyros), wired(good.velocity_mps, accelerometers))
+    with pytest.raises(RecordError, match=match):
+        estimate(bad, TASK, Options(passes=1, alignment_s=25.0), schedule)
 
 
 def test_errors_of_mems_size_need_the_closed_loop() -> None:
