@@ -12,7 +12,7 @@ ENTRY_POINT_GROUP = "gyrobench.drivers"
 ROLES = ("table", "chamber", "gyro")
 
 _BUILT_IN: Mapping[str, Mapping[str, str]] = {
-    "table": {"acutrol3000": "drivers.acutrol:Acutrol3000"},
+    "table": {"acutrol3000": "drivers.acutrol:Acutrol3000", "ideal_atl": "drivers.ideal_atl:IdealAtl"},
     "chamber": {
         "weiss": "drivers.weiss:Weiss",
         "espec_p300": "drivers.espec:EspecP300",

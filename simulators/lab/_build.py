@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -102,12 +103,25 @@ def _known(what: str, name: str, table: Mapping[str, T]) -> T:
     return table[name]
 
 
-def _table(device: DeviceConfig, plant: LabPlant) -> AcutrolEmulator:
+def _table(device: DeviceConfig, plant: LabPlant) -> Emulator:
+    kinds = {"acutrol3000": _acutrol, "ideal_atl": _atl}
+    if other := _of_others("table", device.driver, kinds):
+        return other(device.settings, plant.table)
+    return _known("table", device.driver, kinds)(device, plant)
+
+
+def _acutrol(device: DeviceConfig, plant: LabPlant) -> Emulator:
     axes = {
         axis["number"]: AcutrolAxis(plant.tables[axis["name"]], axis["min_angle_deg"], axis["max_angle_deg"])
         for axis in device.settings["axes"]
     }
-    return _known("table", device.driver, {"acutrol3000": AcutrolEmulator})(axes)
+    return AcutrolEmulator(axes)
+
+
+def _atl(device: DeviceConfig, plant: LabPlant) -> Emulator:
+    from simulators.emulators.ideal_atl import AtlEmulator
+
+    return AtlEmulator(plant.table, baudrate=device.settings["baudrate"])
 
 
 def _chamber(device: DeviceConfig, plant: LabPlant) -> Emulator:
@@ -118,6 +132,8 @@ def _chamber(device: DeviceConfig, plant: LabPlant) -> Emulator:
         "watlow_f4": _f4,
         "watlow_f4t": _f4t,
     }
+    if other := _of_others("chamber", device.driver, kinds):
+        return other(device.settings, plant.chamber)
     return _known("chamber", device.driver, kinds)(device, plant)
 
 
@@ -167,7 +183,20 @@ def _f4t(device: DeviceConfig, plant: LabPlant) -> Emulator:
 
 def _gyro(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
     emulators = {"kvh1750": _kvh, "sbg_ellipse": _can, "can_dbc": _can, "rlg2t": _rlg, "frames": _frames}
+    if other := _of_others("gyro", gyro.driver, emulators):
+        return cast(StreamingEmulator, other(gyro.settings, plant.unit(gyro.name)))
     return _known("gyro", gyro.driver, emulators)(gyro, plant)
+
+
+def _of_others(
+    role: str, kind: str, ours: Mapping[str, object]
+) -> Callable[[Mapping[str, Any], object], Emulator] | None:
+    """Return another package's emulator: an entry point `<role>.<kind>` of group `gyrobench.emulators`.
+
+    It is called with the device's section of the bench file and its plant (`simulators.interfaces`).
+    """
+    found = [] if kind in ours else list(entry_points(group="gyrobench.emulators", name=f"{role}.{kind}"))
+    return cast("Callable[[Mapping[str, Any], object], Emulator]", found[0].load()) if found else None
 
 
 def _kvh(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:

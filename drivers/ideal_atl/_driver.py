@@ -1,0 +1,238 @@
+"""Driver of a one-axis Ideal Aerosmith rate table that speaks ATL."""
+
+from __future__ import annotations
+
+import math
+
+from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.ideal_atl._codec import END, POSITION, PROMPT, RATE, decode_number, encode, split_reply
+from drivers.instruments import Identity, Rest, TableLimits, TableState
+from drivers.link import Link
+
+REPLY_TIMEOUT_S = 2.0
+STANDSTILL_TIMEOUT_S = 120.0
+_PAUSE_S = 0.2
+_REST_DPS = 0.01
+_QUIET_S = 0.3
+
+
+class AtlTable:
+    """One axis behind an ATL controller (`drivers.instruments.Turntable`), RS-232, 9600 Bd 8N1.
+
+    What is not public is not used: the bits of `STA`, and `MCO`, which one source takes for 1 = complete and
+    another for 0. Motion is judged by position and rate. The controller tells no limits: those of the bench
+    file count.
+
+    `JOG` is answered when its motion ends or the next command comes; a `STA` after it brings both answers at
+    once.
+    """
+
+    def __init__(self, link: Link, *, axis: str = "table") -> None:
+        self.link = link
+        self.axes: tuple[str, ...] = (axis,)
+        self._asked = 0
+        self._turn_dps: float | None = None
+        self._turn_dps2: float | None = None
+        self._halted = False
+
+    def identify(self) -> Identity:
+        """Ask position, rate and status; WrongDevice unless each is a number. ATL has no identification."""
+        try:
+            self._number(POSITION)
+            self._number(RATE)
+            status = self._number(b"STA")
+        except (ProtocolError, DeviceRefused) as error:
+            raise self._wrong_device(error.found) from error
+        except DeviceSilent as error:
+            if not (seen := self.link.discard()):
+                raise
+            raise self._wrong_device(repr(seen[:60])) from error
+        return Identity("Ideal Aerosmith", "ATL table", details={"STA": f"{status:g}"})
+
+    def limits(self, axis: str = "") -> TableLimits:
+        """Return no limits: the controller tells none."""
+        self._require(axis)
+        return TableLimits(math.inf, math.inf, None, None)
+
+    def limit_turns(
+        self, max_rate_dps: float, axis: str = "", max_acceleration_dps2: float | None = None
+    ) -> None:
+        """Set VEL, and ACL if an acceleration is given, for moves to an angle."""
+        self._require(axis)
+        self._turn_dps, self._turn_dps2 = max_rate_dps, max_acceleration_dps2
+
+    def servo_on(self) -> None:
+        """Stop and close the servo loop."""
+        self._command("STO")
+        self._command("SRV1")
+
+    def servo_off(self) -> None:
+        """Open the servo loop."""
+        self._command("SRV0")
+
+    def home(self, axis: str = "") -> None:
+        """Look for the home position."""
+        self._come_to_rest(axis)
+        self._set_turn_limits()
+        self._command("HOM")
+
+    def point(self, angle_deg: float, axis: str = "") -> None:
+        """Turn to an angle the shortest way, by a relative move from where the axis stands."""
+        self._require_finite(angle_deg)
+        self._come_to_rest(axis)
+        self._set_turn_limits()
+        self._command("RMO", math.remainder(angle_deg - self._number(POSITION), 360.0))
+
+    def turn(self, by_deg: float, axis: str = "") -> None:
+        """Turn from where the axis stands, in the sense of the sign."""
+        self._require_finite(by_deg)
+        self._come_to_rest(axis)
+        self._set_turn_limits()
+        self._command("RMO", by_deg)
+
+    def spin(self, rate_dps: float, axis: str = "", acceleration_dps2: float | None = None) -> None:
+        """Jog at a rate; 0 stops."""
+        self._require(axis)
+        self._require_finite(rate_dps)
+        if acceleration_dps2 is not None:
+            self._command("ACL", acceleration_dps2)
+        if rate_dps == 0.0:
+            self._command("STO")
+            return
+        self._settle_input()
+        self.link.write(encode("JOG", rate_dps, signed=True))
+        self.link.write(encode("STA"))
+        self._reply(f"JOG{rate_dps:+g}")
+        self._reply("STA")
+
+    def state(self) -> TableState:
+        """Read angle and rate."""
+        self.request_state()
+        return self.read_state()
+
+    def request_state(self) -> None:
+        """Ask for the rate without waiting; `read_state` must follow before anything else."""
+        self._settle_input()
+        self.link.write(RATE + END)
+        self._asked = 1
+
+    def read_state(self) -> TableState:
+        """Take the answer to `request_state` and ask the angle."""
+        self._asked = 0
+        rate_dps = self._decoded(self._reply("PVE"))
+        return TableState(self._number(POSITION) % 360.0, rate_dps)
+
+    def alarms(self) -> list[str]:
+        """Return nothing: what the bits of STA mean is not public. A fault shows as a table that leaves its
+        demand."""
+        return []
+
+    def halt(self) -> None:
+        """Send a line end, which closes a command that was cut off halfway, and STO; wait for nothing."""
+        self._asked = 0
+        self.link.discard()
+        self.link.write(END + encode("STO"))
+        self._halted = True
+
+    def make_safe(self) -> None:
+        """Stop; when that is not confirmed, open the servo loop. Answers to older questions are passed over."""
+        if not self._halted:
+            self.halt()
+        self._halted = False
+        while self.link.read_some(_QUIET_S):
+            pass
+        try:
+            self._command("STO")
+        except (DeviceRefused, DeviceSilent, ProtocolError):
+            self._command("SRV0")
+
+    def read_rest(self) -> Rest:
+        """Read the rate: at rest below 0.01 deg/s."""
+        rate_dps = self._number(RATE)
+        return Rest(abs(rate_dps) < _REST_DPS, f"{rate_dps:.4f} deg/s")
+
+    def _set_turn_limits(self) -> None:
+        if self._turn_dps is not None:
+            self._command("VEL", self._turn_dps)
+        if self._turn_dps2 is not None:
+            self._command("ACL", self._turn_dps2)
+
+    def _come_to_rest(self, axis: str) -> None:
+        """A relative move counts from a standstill only."""
+        self._require(axis)
+        if abs(self._number(RATE)) < _REST_DPS:
+            return
+        self._command("STO")
+        deadline = self.link.clock.now() + STANDSTILL_TIMEOUT_S
+        while abs(rate_dps := self._number(RATE)) >= _REST_DPS:
+            if self.link.clock.now() >= deadline:
+                raise DeviceRefused(
+                    "the table does not come to rest",
+                    where=self._where,
+                    found=f"{rate_dps:.3f} deg/s {STANDSTILL_TIMEOUT_S:g} s after STO",
+                    expected="a standstill before a move",
+                    remedy="check the servo and the table's panel",
+                )
+            self.link.clock.sleep(_PAUSE_S)
+
+    def _number(self, query: bytes) -> float:
+        self._settle_input()
+        self.link.write(query + END)
+        return self._decoded(self._reply(query.decode("ascii")))
+
+    def _decoded(self, answer: bytes) -> float:
+        try:
+            return decode_number(answer)
+        except ProtocolError as error:
+            raise ProtocolError(
+                error.what, where=self._where, found=error.found, expected=error.expected, remedy=error.remedy
+            ) from error
+
+    def _command(self, mnemonic: str, value: float | None = None) -> None:
+        self._settle_input()
+        self.link.write(encode(mnemonic, value))
+        self._reply(mnemonic if value is None else f"{mnemonic}{value:g}")
+
+    def _reply(self, asked: str) -> bytes:
+        answer, _ = split_reply(self.link.read_until(PROMPT, REPLY_TIMEOUT_S)) or (b"", 0)
+        if b"?" in answer:
+            raise DeviceRefused(
+                f"the table refused {asked!r}",
+                where=self._where,
+                found=repr(answer.decode("latin-1")),
+                expected="an answer without a question mark",
+                remedy="check the demand against the table's limits, the servo and the panel",
+            )
+        return answer
+
+    def _settle_input(self) -> None:
+        """Take the answer to a state question nobody read, then drop late ones."""
+        if self._asked:
+            self._asked = 0
+            self.link.read_until(PROMPT, REPLY_TIMEOUT_S)
+        self.link.discard()
+
+    def _require(self, axis: str) -> None:
+        if axis not in ("", self.axes[0]):
+            raise DeviceRefused(
+                "the table has no such axis", where=self._where, found=axis, expected=self.axes[0]
+            )
+
+    def _require_finite(self, value: float) -> None:
+        if not math.isfinite(value):
+            raise DeviceRefused(
+                "a demand is not a number", where=self._where, found=str(value), expected="a finite number"
+            )
+
+    @property
+    def _where(self) -> str:
+        return f"{self.link.name} ({self.link.url})"
+
+    def _wrong_device(self, found: str) -> WrongDevice:
+        return WrongDevice(
+            "not an Ideal Aerosmith table with ATL",
+            where=self._where,
+            found=found,
+            expected="numbers in answer to PPO, PVE and STA, each before a prompt >",
+            remedy="check which device the bench file names for this port, and the baud rate",
+        )

@@ -1,0 +1,121 @@
+"""An Ideal Aerosmith table in bytes: ATL lines, answers, prompts, and a JOG that answers late.
+
+The bits of STA are not public; here 1 is a closed servo, 2 a completed motion and 4 a fault. `complete` is
+what MCO says of a motion that has ended: 1 in one public program, 0 in another.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from simulators.faults import DeviceFault, Fault, WireShape
+from simulators.interfaces import Reply, TablePlant
+
+_LINE = re.compile(r"([A-Z]{3})([-+]?\d+(?:\.\d*)?)?")
+_LIMIT = 128
+_BITS = 10
+_REFUSAL = "?"
+
+
+class AtlEmulator:
+    """One axis. Every line, an empty one too, gets one answer and a prompt, `latency_s` after it was taken
+    up."""
+
+    def __init__(
+        self, plant: TablePlant, *, complete: str = "1", baudrate: int = 9600, latency_s: float = 0.010
+    ) -> None:
+        self._plant = plant
+        self._complete = complete
+        self._byte_s, self._latency_s = _BITS / baudrate, latency_s
+        self._servo = self._tripped = self._jogging = False
+        self._rate_dps = plant.max_rate_dps
+        self._acceleration_dps2 = plant.max_acceleration_dps2
+        self._refusals: list[str] = []
+        self._input = b""
+        self._free_at_s = 0.0
+
+    def receive(self, data: bytes, now_s: float) -> list[Reply]:
+        """Take bytes the bench wrote (any chunking); LF ends a line."""
+        *lines, rest = (self._input + data).split(b"\n")
+        self._input = rest[-_LIMIT:]
+        replies = []
+        for line in lines:
+            text = line.decode("latin-1").strip().upper()
+            answers = [""] if self._jogging else []  # what the JOG before this line still owes
+            self._jogging = text.startswith("JOG") and self._servo
+            if not self._jogging:
+                answers.append(self._answer(text, now_s))
+            elif (refused := self._answer(text, now_s)) == _REFUSAL:
+                self._jogging = False
+                answers.append(refused)
+            for answer in answers:
+                frame = f"{answer}\r\n>\r\n".encode("ascii")
+                self._free_at_s = max(self._free_at_s, now_s + self._latency_s) + self._byte_s * len(frame)
+                replies.append(Reply(self._free_at_s, frame))
+        return replies
+
+    @property
+    def wire(self) -> WireShape:
+        """A reply; there is no check value."""
+        return WireShape()
+
+    @property
+    def faults(self) -> Mapping[str, DeviceFault]:
+        """`trip`: the servo opens and stays open until SRV0 and SRV1. `refuse`: `count` commands are answered
+        ?."""
+        return {"trip": self._trip, "refuse": self._refuse}
+
+    def _trip(self, fault: Fault, now_s: float) -> None:
+        self._tripped, self._servo = True, False
+        self._plant.servo(now_s, False)
+
+    def _refuse(self, fault: Fault, now_s: float) -> None:
+        self._refusals = [_REFUSAL] * fault.count
+
+    def _answer(self, text: str, now_s: float) -> str:
+        if not text:
+            return ""
+        found = _LINE.fullmatch(text)
+        if found is None:
+            return _REFUSAL
+        name, value = found[1], None if found[2] is None else float(found[2])
+        plant = self._plant
+        match name:
+            case "PPO":
+                return f"{plant.angle_deg(now_s):.4f}"
+            case "PVE":
+                return f"{plant.rate_dps(now_s):.4f}"
+            case "MCO":
+                ended = {"1": "0", "0": "1"}
+                return self._complete if plant.settled(now_s) else ended[self._complete]
+            case "STA":
+                return str(int(self._servo) | int(plant.settled(now_s)) << 1 | int(self._tripped) << 2)
+        if self._refusals:
+            return self._refusals.pop()
+        return "" if self._carry_out(name, value, now_s) else _REFUSAL
+
+    def _carry_out(self, name: str, value: float | None, now_s: float) -> bool:
+        plant = self._plant
+        match name, value:
+            case "ACL", float() if 0.0 < value <= plant.max_acceleration_dps2:
+                self._acceleration_dps2 = value
+            case "VEL", float() if 0.0 < value <= plant.max_rate_dps:
+                self._rate_dps = value
+            case "SRV", (0.0 | 1.0):
+                self._tripped = self._tripped and value == 1.0
+                self._servo = value == 1.0 and not self._tripped
+                plant.servo(now_s, self._servo)
+            case "STO", None:
+                plant.demand_rate(now_s, 0.0, self._acceleration_dps2)
+            case "JOG", float() if self._servo and abs(value) <= plant.max_rate_dps:
+                plant.demand_rate(now_s, value, self._acceleration_dps2)
+            case "RMO", float() if self._servo:
+                plant.demand_turn(now_s, value, self._rate_dps, self._acceleration_dps2)
+            case "MOV", float() if self._servo:
+                plant.demand_angle(now_s, value, self._rate_dps, self._acceleration_dps2)
+            case "HOM", None if self._servo:
+                plant.demand_angle(now_s, 0.0, self._rate_dps, self._acceleration_dps2)
+            case _:
+                return False
+        return True

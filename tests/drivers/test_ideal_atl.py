@@ -1,0 +1,176 @@
+"""The ATL table: lines against what public programs send, driver and emulator in memory, records decoded
+again."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drivers.errors import ConfigurationError, DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.ideal_atl import AtlTable, IdealAtl, decode_number, decode_transcript, encode, split_reply
+from drivers.instruments import Rest
+from simulators.emulators.ideal_atl import AtlEmulator
+from simulators.faults import Fault
+from simulators.plant.table import TableAxis, TableParameters
+from tests.wires import Wire
+
+SETTINGS = {"axes": [{"name": "table"}]}
+
+
+def emulated(**options):
+    plant = TableAxis(TableParameters())
+    device = AtlEmulator(plant, **options)
+    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in device.receive(data, now_s)])
+    return AtlTable(wire), wire, plant, device
+
+
+def scripted(*replies):
+    queue = list(replies)
+    wire = Wire(lambda data, now_s: [(now_s + 0.02, queue.pop(0))] if queue else [])
+    return AtlTable(wire), wire
+
+
+def settle(table, wire, seconds=60.0):
+    wire.clock.sleep(seconds)
+    return table.state()
+
+
+def test_lines_are_three_letters_and_a_number():
+    assert encode("VEL", 10.0) == b"VEL10.000000\r\n"
+    assert encode("JOG", 10.0, signed=True) == b"JOG+10.000000\r\n"
+    assert encode("JOG", -0.5, signed=True) == b"JOG-0.500000\r\n"
+    assert encode("STO") == b"STO\r\n"
+
+
+def test_an_answer_ends_with_the_prompt():
+    assert split_reply(b"123.4560\r\n>\r\n") == (b"123.4560", 11)
+    assert split_reply(b"\r\n123.4560\r\n") is None
+    assert split_reply(b"\r\n>\r\n") == (b"", 3)
+    assert decode_number(b"-12.5000") == -12.5
+    for wrong in (b"", b"12.5 deg", b"?", b"nan", b"1e999"):
+        with pytest.raises(ProtocolError):
+            decode_number(wrong)
+
+
+def test_a_day_of_a_table():
+    table, wire, plant, _ = emulated()
+    assert table.identify().maker == "Ideal Aerosmith"
+    table.servo_on()
+    table.limit_turns(20.0)
+    table.point(90.0)
+    assert settle(table, wire).angle_deg == pytest.approx(90.0, abs=1e-3)
+    assert b"VEL20.000000\r\n" in wire.sent
+    table.spin(-5.0)
+    assert settle(table, wire).rate_dps == pytest.approx(-5.0, abs=1e-3)
+    table.spin(0.0)
+    state = settle(table, wire)
+    assert state.rate_dps == pytest.approx(0.0, abs=1e-3)
+    before = plant.total_angle_deg(wire.clock.now())
+    table.turn(-450.0)
+    settle(table, wire)
+    assert plant.total_angle_deg(wire.clock.now()) - before == pytest.approx(-450.0, abs=1e-2)
+    table.home()
+    assert math.remainder(settle(table, wire).angle_deg, 360.0) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("start", "target", "by"), [(350.0, 10.0, 20.0), (10.0, 350.0, -20.0), (0.0, 179.0, 179.0)]
+)
+def test_pointing_takes_the_shortest_way(start, target, by):
+    table, wire, plant, _ = emulated()
+    table.servo_on()
+    table.point(start)
+    settle(table, wire)
+    before = plant.total_angle_deg(wire.clock.now())
+    table.point(target)
+    settle(table, wire)
+    assert plant.total_angle_deg(wire.clock.now()) - before == pytest.approx(by, abs=1e-2)
+
+
+def test_pointing_from_a_jog_stops_first():
+    table, wire, _, _ = emulated()
+    table.servo_on()
+    table.spin(50.0)
+    wire.clock.sleep(10.0)
+    table.point(30.0)
+    assert settle(table, wire).angle_deg == pytest.approx(30.0, abs=1e-3)
+
+
+def test_what_jog_owes_is_taken_with_the_status_behind_it():
+    table, wire, _, _ = emulated()
+    table.servo_on()
+    table.spin(5.0)
+    assert wire.sent.endswith(b"JOG+5.000000\r\nSTA\r\n")
+    assert table.state().angle_deg >= 0.0  # nothing of the JOG is left to be taken for a number
+
+
+def test_a_question_mark_is_a_no():
+    table, *_ = emulated()
+    with pytest.raises(DeviceRefused, match="JOG"):
+        table.spin(5.0)  # the servo is open
+    table, _, _, device = emulated()
+    device.faults["refuse"](Fault("table", "refuse", at_s=(0.0,)), 0.0)
+    with pytest.raises(DeviceRefused, match="STO"):
+        table.servo_on()
+
+
+def test_a_trip_lets_the_table_coast_to_rest():
+    table, wire, _, device = emulated()
+    table.servo_on()
+    table.spin(40.0)
+    wire.clock.sleep(30.0)
+    device.faults["trip"](Fault("table", "trip", at_s=(1.0,)), wire.clock.now())
+    assert settle(table, wire).rate_dps == pytest.approx(0.0, abs=1e-3)
+
+
+def test_made_safe_from_any_state_it_rests():
+    table, wire, _, _ = emulated()
+    table.servo_on()
+    table.spin(40.0)
+    wire.clock.sleep(10.0)
+    table.request_state()
+    table.halt()
+    table.make_safe()
+    assert not table.read_rest().reached
+    wire.clock.sleep(5.0)
+    assert table.read_rest() == Rest(True, "0.0000 deg/s")
+
+
+def test_other_devices_and_silence_are_named():
+    table, _ = scripted(b"0050.0 0024.6 01\r\n>", b"x\r\n>")
+    with pytest.raises(WrongDevice, match="PPO"):
+        table.identify()
+    table, _ = scripted()
+    with pytest.raises(DeviceSilent):
+        table.identify()
+    table, _ = scripted(b"'PPO' is an unknown command.\r")
+    with pytest.raises(WrongDevice, match="unknown command"):
+        table.identify()
+
+
+def test_two_axes_are_refused_before_the_port_is_opened():
+    settings = {
+        "axes": [{"name": "outer"}, {"name": "inner"}],
+        "port": "/dev/null",
+        "name": "table",
+        "baudrate": 9600,
+    }
+    with pytest.raises(ConfigurationError, match="one axis"):
+        IdealAtl.open(settings, None, None)
+
+
+def test_the_record_gives_the_telemetry_that_the_run_saw():
+    table, wire, _, _ = emulated()
+    table.servo_on()
+    table.spin(5.0)
+    seen = []
+    for _ in range(4):
+        wire.clock.sleep(1.0)
+        seen.append(table.state())
+    columns, counts = decode_transcript(iter(wire.exchanges), SETTINGS)
+    assert counts == {"polls": 4, "damaged": 0}
+    np.testing.assert_array_equal(columns["angle_deg"], [state.angle_deg for state in seen])
+    np.testing.assert_array_equal(columns["rate_dps"], [state.rate_dps for state in seen])
+    late = [(at, way, data.replace(b"5.0000\r\n>", b"5.0?00\r\n>")) for at, way, data in wire.exchanges]
+    columns, counts = decode_transcript(iter(late), SETTINGS)
+    assert counts["damaged"] > 0 and len(columns["time_ns"]) == 4 - counts["damaged"]

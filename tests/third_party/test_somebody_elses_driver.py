@@ -1,0 +1,90 @@
+"""The example package beside this file is installed for real, offline, and a run uses its driver and
+emulator."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+PACKAGE = Path(__file__).parent / "acme_gyro"
+BENCH = """
+[bench]
+name = "bench with a gyro nobody here has heard of"
+latitude_deg = 39.10
+[table]
+driver = "acutrol3000"
+port = "/dev/ttyUSB0"
+[chamber]
+driver = "weiss"
+port = "/dev/ttyUSB2"
+[[gyro]]
+name = "acme_1"
+driver = "acme_gy1"
+port = "/dev/ttyUSB1"
+baudrate = 115200
+rate_hz = 50
+axis = "x"
+unit = "GY1-0007"
+"""
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """Install the package into a folder of its own, with what is on this machine only."""
+    source = (
+        tmp_path_factory.mktemp("source") / "acme_gyro"
+    )  # a build leaves its own files beside the sources
+    shutil.copytree(PACKAGE, source)
+    target = tmp_path_factory.mktemp("site")
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-deps",
+        "--no-build-isolation",
+    ]
+    command += ["--disable-pip-version-check", "--target", str(target), str(source)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return target
+
+
+def gyrobench(arguments, site, cwd):
+    environment = {**os.environ, "PYTHONPATH": str(site) if site else ""}
+    program = [sys.executable, "-c", "from bench.cli import main; main()", *arguments]
+    return subprocess.run(program, env=environment, cwd=cwd, capture_output=True, text=True, timeout=120)
+
+
+def test_the_example_is_short():
+    code = [line for line in (PACKAGE / "acme_gyro.py").read_text().splitlines() if line.strip()]
+    assert len(code) <= 45
+
+
+@pytest.mark.timeout(180)
+def test_its_driver_runs_a_procedure_by_name(installed, tmp_path):
+    (tmp_path / "lab.toml").write_text(BENCH)
+    arguments = ["rehearse", "constant-rotation"]
+    done = gyrobench(arguments, installed, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (run,) = (tmp_path / "runs").iterdir()
+    manifest = json.loads((run / "manifest.json").read_text())
+    assert manifest["outcome"] == "completed"
+    assert manifest["devices"]["acme_1"]["maker"] == "ACME"
+    assert manifest["stream"]["acme_1"]["lost"] == 0
+    table = pq.read_table(run / "gyro_acme_1.parquet").to_pandas()
+    assert len(table) == manifest["stream"]["acme_1"]["frames"] > 1000
+
+
+def test_without_the_package_its_name_is_unknown_and_the_known_ones_are_listed(tmp_path):
+    (tmp_path / "lab.toml").write_text(BENCH)
+    done = gyrobench(["rehearse", "constant-rotation"], None, tmp_path)
+    assert done.returncode == 2
+    assert "gyro[0].driver" in done.stderr and "acme_gy1" in done.stderr and "kvh1750" in done.stderr
