@@ -13,6 +13,7 @@ from bench.calibration._paths import Path, stretch_of
 from bench.calibration._segments import Segment, compose, scaled_variances
 
 _WINDOW = (2, 3, 4, 5)
+_WAYS = 6**5
 _START_HEAT, _END_HEAT = 0.02, 0.0005
 
 
@@ -49,7 +50,9 @@ class _Options:
 
 
 def _rerouted(graph: Graph, path: Path, rng: np.random.Generator) -> _Options:
-    length = min(int(rng.choice(_WINDOW)), len(path.moves))
+    # with m moves a window of l turns has up to m^l ways: as many as five quarter turns give, at most
+    longest = max(2, int(math.log(_WAYS) / math.log(len(graph.moves))))
+    length = min(int(rng.choice(_WINDOW)), longest, len(path.moves))
     start = int(rng.integers(len(path.moves) - length + 1))
     nodes = graph.walk(path.home, path.moves)
     ways = _ways(graph, nodes[start], nodes[start + length], length)

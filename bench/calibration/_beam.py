@@ -44,7 +44,9 @@ def _homes(graph: Graph) -> Integers:
     seen: dict[tuple[object, ...], int] = {}
     for node, at in enumerate(graph.node_attitude):
         up = int(np.argmax(np.abs(graph.attitudes[at][2])))
-        possible = tuple(sorted({move // 2 for move in range(6) if graph.edges[node, move] >= 0}))
+        possible = tuple(
+            sorted({move.axis for number, move in enumerate(graph.moves) if graph.edges[node, number] >= 0})
+        )
         seen.setdefault((up, possible), node)
     return np.array(list(seen.values()))
 

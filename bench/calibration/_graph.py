@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,17 +15,18 @@ from bench.calibration._schedule import Move, Schedule
 from bench.calibration._segments import Segment, compose, dwell_segments, turn_segments
 from bench.calibration._table import Gimbals, Table, mountings, turned
 
-MOVES = tuple(Move(axis, angle) for axis in range(3) for angle in (90, -90))
+QUARTERS = (90,)
 Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """`attitudes` (24, 3, 3), `node_attitude` (n,) index of each node's attitude, `edges` (n, 6): the node that
-    each of the six moves leads to, -1 where the table cannot; `rests` (24,) and `segments` (24, 6) in batch;
-    `distance` (n, n) in turns.
+    """`moves` (m): what an edge turns, six for quarter turns alone. `attitudes` (24, 3, 3), `node_attitude` (n,)
+    index of each node's attitude, `edges` (n, m): the node that each move leads to, -1 where the table cannot;
+    `rests` (24,) and `segments` (24, m) in batch; `distance` (n, n) in turns.
     """
 
+    moves: tuple[Move, ...]
     table: Table
     pattern: Schedule
     attitudes: Array
@@ -39,7 +41,7 @@ class Graph:
         return self.pattern.with_(
             name=name,
             home=self.attitudes[self.node_attitude[home]],
-            moves=tuple(MOVES[move] for move in moves),
+            moves=tuple(self.moves[move] for move in moves),
         )
 
     def walk(self, home: int, moves: tuple[int, ...]) -> list[int]:
@@ -62,33 +64,39 @@ def grid_attitudes() -> Array:
     return np.array(found)
 
 
-def build_graph(task: Task, table: Table, pattern: Schedule) -> Graph:
-    """Return the graph; `pattern` gives dwell, rate and profile. Takes about 0.1 s."""
+def build_graph(task: Task, table: Table, pattern: Schedule, angles_deg: Sequence[int] = QUARTERS) -> Graph:
+    """Return the graph of turns by +-`angles_deg`; `pattern` gives dwell, rate and profile. Takes 0.1 s or so."""
     attitudes = grid_attitudes()
-    after = _moved(attitudes)
-    nodes, edges = _nodes(table, attitudes, after)
+    moves = tuple(Move(axis, sign * angle) for axis in range(3) for angle in angles_deg for sign in (1, -1))
+    after = _moved(attitudes, moves)
+    nodes, edges = _nodes(table, attitudes, after, moves)
     rests = dwell_segments(task, attitudes, pattern.dwell_s)
     turns = turn_segments(
-        task, np.repeat(attitudes, 6, axis=0), MOVES * 24, pattern.rate_dps, pattern.profile
+        task, np.repeat(attitudes, len(moves), axis=0), moves * 24, pattern.rate_dps, pattern.profile
     )
     both = compose(turns, rests[after.ravel()])
     segments = Segment(
-        *(part.reshape(24, 6, *part.shape[1:]) for part in (both.transition, both.information, both.noise))
+        *(
+            part.reshape(24, len(moves), *part.shape[1:])
+            for part in (both.transition, both.information, both.noise)
+        )
     )
-    return Graph(table, pattern, attitudes, nodes, edges, rests, segments, _distances(edges))
+    return Graph(moves, table, pattern, attitudes, nodes, edges, rests, segments, _distances(edges))
 
 
-def _moved(attitudes: Array) -> Integers:
+def _moved(attitudes: Array, moves: Sequence[Move]) -> Integers:
     index = {tuple(np.rint(attitude).astype(int).ravel()): at for at, attitude in enumerate(attitudes)}
-    after = np.empty((24, 6), dtype=np.int64)
+    after = np.empty((24, len(moves)), dtype=np.int64)
     for at, attitude in enumerate(attitudes):
-        for number, move in enumerate(MOVES):
+        for number, move in enumerate(moves):
             turn = rotation(np.eye(3)[move.axis], np.array([math.radians(move.angle_deg)]))[0]
             after[at, number] = index[tuple(np.rint(attitude @ turn).astype(int).ravel())]
     return after
 
 
-def _nodes(table: Table, attitudes: Array, after: Integers) -> tuple[Integers, Integers]:
+def _nodes(
+    table: Table, attitudes: Array, after: Integers, moves: Sequence[Move]
+) -> tuple[Integers, Integers]:
     """Return the attitude of every node and the edges; a turn that two gimbals can make is two nodes' choice:
     the first is taken that keeps the mounting, so each move leads to one node.
     """
@@ -96,12 +104,14 @@ def _nodes(table: Table, attitudes: Array, after: Integers) -> tuple[Integers, I
         return np.arange(24), after
     keys = [(at, way) for at, attitude in enumerate(attitudes) for way in mountings(table, attitude)]
     index: dict[tuple[int, Gimbals], int] = {key: number for number, key in enumerate(keys)}
-    edges = np.full((len(keys), 6), -1, dtype=np.int64)
+    edges = np.full((len(keys), len(moves)), -1, dtype=np.int64)
     for number, (at, way) in enumerate(keys):
-        for move in range(6):
-            left = turned(table, way, attitudes[at], MOVES[move].axis)
+        for at_move, move in enumerate(moves):
+            left = turned(table, way, attitudes[at], move.axis)
             if left:
-                edges[number, move] = index[int(after[at, move]), left[0]]
+                # after an even number of quarters a middle axis lies along its line again
+                kept = left[0] if move.angle_deg // 90 % 2 else way
+                edges[number, at_move] = index[int(after[at, at_move]), kept]
     return np.array([at for at, _ in keys]), edges
 
 

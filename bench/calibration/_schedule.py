@@ -33,7 +33,7 @@ DIRECTIONS = {
 }
 _MOVE = re.compile(r"([+-])([xyz])(\d*)")
 _ALIASES = {"optimised": "t22"}
-_ANGLES = (90, 180, 270, 360)
+ANGLES = (90, 180, 270, 360)
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def parse_moves(text: str, where: str = "moves") -> tuple[Move, ...]:
     moves, at = [], 0
     while at < len(compact):
         found = _MOVE.match(compact, at)
-        if found is None or (found[3] and int(found[3]) not in _ANGLES):
+        if found is None or (found[3] and int(found[3]) not in ANGLES):
             raise ConfigurationError(
                 "not a move",
                 where=where,

@@ -17,9 +17,9 @@ import numpy as np
 from bench.calibration._annealing import anneal
 from bench.calibration._beam import grow_beam
 from bench.calibration._conventions import PARAMETERS, Array, Task
-from bench.calibration._graph import Graph, Integers, build_graph
+from bench.calibration._graph import QUARTERS, Graph, Integers, build_graph
 from bench.calibration._paths import Path, cuts, whole
-from bench.calibration._schedule import Schedule
+from bench.calibration._schedule import ANGLES, Schedule
 from bench.calibration._segments import Segment, compose, scaled_variances
 from bench.calibration._table import Table
 from drivers.errors import ConfigurationError
@@ -68,12 +68,20 @@ def search(
     *,
     effort: Effort = Effort(),
     seed: int = 0,
+    angles_deg: Sequence[int] = QUARTERS,
 ) -> SearchResult:
-    """Return the best closed schedule of `turns` quarter turns that the table can make.
+    """Return the best closed schedule of `turns` turns by +-`angles_deg` that the table can make.
 
-    `pattern` gives dwell, rate and turn profile. ConfigurationError if no such schedule closes.
+    `pattern` gives dwell, rate and turn profile. ConfigurationError for angles that are not 90, 180, 270 or 360,
+    or if no such schedule closes.
     """
-    graph = build_graph(task, table, pattern)
+    if not angles_deg or not set(angles_deg) <= set(ANGLES):
+        raise ConfigurationError(
+            "turns by other angles are not searched",
+            found=", ".join(str(angle) for angle in angles_deg) or "none",
+            expected="some of " + ", ".join(str(angle) for angle in ANGLES),
+        )
+    graph = build_graph(task, table, pattern, tuple(dict.fromkeys(angles_deg)))
     weight = (task.prior_sigma[PARAMETERS] / task.target_sigma) ** 2
     found, evaluated = grow_beam(graph, weight, turns, effort.beam_width)
     if not found:
@@ -90,12 +98,14 @@ def search(
         evaluated += count
     _, path = min(finished, key=lambda each: each[0])
     ratio = np.sqrt(scaled_variances(whole(graph, path).information) * weight)
+    degrees = ", ".join(str(angle) for angle in angles_deg)
+    kind = "quarter turns" if tuple(angles_deg) == QUARTERS else f"turns by {degrees} deg"
     return SearchResult(
         schedule=graph.schedule(path.home, path.moves, f"searched-{table}-{turns}"),
         merit=Merit(float(ratio.max()), float(np.sqrt(np.mean(ratio**2)))),
         evaluated=evaluated,
         statement=(
-            f"Searched: {turns} quarter turns that close, {table} table, {pattern.dwell_s:g} s dwell; beam of "
+            f"Searched: {turns} {kind} that close, {table} table, {pattern.dwell_s:g} s dwell; beam of "
             f"{effort.beam_width} per attitude and home, {effort.starts} annealings of {effort.steps} steps, "
             f"{evaluated} schedules evaluated. Best found, not proven best."
         ),

@@ -164,12 +164,17 @@ def scheme_search(
     vrw: Annotated[float, typer.Option(help="velocity random walk, ug/sqrt(Hz)")] = 10.0,
     seed: Annotated[int, typer.Option(help="seed of the annealing")] = 0,
     thorough: Annotated[bool, typer.Option("--thorough", help="search longer")] = False,
+    angles: Annotated[
+        str, typer.Option(help="angles of the turns, of 90, 180, 270, 360, separated by commas")
+    ] = "90",
     out: Annotated[Path | None, typer.Option(help="write the scheme found (TOML) here")] = None,
 ) -> None:
     """Find a better rotation scheme for a table, a time and the accuracy targets."""
     from bench.cli._scheme import scheme_search_command
 
-    scheme_search_command(turns, table, dwell_s, rate_dps, latitude_deg, arw, vrw, seed, thorough, out)
+    scheme_search_command(
+        turns, table, dwell_s, rate_dps, latitude_deg, arw, vrw, seed, thorough, angles, out
+    )
 
 
 @fit_app.command("calibration")

@@ -79,15 +79,24 @@ def scheme_search_command(
     vrw_ug_per_sqrt_hz: float = 10.0,
     seed: int = 0,
     thorough: bool = False,
+    angles: str = "90",
     out: Path | None = None,
 ) -> None:
-    """Search a closed scheme of quarter turns for a table, show it beside the classical ones, write its file."""
+    """Search a closed scheme of turns by `angles`, show it beside the classical ones, write its file."""
     pattern = Schedule("", (), np.eye(3), _positive("dwell", dwell_s), _positive("rate", rate_dps))
     task = _task(latitude_deg, None, arw_deg_per_sqrt_h, vrw_ug_per_sqrt_hz, 1e-3)
     if not 2 <= turns <= 40:
         raise ConfigurationError("turns out of range", where="--turns", found=str(turns), expected="2 to 40")
     effort = _THOROUGH if thorough else _QUICK
-    result = search(task, turns=turns, table=_table(table), pattern=pattern, effort=effort, seed=seed)
+    result = search(
+        task,
+        turns=turns,
+        table=_table(table),
+        pattern=pattern,
+        effort=effort,
+        seed=seed,
+        angles_deg=_angles(angles),
+    )
     console = Console()
     console.print(
         f"{moves_text(result.schedule.moves)}\nhome: {home_text(result.schedule.home)}", highlight=False
@@ -108,6 +117,15 @@ def scheme_search_command(
         named = result.schedule.with_(name=out.stem, source="gyrobench scheme search", notes=result.statement)
         out.write_text(scheme_file(named), encoding="utf-8")
         console.print(f"{out}", highlight=False)
+
+
+def _angles(text: str) -> tuple[int, ...]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() for part in parts):
+        raise ConfigurationError(
+            "not a list of angles", where="--angles", found=repr(text), expected="such as 90,180"
+        )
+    return tuple(int(part) for part in parts)
 
 
 def _task(

@@ -296,3 +296,21 @@ def test_search_command_writes_a_scheme_that_loads(
     scheme = load_scheme(str(tmp_path / "mine.toml"))
     assert scheme.closes and len(scheme.moves) == 6
     require_possible("two-axis-horizontal", scheme)
+
+
+def test_a_search_with_half_turns_is_turned_by_its_table_and_evaluated_alike() -> None:
+    pattern = Schedule("", (), np.eye(3), 60.0, profile="constant")
+    result = search(TASK, "two-axis-horizontal", 6, pattern, effort=Effort(4, 20, 1), angles_deg=(90, 180))
+    assert result.schedule.closes and "90, 180 deg" in result.statement
+    require_possible("two-axis-horizontal", result.schedule)
+    assert evaluate(TASK, result.schedule).merit.worst == pytest.approx(result.merit.worst, rel=1e-6)
+    with pytest.raises(ConfigurationError, match="other angles"):
+        search(TASK, "by-hand", 6, pattern, angles_deg=(45,))
+
+
+def test_half_turns_that_help_are_found() -> None:
+    """Turns by 90 and 180 deg contain those by 90 deg: with a beam this wide never worse."""
+    pattern = Schedule("", (), np.eye(3), 180.0)
+    quarter = search(TASK, "by-hand", 4, pattern, effort=Effort(64, 40, 2))
+    mixed = search(TASK, "by-hand", 4, pattern, effort=Effort(64, 40, 2), angles_deg=(90, 180))
+    assert mixed.merit.worst <= quarter.merit.worst * (1.0 + 1e-9)
