@@ -16,32 +16,58 @@ from bench.gap import (
     GapRun,
     Model,
     Shrinkage,
+    Suggestion,
     closed_model,
     diagnose,
+    differences,
     load_gap_runs,
     model_text,
     read_mapped_runs,
     read_model,
     shrinkage,
+    suggest,
 )
+from bench.report import GapContent, render_gap
+from drivers.clock import utc_now
 
 _SIGNIFICANT = 0.01
 _SHOWN = 8
 
 
 def gap_diagnose_command(
-    runs: Sequence[Path], model: Path, held_out: Sequence[Path], gyro: str | None, as_json: bool
+    runs: Sequence[Path],
+    model: Path,
+    held_out: Sequence[Path],
+    gyro: str | None,
+    as_json: bool,
+    report: Path | None = None,
 ) -> None:
     """Say where simulation and bench part, which effect is missing, and how far the gap closes with it."""
     console = Console()
     nominal = read_model(model)
     with console.status("diagnosing"):
-        found = diagnose(_load(runs, gyro), nominal)
-        shrunk = _judged(found, _load(held_out, gyro), nominal) if held_out else None
+        given, kept = _load(runs, gyro), _load(held_out, gyro)
+        found = diagnose(given, nominal)
+        shrunk = _judged(found, kept, nominal) if kept else None
+        following = suggest(found, given[0].stimulus.latitude_deg)
+    if report is not None:
+        before = Model(nominal.name, found.model.terms, found.model.noise)
+        shown = differences(kept or given, before, closed_model(found))
+        content = GapContent(found, shrunk, shown, bool(kept), utc_now(), model.name, following)
+        report.parent.mkdir(parents=True, exist_ok=True)
+        report.write_text(render_gap(content), encoding="utf-8")
     if as_json:
-        console.print_json(json.dumps(_facts(found, shrunk)))
+        console.print_json(json.dumps(_facts(found, shrunk, following)))
         return
     _print(console, found, shrunk)
+    for each in following[:2]:
+        console.print(
+            f"  next: {each.procedure} ({each.parameters}, {each.hours:g} h): {each.decides}, "
+            f"expected log odds {each.log_odds:.3g}",
+            highlight=False,
+        )
+    if report is not None:
+        console.print(f"report: {report}", highlight=False, soft_wrap=True)
 
 
 def gap_close_command(runs: Sequence[Path], model: Path, gyro: str | None, out: Path | None) -> None:
@@ -83,6 +109,8 @@ def _print(console: Console, found: Diagnosis, shrunk: Shrinkage | None) -> None
         console.print(
             f"  something that the catalogue lacks ({chance}); it resembles {near}", highlight=False
         )
+        for part in found.unknown_parts:
+            console.print(f"  {part.sentence}", highlight=False)
     console.print(_map("where", [p for p in found.places if p.p_value < _SIGNIFICANT][:_SHOWN]))
     if any(p.p_value < _SIGNIFICANT for p in found.left_places):
         console.print(_map("left", [p for p in found.left_places if p.p_value < _SIGNIFICANT][:_SHOWN]))
@@ -131,7 +159,9 @@ def _closing(shrunk: Shrinkage | None) -> str:
     )
 
 
-def _facts(found: Diagnosis, shrunk: Shrinkage | None) -> dict[str, Any]:
+def _facts(
+    found: Diagnosis, shrunk: Shrinkage | None, following: Sequence[Suggestion] = ()
+) -> dict[str, Any]:
     return {
         "unit": found.unit_id,
         "verdict": found.verdict,
@@ -143,6 +173,11 @@ def _facts(found: Diagnosis, shrunk: Shrinkage | None) -> dict[str, Any]:
         "sets": {" + ".join(sorted(names)): value for names, value in found.set_probabilities.items()},
         "places": [vars(place) for place in found.places],
         "phases": [vars(place) for place in found.phases],
+        "regimes": [vars(place) for place in found.regimes],
+        "unknown_parts": [
+            {key: value for key, value in vars(part).items() if key != "term"} for part in found.unknown_parts
+        ],
+        "next": [vars(each) for each in following],
         "left": [vars(place) for place in found.left_places],
         "unidentifiable": dict(found.unidentifiable),
         "warnings": list(found.warnings),
@@ -170,5 +205,12 @@ def _shrinkage_facts(shrunk: Shrinkage) -> dict[str, Any]:
         "interval_95": [shrunk.low, shrunk.high],
         "rms_before_dph": shrunk.rms_before_dph,
         "rms_after_dph": shrunk.rms_after_dph,
-        "by_profile": {name: value for name, value in shrunk.by_profile.items() if value == value},
+        **{
+            key: {name: value for name, value in shares.items() if value == value}
+            for key, shares in (
+                ("by_profile", shrunk.by_profile),
+                ("by_runs", shrunk.by_runs),
+                ("by_phase", shrunk.by_phase),
+            )
+        },
     }

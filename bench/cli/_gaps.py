@@ -25,11 +25,12 @@ def gap_diagnose(
     ] = None,
     gyro: GyroName = None,
     json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
+    report: Annotated[Path | None, typer.Option(help="HTML report to write, with the map and curves")] = None,
 ) -> None:
     """Say where the gap is, which effect explains it, and how far it closes on held-out runs."""
     from bench.cli._gap import gap_diagnose_command
 
-    gap_diagnose_command(runs, model, held_out or [], gyro, json)
+    gap_diagnose_command(runs, model, held_out or [], gyro, json, report)
 
 
 @gap_app.command("close")

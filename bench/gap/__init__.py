@@ -1,7 +1,9 @@
 """Where simulation and bench part, which effect is missing, and how much of the gap closes once it is in."""
 
+from bench.gap._cells import BANDS
 from bench.gap._close import Shrinkage, closed_model, shrinkage
 from bench.gap._data import GapRun, Group, check_runs, group_runs
+from bench.gap._describe import UnknownPart
 from bench.gap._diagnose import Cause, Diagnosis, diagnose
 from bench.gap._exam import Answer, Closed, Sealed, close, examined, make_case, nominal_model
 from bench.gap._examination import case_kinds, examine
@@ -11,13 +13,18 @@ from bench.gap._model_file import Model, Term, model_text, parse_model, read_mod
 from bench.gap._noise import Noise
 from bench.gap._run_folder import load_gap_runs
 from bench.gap._score import Line, Marked, Reliability, reliability, shrinkage_quantiles, table
-from bench.gap._where import PhasePlace, Place
+from bench.gap._series import Difference, differences
+from bench.gap._suggest import Suggestion, suggest
+from bench.gap._where import SIGNIFICANT, PhasePlace, Place, RegimePlace
 
 __all__ = [
+    "BANDS",
+    "SIGNIFICANT",
     "Answer",
     "Cause",
     "Closed",
     "Diagnosis",
+    "Difference",
     "Floor",
     "GapRun",
     "Group",
@@ -27,15 +34,19 @@ __all__ = [
     "Noise",
     "PhasePlace",
     "Place",
+    "RegimePlace",
     "Reliability",
     "Sealed",
     "Shrinkage",
+    "Suggestion",
     "Term",
+    "UnknownPart",
     "case_kinds",
     "check_runs",
     "close",
     "closed_model",
     "diagnose",
+    "differences",
     "examine",
     "examined",
     "group_runs",
@@ -49,5 +60,6 @@ __all__ = [
     "reliability",
     "shrinkage",
     "shrinkage_quantiles",
+    "suggest",
     "table",
 ]

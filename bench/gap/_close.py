@@ -9,11 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.gap._cells import BANDS, Cell, group_cells, mixed_whitened, rescaled, transformed
+from bench.gap._cells import (
+    BANDS,
+    Cell,
+    band_slices,
+    group_cells,
+    mixed_whitened,
+    rescaled,
+    transformed,
+)
 from bench.gap._data import GapRun, check_runs, group_runs
 from bench.gap._diagnose import Diagnosis
 from bench.gap._fit import Floor, counts
 from bench.gap._model_file import Model
+from bench.gap._noise import spectrum
+from bench.gap._where import in_time
 from drivers.errors import ConfigurationError
 
 Array = NDArray[np.float64]
@@ -21,12 +31,17 @@ _ACTIVE = 3.0
 """Standard deviations of energy above the floor from which a cell counts as part of the gap."""
 
 
+_LEAST_OF_GAP = 0.02
+"""Part of the whole gap from which a phase has a share of its own."""
+
+
 @dataclass(frozen=True)
 class Shrinkage:
     """Part of the reducible gap that is gone on held-out runs, with its 95 % interval; sizes before and after.
 
-    `rms_*_dph` are what is left above the floor. `by_profile` holds the same share for each profile (NaN where it
-    had no gap). `cells` counts the cells with a gap, `active` says which; with none the share is NaN.
+    `rms_*_dph` are what is left above the floor. `by_profile`, `by_runs` (common, odd in rate, ...) and
+    `by_phase` ("profile: phase") hold the same share for their part of the data (NaN where it had no gap).
+    `cells` counts the cells with a gap, `active` says which; with none the share is NaN.
     """
 
     share: float
@@ -35,6 +50,8 @@ class Shrinkage:
     rms_before_dph: float
     rms_after_dph: float
     by_profile: dict[str, float]
+    by_runs: dict[str, float]
+    by_phase: dict[str, float]
     cells: int
     active: tuple[bool, ...]
 
@@ -77,18 +94,56 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
         share + 1.96 * sigma,
         _rms(cells, first, active),
         _rms(cells, then, active),
-        {
-            profile: _share(
-                *(
-                    values[active & np.array([cell.profile == profile for cell in cells])]
-                    for values in (first, then, number, deviation)
-                )
-            )[0]
-            for profile in dict.fromkeys(cell.profile for cell in cells)
-        },
+        _shares_by([cell.profile for cell in cells], active, first, then, number, deviation),
+        _shares_by([cell.parity for cell in cells], active, first, then, number, deviation),
+        _shares_by_phase(before, after, runs, floor, cells, active),
         int(active.sum()),
         tuple(active.tolist()),
     )
+
+
+def _shares_by(
+    of: Sequence[str], active: NDArray[np.bool_], first: Array, then: Array, number: Array, deviation: Array
+) -> dict[str, float]:
+    shares = {}
+    for name in dict.fromkeys(of):
+        at = active & np.array([each == name for each in of])
+        shares[name] = _share(first[at], then[at], number[at], deviation[at])[0]
+    return shares
+
+
+def _shares_by_phase(
+    before: Model,
+    after: Model,
+    runs: Sequence[GapRun],
+    floor: Floor,
+    cells: Sequence[Cell],
+    active: NDArray[np.bool_],
+) -> dict[str, float]:
+    """Return shares of energy above the floor by phase, in the bands with a gap of each profile."""
+    bands: dict[str, set[int]] = {}
+    for cell, on in zip(cells, active, strict=True):
+        if on:
+            bands.setdefault(cell.profile, set()).add(cell.band)
+    excess: dict[str, Array] = {}
+    for group in group_runs(runs):
+        for run in (run for each in group.runs for run in each):
+            n, period_s = len(run.stimulus), run.stimulus.period_s
+            left = run.output_dph - np.stack([model.predict(run.stimulus) for model in (before, after)])
+            own = transformed(run, left) / np.sqrt(spectrum(after.noise, np.arange(1, n) / n, period_s))
+            for band in bands.get(group.profile, set()):
+                part = band_slices(n, period_s)[band]
+                expected = (part.stop - part.start) / n
+                energy = [in_time(row[None], part) / floor.ratio[band] - expected for row in own]
+                for phase in dict.fromkeys(run.phase.tolist()):
+                    at = run.phase == phase
+                    key = f"{group.profile}: {phase}"
+                    excess[key] = excess.get(key, np.zeros(2)) + [each[at].sum() for each in energy]
+    total = sum(max(float(each[0]), 0.0) for each in excess.values()) or 1.0
+    return {
+        key: float(1.0 - each[1] / each[0]) if each[0] > _LEAST_OF_GAP * total else math.nan
+        for key, each in excess.items()
+    }
 
 
 def judged_cells(before: Model, after: Model, runs: Sequence[GapRun]) -> list[Cell]:

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from bench.gap._align import aligned
 from bench.gap._candidates import candidate_variants, candidates_of, possible_candidates
 from bench.gap._cells import BANDS, mixing
-from bench.gap._data import GapRun, Group
+from bench.gap._data import GapRun, Group, check_runs
+from bench.gap._describe import UnknownPart, curve_part, line_part, remaining_part
 from bench.gap._evidence import SetPosterior, reduced, search
 from bench.gap._fit import (
     DIRECTIONS,
@@ -40,12 +42,16 @@ Array = NDArray[np.float64]
 AMBIGUOUS = 0.02
 _UNKNOWN_PRIOR = 5.0
 _SHOWN = 12.0
+_LONG_S = 3600.0
 _LOST_FRACTION = 1e-4
 
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect that explains (part of) the gap, fitted; `alternatives` maps rivals to their probability."""
+    """An effect that explains (part of) the gap, fitted; `alternatives` maps rivals to their probability.
+
+    `rivals` are the alternatives fitted in its place.
+    """
 
     name: str
     probability: float
@@ -53,6 +59,7 @@ class Cause:
     alternatives: Mapping[str, float]
     credibility: float
     meaning: str
+    rivals: Mapping[str, Term]
 
 
 @dataclass(frozen=True)
@@ -81,11 +88,15 @@ class Diagnosis:
     unidentifiable: Mapping[str, str]
     warnings: tuple[str, ...]
     run_checksums: Mapping[str, str]
+    unknown_parts: tuple[UnknownPart, ...]
+    constant: bool
 
     @property
     def verdict(self) -> str:
-        """One of "no gap", "explained", "explained in part", "unknown"."""
+        """One of "no gap", "explained", "explained in part", "unknown", "nothing to identify"."""
         named = bool(self.causes or self.stochastic)
+        if self.constant and not named:
+            return "nothing to identify"
         if self.unknown_probability > 0.5:
             return "explained in part" if named else "unknown"
         return "explained" if named else "no gap"
@@ -93,12 +104,14 @@ class Diagnosis:
 
 def diagnose(runs: Sequence[GapRun], model: Model) -> Diagnosis:
     """Diagnose the gap between runs of one unit and its nominal model."""
+    check_runs(runs)
+    runs, notes = aligned(runs)
     variants = candidate_variants(model, runs)
     found = _found(prepare(runs, model, variants), model, variants)
     if found.best.members:
         variants, again = _second_look(found, model, variants)
         found = _found(again, model, variants, found.hidden)
-    return _reported(found, runs, model, variants)
+    return _reported(found, runs, model, variants, notes)
 
 
 def _second_look(found: _Found, model: Model, variants: Sequence[Variant]) -> tuple[list[Variant], Prepared]:
@@ -187,7 +200,9 @@ def _found(
     )
 
 
-def _reported(found: _Found, runs: Sequence[GapRun], model: Model, variants: Sequence[Variant]) -> Diagnosis:
+def _reported(
+    found: _Found, runs: Sequence[GapRun], model: Model, variants: Sequence[Variant], notes: Sequence[str]
+) -> Diagnosis:
     data, best, judged, cells = found.data, found.best, found.judged, found.data.cells
     causes, resembles = _causes(best, judged, found.posterior, variants, data, found.variance, model)
     weights = _normalised(judged)
@@ -198,6 +213,7 @@ def _reported(found: _Found, runs: Sequence[GapRun], model: Model, variants: Seq
     for place in where:
         if place.p_value < SIGNIFICANT:
             active.setdefault(place.profile, set()).add(BANDS.index(place.band))
+    left_places = places(cells, best.left, data.floor)
     noise = data.noise.noise
     nominal = _residuals(data, solve(weighted_gram(cells, np.ones(len(cells))), model.sigmas, ()))
     return Diagnosis(
@@ -214,10 +230,12 @@ def _reported(found: _Found, runs: Sequence[GapRun], model: Model, variants: Seq
         tuple(where),
         tuple(phase_map(data.groups, _mixed(data.groups, nominal), data.floor, noise)),
         tuple(regime_map(data.groups, nominal, data.floor, noise, active)),
-        tuple(places(cells, best.left, data.floor)),
+        tuple(left_places),
         found.hidden,
-        _warnings(data),
+        (*notes, *_warnings(data)),
         {run.run_id: run.checksum for run in runs},
+        tuple(_unknown_parts(found, variants, left_places, active)) if unknown > 0.5 else (),
+        _constant(runs),
     )
 
 
@@ -285,21 +303,49 @@ def _causes(
         if candidate.effect.startswith(PREFIX):
             continue
         own = [column + q for column in candidate.columns]
-        at = [int(np.flatnonzero(best.solution.indices == column)[0]) for column in own]
-        values = best.solution.values[at]
-        deviations = np.sqrt(np.diag(best.solution.covariance)[at])
+        alternatives = _rivals(candidate.effect, best.names, weights)
         trust = credibility(data.cells, variance, best.solution, own, best.rest)
         cause = Cause(
             candidate.effect,
             sum(sum(both) for names, both in weights.items() if candidate.effect in names),
-            Term(variants[member], tuple(values.tolist()), tuple(deviations.tolist())),
-            _rivals(candidate.effect, best.names, weights),
+            _fitted(member, best, posterior, variants, q),
+            alternatives,
             trust,
             variants[member].effect.meaning,
+            _fitted_rivals(candidate.effect, alternatives, best, judged, posterior, variants, q),
         )
         doubt = best.unknown > 0.5 and trust < CREDIBLE
         (doubtful if doubt or absorbed(variants[member].effect, curves) else named).append(cause)
     return tuple(named), tuple(doubtful)
+
+
+def _fitted(
+    member: int, judged: _Judged, posterior: SetPosterior, variants: Sequence[Variant], q: int
+) -> Term:
+    """Return a member of a judged set as a term with its fitted values."""
+    columns = [column + q for column in posterior.candidates[member].columns]
+    at = [int(np.flatnonzero(judged.solution.indices == column)[0]) for column in columns]
+    deviations = np.sqrt(np.diag(judged.solution.covariance)[at])
+    return Term(variants[member], tuple(judged.solution.values[at].tolist()), tuple(deviations.tolist()))
+
+
+def _fitted_rivals(
+    name: str,
+    rivals: Mapping[str, float],
+    best: _Judged,
+    judged: Sequence[_Judged],
+    posterior: SetPosterior,
+    variants: Sequence[Variant],
+    q: int,
+) -> dict[str, Term]:
+    """Return the alternatives to an effect, each fitted in its place."""
+    terms = {}
+    for rival in rivals:
+        wanted = (best.names - {name}) | {rival}
+        instead = next(each for each in judged if each.names == wanted)
+        member = next(each for each in instead.members if posterior.candidates[each].effect == rival)
+        terms[rival] = _fitted(member, instead, posterior, variants, q)
+    return terms
 
 
 def _rivals(
@@ -353,6 +399,39 @@ def _mixed(groups: Sequence[Group], residuals: Sequence[Array]) -> list[Array]:
     return [mixing(group)[2] @ own for group, own in zip(groups, residuals, strict=True)]
 
 
+def _unknown_parts(
+    found: _Found, variants: Sequence[Variant], left: Sequence[Place], bands: Mapping[str, set[int]]
+) -> list[UnknownPart]:
+    best, q = found.best, found.best.solution.indices.size
+    parts: list[UnknownPart] = []
+    nominal = q - sum(len(found.posterior.candidates[each].columns) for each in best.members)
+    at = nominal
+    for each in sorted(best.members):
+        k = len(found.posterior.candidates[each].columns)
+        if variants[each].effect.name.startswith(PREFIX):
+            parts.append(curve_part(variants[each], best.solution.values[at : at + k].tolist()))
+        at += k
+    if found.line is not None and best.line:
+        parts.append(line_part(found.line))
+    if not parts:
+        residuals = _residuals(found.data, best.solution)
+        regimes = regime_map(found.data.groups, residuals, found.data.floor, found.data.noise.noise, bands)
+        rest = remaining_part(left, regimes)
+        parts += [] if rest is None else [rest]
+    return parts
+
+
+def _constant(runs: Sequence[GapRun]) -> bool:
+    """Return whether neither temperature, nor rate, nor angle, nor attitude changes in or between the runs."""
+    spans = (
+        (2.0, [run.stimulus.warm_k for run in runs]),
+        (0.01, [run.stimulus.table_rate_dps for run in runs]),
+        (0.5, [run.stimulus.elevation_deg for run in runs]),
+        (1.0, [run.stimulus.angle_deg % 360.0 for run in runs]),
+    )
+    return all(np.ptp(np.concatenate(values)) < least for least, values in spans)
+
+
 def _warnings(data: Prepared) -> tuple[str, ...]:
     notes = []
     if not data.floor.from_repeats:
@@ -361,4 +440,10 @@ def _warnings(data: Prepared) -> tuple[str, ...]:
         notes.append("no repeats and no quiet run: a wrong data sheet would look like a gap")
     if all(np.ptp(run.stimulus.warm_k) < 2.0 for group in data.groups for each in group.runs for run in each):
         notes.append("temperature hardly changes in these runs: no effect of temperature can be seen")
+    longest = max(len(each.runs[0][0].stimulus) * each.runs[0][0].stimulus.period_s for each in data.groups)
+    if longest < _LONG_S:
+        notes.append(
+            f"the longest run has {longest:.0f} s: what takes longer than {longest / 2.0:.0f} s (thermal lags, "
+            "relaxation, bias instability) is not told from the run's own bias"
+        )
     return tuple(notes)

@@ -11,13 +11,14 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.gap._cells import BANDS, group_cells, mixed_whitened, transformed
+from bench.gap._cells import BANDS, group_cells, mixed_whitened
 from bench.gap._close import Shrinkage, closed_model, judged_cells, shrinkage
-from bench.gap._data import GapRun, Group, group_runs
+from bench.gap._data import GapRun, group_runs
 from bench.gap._diagnose import diagnose
-from bench.gap._fit import Floor, nominal_energies, solve
+from bench.gap._fit import Floor, nominal_energies
 from bench.gap._model_file import Model, Term, model_text, parse_model
 from bench.gap._noise import Noise
+from bench.gap._signature import signature_norm, stacked
 from simulators.effects import Effect, Stimulus, Variant, catalogue
 from simulators.exam import (
     LATITUDE_DEG,
@@ -168,21 +169,11 @@ def _amplitudes(
     return result
 
 
-def signature_norm(runs: Sequence[GapRun], model: Model) -> float:
-    """Return the norm of the runs' outputs taken as a signature: whitened, nominal columns projected out."""
-    gram = np.zeros((1 + len(model.sigmas),) * 2)
-    for group in group_runs(runs):
-        rows = mixed_whitened(group, _stacked(group, model), model.noise)
-        gram += np.einsum("rik,rjk->ij", rows, rows, optimize=True)
-    solution = solve(gram, model.sigmas, ())
-    return math.sqrt(max(float(gram[0, 0] - gram[solution.indices, 0] @ solution.values), 1e-30))
-
-
 def true_region(runs: Sequence[GapRun], model: Model) -> tuple[tuple[str, str, str], ...]:
     """Return the repeatable cells with 80 % of the energy of outputs taken as a gap, nominal model out."""
     cells = []
     for group in group_runs(runs):
-        cells += group_cells(group, mixed_whitened(group, _stacked(group, model), model.noise), model.noise)
+        cells += group_cells(group, mixed_whitened(group, stacked(group, model), model.noise), model.noise)
     left = nominal_energies(cells, model.sigmas)
     energy = sorted(
         (
@@ -199,16 +190,6 @@ def true_region(runs: Sequence[GapRun], model: Model) -> tuple[tuple[str, str, s
         gathered += own
         region.append(cell)
     return tuple(region)
-
-
-def _stacked(group: Group, model: Model) -> Array:
-    return np.stack(
-        [
-            transformed(run, np.concatenate((run.output_dph[None], model.columns(run.stimulus))))
-            for each in group.runs
-            for run in each
-        ]
-    )
 
 
 def examined(runs: Sequence[GapRun], nominal: str) -> Answer:

@@ -23,7 +23,9 @@ SIGNIFICANT = 0.01
 
 @dataclass(frozen=True)
 class Place:
-    """One cell of the map. `energy_ratio` is energy over floor, `p_value` adjusted for all cells (Holm)."""
+    """One cell of the map. `energy_ratio` is energy over floor, `p_value` adjusted for all cells (Holm); `share`
+    is of the gap in all significant cells, 0 for the others.
+    """
 
     profile: str
     parity: str
@@ -41,21 +43,21 @@ def places(cells: Sequence[Cell], left: Array, floor: Floor) -> list[Place]:
     p_value = holm(chi2.sf(left / (1.0 + 2.0 * floor.sigma[band]), number))
     gap = np.maximum(left - number, 0.0)
     counted = np.array([cell.repeatable for cell in cells])
-    total = float(gap[counted].sum()) or 1.0
-    found = [
+    clear = p_value < SIGNIFICANT
+    share = np.where(clear, gap, 0.0) / (float(gap[counted & clear].sum()) or 1.0)
+    order = [k for k in np.argsort(-gap).tolist() if cells[k].repeatable]
+    return [
         Place(
-            cell.profile,
-            cell.parity,
-            BANDS[cell.band],
-            float(np.sqrt(gap[k] * cell.power / cell.samples)),
-            float(gap[k]) / total,
+            cells[k].profile,
+            cells[k].parity,
+            BANDS[cells[k].band],
+            float(np.sqrt(gap[k] * cells[k].power / cells[k].samples)),
+            float(share[k]),
             float(left[k] / number[k]),
             float(p_value[k]),
         )
-        for k, cell in enumerate(cells)
-        if cell.repeatable
+        for k in order
     ]
-    return sorted(found, key=lambda place: (-place.share, place.p_value))
 
 
 def holm(p_values: Array) -> Array:
@@ -78,6 +80,7 @@ class PhasePlace:
     share: float
     rms_dph: float
     p_value: float
+    start_s: float
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,7 @@ def phase_map(
 
     Whitening in the DCT domain shifts nothing in time, so a band's inverse transform shows when its energy comes.
     """
-    rows: list[tuple[str, str, str, float, float, float]] = []
+    rows: list[tuple[str, str, str, float, float, float, float]] = []
     degrees = []
     for group, residual in zip(groups, residuals, strict=True):
         run = group.runs[0][0]
@@ -112,7 +115,7 @@ def phase_map(
         for band, part in enumerate(band_slices(n, period_s)):
             if part.stop <= part.start:
                 continue
-            energy = _in_time(kept, part) / floor.ratio[band]
+            energy = in_time(kept, part) / floor.ratio[band]
             expected = len(kept) * (part.stop - part.start) / n
             for phase in phases:
                 at = run.phase == phase
@@ -121,20 +124,28 @@ def phase_map(
                 excess = max(own - floor_energy, 0.0)
                 rms = np.sqrt(excess * float(power[part].mean()) * floor.ratio[band] / (len(kept) * at.sum()))
                 rows.append(
-                    (group.profile, phase, BANDS[band], float(own / floor_energy), excess, float(rms))
+                    (
+                        group.profile,
+                        phase,
+                        BANDS[band],
+                        float(own / floor_energy),
+                        excess,
+                        float(rms),
+                        float(np.argmax(at)),
+                    )
                 )
                 degrees.append((own, max(floor_energy, 1.0)))
     p_values = holm(chi2.sf(*np.array(degrees).T))
     shares = np.array([row[4] for row in rows]) * (p_values < SIGNIFICANT)
     shares /= max(float(shares.sum()), 1e-300)
     found = [
-        PhasePlace(*row[:4], float(share), row[5], float(p))
+        PhasePlace(*row[:4], float(share), row[5], float(p), row[6])
         for row, share, p in zip(rows, shares, p_values, strict=True)
     ]
     return sorted(found, key=lambda place: -place.share)
 
 
-def _in_time(coefficients: Array, part: slice) -> Array:
+def in_time(coefficients: Array, part: slice) -> Array:
     """Return the energy at each sample, (n,), summed over rows (m, n - 1), of one band."""
     only = np.zeros((len(coefficients), coefficients.shape[1] + 1))
     only[:, 1 + part.start : 1 + part.stop] = coefficients[:, part]
@@ -163,7 +174,7 @@ def regime_map(
             for band, part in enumerate(band_slices(n, period_s)):
                 if band not in bands.get(group.profile, set()):
                     continue
-                of_band = _in_time(own[None], part) / floor.ratio[band] / (1.0 + 2.0 * floor.sigma[band])
+                of_band = in_time(own[None], part) / floor.ratio[band] / (1.0 + 2.0 * floor.sigma[band])
                 expected = (part.stop - part.start) / n
                 energy += of_band
                 dof += expected

@@ -23,6 +23,7 @@ from bench.report._content import (
     ValidRange,
 )
 from bench.report._file import find_browser, write_pdf, write_report
+from bench.report._gap import GapContent, render_gap
 from bench.report._heading import HeadingContent, mixed_text, render_heading
 from bench.report._rlg import render_rlg_study
 from bench.report._run import render_run
@@ -39,6 +40,7 @@ __all__ = [
     "Comparison",
     "CompensationSummary",
     "Device",
+    "GapContent",
     "HeadingContent",
     "Measurement",
     "ModelScore",
@@ -58,6 +60,7 @@ __all__ = [
     "render_calibration",
     "render_campaign",
     "render_certificate",
+    "render_gap",
     "render_heading",
     "render_rlg_study",
     "render_run",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -83,7 +84,7 @@ def test_constant_stimulus_is_said_to_show_nothing(nominal: Model) -> None:
     rng = np.random.default_rng(6)
     runs = [made_run(name, stimulus(3000, cold=False), rng) for name in "ab"]
     found = diagnose(runs, nominal)
-    assert found.verdict == "no gap"
+    assert found.verdict == "nothing to identify"
     assert any("temperature hardly changes" in warning for warning in found.warnings)
     assert {"shupe", "acceleration_sensitivity", "azimuth_error"} <= set(found.unidentifiable)
 
@@ -124,3 +125,47 @@ def test_prediction_of_a_term_is_its_columns(nominal: Model, term: Term) -> None
     expected = s.input_rate_dph + term.values[0] * effect("shupe").columns(s, term.variant.shape)[0]
     expected = expected + term.values[1] * effect("shupe").columns(s, term.variant.shape)[1]
     assert model.predict(s) == pytest.approx(expected)
+
+
+def test_a_clock_off_by_a_sample_is_aligned_and_reported(nominal: Model) -> None:
+    """Steps of rate with the output one second late: aligned, named, and no effect is invented."""
+    rng = np.random.default_rng(11)
+    rates = np.repeat([0.0, 10.0, -10.0, 30.0, -30.0, 0.0] * 2, 300)
+    angle = np.concatenate(([5.0], 5.0 + np.cumsum(rates)))
+    runs = []
+    for name in "ab":
+        s = stimulus(len(rates), cold=False)
+        s = replace(s, angle_deg=angle)
+        run = made_run(name, s, rng)
+        runs.append(replace(run, output_dph=np.concatenate((run.output_dph[:1], run.output_dph[:-1]))))
+    found = diagnose(runs, nominal)
+    assert found.verdict == "no gap"
+    assert sum("1 s late" in warning for warning in found.warnings) == 2
+
+
+def test_an_effect_outside_the_catalogue_is_described_by_what_it_follows(nominal: Model) -> None:
+    """A resonance at -10 degC, 4 K wide: no cause is named, the curve over T_in has its peak there."""
+    rng = np.random.default_rng(12)
+    runs = []
+    for name in "abc":
+        s = stimulus(8000)
+        runs.append(made_run(name, s, rng, 1.0 * np.exp(-0.5 * ((s.warm_k + 35.0) / 4.0) ** 2)))
+    found = diagnose(runs, nominal)
+    assert found.verdict == "unknown"
+    assert not found.causes
+    (part,) = found.unknown_parts
+    assert part.follows == "T_in"
+    assert part.at[int(np.argmax(np.abs(part.curve)))] == pytest.approx(-35.0, abs=5.0)
+
+
+def test_a_line_is_described_by_its_frequency(nominal: Model) -> None:
+    rng = np.random.default_rng(13)
+    runs = []
+    for name in "abc":
+        s = stimulus(6000)
+        runs.append(made_run(name, s, rng, 0.1 * np.sin(2.0 * np.pi * s.time_s / 37.0 + len(runs))))
+    found = diagnose(runs, nominal)
+    assert found.verdict == "unknown"
+    (part,) = found.unknown_parts
+    assert part.frequency_hz == pytest.approx(1.0 / 37.0, rel=0.02)
+    assert "not bound" in part.sentence

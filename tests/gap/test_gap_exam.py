@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.gap import Marked, close, examined, make_case, model_text, nominal_model
-from bench.gap._exam import signature_norm
+from bench.gap._signature import signature_norm
 from simulators.exam import KNOWN, draw_case, simulate_campaign
 
 NOMINAL = model_text(nominal_model())

@@ -1,0 +1,37 @@
+"""How visible a signal is: the norm of its whitened signature, what the nominal model can imitate taken out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.gap._cells import mixed_whitened, transformed
+from bench.gap._data import GapRun, Group, group_runs
+from bench.gap._fit import solve
+from bench.gap._model_file import Model
+
+Array = NDArray[np.float64]
+
+
+def signature_norm(runs: Sequence[GapRun], model: Model) -> float:
+    """Return the norm of the runs' outputs taken as a signature: whitened, nominal columns projected out."""
+    gram = np.zeros((1 + len(model.sigmas),) * 2)
+    for group in group_runs(runs):
+        rows = mixed_whitened(group, stacked(group, model), model.noise)
+        gram += np.einsum("rik,rjk->ij", rows, rows, optimize=True)
+    solution = solve(gram, model.sigmas, ())
+    return math.sqrt(max(float(gram[0, 0] - gram[solution.indices, 0] @ solution.values), 1e-30))
+
+
+def stacked(group: Group, model: Model) -> Array:
+    """Return coefficients of [output, nominal columns] of every run of a group, (runs, 1 + q, n - 1)."""
+    return np.stack(
+        [
+            transformed(run, np.concatenate((run.output_dph[None], model.columns(run.stimulus))))
+            for each in group.runs
+            for run in each
+        ]
+    )

@@ -1,0 +1,378 @@
+"""The report of a gap diagnosis: where, which, how far, what is left, what the unknown part looks like."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from markupsafe import Markup
+
+from bench.report._figures import Curve, Lane, Panel, lanes, limits, panels
+from bench.report._heat_map import HeatCell, heat_map
+from bench.report._layout import render_page
+from bench.report._numbers import DASH, fixed, moment, significant
+from bench.report._page import (
+    Block,
+    Cell,
+    Column,
+    Definitions,
+    Fact,
+    Figures,
+    Headline,
+    Key,
+    Notes,
+    Page,
+    Row,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+)
+from bench.report._palette import AFTER, BEFORE, PURPLE
+from bench.report._tables import checksum_table
+
+if TYPE_CHECKING:
+    from bench.gap import Cause, Diagnosis, Difference, PhasePlace, Place, Shrinkage, Suggestion, UnknownPart
+
+_HOUR_S = 3600.0
+_TONES: dict[str, Tone] = {
+    "no gap": "good",
+    "explained": "good",
+    "explained in part": "doubt",
+    "unknown": "bad",
+    "nothing to identify": "doubt",
+}
+_WORDS = {
+    "no gap": "No gap beyond noise",
+    "explained": "Gap explained",
+    "explained in part": "Gap explained in part",
+    "unknown": "Cause not in the catalogue",
+    "nothing to identify": "Nothing to identify",
+}
+_TERMS = [
+    (
+        "Gap",
+        "Gyro output less what the nominal model makes of the same recorded stimulus, above the floor.",
+    ),
+    (
+        "Floor",
+        "Noise, from differences of repeated runs where there are any, as a power at every frequency; "
+        "neighbouring samples need not be independent.",
+    ),
+    ("Runs", "Repeats and opposite rates combined: common to all, odd in rate (scale factor), even in rate."),
+    ("Significant", "Probability below 1 % that noise does this in any of all cells looked at (Holm)."),
+    ("Reducible gap", "Energy under the nominal model less the floor's, in the cells where there is a gap."),
+    (
+        "Free curve",
+        "Any function of one input; where it beats the whole catalogue, the cause is unknown.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class GapContent:
+    """What the report is made of. `differences` are of held-out runs where there are any."""
+
+    found: Diagnosis
+    shrunk: Shrinkage | None
+    differences: Sequence[Difference]
+    held_out: bool
+    created_utc: str = ""
+    model_file: str = ""
+    suggestions: Sequence[Suggestion] = field(default=())
+
+
+def render_gap(content: GapContent) -> str:
+    """Return the report of a diagnosis as a self-contained HTML file."""
+    found = content.found
+    page = Page(
+        title=f"Simulation against bench: unit {found.unit_id}",
+        kind="Sim-to-real gap report",
+        facts=[
+            Fact("Unit under test", found.unit_id),
+            Fact("Nominal model", content.model_file or found.model.name),
+            Fact("Runs", str(len(found.run_checksums))),
+            Fact("Noise floor from", found.noise.source),
+            Fact("Report made", moment(content.created_utc)),
+        ],
+        verdict=_verdict(content),
+        sections=[
+            Section("Warnings", [Notes(found.warnings, "doubt")] if found.warnings else []),
+            Section("Where", _where(found)),
+            Section("Which", [*_causes(found), *_unknown(found.unknown_parts)]),
+            Section("How far", _how_far(content)),
+            Section("What is left", _left(found)),
+            Section("What next", _next(content.suggestions)),
+            Section("Not to be seen in these runs", _hidden(found)),
+            Section("Provenance", checksum_table(found.run_checksums, "Runs diagnosed, by checksum.")),
+            Section("Definitions", [Definitions(_TERMS)]),
+        ],
+        colophon="All figures are computed from the runs and the model named above; times are UTC.",
+    )
+    return render_page(page)
+
+
+def _verdict(content: GapContent) -> Verdict:
+    found, shrunk = content.found, content.shrunk
+    sentences = [f"{_plain(cause.name).capitalize()}: {cause.meaning}" for cause in found.causes]
+    sentences += [f"Noise: {_plain(name)}." for name in found.stochastic]
+    sentences += [part.sentence for part in found.unknown_parts]
+    if not sentences:
+        sentences = ["The runs agree with the nominal model, its parameters fitted within their uncertainty."]
+        if found.verdict == "nothing to identify":
+            sentences = [
+                "The stimulus is constant in these runs; they cannot show what an effect depends on."
+            ]
+    headlines = [
+        Headline(_plain(cause.name), fixed(100.0 * cause.probability, 0), "%", note="probability")
+        for cause in found.causes
+    ]
+    if shrunk is not None and shrunk.cells:
+        headlines.append(
+            Headline(
+                "Gap on held-out runs, rms",
+                significant(shrunk.rms_after_dph),
+                "°/h",
+                significant(shrunk.rms_before_dph),
+                f"{fixed(100 * shrunk.share, 1)} % of the reducible gap is gone "
+                f"({fixed(100 * shrunk.low, 1)} to {fixed(100 * shrunk.high, 1)} %)",
+            )
+        )
+    return Verdict(_WORDS[found.verdict], _TONES[found.verdict], sentences, headlines)
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _where(found: Diagnosis) -> list[Block]:
+    blocks = _place_map("where", found.places, "The gap by runs and time scale")
+    if not blocks:
+        return [Notes(["No cell stands out of the noise floor."])]
+    return [*blocks, *_phase_map(found.phases), *_regime_maps(found)]
+
+
+def _place_map(figure_id: str, places: Sequence[Place], caption: str) -> list[Block]:
+    if not any(place.p_value < 0.01 for place in places):
+        return []
+    rows = list(dict.fromkeys((place.profile, place.parity) for place in sorted(places, key=_row_order)))
+    names = {each: each[0] if each[1] == "run" else f"{each[0]}: {each[1]}" for each in rows}
+    columns = [band for band in _bands() if any(place.band == band for place in places)]
+    cells = {
+        (names[place.profile, place.parity], place.band): HeatCell(
+            place.share, significant(place.rms_dph, 2), place.p_value < 0.01
+        )
+        for place in places
+    }
+    starts = [k for k in range(1, len(rows)) if rows[k][0] != rows[k - 1][0]]
+    drawn = heat_map(figure_id, list(names.values()), columns, cells, groups=starts, description=caption)
+    text = f"{caption}: rms in °/h where significant, deeper the larger its share. Columns are periods."
+    return [Figures([drawn], text)]
+
+
+def _row_order(place: Place) -> tuple[str, str]:
+    return place.profile, place.parity
+
+
+def _bands() -> tuple[str, ...]:
+    from bench.gap import BANDS
+
+    return BANDS
+
+
+def _phase_map(phases: Sequence[PhasePlace]) -> list[Block]:
+    if not any(place.p_value < 0.01 for place in phases):
+        return []
+    shown = sorted({place.profile for place in phases if place.p_value < 0.01})
+    order = {
+        (place.profile, place.phase): None for place in sorted(phases, key=lambda p: (p.profile, p.start_s))
+    }
+    rows = [each for each in order if each[0] in shown]
+    names = {each: f"{each[0]}: {each[1].replace('_', ' ')}" for each in rows}
+    cells = {
+        (names[place.profile, place.phase], place.band): HeatCell(
+            place.share, significant(place.rms_dph, 2), place.p_value < 0.01
+        )
+        for place in phases
+        if (place.profile, place.phase) in names
+    }
+    starts = [k for k in range(1, len(rows)) if rows[k][0] != rows[k - 1][0]]
+    caption = "The gap by phase and time scale"
+    drawn = heat_map(
+        "phases", list(names.values()), list(_bands()), cells, groups=starts, description=caption
+    )
+    return [Figures([drawn], f"{caption}, in profiles with a gap: rms in °/h where significant.")]
+
+
+def _regime_maps(found: Diagnosis) -> list[Block]:
+    drawn: list[Markup] = []
+    for of in dict.fromkeys(place.of for place in found.regimes):
+        own = [place for place in found.regimes if place.of == of]
+        if len(own) < 2 or not any(place.p_value < 0.01 for place in own):
+            continue
+        columns = [f"{place.low:g}..{place.high:g}" for place in own]
+        row = f"{of}, {own[0].unit}"
+        cells = {
+            (row, column): HeatCell(place.rms_dph, significant(place.rms_dph, 2), place.p_value < 0.01)
+            for column, place in zip(columns, own, strict=True)
+        }
+        drawn.append(heat_map(f"regime-{len(drawn)}", [row], columns, cells, description=f"The gap by {of}"))
+    if not drawn:
+        return []
+    return [Figures(drawn, "The gap by operating regime, all runs: rms in °/h where significant.")]
+
+
+def _causes(found: Diagnosis) -> list[Block]:
+    rows = [_cause_row(cause, "named") for cause in found.causes]
+    rows += [_cause_row(cause, "resembles a part") for cause in found.resembles]
+    rows += [
+        Row([Cell(_plain(name), strong=True), Cell(f"{100 * p:.0f}"), Cell("noise"), Cell(DASH), Cell(DASH)])
+        for name, p in found.stochastic.items()
+    ]
+    if not rows:
+        return []
+    heads = [
+        Column("Effect"),
+        Column("Probability", "%", True),
+        Column("Status"),
+        Column("Fitted parameters, 1σ"),
+        Column("In its place could stand"),
+    ]
+    return [Table(heads, rows, "Effects that explain the gap.")]
+
+
+def _cause_row(cause: Cause, status: str) -> Row:
+    names = [parameter.name for parameter in cause.term.variant.effect.parameters]
+    fitted = ", ".join(
+        f"{name} = {value:.4g} ± {sigma:.2g}"
+        for name, value, sigma in zip(names, cause.term.values, cause.term.sigmas, strict=True)
+    )
+    shape = ", ".join(f"{key} = {value:g}" for key, value in cause.term.variant.shape.items())
+    rivals = ", ".join(f"{_plain(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
+    effect = cause.term.variant.effect
+    note = f"{cause.meaning} Follows {effect.follows}. Source: {effect.source}."
+    if rivals:
+        note += " The alternatives move together with it in these runs."
+    cells = [
+        Cell(_plain(cause.name), strong=True),
+        Cell(f"{100 * cause.probability:.0f}"),
+        Cell(status),
+        Cell(f"{fitted}; {shape}" if shape else fitted),
+        Cell(rivals or "nothing"),
+    ]
+    return Row(cells, emphasis=status == "named", note=note)
+
+
+def _unknown(parts: Sequence[UnknownPart]) -> list[Block]:
+    blocks: list[Block] = []
+    if parts:
+        blocks.append(Notes(["The catalogue lacks: " + part.sentence for part in parts], "doubt"))
+    for number, part in enumerate(parts):
+        if part.curve:
+            curve = Curve("missing effect", np.array(part.at), np.array(part.curve), PURPLE)
+            caption = f"What the missing effect looks like over {part.follows}."
+            drawn = lanes(
+                f"unknown-{number}", [Lane(part.unit, [curve], 130.0)], part.follows, description=caption
+            )
+            blocks.append(Figures([drawn], caption))
+    return blocks
+
+
+def _how_far(content: GapContent) -> list[Block]:
+    blocks: list[Block] = []
+    shrunk = content.shrunk
+    if shrunk is None:
+        blocks.append(
+            Notes(
+                ["No run was held out: the curves below are of the fitted runs and prove less."],
+                "doubt",
+            )
+        )
+    elif not shrunk.cells:
+        blocks.append(Notes(["No gap above the floor on the held-out runs."]))
+    else:
+        parts = [("profile", shrunk.by_profile), ("runs", shrunk.by_runs), ("phase", shrunk.by_phase)]
+        rows = [
+            Row([Cell("all"), Cell("", strong=True), Cell(fixed(100 * shrunk.share, 1), strong=True)], True)
+        ]
+        rows += [
+            Row([Cell(kind), Cell(name.replace("_", " ")), Cell(fixed(100 * value, 1))])
+            for kind, shares in parts
+            for name, value in shares.items()
+            if math.isfinite(value)
+        ]
+        heads = [Column("By"), Column("Part"), Column("Reducible gap gone", "%", True)]
+        caption = "Held-out runs, nothing fitted to them but each run's bias."
+        blocks.append(Table(heads, rows, caption))
+    return blocks + _difference_panels(content)
+
+
+def _difference_panels(content: GapContent) -> list[Block]:
+    shown = content.differences
+    if not shown:
+        return []
+    plots = [
+        Panel(
+            [
+                Curve("before", each.time_s / _HOUR_S, each.before_dph, BEFORE),
+                Curve("after", each.time_s / _HOUR_S, each.after_dph, AFTER),
+            ],
+            f"{each.profile}, {each.condition}" if each.condition else each.profile,
+            description=f"Output less model in {each.profile}, {each.condition}",
+        )
+        for each in shown
+    ]
+    every = [curve for plot in plots for curve in plot.curves]
+    drawn = panels(
+        "difference",
+        plots,
+        x_label="Time since power-on, h",
+        y_label="°/h",
+        x_limits=limits((curve.x for curve in every), margin=0.0),
+        y_limits=limits(curve.y for curve in every),
+        width=340.0,
+    )
+    whose = "held-out runs" if content.held_out else "the runs that were fitted"
+    keys = [Key("nominal model", BEFORE), Key("with the effects in it", AFTER)]
+    caption = f"Output less model, mean of repeats of {whose}, 100 s means, each run's bias taken out."
+    return [Figures(drawn, caption, keys, 2)]
+
+
+def _left(found: Diagnosis) -> list[Block]:
+    blocks = _place_map("left", found.left_places, "What the best set leaves, by runs and time scale")
+    return blocks or [Notes(["Nothing that stands out of the noise floor."])]
+
+
+def _next(suggestions: Sequence[Suggestion]) -> list[Block]:
+    if not suggestions:
+        return []
+    rows = [
+        Row(
+            [
+                Cell(each.procedure, strong=True),
+                Cell(each.parameters),
+                Cell(fixed(each.hours, 1)),
+                Cell(significant(each.log_odds)),
+                Cell(each.decides),
+            ],
+            emphasis=number == 0,
+        )
+        for number, each in enumerate(suggestions)
+    ]
+    heads = [
+        Column("Procedure"),
+        Column("Parameters"),
+        Column("Bench time", "h", True),
+        Column("Expected log odds", "", True),
+        Column("Decides"),
+    ]
+    return [Table(heads, rows, "What would separate the candidates best, most log odds an hour first.")]
+
+
+def _hidden(found: Diagnosis) -> list[Block]:
+    if not found.unidentifiable:
+        return []
+    return [Notes([f"{_plain(name)}: {reason}" for name, reason in found.unidentifiable.items()])]
