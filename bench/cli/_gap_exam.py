@@ -40,15 +40,20 @@ def gap_exam_command(cases: int, seed: int, out: Path | None, jobs: int) -> None
 
 def _held(cases: int, seed: int, folder: Path, jobs: int) -> list[Marked]:
     console = Console()
-    marked = []
-    for shown, one in examine(cases, seed, folder, jobs=jobs):
-        if one is None:
-            console.print(f"{shown} sealed", style="dim", highlight=False)
-            continue
-        marked.append(one)
-        console.print(f"{shown} {_line(one)}", highlight=False, soft_wrap=True)
-        with (folder / RESULTS_FILE).open("a", encoding="utf-8") as lines:
-            lines.write(json.dumps(_facts(one)) + "\n")
+    marked: list[Marked] = []
+    try:
+        for shown, one in examine(cases, seed, folder, jobs=jobs):
+            if one is None:
+                console.print(f"{shown} sealed", style="dim", highlight=False)
+                continue
+            marked.append(one)
+            console.print(f"{shown} {_line(one)}", highlight=False, soft_wrap=True)
+            with (folder / RESULTS_FILE).open("a", encoding="utf-8") as lines:
+                lines.write(json.dumps(_facts(one)) + "\n")
+    except KeyboardInterrupt:
+        if not marked:
+            raise
+        console.print(f"stopped after {len(marked)} of {cases} cases", style="yellow")
     return marked
 
 

@@ -12,7 +12,7 @@ from bench.gap._generic import PREFIX
 from bench.gap._lines import SpectralLine
 from bench.gap._model_file import Term
 from bench.gap._where import SIGNIFICANT, Place, RegimePlace
-from simulators.effects import Variant
+from simulators.effects import REFERENCE_C, Variant
 
 Array = NDArray[np.float64]
 
@@ -48,11 +48,12 @@ def curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
         sentence = f"It follows the table's angle, {what}; strongest is harmonic {order} of a turn."
         return UnknownPart("table angle", sentence, harmonic=order, term=term)
     unit = "ppm of rate" if names[0].startswith("ppm") else "deg/h"
-    at = tuple(float(each.rpartition("_at_")[2]) for each in names)
+    above_c = REFERENCE_C if variant.effect.follows == "T_in" else 0.0
+    at = tuple(float(each.rpartition("_at_")[2]) + above_c for each in names)
     top = int(np.argmax(np.abs(values)))
     late = f", {lag_s:.0f} s late" if lag_s else ""
     kind = "Scale factor" if unit.startswith("ppm") else "Bias"
-    unit_at = {"T_in": "K above 25 degC", "T_in - T_out": "K"}.get(variant.effect.follows, "K/min")
+    unit_at = {"T_in": "degC", "T_in - T_out": "K"}.get(variant.effect.follows, "K/min")
     sentence = (
         f"{kind} follows {variant.effect.follows}{late}, by a curve that no effect of the catalogue has; "
         f"largest, {values[top]:.3g} {unit}, at {at[top]:.3g} {unit_at}."

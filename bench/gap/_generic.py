@@ -48,10 +48,11 @@ def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
         if turning:
             effects += [_curve(f"scale factor over {name}", name, nodes, of, _LAGS_S, rate=True)]
         if name == "T_in":
+            # of one name: a set holds either the coarse or the fine curve
             fine = np.linspace(low, high, _FINE)
-            effects += [_curve("bias over T_in, fine", name, fine, of, _FINE_LAGS_S, rate=False)]
+            effects += [_curve("bias over T_in", name, fine, of, _FINE_LAGS_S, rate=False)]
             if turning:
-                effects += [_curve("scale factor over T_in, fine", name, fine, of, _FINE_LAGS_S, rate=True)]
+                effects += [_curve("scale factor over T_in", name, fine, of, _FINE_LAGS_S, rate=True)]
     if turning:
         effects.append(_harmonics("rate over table angle", rate=True))
     effects.append(_harmonics("bias over table angle", rate=False))

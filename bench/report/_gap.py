@@ -275,10 +275,17 @@ def _unknown(parts: Sequence[UnknownPart]) -> list[Block]:
             curve = Curve("missing effect", np.array(part.at), np.array(part.curve), PURPLE)
             caption = f"What the missing effect looks like over {part.follows}."
             drawn = lanes(
-                f"unknown-{number}", [Lane(part.unit, [curve], 130.0)], part.follows, description=caption
+                f"unknown-{number}",
+                [Lane(part.unit, [curve], 130.0)],
+                _input(part.follows),
+                description=caption,
             )
             blocks.append(Figures([drawn], caption))
     return blocks
+
+
+def _input(name: str) -> str:
+    return {"T_in": "T_in, °C", "T_in - T_out": "T_in − T_out, K"}.get(name, f"{name}, K/min")
 
 
 def _how_far(content: GapContent) -> list[Block]:

@@ -44,8 +44,13 @@ def test_diagnose_prints_facts_and_close_writes_the_model(
 ) -> None:
     runs, model = _recordings(tmp_path, 0.5), tmp_path / "nominal.toml"
     model.write_text(model_text(nominal), encoding="utf-8")
-    gap_diagnose_command([runs], model, [], None, True)
+    gap_diagnose_command([runs], model, [], None, True, tmp_path / "gap.html")
     facts = json.loads(capsys.readouterr().out)
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert "Gap explained" in page
+    assert "bias cubic" in page
+    assert page.count("<svg") >= 3  # maps by runs, phase, regime, and the curves
+    assert "No run was held out" in page
     assert facts["verdict"] == "explained"
     assert [cause["name"] for cause in facts["causes"]] == ["bias_cubic"]
     gap_close_command([runs], model, None, None)
@@ -63,3 +68,12 @@ def test_no_gap_writes_no_model(tmp_path: Path, nominal: Model, capsys: pytest.C
     assert not list(tmp_path.glob("nominal+*"))
     gap_diagnose_command([runs], model, [], None, False)
     assert "no gap" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "name", ["fog_cold_shock", "rlg_ramp", "rotation_with_whirl", "multi_position", "heading_change"]
+)
+def test_every_system_has_a_nominal_model(name: str) -> None:
+    model = read_model(Path(__file__).parents[2] / "examples" / "nominal" / f"{name}.toml")
+    assert model.noise.arw_deg_per_sqrt_h > 0.0
+    assert np.isfinite(model.predict(stimulus(300))).all()

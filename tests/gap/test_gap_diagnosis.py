@@ -155,7 +155,7 @@ def test_an_effect_outside_the_catalogue_is_described_by_what_it_follows(nominal
     assert not found.causes
     (part,) = found.unknown_parts
     assert part.follows == "T_in"
-    assert part.at[int(np.argmax(np.abs(part.curve)))] == pytest.approx(-35.0, abs=5.0)
+    assert part.at[int(np.argmax(np.abs(part.curve)))] == pytest.approx(-10.0, abs=5.0)
 
 
 def test_a_line_is_described_by_its_frequency(nominal: Model) -> None:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from bench.gap import Marked, close, examined, make_case, model_text, nominal_model
+from bench.cli._gap_exam import gap_exam_command
+from bench.gap import Marked, close, examined, make_case, model_text, nominal_model, read_mapped_runs
+from bench.gap._case_folder import write_case
 from bench.gap._signature import signature_norm
+from drivers.errors import ConfigurationError
 from simulators.exam import KNOWN, draw_case, simulate_campaign
 
 NOMINAL = model_text(nominal_model())
@@ -73,3 +80,35 @@ def test_the_exams_shupe_effect_vanishes_for_uniform_warming() -> None:
     late = run.shupe_dph[-1000:]
     assert np.abs(late).max() < 0.02
     assert "shupe" in KNOWN
+
+
+def test_the_exam_by_command_seals_first_and_prints_the_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The short form of the exam: three processes, folders on disk, seals whose hashes are those announced."""
+    gap_exam_command(2, 77, tmp_path / "exam", 1)
+    printed = capsys.readouterr().out
+    results = [json.loads(line) for line in (tmp_path / "exam" / "results.jsonl").read_text().splitlines()]
+    assert len(results) == 2
+    for number, result in enumerate(results):
+        sealed = (tmp_path / "exam" / "sealed" / f"case_{number:04d}.json").read_bytes()
+        assert hashlib.sha256(sealed).hexdigest() == result["sha256"]
+        announced = printed.index(f"{number:4d} {result['sha256'][:16]} sealed")
+        assert announced < printed.index(f"{number:4d} {result['sha256'][:16]} SNR")
+        given = {path.name for path in (tmp_path / "exam" / "cases" / f"case_{number:04d}").iterdir()}
+        assert given == {"runs.toml", *(f"run_{k:02d}.parquet" for k in range(1, 17))}
+    assert "Reliability" in printed
+    with pytest.raises(ConfigurationError, match="holds an exam already"):
+        gap_exam_command(2, 77, tmp_path / "exam", 1)
+
+
+def test_a_case_read_back_from_its_folder_is_what_was_written(tmp_path: Path) -> None:
+    _, given, _, _ = make_case(5301, "single")
+    read = read_mapped_runs(write_case(tmp_path, given))
+    for run, again in zip(given, read, strict=True):
+        assert (again.run_id, again.profile, again.condition) == (run.run_id, run.profile, run.condition)
+        assert again.output_dph == pytest.approx(run.output_dph)
+        assert again.stimulus.time_s == pytest.approx(run.stimulus.time_s)
+        assert again.stimulus.elevation_deg == pytest.approx(run.stimulus.elevation_deg)
+        assert np.diff(again.stimulus.angle_deg) == pytest.approx(np.diff(run.stimulus.angle_deg), abs=1e-6)
+        assert list(again.phase) == list(run.phase)
