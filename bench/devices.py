@@ -5,9 +5,9 @@ from __future__ import annotations
 import importlib
 from typing import Any, cast
 
-from bench.benchfile import BenchFile, GyroSection, driver_path
+from bench.benchfile import BenchFile, GyroSection, PlatformSection, driver_path
 from drivers.clock import Clock, WallClock
-from drivers.instruments import ChamberKind, GyroKind, Settings, TableKind
+from drivers.instruments import ChamberKind, GyroKind, PlatformKind, Settings, TableKind
 from drivers.virtual_clock import VirtualClock
 
 
@@ -29,6 +29,11 @@ def chamber_kind(file: BenchFile) -> ChamberKind:
 def gyro_kind(section: GyroSection) -> GyroKind:
     """Return a gyro's driver."""
     return cast(GyroKind, _load("gyro", section.driver))
+
+
+def platform_kind(section: PlatformSection) -> PlatformKind:
+    """Return a platform INS's driver."""
+    return cast(PlatformKind, _load("platform", section.driver))
 
 
 def table_settings(file: BenchFile) -> Settings:

@@ -53,6 +53,8 @@ class Plant(BaseModel):
     models: dict[str, str] = Field(default_factory=dict)
     """Unit id -> model name (fog_mid, fog_nav, mems, ins_triad, rlg, imu, imu_full)."""
     mount_azimuth_error_deg: float = Field(default=0.3, ge=-5, le=5)
+    heading_effect_dph: float = Field(default=1e-3, ge=0, le=1)
+    """rms over headings of the change of a platform's mean drift"""
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
     """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
     fault: tuple[PlantFault, ...] = ()
@@ -66,11 +68,11 @@ class Plant(BaseModel):
 
     def summary(self, file: BenchFile) -> str:
         """Return in a few words what is emulated."""
-        units = ", ".join(
-            f"{gyro.name} {self.model_of(gyro, len(file.table.all_axes))}" for gyro in file.gyro
-        )
+        axes = len(file.table.all_axes)
+        units = [f"{gyro.name} {self.model_of(gyro, axes)}" for gyro in file.gyro]
+        units += [f"{platform.name} space-stable platform" for platform in file.platform]
         faults = f", {len(self.fault)} faults" if self.fault else ""
-        return f"{self.chamber} chamber, {units}{faults}"
+        return f"{self.chamber} chamber, {', '.join(units)}{faults}"
 
 
 def unit_seed(unit: str) -> int:
@@ -230,6 +232,17 @@ def _lab_config(file: BenchFile, plant: Plant, clock: str) -> dict[str, Any]:
             for gyro in file.gyro
         ],
         "faults": [fault.model_dump(mode="json") for fault in plant.fault],
+        "platforms": [
+            {
+                "name": platform.name,
+                "driver": platform.driver,
+                "transport": _transport(platform.port),
+                "settings": platform.model_dump(mode="json"),
+                "unit_seed": unit_seed(platform.unit),
+                "effect_dph": plant.heading_effect_dph,
+            }
+            for platform in file.platform
+        ],
     }
 
 
@@ -246,5 +259,8 @@ def _with_ports(file: BenchFile, ports: dict[str, str], clock_url: str | None) -
             "table": file.table.model_copy(update={"port": ports["table"]}),
             "chamber": file.chamber.model_copy(update={"port": ports["chamber"]}),
             "gyro": gyros,
+            "platform": tuple(
+                platform.model_copy(update={"port": ports[platform.name]}) for platform in file.platform
+            ),
         }
     )

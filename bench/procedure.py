@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -45,6 +45,8 @@ class Procedure:
     run: Callable[[Bench, Any], None]
     expected_duration_s: Callable[[Any], float]
     demands: Callable[[Any], Demands]
+    tests: Literal["gyro", "platform"] = "gyro"
+    """What kind of unit it tests; the bench must have at least one."""
 
     def parse(self, values: Mapping[str, Any]) -> Parameters:
         """Return the parameters for `values`; ConfigurationError names every wrong one."""

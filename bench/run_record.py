@@ -12,11 +12,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from bench.benchfile import BenchFile, GyroSection, bench_file_from
+from bench.benchfile import BenchFile, GyroSection, PlatformSection, bench_file_from
 from bench.devices import (
     chamber_kind,
     gyro_kind,
     gyro_settings,
+    platform_kind,
     table_kind,
     table_settings,
 )
@@ -26,10 +27,12 @@ from bench.recording import (
     GyroSource,
     Journal,
     Manifest,
+    PlatformSource,
     PortJournal,
     StreamReport,
-    decode_gyro,
+    StreamSource,
     decode_instrument,
+    decode_stream,
     read_manifest,
     seal,
     write_manifest,
@@ -51,14 +54,14 @@ class Ending:
 
 
 class RunRecord:
-    """Writes a run folder. Every event reaches the disk's cache at once, raw bytes on the journal's cadence."""
+    """Writes a run folder: events as they come, raw bytes on the journal's cadence, by the journal's thread."""
 
     def __init__(self, folder: Path, manifest: Manifest, flush_interval_s: float) -> None:
         self.folder = folder
         self._manifest = manifest
         self._journal = Journal(folder, flush_interval_s)
         self._events = EventLog(folder)
-        self._journal.adopt(self._events.file)
+        self._journal.adopt(self._events)
         self._devices: dict[str, DeviceEntry] = {}
         self._stream_starts: dict[str, int] = {}
         self._measurements: list[dict[str, Any]] = []
@@ -85,8 +88,9 @@ class RunRecord:
             started_utc=started,
             bench=file.model_dump(mode="json"),
             bench_file_sha256=file.sha256,
-            units={gyro.name: gyro.unit for gyro in file.gyro},
+            units=file.units,
             emulated=None if emulated is None else dict(emulated),
+            flush_interval_s=min(file.recording.flush_interval_s, 1.0),
             software={"python": platform.python_version()} | {name: version(name) for name in _SOFTWARE},
         )
         write_manifest(folder, manifest)
@@ -109,9 +113,9 @@ class RunRecord:
             self._mounting = str(fields["mounting"])
         self._events.event(time_s, kind, **fields)
 
-    def keep(self, now_s: float) -> None:
-        """Flush what is due."""
-        self._journal.maybe_flush(now_s)
+    def check(self) -> None:
+        """Raise what the journal met."""
+        self._journal.check()
 
     def identify(
         self, name: str, role: str, kind: str, identity: Identity, section: GyroSection | None = None
@@ -203,15 +207,26 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
         out,
     )
     decode_instrument(folder, "chamber", "chamber", chamber_kind(file).decode_transcript, out)
-    streams = {}
-    for section in file.gyro:
-        start = manifest.stream.get(section.name)
-        if start is not None:
-            streams[section.name] = decode_gyro(folder, _source(section, int(start["start_offset"])), out)
-    return streams
+    starts = {name: int(entry["start_offset"]) for name, entry in manifest.stream.items()}
+    sources: list[StreamSource] = [
+        _gyro_source(each, starts[each.name]) for each in file.gyro if each.name in starts
+    ]
+    sources += [_platform_source(each, starts[each.name]) for each in file.platform if each.name in starts]
+    return {source.name: decode_stream(folder, source, out) for source in sources}
 
 
-def _source(section: GyroSection, start_offset: int) -> GyroSource:
+def _platform_source(section: PlatformSection, start_offset: int) -> PlatformSource:
+    kind, settings = platform_kind(section), section.model_dump()
+    return PlatformSource(
+        name=section.name,
+        decoder=lambda: kind.decoder(settings),
+        columns=kind.columns,
+        start_offset=start_offset,
+        baudrate=section.baudrate,
+    )
+
+
+def _gyro_source(section: GyroSection, start_offset: int) -> GyroSource:
     kind, settings = gyro_kind(section), gyro_settings(section)
     return GyroSource(
         name=section.name,

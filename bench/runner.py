@@ -10,13 +10,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from bench.benchfile import BenchFile
+from bench.benchfile import BenchFile, PlatformSection
 from bench.devices import (
     chamber_kind,
     chamber_settings,
     gyro_kind,
     gyro_settings,
     open_clock,
+    platform_kind,
     table_kind,
     table_settings,
 )
@@ -27,9 +28,9 @@ from bench.progress import Progress
 from bench.questions import Operator
 from bench.run_record import RunRecord
 from bench.session import Bench
-from bench.stations import GyroStation, StreamTap
+from bench.stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from drivers.clock import Clock
-from drivers.errors import BenchError, RunAborted
+from drivers.errors import BenchError, ConfigurationError, RunAborted
 from drivers.instruments import Gyro, Identity
 
 
@@ -135,6 +136,7 @@ def _drive(
 ) -> Bench:
     """Run the procedure; `unsafe` takes what did not confirm its safe state afterwards."""
     file = request.file
+    _check_units(request)
     bench = Bench(file, clock, record, request.operator, _display(request), request.live)
     table = table_kind(file).open(table_settings(file), clock, record.tap("table"))
     stack.callback(table.link.close)
@@ -144,13 +146,14 @@ def _drive(
     record.identify("table", "table", file.table.driver, table.identify())
     record.identify("chamber", "chamber", file.chamber.driver, chamber.identify())
     _check_limits(request, bench)
-    gyros = [_open_gyro(bench, record, clock, section, stack) for section in file.gyro]
+    streams = [_open_gyro(bench, record, clock, section, stack) for section in file.gyro]
+    streams += [_open_platform(bench, record, clock, section, stack) for section in file.platform]
     try:
-        for gyro, station in gyros:
-            gyro.start()
-            record.stream_starts(station.name, gyro.link.bytes_received)
+        for device, station in streams:
+            device.start()
+            record.stream_starts(station.name, device.link.bytes_received)
             station.listen()
-            clock.stream(gyro.link)
+            clock.stream(device.link)
         bench.table.confine()
         bench.poll()
         request.procedure.run(bench, request.parameters)
@@ -160,8 +163,8 @@ def _drive(
         raise
     bench.make_safe("end of the run")
     unsafe += bench.unconfirmed
-    for gyro, _ in gyros:
-        gyro.stop()
+    for device, _ in streams:
+        device.stop()
     return bench
 
 
@@ -175,6 +178,18 @@ def _display(request: RunRequest) -> Callable[[Progress], None] | None:
     return show if shown else None
 
 
+def _check_units(request: RunRequest) -> None:
+    wanted = request.procedure.tests
+    if not getattr(request.file, wanted):
+        raise ConfigurationError(
+            f"{request.procedure.name} tests a {wanted}, and the bench has none",
+            where=request.file.bench.name,
+            found=", ".join(request.file.units) or "no units",
+            expected=f"at least one [[{wanted}]]",
+            remedy="name the bench file that describes it",
+        )
+
+
 def _check_limits(request: RunRequest, bench: Bench) -> None:
     demands = request.procedure.demands(request.parameters)
     bench.table.check(demands.max_rate_dps)
@@ -184,7 +199,7 @@ def _check_limits(request: RunRequest, bench: Bench) -> None:
 
 def _open_gyro(
     bench: Bench, record: RunRecord, clock: Clock, section: Any, stack: ExitStack
-) -> tuple[Gyro, GyroStation]:
+) -> tuple[Gyro, StreamStation]:
     kind, settings = gyro_kind(section), gyro_settings(section)
     station = GyroStation(kind, settings)
     gyro = kind.open(settings, clock, StreamTap(record.tap(section.name), station.take))
@@ -193,6 +208,18 @@ def _open_gyro(
     record.identify(section.name, "gyro", section.driver, identity, section)
     bench.gyros[section.name] = station
     return gyro, station
+
+
+def _open_platform(
+    bench: Bench, record: RunRecord, clock: Clock, section: PlatformSection, stack: ExitStack
+) -> tuple[Gyro, StreamStation]:
+    kind, settings = platform_kind(section), section.model_dump()
+    station = PlatformStation(kind, settings)
+    station.device = kind.open(settings, clock, StreamTap(record.tap(section.name), station.take))
+    stack.callback(station.device.close)
+    record.identify(section.name, "platform", section.driver, station.device.identify())
+    bench.platforms[section.name] = station
+    return station.device, station
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from bench.live import Request
 from bench.progress import GyroProgress, Progress
 from bench.questions import Operator, Question
 from bench.safe_state import bring_to_rest
-from bench.stations import ChamberStation, GyroStation
+from bench.stations import ChamberStation, GyroStation, PlatformStation
 from bench.table_station import TableStation
 from drivers.clock import Clock, host_seconds
 from drivers.errors import BenchError, RunAborted
@@ -35,8 +35,8 @@ class Record(Protocol):
         """Write one line of events.jsonl."""
         ...
 
-    def keep(self, now_s: float) -> None:
-        """Flush what is due."""
+    def check(self) -> None:
+        """Raise RecordError if the record can no longer be written."""
         ...
 
 
@@ -77,6 +77,7 @@ class Bench:
         """What did not confirm its safe state when it was last asked for."""
         self.measurements: list[dict[str, Any]] = []
         self.gyros: dict[str, GyroStation] = {}
+        self.platforms: dict[str, PlatformStation] = {}
         self.table: TableStation
         self.chamber: ChamberStation
         self.phase_name = ""
@@ -89,6 +90,7 @@ class Bench:
         self._alarms: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
         self._log: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
         self._step = ""
+        self._poll_s = _POLL_S
         self._next_poll_s = clock.now()
         self._next_alarms_s = clock.now() + _ALARMS_S
         self._shown_at = 0.0
@@ -146,6 +148,16 @@ class Bench:
         if answer.strip().lower() in ("no", "n", "abort"):
             raise RunAborted(f"the operator answered {answer!r} to: {question}")
         return answer
+
+    @contextmanager
+    def polling(self, every_s: float) -> Iterator[None]:
+        """Take telemetry every `every_s` (default 1 s) meanwhile: for stays of days, where nothing moves."""
+        self._poll_s = every_s
+        try:
+            yield
+        finally:
+            self._poll_s = _POLL_S
+            self._next_poll_s = min(self._next_poll_s, self.clock.now() + _POLL_S)
 
     def wait(self, duration_s: float, doing: str = "") -> None:
         """Let bench time pass with telemetry running."""
@@ -213,11 +225,11 @@ class Bench:
         self.clock.idle(min(end_s, self._next_poll_s) - self.clock.now())
         if self._next_poll_s - self.clock.now() <= _RESOLUTION_S:
             self.poll()
-            self._next_poll_s = max(self._next_poll_s + _POLL_S, self.clock.now())
+            self._next_poll_s = max(self._next_poll_s + self._poll_s, self.clock.now())
             if self.clock.now() >= self._next_alarms_s:
                 self._next_alarms_s = self.clock.now() + _ALARMS_S
                 self.check_alarms()
-            self._record.keep(self.clock.now())
+            self._record.check()
             self._note_requests()
         if self._display is not None and host_seconds() - self._shown_at >= _DISPLAY_S:
             self._shown_at = host_seconds()

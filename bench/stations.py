@@ -4,19 +4,30 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.history import History
 from drivers.errors import LimitExceeded
-from drivers.instruments import Chamber, GyroKind, Settings, StreamDecoder, require_ramp
+from drivers.instruments import (
+    Chamber,
+    GyroKind,
+    Platform,
+    PlatformKind,
+    Settings,
+    StreamDecoder,
+    require_ramp,
+)
 from drivers.link import Tap
 
 if TYPE_CHECKING:
     from bench.session import Bench
+
+Columns = Mapping[str, NDArray[Any]]
+Values = Callable[[Columns], tuple[NDArray[Any], ...]]
 
 
 class ChamberStation:
@@ -102,20 +113,20 @@ class ChamberStation:
         self.device.stop()
 
 
-class GyroStation:
-    """One streaming gyro: its bytes go to the record, and recent means of its output to the procedure.
+class StreamStation:
+    """One streaming unit: its bytes go to the record, and recent means of its output to the procedure.
 
-    The history has a row per delivered block that has valid samples: how many, their mean rate under the axis of
-    test in deg/s at the nominal sample rate, and the mean of the gyro's own temperature.
+    The history has a row per delivered block that has valid samples: how many, and the means of `columns`, whose
+    values `values` makes of decoded columns, a (n,) array for each.
     """
 
-    def __init__(self, kind: GyroKind, settings: Settings) -> None:
-        self.name: str = settings["name"]
-        self.axis: str = settings["axis"]
-        self.case_sensor: int | None = settings["case_sensor"]
-        self.history = History(("samples", "rate_dps", "temp_c"))
-        self._kind = kind
-        self._settings = settings
+    def __init__(
+        self, name: str, decoder: Callable[[], StreamDecoder], columns: tuple[str, ...], values: Values
+    ) -> None:
+        self.name = name
+        self.history = History(("samples", *columns))
+        self._new_decoder = decoder
+        self._values = values
         self._decoder: StreamDecoder | None = None
         self._offset = 0
         self._blocks: deque[tuple[float, bytes]] = deque()
@@ -137,7 +148,7 @@ class GyroStation:
 
     def listen(self) -> None:
         """Take everything that arrives from now on for the stream."""
-        self._decoder = self._kind.decoder(self._settings)
+        self._decoder = self._new_decoder()
 
     def take(self, data: bytes, arrival_s: float) -> None:
         """Keep a block for the next update; with 256 KiB waiting, decode at once so that memory stays flat."""
@@ -159,14 +170,6 @@ class GyroStation:
                 self._decode(self._decoder, blocks)
         return self.history
 
-    def mean_rate_dps(self, start_s: float, end_s: float | None = None) -> float:
-        """Return the mean output from `start_s` to `end_s` (default now), NaN without samples."""
-        rows = self.update().since(start_s)
-        keep = rows["time_s"] <= (np.inf if end_s is None else end_s)
-        samples = rows["samples"][keep]
-        total = samples.sum()
-        return float((rows["rate_dps"][keep] * samples).sum() / total) if total else float("nan")
-
     def _decode(self, decoder: StreamDecoder, blocks: list[tuple[float, bytes]]) -> None:
         ends = self._offset + np.cumsum([len(data) for _, data in blocks])
         batch = decoder.feed(b"".join(data for _, data in blocks))
@@ -176,24 +179,60 @@ class GyroStation:
         self._count_lost(decoder, np.asarray(batch.columns["counter"], dtype=np.int64))
         first = np.searchsorted(batch.end_offset, np.concatenate(([0], ends[:-1])), side="right")
         last = np.append(first[1:], len(batch))
-        rate = np.asarray(
-            self._kind.rates(self._settings, batch.columns, self._settings["rate_hz"])[self.axis],
-            dtype=np.float64,
-        )
-        temp = np.asarray(batch.columns["temp_c"], dtype=np.float64)
+        values = [np.asarray(column, dtype=np.float64) for column in self._values(batch.columns)]
         valid = np.asarray(batch.columns["valid"], dtype=bool)
         for (arrival_s, _), start, stop in zip(blocks, first, last, strict=True):
             use = valid[start:stop]
             if use.any():
-                known = temp[start:stop][use & ~np.isnan(temp[start:stop])]
-                mean_temp = float(known.mean()) if len(known) else float("nan")
-                self.history.append(arrival_s, int(use.sum()), float(rate[start:stop][use].mean()), mean_temp)
+                means = (_mean(column[start:stop][use]) for column in values)
+                self.history.append(arrival_s, int(use.sum()), *means)
 
     def _count_lost(self, decoder: StreamDecoder, counter: NDArray[np.int64]) -> None:
         before = counter[0] - round(decoder.counter_step) if self._counter is None else self._counter
         step = np.mod(np.diff(counter, prepend=before), decoder.counter_modulo)
         self._counter = int(counter[-1])
         self.lost += int(np.maximum(np.rint(step / decoder.counter_step) - 1.0, 0.0).sum())
+
+
+class GyroStation(StreamStation):
+    """One gyro: mean rate about the axis under test at the nominal sample rate, and its own temperature."""
+
+    def __init__(self, kind: GyroKind, settings: Settings) -> None:
+        self.axis: str = settings["axis"]
+        self.case_sensor: int | None = settings["case_sensor"]
+
+        def values(columns: Columns) -> tuple[NDArray[Any], ...]:
+            return kind.rates(settings, columns, settings["rate_hz"])[self.axis], columns["temp_c"]
+
+        super().__init__(settings["name"], lambda: kind.decoder(settings), ("rate_dps", "temp_c"), values)
+
+    def mean_rate_dps(self, start_s: float, end_s: float | None = None) -> float:
+        """Return the mean output from `start_s` to `end_s` (default now), NaN without samples."""
+        rows = self.update().since(start_s)
+        keep = rows["time_s"] <= (np.inf if end_s is None else end_s)
+        samples = rows["samples"][keep]
+        total = samples.sum()
+        return float((rows["rate_dps"][keep] * samples).sum() / total) if total else float("nan")
+
+
+class PlatformStation(StreamStation):
+    """One platform INS: position and temperature."""
+
+    device: Platform
+
+    def __init__(self, kind: PlatformKind, settings: Settings) -> None:
+        names = ("latitude_deg", "longitude_deg", "temp_c")
+        super().__init__(
+            settings["name"],
+            lambda: kind.decoder(settings),
+            names,
+            lambda rows: tuple(rows[n] for n in names),
+        )
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else float("nan")
 
 
 class StreamTap:

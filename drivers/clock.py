@@ -12,7 +12,7 @@ import os
 import select
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from drivers.errors import BenchError, RunAborted
@@ -142,6 +142,36 @@ def epoch_seconds() -> float:
 def host_seconds() -> float:
     """Return the host's monotonic time in s, for timing work and pacing displays, never bench time."""
     return time.perf_counter()
+
+
+class Ticker:
+    """A thread that makes a call every `period_s` of host time, and soon after `wake`, until `stop`."""
+
+    def __init__(self, period_s: float, call: Callable[[], None], name: str) -> None:
+        self._period_s = period_s
+        self._call = call
+        self._woken = threading.Event()
+        self._running = True
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Make a call now rather than at the next tick."""
+        self._woken.set()
+
+    def stop(self) -> None:
+        """End the thread, after the call it is in."""
+        self._running = False
+        self._woken.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            self._woken.wait(self._period_s)
+            self._woken.clear()
+            if not self._running:
+                return
+            self._call()
 
 
 class WallClock:

@@ -277,6 +277,14 @@ class Gyro(Protocol):
         ...
 
 
+class Platform(Gyro, Protocol):
+    """A platform INS: a stream of positions and temperatures, free once its alignment has been ended."""
+
+    def navigate(self) -> None:
+        """End the alignment: the position runs free from here on."""
+        ...
+
+
 Settings = Mapping[str, Any]
 """A device's section of the bench file as plain values; plus `safe_set_point_c` for a chamber."""
 Exchange = tuple[int, Literal["sent", "received"], bytes]
@@ -326,3 +334,15 @@ class GyroKind:
     temperatures: Callable[[Settings, Mapping[str, NDArray[Any]], float], dict[str, NDArray[Any]]] | None = (
         None
     )
+
+
+@dataclass(frozen=True)
+class PlatformKind:
+    """A platform INS driver as the bench finds it by name; see `GyroKind`.
+
+    `columns`: what the decoder gives beside `counter`, `status` and `valid`, in the order of the table.
+    """
+
+    open: Callable[[Settings, Clock, Tap], Platform]
+    decoder: Callable[[Settings], StreamDecoder]
+    columns: tuple[str, ...]

@@ -2,8 +2,8 @@
 headings.
 
 Follows the heading-effect paper's test (A 110 h, B 48 h, C 34 h): the chamber holds one temperature, the
-table turns the platform, its position and temperatures are recorded. `gyrobench fit-heading` makes a
-compensation of the record.
+table turns the platform, its position and temperatures are recorded. `gyrobench fit heading-effect`
+makes a compensation of the record.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ class HeadingChangeParameters(Parameters):
     clockwise: bool = parameter(True, "whether a growing table angle turns the heading clockwise")
     warm_up_h: float = parameter(
         96.0, "from power-on to the reference; the platform's temperature settles in 88 h", "h", ge=0, le=480
+    )
+    telemetry_s: float = parameter(
+        10.0, "table and chamber are asked this often during a stay", "s", ge=1, le=60
     )
     room_c: float = parameter(23.0, "chamber temperature throughout", "degC", ge=10, le=35)
 
@@ -75,15 +78,19 @@ def run(bench: Bench, p: HeadingChangeParameters) -> None:
         bench.table.point(p.table_deg(reference))
         bench.chamber.go_to(p.room_c)
         bench.chamber.start()
-        bench.wait(3600.0 * p.warm_up_h, "warming up at the reference heading")
+        with bench.polling(p.telemetry_s):
+            bench.wait(3600.0 * p.warm_up_h, "warming up at the reference heading")
     with bench.step("H2", "Navigate, turn and stay"):
-        bench.ask("End the alignment of the platform INS: navigate. Done?", act="navigate")
+        for platform in bench.platforms.values():
+            bench.command(platform.name, "navigate")
+            platform.device.navigate()
         for number, (heading, hours) in enumerate(plan):
             if number:
                 bench.table.point(p.table_deg(heading))
             bench.phase(f"heading_{number}")
             bench.note(f"heading {heading:g} deg for {hours:g} h")
-            bench.wait(3600.0 * hours, f"heading {heading:g} deg")
+            with bench.polling(p.telemetry_s):
+                bench.wait(3600.0 * hours, f"heading {heading:g} deg")
             bench.measure(f"heading_{number}", heading, "deg")
     with bench.step("H3", "Close"):
         bench.table.point(p.table_deg(reference))
@@ -122,4 +129,5 @@ PROCEDURE = Procedure(
     run=run,
     expected_duration_s=expected_duration_s,
     demands=demands,
+    tests="platform",
 )

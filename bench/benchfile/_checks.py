@@ -36,10 +36,9 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
 
     `resolve_links`: two names of one device on this machine are one port.
     """
-    if data.get("gyro") in ([], ()):
-        yield Mistake(
-            "gyro", "an empty list", "at least one [[gyro]] with name, driver, unit, axis and a port"
-        )
+    if not data.get("gyro") and not data.get("platform"):
+        found = "an empty list" if "gyro" in data else "nothing"
+        yield Mistake("gyro", found, "at least one [[gyro]] with name, driver, unit, axis and a port")
     devices = list(_devices(data))
     yield from _drivers(devices)
     yield from _names(devices)
@@ -76,7 +75,7 @@ def _names(devices: _Devices) -> Iterator[Mistake]:
     seen: dict[str, str] = {}
     for role, key, section in devices:
         name = section.get("name")
-        if role != "gyro" or not isinstance(name, str):
+        if role not in ("gyro", "platform") or not isinstance(name, str):
             continue
         if name in _RESERVED_NAMES:
             yield Mistake(f"{key}.name", repr(name), "a name that the run folder does not use itself")

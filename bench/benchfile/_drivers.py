@@ -9,7 +9,7 @@ from importlib.metadata import entry_points
 from drivers.errors import ConfigurationError
 
 ENTRY_POINT_GROUP = "gyrobench.drivers"
-ROLES = ("table", "chamber", "gyro")
+ROLES = ("table", "chamber", "gyro", "platform")
 
 _BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "table": {"acutrol3000": "drivers.acutrol:Acutrol3000", "ideal_atl": "drivers.ideal_atl:IdealAtl"},
@@ -27,8 +27,9 @@ _BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "rlg2t": "drivers.rlg:Rlg2t",
         "frames": "drivers.frames:Frames",
     },
+    "platform": {"platform_ins": "drivers.platform:PINS"},
 }
-"""Role -> kind -> import path of its `TableKind`, `ChamberKind` or `GyroKind` (drivers.instruments)."""
+"""Role -> kind -> path of its `TableKind`, `ChamberKind`, `GyroKind`, `PlatformKind` (drivers.instruments)."""
 
 
 def known_drivers(role: str) -> dict[str, str]:

@@ -95,7 +95,7 @@ def _key(location: list[Any]) -> str:
     """Return `gyro[1].port`: tables joined by dots, entries of an array counted from 0."""
     text = ""
     for part in location:
-        inside_array = isinstance(part, int) and text in ("gyro", "table.axes", "limits.forbid")
+        inside_array = isinstance(part, int) and text in ("gyro", "platform", "table.axes", "limits.forbid")
         text += f"[{part}]" if inside_array else f".{part}" if text else str(part)
     return text
 

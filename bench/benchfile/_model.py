@@ -8,6 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr,
 
 Baudrate = Annotated[int, Field(ge=50, le=12_000_000)]
 Port = Annotated[str, Field(min_length=1)]
+_NAME = r"^[a-z][a-z0-9_]{0,31}$"
 _PORT_TEXT = "a port: a serial device such as '/dev/ttyUSB0', or 'socket://host:port'"
 
 
@@ -114,15 +115,18 @@ class ChamberSection(_Section):
     )
 
 
-class GyroSection(_Section):
-    """`[[gyro]]`: a unit under test, on a serial port (`port`) or a CAN bus (`interface`, `channel`)."""
-
+class _UnitSection(_Section):
     name: str = Field(
-        pattern=r"^[a-z][a-z0-9_]{0,31}$",
+        pattern=_NAME,
         description="a short name of lower-case letters, digits and _ that starts with a letter",
     )
-    driver: str = Field(description="the kind of gyro driver")
+    driver: str = Field(description="the kind of driver")
     unit: str = Field(min_length=1, description="the serial number or id of the unit under test, as text")
+
+
+class GyroSection(_UnitSection):
+    """`[[gyro]]`: a unit under test, on a serial port (`port`) or a CAN bus (`interface`, `channel`)."""
+
     axis: Literal["x", "y", "z"] = Field(description="the axis under test: 'x', 'y' or 'z'")
     axes: str = Field(
         default="x",
@@ -233,6 +237,23 @@ class ForbiddenState(_Section):
         )
 
 
+class PlatformSection(_UnitSection):
+    """`[[platform]]`: a platform INS under test, on a serial port."""
+
+    port: Port = Field(description=_PORT_TEXT)
+    baudrate: Baudrate = Field(default=38_400, description="the baud rate, a whole number of bit/s")
+    period_s: int = Field(
+        default=60, ge=1, le=60, description="seconds from sample to sample, whole, 1 to 60"
+    )
+    longitude_deg: float = Field(
+        default=0.0,
+        ge=-180,
+        lt=180,
+        allow_inf_nan=False,
+        description="the longitude that the platform is given, in degrees, east positive",
+    )
+
+
 class LimitsSection(_Section):
     """`[limits]`: what nobody may demand of this bench, whatever its devices could do."""
 
@@ -268,7 +289,11 @@ class RecordingSection(_Section):
     """`[recording]`: how soon bytes reach the disk."""
 
     flush_interval_s: float = Field(
-        default=1.0, gt=0, le=60, allow_inf_nan=False, description="seconds of bench time between flushes"
+        default=1.0,
+        gt=0,
+        le=1,
+        allow_inf_nan=False,
+        description="seconds of data that a crash may cost",
     )
 
 
@@ -279,7 +304,10 @@ class BenchFile(_Section):
     table: TableSection = Field(description="a [table] section with driver and port")
     chamber: ChamberSection = Field(description="a [chamber] section with driver and port")
     gyro: tuple[GyroSection, ...] = Field(
-        strict=False, description="at least one [[gyro]] with name, driver, unit, axis and a port"
+        default=(), strict=False, description="at least one [[gyro]] with name, driver, unit, axis and a port"
+    )
+    platform: tuple[PlatformSection, ...] = Field(
+        default=(), strict=False, description="[[platform]] with name, driver, unit and a port"
     )
     limits: LimitsSection = Field(default=LimitsSection(), description="a [limits] section")
     safe: SafeSection = Field(default=SafeSection(), description="a [safe] section")
@@ -290,6 +318,12 @@ class BenchFile(_Section):
     def sha256(self) -> str:
         """SHA-256 of the bytes this was read from, in hexadecimal."""
         return self._sha256
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Name on this bench -> serial number or id of every unit under test."""
+        sections: tuple[_UnitSection, ...] = (*self.gyro, *self.platform)
+        return {section.name: section.unit for section in sections}
 
     def gyro_named(self, name: str) -> GyroSection:
         """Return the gyro of that name; raises KeyError."""

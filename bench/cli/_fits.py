@@ -84,10 +84,12 @@ def fit_whirl(
 @fit_app.command("heading-effect")
 def fit_heading_effect(
     log: Annotated[Path, typer.Argument(help="log (CSV or Parquet), or run folder, to calibrate on")],
-    latitude_deg: Annotated[float, typer.Option("--latitude-deg", help="latitude of the bench")],
+    latitude_deg: Annotated[
+        float | None, typer.Option("--latitude-deg", help="latitude of the bench; default the run folder's")
+    ] = None,
     longitude_deg: Annotated[
-        float, typer.Option("--longitude-deg", help="longitude of the bench, east positive")
-    ],
+        float | None, typer.Option("--longitude-deg", help="its longitude, east positive; default the run's")
+    ] = None,
     test: Test = None,
     out: Out = Path("heading-fit"),
     column: Annotated[
@@ -95,7 +97,9 @@ def fit_heading_effect(
     ] = None,
     epoch_s: Annotated[float | None, typer.Option(help="s since 1970 (UTC) at time 0 of the log")] = None,
     damping: Annotated[float, typer.Option(help="damping ratio of the platform's Schuler loop")] = 0.0,
-    form: Annotated[str, typer.Option(help="lag9, lag15 or nine (the paper's)")] = "lag9",
+    form: Annotated[
+        str, typer.Option(help="lag9 or lag15; the paper's form is always shown beside")
+    ] = "lag9",
     window_h: Annotated[float, typer.Option(help="moving window of the paper's form")] = 35.901708,
 ) -> None:
     """Heading effect of a space-stable platform from position errors and platform temperature."""

@@ -1,4 +1,4 @@
-"""`gyrobench fit-heading`: the heading effect of a platform INS from its log."""
+"""`gyrobench fit heading-effect`: the heading effect of a platform INS from its log."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from bench.heading import (
     Site,
     earth_rotation_deg,
     load_log,
+    platform_table,
     save_model,
+    site_of_run,
     study_heading,
 )
 from bench.recording import checksum
@@ -30,8 +32,8 @@ REPORT_FILE = "report.html"
 
 def heading_command(
     log: Path,
-    latitude_deg: float,
-    longitude_deg: float,
+    latitude_deg: float | None,
+    longitude_deg: float | None,
     tests: Sequence[Path] = (),
     out: Path = Path("heading-fit"),
     columns: Sequence[str] = (),
@@ -48,10 +50,13 @@ def heading_command(
     console = Console()
     if form not in ("lag9", "lag15"):
         raise ConfigurationError(f"there is no model {form!r}", where="--form", expected="lag9 or lag15")
-    zero_deg = None if epoch_s is None else earth_rotation_deg(epoch_s)
-    site, named = Site(latitude_deg, longitude_deg, zero_deg, damping), parse_columns(columns)
-    calibration, other = load_log(log, site, named)
-    held_out = {path.stem: load_log(path, site, named)[0] for path in tests}
+    named = parse_columns(columns)
+
+    def site(path: Path) -> Site:
+        return site_at(path, latitude_deg, longitude_deg, epoch_s, damping)
+
+    calibration, other = load_log(log, site(log), named)
+    held_out = {path.stem: load_log(path, site(path), named)[0] for path in tests}
     study = study_heading(
         calibration, held_out, form=cast(Form, form), window_s=3600.0 * window_h, other_temp_c=other
     )
@@ -62,7 +67,8 @@ def heading_command(
         save_model(model_path, study.model)
     else:
         model_path.unlink(missing_ok=True)
-    sums = {path.name: checksum(path).sha256 for path in (log, *tests)}
+    tables = [platform_table(path) if path.is_dir() else path for path in (log, *tests)]
+    sums = {f"{path.parent.name}/{path.name}": checksum(path).sha256 for path in tables}
     content = HeadingContent(study, log.stem, utc_now(), sums, MODEL_FILE if caused else "")
     write_report(out / REPORT_FILE, render_heading(content))
     for finding in study.findings:
@@ -75,6 +81,28 @@ def heading_command(
     console.print(judgement_table(study))
     console.print(f"time constant {study.model.tau_s / 3600.0:.2f} h; files in {out}", highlight=False)
     return 0
+
+
+def site_at(
+    log: Path, latitude_deg: float | None, longitude_deg: float | None, epoch_s: float | None, damping: float
+) -> Site:
+    """Return where a log was made: as told, or as a run folder's manifest has it."""
+    zero_deg = None if epoch_s is None else earth_rotation_deg(epoch_s)
+    if latitude_deg is not None and longitude_deg is not None:
+        return Site(latitude_deg, longitude_deg, zero_deg, damping)
+    if not log.is_dir():
+        raise ConfigurationError(
+            "where the platform stood is not known",
+            where=str(log),
+            expected="--latitude-deg and --longitude-deg, or a run folder, whose manifest has them",
+        )
+    run = site_of_run(log, damping)
+    return Site(
+        run.latitude_deg if latitude_deg is None else latitude_deg,
+        run.longitude_deg if longitude_deg is None else longitude_deg,
+        run.sidereal_zero_deg if epoch_s is None else zero_deg,
+        damping,
+    )
 
 
 def parse_columns(pairs: Sequence[str]) -> dict[str, str]:

@@ -4,7 +4,7 @@ time."""
 from bench.heading._calibration import Priors
 from bench.heading._checks import Finding, check_log, check_phase, phase_offset_deg, refuse_unsound
 from bench.heading._compensator import Compensated, HeadingCompensator, PositionCorrector
-from bench.heading._files import COLUMNS, Site, load_log, load_model, save_model
+from bench.heading._files import COLUMNS, Site, load_log, load_model, platform_table, save_model, site_of_run
 from bench.heading._frames import (
     EARTH_RATE_RAD_S,
     SCHULER_RAD_S,
@@ -71,6 +71,7 @@ __all__ = [
     "load_model",
     "log_from_positions",
     "phase_offset_deg",
+    "platform_table",
     "position_error",
     "position_error_finite",
     "position_rows",
@@ -79,6 +80,7 @@ __all__ = [
     "save_model",
     "settled",
     "sidereal_rad",
+    "site_of_run",
     "solve_nine",
     "stays",
     "study_heading",

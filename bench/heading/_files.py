@@ -5,15 +5,19 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
-from bench.heading._frames import Array
+from bench.benchfile import bench_file_from
+from bench.heading._frames import SIDEREAL_DAY_S, Array, earth_rotation_deg
 from bench.heading._lagged import Evidence, LaggedModel
 from bench.heading._log import PlatformLog, log_from_positions
 from bench.heading._temperature import ReferenceTemperature
+from bench.recording import platform_table_name, read_manifest
 from bench.state_file import read_state, write_state
 from drivers.errors import RecordError
 
@@ -43,13 +47,43 @@ class Site:
     damping: float = 0.0
 
 
+def site_of_run(folder: Path, damping: float = 0.0) -> Site:
+    """Return where the platform of a run stood: latitude and longitude of its bench file, time by its start.
+
+    An emulated lab's stars stand at its longitude when its time begins, whatever the date. RecordError for a
+    folder that is no run of a platform INS.
+    """
+    manifest = read_manifest(folder)
+    path = platform_table(folder)
+    sections = bench_file_from(manifest.bench).platform
+    section = next(each for each in sections if path.name == platform_table_name(each.name))
+    started_s = datetime.fromisoformat(manifest.started_utc).timestamp()
+    zero_deg = None if manifest.emulated is not None else earth_rotation_deg(started_s)
+    return Site(manifest.bench["bench"]["latitude_deg"], section.longitude_deg, zero_deg, damping)
+
+
+def platform_table(folder: Path) -> Path:
+    """Return the decoded table of a run's platform INS; RecordError if there is none, or more than one."""
+    found = sorted(folder.glob(platform_table_name("*")))
+    if len(found) != 1:
+        raise RecordError(
+            "a run folder with one platform INS is needed",
+            where=str(folder),
+            found=", ".join(path.name for path in found) or "no table of a platform INS",
+            expected=f"one {platform_table_name('<name>')}",
+            remedy="name the table itself instead of the run folder" if found else "",
+        )
+    return found[0]
+
+
 def load_log(
     path: Path, site: Site, columns: Mapping[str, str] | None = None
 ) -> tuple[PlatformLog, Array | None]:
-    """Return (log, other temperature or None) of a .csv (with a header line) or .parquet file.
+    """Return (log, other temperature or None) of a .csv (with a header line) or .parquet file or of a run folder.
 
     `columns` names columns that are not called as in `COLUMNS`; a `time_ns` column serves as time. Empty
-    cells are missing values. Raises RecordError for a file or column that is not there, or text where a
+    cells are missing values, and so is a position that the unit itself called not valid (a column `valid`; it
+    was still aligning). Raises RecordError for a file or column that is not there, or text where a
     number belongs.
     """
     wanted = {**COLUMNS, **(columns or {})}
@@ -60,7 +94,12 @@ def load_log(
             expected=", ".join([*COLUMNS, "other_temp_c"]),
         )
     if not path.exists():
-        raise RecordError("there is no such log", where=str(path), expected="a .csv or .parquet file")
+        raise RecordError(
+            "there is no such log", where=str(path), expected="a .csv or .parquet file, or a run"
+        )
+    if path.is_dir():
+        path = platform_table(path)
+        wanted = {"other_temp_c": "cabinet_temp_c", **wanted}
     table = _parquet(path) if path.suffix == ".parquet" else _csv(path)
     if "time_ns" in table and wanted["time_s"] not in table:
         table = {**table, wanted["time_s"]: table["time_ns"] * 1e-9}
@@ -77,6 +116,9 @@ def load_log(
         )
     values = {name: np.asarray(table[column], dtype=np.float64) for name, column in wanted.items()}
     other = values.pop("other_temp_c", None)
+    if "valid" in table:
+        values = _navigating(values, table["valid"] != 0.0)
+        other = None if other is None else other[-len(values["time_s"]) :]
     log = log_from_positions(
         values["time_s"],
         values["latitude_deg"],
@@ -141,6 +183,22 @@ def load_model(path: Path) -> LaggedModel:
         ) from error
 
 
+def _navigating(values: Mapping[str, Array], valid: NDArray[np.bool_]) -> dict[str, Array]:
+    """Return the rows from a sidereal day before the first valid position on, positions valid or NaN.
+
+    The day before, the last of the alignment, has the reference temperature; what was earlier was warm-up.
+    """
+    kept = {
+        name: np.where(valid, column, np.nan) if name in ("latitude_deg", "longitude_deg") else column
+        for name, column in values.items()
+    }
+    if valid.any():
+        begin_s = values["time_s"][np.argmax(valid)] - SIDEREAL_DAY_S
+        start = int(np.searchsorted(values["time_s"], begin_s))
+        kept = {name: column[start:] for name, column in kept.items()}
+    return kept
+
+
 def _table_angle(path: Path, time_ns: Array) -> Array:
     """Return the table's angle at the last telemetry before each time, deg."""
     turntable = _parquet(path)
@@ -161,6 +219,7 @@ def _parquet(path: Path) -> dict[str, Array]:
 
 
 _NUMBERS = (
+    "bool",
     "double",
     "float",
     "halffloat",

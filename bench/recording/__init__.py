@@ -2,9 +2,12 @@
 
 from bench.recording._decode import (
     GyroSource,
+    PlatformSource,
     StreamReport,
-    decode_gyro,
+    StreamSource,
     decode_instrument,
+    decode_stream,
+    platform_table_name,
 )
 from bench.recording._events import EventLog, Events, read_events
 from bench.recording._journal import Journal, PortJournal
@@ -39,18 +42,21 @@ __all__ = [
     "Journal",
     "Manifest",
     "Phase",
+    "PlatformSource",
     "PortJournal",
     "Run",
     "RunEntry",
     "StreamReport",
+    "StreamSource",
     "StreamTimer",
     "StreamTiming",
     "VerifyReport",
     "can_frames",
     "checksum",
-    "decode_gyro",
     "decode_instrument",
+    "decode_stream",
     "list_runs",
+    "platform_table_name",
     "read_events",
     "read_exchanges",
     "read_manifest",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,53 @@ _BITS_A_BYTE = 10
 _MOST_LOST = 2**31 - 1
 
 
+class StreamSource(Protocol):
+    """How the bytes of one streaming unit become a table.
+
+    `start_offset`: bytes on the port before the stream began (answers to configuration). `baudrate`: of a serial
+    port, to take the time on the wire off; None where a frame is stamped when it is complete.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of unit and port."""
+        ...
+
+    @property
+    def decoder(self) -> Callable[[], StreamDecoder]:
+        """What makes a fresh decoder."""
+        ...
+
+    @property
+    def start_offset(self) -> int:
+        """See above."""
+        ...
+
+    @property
+    def baudrate(self) -> int | None:
+        """See above."""
+        ...
+
+    @property
+    def table(self) -> str:
+        """File name of the decoded table."""
+        ...
+
+    @property
+    def description(self) -> str:
+        """What the table holds, in words."""
+        ...
+
+    def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+        """Return what the table holds beside time, counter, losses and status; arrays of shape (n,)."""
+        ...
+
+
 @dataclass(frozen=True)
 class GyroSource:
-    """How the bytes of one gyro become a table.
-
-    `decoder` makes a fresh decoder; `rates` turns its columns into deg/s by axis, given the true sample rate in
-    Hz, `accelerations` into m/s2 by axis where the unit has accelerometers, `temperatures` into further ones in
-    degC by column; `axis` is the one under test. `start_offset`: bytes on the port before the stream began
-    (answers to configuration). `baudrate`: of a serial port, to take the time on the wire off; None where a
-    frame is stamped when it is complete.
+    """A gyro's stream: `rates` turns decoded columns into deg/s by axis, given the true sample rate in Hz,
+    `accelerations` into m/s2 by axis where the unit has accelerometers, `temperatures` into further ones in degC
+    by column; `axis` is the one under test.
     """
 
     name: str
@@ -43,6 +81,53 @@ class GyroSource:
     temperatures: Rates | None = None
     start_offset: int = 0
     baudrate: int | None = None
+
+    @property
+    def table(self) -> str:
+        """File name of the decoded table."""
+        return gyro_table(self.name)
+
+    @property
+    def description(self) -> str:
+        """What the table holds, in words."""
+        return f"gyro {self.name}, axis under test {self.axis}"
+
+    def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+        """Return rates of all axes, the one under test first, and temperatures."""
+        rates = self.rates(columns, sample_rate_hz)
+        named = {"rate_dps": rates[self.axis]}
+        named |= {f"rate_{axis}_dps": rate for axis, rate in rates.items() if axis != self.axis}
+        if self.accelerations is not None:
+            forces = self.accelerations(columns, sample_rate_hz)
+            named |= {f"accelerometer_{axis}_mps2": force for axis, force in forces.items()}
+        further = {} if self.temperatures is None else self.temperatures(columns, sample_rate_hz)
+        named |= {"temp_c": columns["temp_c"], **further}
+        return {name: np.asarray(column, dtype=np.float32) for name, column in named.items()}
+
+
+@dataclass(frozen=True)
+class PlatformSource:
+    """A platform INS's stream: positions and temperatures as decoded."""
+
+    name: str
+    decoder: Callable[[], StreamDecoder]
+    columns: tuple[str, ...]
+    start_offset: int = 0
+    baudrate: int | None = None
+
+    @property
+    def table(self) -> str:
+        """File name of the decoded table."""
+        return platform_table_name(self.name)
+
+    @property
+    def description(self) -> str:
+        """What the table holds, in words."""
+        return f"platform INS {self.name}"
+
+    def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+        """Return the columns of the kind."""
+        return {name: columns[name] for name in self.columns}
 
 
 @dataclass(frozen=True)
@@ -72,8 +157,13 @@ def gyro_table(name: str) -> str:
     return f"gyro_{name}.parquet"
 
 
-def decode_gyro(folder: Path, source: GyroSource, out: Path | None = None) -> StreamReport:
-    """Decode raw/<name>.bin of a run into gyro_<name>.parquet in `out` (default: the run folder).
+def platform_table_name(name: str) -> str:
+    """Return the file name of a platform INS's decoded table."""
+    return f"platform_{name}.parquet"
+
+
+def decode_stream(folder: Path, source: StreamSource, out: Path | None = None) -> StreamReport:
+    """Decode raw/<name>.bin of a run into the source's table in `out` (default: the run folder).
 
     Two passes in blocks of a megabyte: the first finds where the samples lie in time, the second writes. A stream
     without a single frame gives no table and a report that says so.
@@ -97,22 +187,22 @@ def decode_gyro(folder: Path, source: GyroSource, out: Path | None = None) -> St
         rejected=dict(decoder.counts.rejected),
         start_offset=source.start_offset,
     )
-    target = (out or folder) / gyro_table(source.name)
+    target = (out or folder) / source.table
     if not timer.has_arrivals:
         target.unlink(missing_ok=True)
         return _with(report, warnings=("no frame with an arrival time",))
     timing = timer.fit(_BITS_A_BYTE * frame_bytes / source.baudrate if source.baudrate else 0.0)
-    return _write_gyro(path, source, timing, report, target)
+    return _write_table(path, source, timing, report, target)
 
 
-def _write_gyro(
-    path: Path, source: GyroSource, timing: StreamTiming, report: StreamReport, target: Path
+def _write_table(
+    path: Path, source: StreamSource, timing: StreamTiming, report: StreamReport, target: Path
 ) -> StreamReport:
     decoder = source.decoder()
     unwrap = Unwrapper(decoder.counter_modulo)
     frames = lost = duplicates = invalid = 0
     last: int | None = None
-    with table_writer(target, f"gyro {source.name}, axis under test {source.axis}") as writer:
+    with table_writer(target, source.description) as writer:
         for batch in _batches(path, source, decoder):
             count = timing.corrected(unwrap.feed(batch.columns["counter"])[0], frames)
             before = int(count[0] - timing.counter_step) if last is None else last
@@ -127,9 +217,7 @@ def _write_gyro(
                     "lost_before": lost_before,
                     "status": batch.columns["status"],
                     "valid": valid,
-                    **_rate_columns(source, batch, timing.sample_rate_hz),
-                    "temp_c": batch.columns["temp_c"].astype(np.float32),
-                    **_temperatures(source, batch, timing.sample_rate_hz),
+                    **source.values(batch.columns, timing.sample_rate_hz),
                 }
             )
             last = int(count[-1])
@@ -166,27 +254,12 @@ def decode_instrument(
     return dict(counts)
 
 
-def _batches(path: Path, source: GyroSource, decoder: StreamDecoder) -> Iterator[FrameBatch]:
+def _batches(path: Path, source: StreamSource, decoder: StreamDecoder) -> Iterator[FrameBatch]:
     """Yield non-empty batches, their end offsets counted from the start of the file."""
     for block in read_blocks(path, source.start_offset):
         batch = decoder.feed(block)
         if len(batch):
             yield FrameBatch(batch.columns, batch.end_offset + source.start_offset)
-
-
-def _rate_columns(source: GyroSource, batch: FrameBatch, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    rates = source.rates(batch.columns, sample_rate_hz)
-    others = {f"rate_{axis}_dps": rate for axis, rate in rates.items() if axis != source.axis}
-    columns = {"rate_dps": rates[source.axis]} | others
-    if source.accelerations is not None:
-        forces = source.accelerations(batch.columns, sample_rate_hz)
-        columns |= {f"accelerometer_{axis}_mps2": force for axis, force in forces.items()}
-    return {name: np.asarray(rate, dtype=np.float32) for name, rate in columns.items()}
-
-
-def _temperatures(source: GyroSource, batch: FrameBatch, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    found = {} if source.temperatures is None else source.temperatures(batch.columns, sample_rate_hz)
-    return {name: np.asarray(temp_c, dtype=np.float32) for name, temp_c in found.items()}
 
 
 def _with(report: StreamReport, **changes: Any) -> StreamReport:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,19 +19,37 @@ Event = dict[str, Any]
 
 
 class EventLog:
-    """The event log being written; every line is handed to the operating system at once.
+    """The event log being written: every line goes to the operating system at once.
 
-    `Journal.adopt(log.file)` has it synced to the disk on the journal's cadence.
+    In a run the journal's thread does that (`Journal.adopt`), so that no event waits for a slow disk.
     """
 
     def __init__(self, folder: Path) -> None:
         self.file = AppendFile(folder / EVENTS_FILE)
+        self._lines = bytearray()
+        self._lock = threading.Lock()
+        self._wake: Callable[[], None] | None = None
+
+    def written_by(self, wake: Callable[[], None] | None) -> None:
+        """Have somebody else call `write` soon after `wake` is called for a line; None: nobody else."""
+        self._wake = wake
 
     def event(self, time_s: float, kind: str, **fields: Any) -> None:
         """Write one line: bench time in s, kind and fields (numbers that are not finite become null)."""
         line = {"time_s": round(time_s, 9), "kind": kind} | fields
         text = json.dumps(_plain(line), ensure_ascii=False, allow_nan=False)
-        self.file.pending += text.encode("utf-8") + b"\n"
+        with self._lock:
+            self._lines += text.encode("utf-8") + b"\n"
+        if self._wake is None:
+            self.write()
+        else:
+            self._wake()
+
+    def write(self) -> None:
+        """Hand the lines that wait to the operating system; raises RecordError. One thread at a time."""
+        with self._lock:
+            lines, self._lines = self._lines, bytearray()
+        self.file.pending += lines
         self.file.write()
 
     def close(self) -> None:
@@ -37,7 +57,7 @@ class EventLog:
         if self.file.closed:
             return
         try:
-            self.file.write()
+            self.write()
             self.file.sync()
         except OSError as error:
             raise record_error(self.file.path, error) from error

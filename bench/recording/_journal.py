@@ -1,12 +1,10 @@
 """The raw record of a run: every byte of every port as it came and went, with its time, append only.
 
-Bytes are gathered in memory (a call costs well under a microsecond), written in blocks and synced on a cadence:
-
-* `Journal.maybe_flush` writes once `flush_interval_s` of bench time and the same of wall time (at most a second)
-  have passed, or a megabyte is waiting. On a wall clock that is the interval; in virtual time, where hours pass
-  in seconds, it is one write a second or a megabyte rather than thousands.
-* fdatasync follows a write at most once a wall second, on a thread of its own: a slow disk delays neither the
-  bench nor an emergency stop. A killed process loses what was not yet written, a power cut what was not synced.
+Bytes are gathered in memory (a call costs well under a microsecond). Threads of the journal's own write and sync
+them, twice in every flush interval (a second of wall time at most) or when a megabyte is waiting, so that a slow
+disk delays neither the bench nor an emergency stop, a busy procedure no write. A killed process loses
+what came since the last write, a power cut what came since the last sync: less than the interval. What the threads
+meet is raised by the next `Journal.check`.
 """
 
 from __future__ import annotations
@@ -15,17 +13,18 @@ import sys
 import threading
 from array import array
 from bisect import bisect_right
-from collections.abc import Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from bench.recording._append import AppendFile, record_error
-from drivers.clock import host_seconds
+from bench.recording._events import EventLog
+from drivers.clock import Ticker
+from drivers.errors import RecordError
 
 RAW_FOLDER = "raw"
 _BLOCK_BYTES = 1 << 20
-_LONGEST_WALL_INTERVAL_S = 1.0
-
+_MOST_WAITING_BYTES = 256 << 20
+_LONGEST_INTERVAL_S = 1.0
 
 TIE_NS = 1000
 
@@ -134,20 +133,17 @@ class PortJournal:
 
 
 class Journal:
-    """All port journals of a run and their flushing; see the module for the cadence."""
+    """All port journals of a run, its event log, and the threads that write them."""
 
     def __init__(self, folder: Path, flush_interval_s: float) -> None:
         self.folder = folder
-        self._interval_s = flush_interval_s
-        self._wall_interval_s = min(flush_interval_s, _LONGEST_WALL_INTERVAL_S)
         self._ports: list[PortJournal] = []
-        self._adopted: list[AppendFile] = []
-        self._flushed_s = float("-inf")
-        self._flushed_wall_s = host_seconds()
-        self._synced_wall_s = host_seconds()
-        self._sync_thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="journal-sync")
-        self._syncing: Future[None] | None = None
+        self._events: EventLog | None = None
+        self._failure: Exception | None = None
         self._closed = False
+        period_s = min(flush_interval_s, _LONGEST_INTERVAL_S) / 2.0
+        self._writer = Ticker(period_s, lambda: self._try(self._write), "journal writer")
+        self._syncer = Ticker(period_s, lambda: self._try(self._sync), "journal syncer")
 
     def port(self, name: str) -> PortJournal:
         """Start the journal of a port; RecordError if the folder cannot be written or has that port already."""
@@ -155,32 +151,37 @@ class Journal:
         self._ports.append(journal)
         return journal
 
-    def adopt(self, file: AppendFile) -> None:
-        """Sync another append-only file (the event log) on the same cadence."""
-        self._adopted.append(file)
+    def adopt(self, log: EventLog) -> None:
+        """Write the lines of an event log as they come, and sync them with the rest."""
+        self._events = log
+        log.written_by(self._writer.wake)
 
-    def maybe_flush(self, now_s: float) -> None:
-        """Flush if the cadence asks for it at bench time `now_s`; raises RecordError."""
-        if now_s - self._flushed_s < self._interval_s:
-            return
-        wall_s = host_seconds()
+    def check(self) -> None:
+        """Raise the RecordError that the writer met; wake it if a megabyte is waiting."""
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
         waiting = sum(port.pending_bytes for port in self._ports)
-        if wall_s - self._flushed_wall_s < self._wall_interval_s and waiting < _BLOCK_BYTES:
-            return
-        self._flushed_s = now_s
-        self._flushed_wall_s = wall_s
-        for port in self._ports:
-            port.flush(sync=False)
-        if wall_s - self._synced_wall_s >= self._wall_interval_s:
-            self._synced_wall_s = wall_s
-            self._sync_aside()
+        if waiting >= _BLOCK_BYTES:
+            self._writer.wake()
+        if waiting > _MOST_WAITING_BYTES:
+            raise RecordError(
+                "the disk does not keep up",
+                where=str(self.folder),
+                found=f"{waiting >> 20} MiB that are not written yet",
+                expected=f"less than {_MOST_WAITING_BYTES >> 20} MiB",
+                remedy="name a folder on a faster disk with --runs",
+            )
 
     def close(self) -> None:
         """Write and sync everything and close the files; every file is tried before RecordError is raised."""
         if self._closed:
             return
         self._closed = True
-        self._sync_thread.shutdown(wait=True)
+        self._writer.stop()
+        self._syncer.stop()
+        if self._events is not None:
+            self._events.written_by(None)
         failures: list[Exception] = []
         for port in self._ports:
             try:
@@ -192,13 +193,21 @@ class Journal:
         if failures:
             raise failures[0]
 
-    def _sync_aside(self) -> None:
-        if self._syncing is not None:
-            if not self._syncing.done():
-                return
-            self._syncing.result()
-        files = [*self._adopted, *(file for port in self._ports for file in port.files)]
-        self._syncing = self._sync_thread.submit(_sync, files)
+    def _try(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:
+            self._failure = error
+
+    def _write(self) -> None:
+        for port in self._ports:
+            port.flush(sync=False)
+        if self._events is not None:
+            self._events.write()
+
+    def _sync(self) -> None:
+        files = [file for port in self._ports for file in port.files]
+        _sync(files if self._events is None else [self._events.file, *files])
 
 
 def _sync(files: Iterable[AppendFile]) -> None:

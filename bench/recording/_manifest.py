@@ -68,6 +68,8 @@ class Manifest(_Part):
     started_utc: str
     ended_utc: str | None = None
     duration_s: float | None = None
+    flush_interval_s: float | None = None
+    """What came longer than this before a crash, in wall time, is on the disk."""
     bench: dict[str, Any] = Field(default_factory=dict)
     bench_file_sha256: str = ""
     devices: dict[str, DeviceEntry] = Field(default_factory=dict)

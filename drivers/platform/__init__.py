@@ -12,11 +12,13 @@ from drivers.platform._codec import (
     sentence,
 )
 from drivers.platform._driver import BAUDRATE, PlatformIns
+from drivers.platform._kind import PINS
 
 __all__ = [
     "BAUDRATE",
     "COUNTER_MODULO",
     "NAVIGATING",
+    "PINS",
     "POSITION_VALID",
     "REGULATED",
     "PlatformDecoder",

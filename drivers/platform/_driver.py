@@ -5,7 +5,7 @@ from __future__ import annotations
 from drivers.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
 from drivers.instruments import Identity
 from drivers.link import Link
-from drivers.platform._codec import LONGEST, PlatformDecoder, parse, sentence
+from drivers.platform._codec import LONGEST, parse, sentence
 
 _REPLY_S = 2.0
 BAUDRATE = 38400
@@ -62,9 +62,9 @@ class PlatformIns:
         """Stop the stream."""
         self._ask("STOP")
 
-    def decoder(self) -> PlatformDecoder:
-        """Return a fresh decoder of the unit's stream."""
-        return PlatformDecoder(self.period_s)
+    def close(self) -> None:
+        """Let go of the port."""
+        self.link.close()
 
     def _ask(self, *command: str) -> list[str]:
         """Send a command; return the fields after the echo of its name."""

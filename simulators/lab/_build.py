@@ -14,7 +14,7 @@ from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from simulators.emulators.weiss import WeissEmulator
 from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, StreamingEmulator
-from simulators.lab._config import DeviceConfig, GyroConfig, LabConfig
+from simulators.lab._config import DeviceConfig, GyroConfig, LabConfig, PlatformConfig
 from simulators.lab._core import Lab
 from simulators.lab._line import Line
 from simulators.lab._ports import Port, PtyPort, TcpPort
@@ -41,6 +41,9 @@ def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
     for gyro in config.gyros:
         ports.append(_port(gyro.name, gyro.transport, config))
         emulators[gyro.name] = streams[gyro.name] = _gyro(gyro, plant)
+    for platform in config.platforms:
+        ports.append(_port(platform.name, platform.transport, config))
+        emulators[platform.name] = streams[platform.name] = _platform(platform, config, plant)
     lab = Lab(
         plant, ports, emulators, streams, delivery_s=config.delivery_s, lines=_lines(config, emulators, plant)
     )
@@ -250,6 +253,32 @@ def _frames(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
         baudrate=gyro.settings["baudrate"],
         message=gyro.settings.get("frame_format"),
         clock_error_ppm=gyro.clock_error_ppm,
+    )
+
+
+def _platform(platform: PlatformConfig, config: LabConfig, plant: LabPlant) -> StreamingEmulator:
+    return _known("platform", platform.driver, {"platform_ins": _pins})(platform, config, plant)
+
+
+def _pins(platform: PlatformConfig, config: LabConfig, plant: LabPlant) -> StreamingEmulator:
+    from simulators.emulators.platform import PlatformEmulator
+    from simulators.plant.lab_platform import LabPlatform
+    from simulators.plant.space_stable import draw_platform
+
+    def heading_deg(time_s: float) -> float:
+        return plant.table.total_angle_deg(time_s) - platform.north_deg
+
+    physics = LabPlatform(
+        draw_platform(platform.unit_seed, effect_dph=platform.effect_dph, latitude_deg=config.latitude_deg),
+        config.seed,
+        heading_deg,
+        longitude_deg=platform.settings["longitude_deg"],
+    )
+    return PlatformEmulator(
+        physics,
+        serial_number=platform.settings["unit"],
+        period_s=platform.settings["period_s"],
+        baudrate=platform.settings["baudrate"],
     )
 
 

@@ -37,6 +37,22 @@ class GyroConfig:
 
 
 @dataclass(frozen=True)
+class PlatformConfig:
+    """A platform INS: `settings` as in the bench file; `unit_seed` draws its physics.
+
+    `effect_dph`: rms over headings of the change of its mean drift; `north_deg`: table angle at heading 0.
+    """
+
+    name: str
+    driver: str
+    transport: Transport
+    settings: dict[str, Any]
+    unit_seed: int
+    effect_dph: float = 1e-3
+    north_deg: float = 0.0
+
+
+@dataclass(frozen=True)
 class LabConfig:
     """A whole lab.
 
@@ -53,6 +69,7 @@ class LabConfig:
     chamber: DeviceConfig
     gyros: tuple[GyroConfig, ...]
     faults: tuple[Fault, ...] = ()
+    platforms: tuple[PlatformConfig, ...] = ()
     delivery_s: float = 1.0
     cpu: int | None = None
 
@@ -73,5 +90,6 @@ class LabConfig:
                     Fault(**{**fault, "at_s": tuple(fault.get("at_s", ()))})
                     for fault in data.get("faults", ())
                 ),
+                "platforms": tuple(PlatformConfig(**each) for each in data.get("platforms", ())),
             }
         )

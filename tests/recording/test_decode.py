@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench.recording import PortJournal, decode_gyro, decode_instrument, read_exchanges
+from bench.recording import PortJournal, decode_instrument, decode_stream, read_exchanges
 from drivers.errors import RecordError
 
 FIXTURES = [HealthCheck.function_scoped_fixture]
@@ -19,7 +19,7 @@ def table(folder, name="gyro_fog"):
 
 def test_columns_hold_what_was_sent_at_the_time_it_was_sampled(tmp_path, fake):
     fake.record(tmp_path, range(500), 0.01)
-    report = decode_gyro(tmp_path, fake.source())
+    report = decode_stream(tmp_path, fake.source())
     got = table(tmp_path)
     assert list(got) == [
         "time_ns", "counter", "lost_before", "status", "valid", "rate_dps", "rate_y_dps", "temp_c",
@@ -37,7 +37,7 @@ def test_columns_hold_what_was_sent_at_the_time_it_was_sampled(tmp_path, fake):
 
 def test_the_files_say_their_units_and_pack_floats_by_byte(tmp_path, fake):
     fake.record(tmp_path, range(50), 0.01)
-    decode_gyro(tmp_path, fake.source())
+    decode_stream(tmp_path, fake.source())
     file = pq.ParquetFile(tmp_path / "gyro_fog.parquet")
     units = {field.name: field.metadata[b"unit"].decode() for field in file.schema_arrow}
     assert units["time_ns"] == "ns"
@@ -54,7 +54,7 @@ def test_the_files_say_their_units_and_pack_floats_by_byte(tmp_path, fake):
 def test_lost_and_doubled_frames_are_marked_and_counted(tmp_path, fake):
     samples = [*range(100), *range(105, 300), 299, *range(300, 400), *range(900, 1200)]
     fake.record(tmp_path, samples, 0.01)
-    report = decode_gyro(tmp_path, fake.source())
+    report = decode_stream(tmp_path, fake.source())
     got = table(tmp_path)
     assert got["counter"].tolist() == samples
     assert {at: int(got["lost_before"][at]) for at in np.flatnonzero(got["lost_before"])} == {
@@ -72,7 +72,7 @@ def test_bytes_before_the_stream_are_not_part_of_it(tmp_path, fake):
     for n in range(300):
         port.received(fake.encode(n % 128, float(n)), 1.0 + n * 0.01)
     port.flush(sync=False)
-    report = decode_gyro(tmp_path, fake.source(start_offset=len(answer)))
+    report = decode_stream(tmp_path, fake.source(start_offset=len(answer)))
     got = table(tmp_path)
     assert got["counter"][0] == 0
     assert got["time_ns"][0] == pytest.approx(1_000_000_000, abs=2)
@@ -81,7 +81,7 @@ def test_bytes_before_the_stream_are_not_part_of_it(tmp_path, fake):
 
 def test_the_wire_is_taken_off_at_the_ports_baud_rate(tmp_path, fake):
     fake.record(tmp_path, range(300), 0.01)
-    decode_gyro(tmp_path, fake.source(baudrate=7000))  # 7 bytes of 10 bits: 10 ms
+    decode_stream(tmp_path, fake.source(baudrate=7000))  # 7 bytes of 10 bits: 10 ms
     assert table(tmp_path)["time_ns"][0] == pytest.approx(990_000_000, abs=2)
 
 
@@ -89,10 +89,10 @@ def test_nothing_to_decode_gives_a_report_and_no_table(tmp_path, fake):
     port = PortJournal(tmp_path, "fog")
     port.received(b"noise", 0.5)
     port.flush(sync=False)
-    report = decode_gyro(tmp_path, fake.source())
+    report = decode_stream(tmp_path, fake.source())
     assert report.frames == 0
     assert report.warnings
-    assert decode_gyro(tmp_path, fake.source(name="absent")).bytes_received == 0
+    assert decode_stream(tmp_path, fake.source(name="absent")).bytes_received == 0
     assert not list(tmp_path.glob("*.parquet"))
 
 
@@ -106,7 +106,7 @@ def test_a_kill_anywhere_leaves_everything_up_to_the_cut_readable(
     raw = folder / "raw"
     (raw / "fog.bin").write_bytes((raw / "fog.bin").read_bytes()[:data_cut])
     (raw / "fog.idx").write_bytes((raw / "fog.idx").read_bytes()[:index_cut])
-    report = decode_gyro(folder, fake.source())
+    report = decode_stream(folder, fake.source())
     frames, marks = data_cut // fake.size, min(index_cut // 16, data_cut // fake.size)
     assert report.frames == frames
     if not frames or not marks:
@@ -119,11 +119,11 @@ def test_a_kill_anywhere_leaves_everything_up_to_the_cut_readable(
 
 def test_block_borders_do_not_show(tmp_path, fake, monkeypatch):
     fake.record(tmp_path, [*range(700), *range(1100, 2000)], 0.01, chunk=13)
-    decode_gyro(tmp_path, fake.source())
+    decode_stream(tmp_path, fake.source())
     whole = (tmp_path / "gyro_fog.parquet").read_bytes()
     for block in (1, 7, 50, 333):
         monkeypatch.setattr("bench.recording._raw.read_blocks.__defaults__", (0, block))
-        decode_gyro(tmp_path, fake.source())
+        decode_stream(tmp_path, fake.source())
         got = table(tmp_path)
         assert got["counter"].tolist() == [*range(700), *range(1100, 2000)]
         assert (tmp_path / "gyro_fog.parquet").read_bytes() == whole
@@ -199,4 +199,4 @@ def test_an_index_that_goes_backwards_or_leaps_is_told(tmp_path, fake, row, colu
     marks[row, column] = value
     marks.tofile(index)
     with pytest.raises(RecordError, match=rf"fog\.idx, pair {pair}"):
-        decode_gyro(tmp_path, fake.source())
+        decode_stream(tmp_path, fake.source())

@@ -1,13 +1,15 @@
 """The raw journal: what was handed in is on disk byte for byte, and trouble with the disk is told."""
 
+import os
 import resource
 import shutil
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench.recording import Journal, PortJournal
+from bench.recording import EventLog, Journal, PortJournal
 from drivers.errors import RecordError
 
 
@@ -35,25 +37,86 @@ def test_index_is_little_endian_int64(tmp_path):
     assert (tmp_path / "raw" / "p.idx").read_bytes() == bytes([3, *[0] * 7, 1, *[0] * 7])
 
 
-def test_nothing_is_written_before_the_interval_has_passed(tmp_path):
+class Writer:
+    """In the ticker's place: the test is the thread."""
+
+    def __init__(self, period_s, call, name):
+        self.period_s, self.call, self.woken, self.stopped = period_s, call, 0, False
+
+    def wake(self):
+        self.woken += 1
+
+    def stop(self):
+        self.stopped = True
+
+
+@pytest.fixture
+def journal(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.recording._journal.Ticker", Writer)
     journal = Journal(tmp_path, flush_interval_s=1.0)
-    port = journal.port("p")
-    journal.maybe_flush(0.0)
-    port.received(b"x" * 100, 0.5)
-    journal.maybe_flush(0.9)
-    assert (tmp_path / "raw" / "p.bin").stat().st_size == 0
+    yield journal
     journal.close()
+
+
+def test_everything_is_written_and_synced_twice_in_an_interval(tmp_path, journal, monkeypatch):
+    synced = []
+    real = os.fdatasync
+    monkeypatch.setattr(
+        "os.fdatasync", lambda fd: (synced.append(Path(f"/proc/self/fd/{fd}").readlink()), real(fd))
+    )
+    assert journal._writer.period_s == journal._syncer.period_s == 0.5
+    port = journal.port("p")
+    port.received(b"x" * 100, 0.5)
+    journal.check()
+    assert (tmp_path / "raw" / "p.bin").stat().st_size == 0 and journal._writer.woken == 0
+    journal._writer.call()
     assert (tmp_path / "raw" / "p.bin").stat().st_size == 100
+    assert synced == []
+    journal._syncer.call()
+    assert {path.name for path in synced} == {"p.bin", "p.idx"}
+    port.received(b"y" * 7, 0.6)
+    journal.close()
+    assert (tmp_path / "raw" / "p.bin").stat().st_size == 107
 
 
-def test_in_virtual_time_a_megabyte_is_written_without_waiting_for_the_wall(tmp_path):
-    journal = Journal(tmp_path, flush_interval_s=1.0)
+def test_a_megabyte_wakes_the_writer(journal):
     port = journal.port("p")
     for second in range(1, 5):
         port.received(b"x" * 300_000, float(second))
-        journal.maybe_flush(float(second))
-    assert (tmp_path / "raw" / "p.bin").stat().st_size == 1_200_000
-    journal.close()
+        journal.check()
+    assert journal._writer.woken == 1
+
+
+def test_a_disk_that_stalls_stalls_nobody_until_memory_would_run_out(journal, monkeypatch):
+    """The writer is in a write that never returns: bytes, events and checks go on."""
+    monkeypatch.setattr("bench.recording._journal._MOST_WAITING_BYTES", 3 << 20)
+    port, log = journal.port("p"), EventLog(journal.folder)
+    journal.adopt(log)
+    for second in range(3):
+        port.received(b"x" * (1 << 20), float(second))
+        log.event(float(second), "note", text="a stall")
+        journal.check()
+    assert (journal.folder / "events.jsonl").read_bytes() == b""
+    port.received(b"x", 4.0)
+    with pytest.raises(RecordError, match="does not keep up"):
+        journal.check()
+    journal._writer.call()
+    journal.check()
+    assert len((journal.folder / "events.jsonl").read_bytes().splitlines()) == 3
+    assert (journal.folder / "raw" / "p.bin").stat().st_size == (3 << 20) + 1
+
+
+def test_what_the_writer_meets_is_raised_once_by_the_next_check(journal):
+    port = journal.port("p")
+    shutil.rmtree(journal.folder / "raw")
+    port.received(b"x", 0.0)
+    journal._writer.call()
+    with pytest.raises(RecordError, match="deleted"):
+        journal.check()
+    journal.check()
+    with pytest.raises(RecordError, match="deleted"):
+        port.received(b"y", 1.0)
+        journal.close()
 
 
 def test_a_port_is_never_recorded_over(tmp_path):

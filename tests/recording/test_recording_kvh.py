@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from bench.recording import GyroSource, PortJournal, decode_gyro
+from bench.recording import GyroSource, PortJournal, decode_stream
 from drivers.kvh import KvhDecoder, rate_dps
 
 VECTOR = bytes.fromhex("FE81FF55 37A96A6E 38586C1F B75BF862 BF803E78 BB650D28 3B0A37AC 77 3D 0028 4BFA34D8")
@@ -57,7 +57,7 @@ def test_a_kvh_stream_with_a_clock_half_a_percent_fast_becomes_true_rates(tmp_pa
         port.received(data, 9.0 + (n + 1) / true_hz)
     port.flush(sync=False)
 
-    report = decode_gyro(tmp_path, source(baudrate=921_600))
+    report = decode_stream(tmp_path, source(baudrate=921_600))
     table = pq.read_table(tmp_path / "gyro_fog.parquet")
     rate, lost = table["rate_dps"].to_numpy(), table["lost_before"].to_numpy()
     assert report.sample_rate_hz == pytest.approx(true_hz, rel=1e-7)

@@ -14,7 +14,7 @@ from bench.recording import (
     EventLog,
     Manifest,
     Run,
-    decode_gyro,
+    decode_stream,
     list_runs,
     read_manifest,
     seal,
@@ -43,7 +43,7 @@ def make_run(folder, fake, samples=range(2000), outcome="completed"):
     log.event(20.0, "outcome", outcome=outcome, reason="")
     log.close()
     fake.record(folder, samples, 0.01)
-    decode_gyro(folder, fake.source())
+    decode_stream(folder, fake.source())
     return seal(folder, manifest(outcome=outcome, parameters={"shock_rate_k_per_min": 12.5}))
 
 
@@ -62,7 +62,7 @@ def run(sealed, fake):
 
 @pytest.fixture
 def decode(fake):
-    return lambda folder, out: decode_gyro(folder, fake.source(), out)
+    return lambda folder, out: decode_stream(folder, fake.source(), out)
 
 
 def test_a_sealed_run_verifies(run, decode):
