@@ -29,7 +29,8 @@ from bench.questions import Operator
 from bench.run_record import RunRecord
 from bench.session import Bench
 from bench.stations import GyroStation, PlatformStation, StreamStation, StreamTap
-from drivers.clock import Clock
+from bench.watchdog import Watchdog
+from drivers.clock import Clock, WallClock
 from drivers.errors import BenchError, ConfigurationError, RunAborted
 from drivers.instruments import Gyro, Identity
 
@@ -138,6 +139,7 @@ def _drive(
     file = request.file
     _check_units(request)
     bench = Bench(file, clock, record, request.operator, _display(request), request.live)
+    watchdog = _watchdog(request, record, clock, stack)
     table = table_kind(file).open(table_settings(file), clock, record.tap("table"))
     stack.callback(table.link.close)
     chamber = chamber_kind(file).open(chamber_settings(file), clock, record.tap("chamber"))
@@ -148,12 +150,16 @@ def _drive(
     _check_limits(request, bench)
     streams = [_open_gyro(bench, record, clock, section, stack) for section in file.gyro]
     streams += [_open_platform(bench, record, clock, section, stack) for section in file.platform]
+    if watchdog is not None:
+        stack.callback(watchdog.dismiss)  # before the ports are closed, which may take its time
     try:
         for device, station in streams:
             device.start()
             record.stream_starts(station.name, device.link.bytes_received)
             station.listen()
             clock.stream(device.link)
+        if watchdog is not None:
+            watchdog.arm()
         bench.table.confine()
         bench.poll()
         request.procedure.run(bench, request.parameters)
@@ -166,6 +172,16 @@ def _drive(
     for device, _ in streams:
         device.stop()
     return bench
+
+
+def _watchdog(request: RunRequest, record: RunRecord, clock: Clock, stack: ExitStack) -> Watchdog | None:
+    """Start the process that makes a bench on the wall clock safe if this one dies; dismissed with the stack."""
+    if not isinstance(clock, WallClock) or not request.file.safe.watchdog or request.lease is None:
+        return None
+    watchdog = Watchdog(request.file, record.folder, request.lease)
+    stack.callback(watchdog.dismiss)
+    clock.pulse = watchdog.beat
+    return watchdog
 
 
 def _display(request: RunRequest) -> Callable[[Progress], None] | None:

@@ -144,6 +144,13 @@ def host_seconds() -> float:
     return time.perf_counter()
 
 
+_PULSE_S = 0.5
+
+
+def _nothing() -> None:
+    """Nobody listens."""
+
+
 class Ticker:
     """A thread that makes a call every `period_s` of host time, and soon after `wake`, until `stop`."""
 
@@ -178,11 +185,13 @@ class WallClock:
     """The real clock: bench time is host time, monotonic, since construction.
 
     Streaming ports are read by one thread of the clock's own, so that a busy procedure loses no byte; an error
-    there is raised in whoever waits next.
+    there is raised in whoever waits next. `pulse` is called in every wait, twice a second at least: whoever hears
+    it knows that the thread which drives the bench is well.
     """
 
     def __init__(self) -> None:
         self.interrupt = Interrupt()
+        self.pulse: Callable[[], None] = _nothing
         self._start = time.monotonic()
         self._reader: _StreamReader | None = None
 
@@ -192,10 +201,7 @@ class WallClock:
 
     def sleep(self, duration_s: float) -> None:
         """Wait; a negative duration returns at once."""
-        self._check()
-        ready, _, _ = select.select([self.interrupt], [], [], max(0.0, duration_s))
-        if ready:
-            self._check()
+        self._select([], self.now() + duration_s)
 
     def idle(self, duration_s: float) -> None:
         """Sleep."""
@@ -203,13 +209,7 @@ class WallClock:
 
     def wait_for(self, port: Readable, deadline_s: float) -> bool:
         """Wait until bytes arrived on `port` (delivered before returning True) or the deadline passed."""
-        self._check()
-        remaining = max(0.0, deadline_s - self.now())
-        waiting: list[Any] = [port, self.interrupt]
-        ready, _, _ = select.select(waiting, [], [], remaining)
-        if self.interrupt in ready:
-            self._check()
-        if port not in ready:
+        if not self._select([port], deadline_s):
             return False
         data = port.receive()
         port.deliver(data, self.now())
@@ -238,6 +238,22 @@ class WallClock:
         if self._reader is not None:
             self._reader.stop()
         self.interrupt.close()
+
+    def _select(self, ports: list[Any], deadline_s: float) -> bool:
+        """Wait until one of `ports` can be read (True) or the deadline passed (False)."""
+        while True:
+            self._check()
+            self.pulse()
+            remaining_s = max(0.0, deadline_s - self.now())
+            ready, _, _ = select.select([*ports, self.interrupt], [], [], min(remaining_s, _PULSE_S))
+            if self.interrupt in ready:
+                self._check()
+            if any(port in ready for port in ports):
+                return True
+            if remaining_s <= _PULSE_S and not ready:
+                return False
+            if ready:  # woken, and nobody wants anything
+                return False
 
     def _check(self) -> None:
         self.interrupt.check()

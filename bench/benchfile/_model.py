@@ -283,6 +283,10 @@ class SafeSection(_Section):
     chamber_set_point_c: float = Field(
         default=25.0, allow_inf_nan=False, description="the chamber's set point after a stop, degC"
     )
+    watchdog: bool = Field(
+        default=True,
+        description="true for a process that makes the bench safe if the controller dies; wall clock only",
+    )
 
 
 class RecordingSection(_Section):

@@ -3,7 +3,7 @@
 Bytes are gathered in memory (a call costs well under a microsecond). Threads of the journal's own write and sync
 them, twice in every flush interval (a second of wall time at most) or when a megabyte is waiting, so that a slow
 disk delays neither the bench nor an emergency stop, a busy procedure no write. A killed process loses
-what came since the last write, a power cut what came since the last sync: less than the interval. What the threads
+what came since the last write, a power cut what came since the last sync: less than the interval. What they
 meet is raised by the next `Journal.check`.
 """
 

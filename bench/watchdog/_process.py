@@ -1,0 +1,184 @@
+"""What the watchdog does: miss a beat, end the runner, bring the bench to rest, write it down.
+
+Everything is imported and every setting checked before it says that it is ready: nothing can fail later but the
+devices themselves.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.benchfile import bench_file_from
+from bench.devices import chamber_kind, chamber_settings, table_kind, table_settings
+from bench.recording import EventLog, Journal
+from bench.safe_state import bring_to_rest
+from bench.watchdog import ARMED, DISMISSED, FOLDER, HUNG_S
+from drivers.clock import Clock, WallClock, utc_now
+from drivers.errors import BenchError, RecordError
+from drivers.instruments import Instrument
+from drivers.link import Tap
+
+_PORTS_TIMEOUT_S = 60.0
+"""How long a port that cannot be opened is tried again: a gone adapter may come back."""
+
+_FIRST_TRY_S = 1.0
+_AGAIN_S = 0.02
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the runner wants guarded."""
+
+    run_folder: Path
+    runner: int
+    lease: tuple[int, ...]
+    openers: dict[str, Callable[[Clock, Tap], Instrument]]
+
+
+class _Quiet:
+    """A tap that keeps nothing, for a run folder that can no longer be written."""
+
+    def received(self, data: bytes, arrival_s: float) -> None:
+        """Let them pass."""
+
+    def sent(self, data: bytes, time_s: float) -> None:
+        """Let them pass."""
+
+
+def main() -> int:
+    """Guard one runner; 0 when it was not needed or the bench is at rest, 1 when that could not be confirmed."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # whoever stops the runner must not stop what guards it
+    order = _read_order()
+    try:
+        runner = os.pidfd_open(order.runner)
+    except ProcessLookupError:
+        return 0
+    os.write(1, b"ready\n")
+    armed, waited_s, clock = False, 0.0, WallClock()
+    while True:
+        before_s = clock.now()
+        ready, _, _ = select.select([0], [], [], HUNG_S if armed else None)
+        waited_s = clock.now() - before_s
+        said = os.read(0, 4096) if ready else b""
+        if DISMISSED in said or (not said and not armed):
+            return 0
+        if not said:
+            break
+        armed = armed or ARMED in said
+    cause = f"no sign of life for {waited_s:.1f} s" if not ready else "the runner's process has ended"
+    unconfirmed = _take_over(order, runner, cause)
+    for descriptor in order.lease:
+        with suppress(OSError):
+            Path(f"/proc/self/fd/{descriptor}").readlink().unlink()
+    return 1 if unconfirmed else 0
+
+
+def _read_order() -> Order:
+    line = b""
+    while not line.endswith(b"\n"):
+        line += os.read(0, 1) or b"\n"
+    data: dict[str, Any] = json.loads(line)
+    file = bench_file_from(data["bench"])
+    table, chamber = table_kind(file), chamber_kind(file)
+    of_table, of_chamber = table_settings(file), chamber_settings(file)
+    return Order(
+        run_folder=Path(data["run_folder"]),
+        runner=int(data["runner"]),
+        lease=tuple(data["lease"]),
+        openers={
+            "table": lambda clock, tap: table.open(of_table, clock, tap),
+            "chamber": lambda clock, tap: chamber.open(of_chamber, clock, tap),
+        },
+    )
+
+
+def _take_over(order: Order, runner: int, cause: str) -> list[str]:
+    """End the runner and bring the bench to rest; return what was not confirmed."""
+    with suppress(ProcessLookupError):
+        signal.pidfd_send_signal(runner, signal.SIGKILL)  # it must not come to and command the table again
+    select.select([runner], [], [], 1.0)
+    clock = WallClock()
+    notes = _Notes(order.run_folder / FOLDER, clock)
+    notes.say("takeover", cause=cause, utc=utc_now(), runner=order.runner)
+    closed = dict(order.openers)
+    problems: dict[str, str] = {}
+    confirmed: list[str] = []
+    deadline_s = clock.now() + _FIRST_TRY_S
+    while closed:
+        opened: dict[str, Instrument] = {}
+        while closed and not (opened and clock.now() >= deadline_s):
+            for name in list(closed):
+                try:
+                    opened[name] = closed[name](clock, notes.tap(name))
+                    del closed[name]
+                except BenchError as error:
+                    problems[name] = str(error)
+            if closed:
+                if clock.now() >= _PORTS_TIMEOUT_S:
+                    break
+                clock.sleep(_AGAIN_S)
+        if not opened:
+            break
+        for problem in bring_to_rest(opened, clock, lambda name, text: confirmed.append(f"{name} {text}")):
+            name, _, text = problem.partition(": ")
+            problems[name] = text
+        for line in confirmed:
+            problems.pop(line.partition(" ")[0], None)
+            notes.say("note", text=line)
+        confirmed.clear()
+    unconfirmed = [f"{name}: {text}" for name, text in problems.items()]
+    for problem in unconfirmed:
+        notes.say("alarm", device="bench", text=f"not confirmed safe: {problem}")
+    notes.say("outcome", outcome="not confirmed safe" if unconfirmed else "made safe", reason=cause)
+    notes.close()
+    return unconfirmed
+
+
+class _Notes:
+    """The watchdog's own record in the run folder: events and raw bytes; a folder that is gone stops nothing."""
+
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        self._clock = clock
+        self._taps: dict[str, Tap] = {}
+        self._journal: Journal | None = None
+        self._events: EventLog | None = None
+        try:
+            folder.mkdir(exist_ok=True)
+            self._journal, self._events = Journal(folder, 1.0), EventLog(folder)
+            self._journal.adopt(self._events)
+        except (OSError, RecordError) as error:
+            _tell(str(error))
+
+    def tap(self, port: str) -> Tap:
+        if port not in self._taps:
+            self._taps[port] = _Quiet()
+            if self._journal is not None:
+                with suppress(RecordError):
+                    self._taps[port] = self._journal.port(port)
+        return self._taps[port]
+
+    def say(self, kind: str, **fields: Any) -> None:
+        if self._events is not None:
+            self._events.event(self._clock.now(), kind, **fields)
+        _tell(f"{kind} {json.dumps(fields)}")
+
+    def close(self) -> None:
+        for part in (self._journal, self._events):
+            if part is not None:
+                with suppress(BenchError):
+                    part.close()
+
+
+def _tell(text: str) -> None:
+    """Say it on the runner's terminal, if there is one still."""
+    with suppress(OSError):
+        os.write(2, f"watchdog: {text}\n".encode())

@@ -1,0 +1,120 @@
+"""A runner that dies or hangs with the table turning: the watchdog brings the bench to rest and says so."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from bench.benchfile import load_bench_file
+from bench.emulated import EmulatedLab, Plant
+from bench.lease import lease_holder, take_lease
+from bench.recording import Run, read_exchanges
+from drivers.errors import BenchInUse
+
+pytestmark = pytest.mark.timeout(120)
+
+DEMO = Path(__file__).parents[2] / "examples" / "demo.toml"
+PROGRAM = Path(__file__).parent / "runner_program.py"
+STOP_TABLE = b":mode:off 1\r\n"
+STOP_CHAMBER = b"14001\xb61\xb61\xb60\r"
+
+
+@contextmanager
+def turning(lab, runs):
+    """Run the program until the table turns."""
+    with subprocess.Popen(
+        [sys.executable, str(PROGRAM), str(runs)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        process.stdin.write(json.dumps(lab.file.model_dump(mode="json")).encode() + b"\n")
+        process.stdin.flush()
+        said = process.stdout.readline()
+        assert said == b"turning\n", (said, process.stderr.read() if not said else b"")
+        try:
+            yield process
+        finally:
+            process.kill()
+            process.stdin.close()
+
+
+def await_end(pid):
+    """Wait for a process that is not our child."""
+    try:
+        descriptor = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    try:
+        assert select.select([descriptor], [], [], 60.0)[0], "the watchdog did not end"
+    finally:
+        os.close(descriptor)
+
+
+def watchdog_events(folder):
+    return [json.loads(line) for line in (folder / "watchdog" / "events.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture(scope="module")
+def lab():
+    file = load_bench_file(DEMO)
+    with EmulatedLab(file.model_copy(update={"gyro": file.gyro[:1]}), Plant(), clock="wall") as lab:
+        yield lab
+
+
+@pytest.mark.parametrize(
+    ("number", "cause"),
+    [(signal.SIGKILL, "the runner's process has ended"), (signal.SIGSTOP, "no sign of life")],
+)
+def test_the_watchdog_takes_over_from_a_runner_that_is_gone_or_hangs(lab, tmp_path, number, cause):
+    with turning(lab, tmp_path) as process:
+        holder = lease_holder(lab.file)
+        assert holder.pid == process.pid and holder.watchdog_pid > 0
+        watchdog = holder.watchdog_pid
+        for harmless in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):  # meant for the runner
+            os.kill(watchdog, harmless)
+        process.send_signal(number)
+        if number == signal.SIGSTOP:
+            with pytest.raises(BenchInUse, match="process"):
+                take_lease(lab.file, "another")
+        await_end(watchdog)
+        assert process.wait() == -signal.SIGKILL
+    folder = tmp_path / "run"
+    rows = watchdog_events(folder)
+    assert rows[0]["kind"] == "takeover" and rows[0]["cause"].startswith(cause)
+    notes = [row["text"] for row in rows if row["kind"] == "note"]
+    assert any(text.startswith("table at rest") for text in notes)
+    assert any(text.startswith("chamber at rest: stopped, set point 25") for text in notes)
+    assert rows[-1]["kind"] == "outcome" and rows[-1]["outcome"] == "made safe"
+    for port, stop in (("table", STOP_TABLE), ("chamber", STOP_CHAMBER)):
+        assert stop in b"".join(
+            data for _, way, data in read_exchanges(folder / "watchdog", port) if way == "sent"
+        )
+    assert Run.open(folder).manifest.outcome == "running"
+    take_lease(lab.file, "another").release()
+
+
+def test_a_runner_that_ends_well_dismisses_its_watchdog(lab, tmp_path):
+    with turning(lab, tmp_path) as process:
+        watchdog = lease_holder(lab.file).watchdog_pid
+        process.send_signal(signal.SIGTERM)
+        assert process.stdout.readline() == b"aborted\n"
+        process.wait()
+        await_end(watchdog)
+    assert not (tmp_path / "run" / "watchdog").exists()
+    assert lease_holder(lab.file) is None
+
+
+def test_a_lost_watchdog_does_not_stop_a_run(lab, tmp_path):
+    with turning(lab, tmp_path) as process:
+        os.kill(lease_holder(lab.file).watchdog_pid, signal.SIGKILL)
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(timeout=1.5)
+        process.send_signal(signal.SIGTERM)
+        assert process.stdout.readline() == b"aborted\n"
