@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -55,79 +55,68 @@ _OVER_RUNS = "all runs"
 
 
 class Limit(BaseModel):
-    """A limit of a figure, in the figure's own unit; `unit_id` empty: for every unit under test."""
+    """Limits of a figure, in the figure's own unit, the limits themselves included."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    figure: str
-    unit: str
+    unit: str = ""
     low: float | None = Field(default=None, allow_inf_nan=False)
     high: float | None = Field(default=None, allow_inf_nan=False)
-    unit_id: str = ""
 
     @model_validator(mode="after")
     def _usable(self) -> Limit:
-        known = {**FIGURES, **FURTHER}
-        if self.figure not in known:
-            near = difflib.get_close_matches(self.figure, known, n=1)
-            raise ValueError(f"no figure {self.figure!r}" + (f"; did you mean {near[0]!r}" if near else ""))
-        if self.unit != known[self.figure]:
-            raise ValueError(f"{self.figure} is in {known[self.figure] or 'no unit'}, not {self.unit!r}")
         if self.low is None and self.high is None:
-            raise ValueError(f"{self.figure}: neither low nor high")
+            raise ValueError("neither low nor high")
         if self.low is not None and self.high is not None and self.low > self.high:
-            raise ValueError(f"{self.figure}: low {self.low:g} is above high {self.high:g}")
+            raise ValueError(f"low {self.low:g} is above high {self.high:g}")
         return self
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits and the file that they come from."""
+    """Limits by figure, and the file that they come from."""
 
-    rows: tuple[Limit, ...] = ()
+    rows: Mapping[str, Limit] = field(default_factory=dict)
     source: str = ""
     sha256: str = ""
-
-    def of(self, figure: str, unit_id: str) -> Limit | None:
-        """Return the limit of a unit's figure; one for that unit goes before one for all."""
-        found = [row for row in self.rows if row.figure == figure and row.unit_id in ("", unit_id)]
-        return max(found, key=lambda row: row.unit_id, default=None)
 
 
 NO_LIMITS = Limits()
 
 
-def parse_limits(rows: object, where: str) -> tuple[Limit, ...]:
-    """Return limits from the `[[limit]]` tables of a file; ConfigurationError names every mistake."""
-    if not isinstance(rows, list):
-        raise _unusable(where, "limit is not a list of tables")
-    limits, wrong = [], []
-    for number, row in enumerate(rows, start=1):
+def parse_limits(table: object, where: str) -> dict[str, Limit]:
+    """Return limits from the `limits` table of a file; ConfigurationError names every mistake."""
+    if not isinstance(table, Mapping):
+        raise _unusable(where, "limits is not a table")
+    known = {**FIGURES, **FURTHER}
+    limits: dict[str, Limit] = {}
+    wrong = []
+    for figure, row in table.items():
+        if figure not in known:
+            near = difflib.get_close_matches(str(figure), known, n=1)
+            wrong.append(f"no figure {figure!r}" + (f"; did you mean {near[0]!r}" if near else ""))
+            continue
         try:
-            limits.append(Limit.model_validate(row))
+            limit = limits[figure] = Limit.model_validate(row)
         except ValidationError as error:
-            wrong += [
-                f"limit {number}: {'.'.join(map(str, e['loc']))} {e['msg'].removeprefix('Value error, ')}"
-                for e in error.errors()
-            ]
-    keys = [(limit.figure, limit.unit_id) for limit in limits]
-    wrong += [
-        f"{figure} {unit} is limited twice" for figure, unit in sorted({k for k in keys if keys.count(k) > 1})
-    ]
+            wrong += [f"{figure}: {_mistake(dict(item))}" for item in error.errors()]
+            continue
+        if limit.unit != known[figure]:
+            wrong.append(f"{figure} is in {known[figure] or 'no unit'}, not {limit.unit!r}")
     if wrong:
         raise _unusable(where, "; ".join(wrong))
-    return tuple(limits)
+    return limits
 
 
 def load_limits(path: Path) -> Limits:
-    """Read the `[[limit]]` tables of a TOML file: figure, unit, low and/or high, optionally unit_id."""
+    """Read the `limits` table of a TOML file (a campaign file has one): per figure unit, low and/or high."""
     try:
         content: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise _unusable(str(path), str(error)) from error
-    if "limit" not in content:
-        raise _unusable(str(path), "no [[limit]] table")
-    return Limits(parse_limits(content["limit"], str(path)), path.name, checksum(path).sha256)
+    if "limits" not in content:
+        raise _unusable(str(path), "no limits table")
+    return Limits(parse_limits(content["limits"], str(path)), path.name, checksum(path).sha256)
 
 
 def check_record(folder: Path) -> str:
@@ -146,10 +135,13 @@ def certificate_content(
     limits: Limits = NO_LIMITS,
     *,
     title: str = "",
+    expected_units: Iterable[str] = (),
     warnings: Iterable[str] = (),
     check: Callable[[Path], str] = check_record,
 ) -> CertificateContent:
     """Return the certificate of planned run folders; one that is missing or cannot be read counts against.
+
+    So does a unit of `expected_units` that no run is of.
 
     Every record is verified (checksums, tables rebuilt from raw bytes) and only a completed run whose record
     verifies gives figures. `check` says "verified" of a record, or what is wrong with it.
@@ -175,13 +167,12 @@ def certificate_content(
                 results[unit].append(result)
                 reasons += [f"Run {name}: no {what}. {why}" for what, why in result.missing]
     units = [
-        UnitCertificate(unit, _figures(unit, found, limits), [*dict.fromkeys(against[unit]), *missing])
+        UnitCertificate(unit, _figures(found, limits), [*dict.fromkeys(against[unit]), *missing])
         for unit, found in results.items()
     ]
-    strangers = {row.unit_id for row in limits.rows if row.unit_id} - set(results)
     units += [
-        UnitCertificate(unit, _figures(unit, [], limits), ["No run of this unit.", *missing])
-        for unit in sorted(strangers)
+        UnitCertificate(unit, _figures([], limits), ["No run of this unit.", *missing])
+        for unit in sorted(set(expected_units) - set(results))
     ]
     drawn = [
         block
@@ -217,7 +208,7 @@ def _reasons(run: RunSummary, check: str) -> list[str]:
     return reasons
 
 
-def _figures(unit_id: str, results: Sequence[StandardFigures], limits: Limits) -> list[CertifiedFigure]:
+def _figures(results: Sequence[StandardFigures], limits: Limits) -> list[CertifiedFigure]:
     found: dict[str, list[tuple[str, Figure]]] = {}
     for result in results:
         for figure in result.figures:
@@ -225,14 +216,11 @@ def _figures(unit_id: str, results: Sequence[StandardFigures], limits: Limits) -
     if len(results) > 1:
         for figure in figures_over_runs(results):
             found.setdefault(figure.name, []).append((_OVER_RUNS, figure))
-    names = dict.fromkeys(
-        [*FIGURES, *found, *(row.figure for row in limits.rows if row.unit_id in ("", unit_id))]
-    )
-    return [_figure(name, unit_id, found.get(name, []), limits) for name in names]
+    names = dict.fromkeys([*FIGURES, *found, *limits.rows])
+    return [_figure(name, found.get(name, []), limits.rows.get(name)) for name in names]
 
 
-def _figure(name: str, unit_id: str, rows: Sequence[tuple[str, Figure]], limits: Limits) -> CertifiedFigure:
-    limit = limits.of(name, unit_id)
+def _figure(name: str, rows: Sequence[tuple[str, Figure]], limit: Limit | None) -> CertifiedFigure:
     units = {figure.unit for _, figure in rows} or {FIGURES.get(name, FURTHER.get(name, ""))}
     shown = CertifiedFigure(
         name,
@@ -249,11 +237,16 @@ def _figure(name: str, unit_id: str, rows: Sequence[tuple[str, Figure]], limits:
     )
 
 
+def _mistake(item: Mapping[str, Any]) -> str:
+    where = ".".join(map(str, item["loc"]))
+    return f"{where} {str(item['msg']).removeprefix('Value error, ')}".strip()
+
+
 def _unusable(where: str, found: str) -> ConfigurationError:
     return ConfigurationError(
         "the limits cannot be used",
         where=where,
         found=found,
-        expected="[[limit]] tables with figure, unit, low and/or high; figures: "
+        expected='tables like [limits."bias"] with unit, low and/or high; figures: '
         + ", ".join([*FIGURES, *FURTHER]),
     )

@@ -146,7 +146,7 @@ def report(
         Path | None, typer.Option(help="HTML file; default report.html or certificate.html beside the runs")
     ] = None,
     limits: Annotated[
-        Path | None, typer.Option("--limits", help="limits to judge by (TOML, [[limit]] tables)")
+        Path | None, typer.Option("--limits", help="limits to judge by: a TOML file with a limits table")
     ] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="print a PDF too (needs Chromium or Chrome)")] = False,
 ) -> None:

@@ -2,38 +2,40 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from pathlib import Path
+from urllib.parse import quote
 
 from nicegui import ui
 
 from bench.live import Action, drop_answer, drop_request
 from bench.panel._folders import Entry
+from bench.panel._static import first_paint, style_sheet
 from bench.panel._texts import duration
 from bench.panel._watch import LEVELS, Watch
 from drivers.errors import BenchError
 
-_ASSETS = Path(__file__).parent / "assets"
 _CONTROL_S = 0.25
 _HISTORY_S = 2.0
+_PATIENCE_S = 20.0
 _WORDS = {"completed": "✓ completed", "invalid": "! invalid", "aborted": "✕ aborted", "running": "● open"}
 
 
 def build_page(watch: Watch) -> None:
-    """Build the page of one browser."""
+    """Build the page of one browser: what it shows is plain HTML and there at once, its controls follow."""
     dark = ui.dark_mode(value=None)
-    ui.add_head_html(f"<style>{(_ASSETS / 'panel.css').read_text(encoding='utf-8')}</style>")
+    ui.add_head_html(f"<style>{style_sheet()}</style>")
+    ui.add_body_html(first_paint(watch.values(), watch.news()["banner"]))
+    ui.add_body_html('<script src="/panel/assets/panel.js"></script>')
     ui.query(".nicegui-content").classes("panel")
     ui.colors(primary="#005f96", negative="#b3261e", dark="#161d25", dark_page="#0d1116")
     controls = Controls(watch)
     with ui.element("header").classes("bar"):
-        ui.html('<h1 data-live="title">gyrobench</h1><p class="sub"><span data-live="count"></span>'
-                '<span data-live="campaign_left"></span><span data-live="age" class="late"></span></p>',
-                sanitize=False).classes("names")  # fmt: skip
+        ui.element("div").classes("names").props('data-place="names"')
         controls.header(dark)
-    ui.html(_BANNER, sanitize=False).classes("banner-place")
+    ui.element("div").props('data-place="banner"')
     controls.questions()
-    ui.html(_CARDS, sanitize=False).classes("cards-place")
+    ui.element("div").props('data-place="cards"')
     with ui.element("section").classes("plots"):
         with ui.element("div").classes("plots-head"):
             ui.html("<h2>Curves</h2>", sanitize=False)
@@ -42,7 +44,7 @@ def build_page(watch: Watch) -> None:
             )
         for plot in ("temperature", "gyro", "table"):
             ui.echart({"series": []}).classes("plot").props(f'data-plot="{plot}"')
-    ui.html(_LISTS, sanitize=False).classes("lists-place")
+    ui.element("div").props('data-place="lists"')
     with ui.element("section").classes("card history"):
         ui.html("<h2>Runs</h2>", sanitize=False)
         table = _history_table()
@@ -58,7 +60,6 @@ def build_page(watch: Watch) -> None:
     ui.timer(_HISTORY_S, refresh_history)
     ui.timer(_CONTROL_S, controls.refresh)
     controls.refresh()
-    ui.add_body_html('<script src="/panel/assets/panel.js" defer></script>')
 
 
 class Controls:
@@ -167,7 +168,10 @@ class Controls:
         return str(self._name.value or "").strip() or f"panel at {self._client.ip}"
 
     async def _recall_name(self) -> None:
-        name = await ui.run_javascript("localStorage.getItem('gyrobench-name')")
+        try:
+            name = await ui.run_javascript("localStorage.getItem('gyrobench-name')", timeout=_PATIENCE_S)
+        except TimeoutError:  # the page was closed again, or its browser is very busy
+            return
         if name and not self._name.value:
             self._name.value = str(name)[:40]
 
@@ -184,8 +188,6 @@ def _keep_name(event: object) -> None:
 
 
 def _js_text(text: str) -> str:
-    import json
-
     return json.dumps(text).replace("<", "\\u003c")
 
 
@@ -232,8 +234,6 @@ def _history_row(entry: Entry) -> dict[str, str]:
             "procedure": "",
             "link": "",
         }
-    from urllib.parse import quote
-
     return {
         "run": entry.name,
         "procedure": found.procedure,
@@ -244,60 +244,3 @@ def _history_row(entry: Entry) -> dict[str, str]:
         "kind": found.outcome,
         "link": f"/report/{quote(entry.name)}" if found.complete else "",
     }
-
-
-_BANNER = """
-<section class="banner plain" data-banner role="status" aria-live="polite">
-  <p class="word" data-word data-testid="state">…</p>
-  <dl>
-    <div><dt>What happened</dt><dd data-part="happened"></dd></div>
-    <div><dt>What the bench has done</dt><dd data-part="done"></dd></div>
-    <div><dt>What to press</dt><dd data-part="press"></dd></div>
-  </dl>
-</section>
-"""
-
-
-def _value(key: str, unit: str = "", *, big: bool = False) -> str:
-    size = "value big" if big else "value"
-    tail = f'<span class="unit">{unit}</span>' if unit else ""
-    return f'<span class="{size}" data-live="{key}">–</span>{tail}'
-
-
-def _pair(label: str, key: str, unit: str = "") -> str:
-    return f"<div><dt>{label}</dt><dd>{_value(key, unit)}</dd></div>"
-
-
-_CARDS = f"""
-<section class="cards">
-  <article class="card run">
-    <h2>Run</h2>
-    <p class="head" data-live="step">–</p>
-    <p class="doing" data-live="doing">–</p>
-    <div class="progress"><i data-progress></i></div>
-    <p class="times"><span>{_value("elapsed")} gone</span><span>{_value("left")} left</span></p>
-    <dl>{_pair("Phase", "phase")}{_pair("Procedure", "procedure")}
-    {_pair("Run", "run")}{_pair("Units", "units")}</dl>
-    <p class="speed" data-live="speed"></p>
-  </article>
-  <article class="card">
-    <h2>Chamber</h2>
-    <p class="main">{_value("air", "°C", big=True)}</p>
-    <dl>{_pair("Set point", "set", "°C")}{_pair("Rate", "air_rate", "K/min")}</dl>
-    <dl data-auxiliary></dl>
-  </article>
-  <article class="card">
-    <h2>Table</h2>
-    <p class="main">{_value("rate", "°/s", big=True)}</p>
-    <dl>{_pair("Angle", "angle", "°")}{_pair("Demand", "demand")}</dl>
-  </article>
-  <div class="gyros" data-gyros></div>
-</section>
-"""
-
-_LISTS = """
-<section class="lists">
-  <article class="card alarms"><h2>Alarms</h2><ol data-list="alarms"></ol></article>
-  <article class="card log"><h2>Log</h2><ol data-list="log"></ol></article>
-</section>
-"""

@@ -39,6 +39,7 @@ class TurnParameters(Parameters):
     """A turn in a cooling chamber that lasts until somebody ends it."""
 
     hold_s: float = parameter(90 * 86_400.0, "time at rate", "s", ge=0)
+    ask: bool = parameter(True, "wait for an operator first")
 
 
 def turn(bench, p):
@@ -46,7 +47,8 @@ def turn(bench, p):
         bench.phase("warm_up")
         bench.table.device.servo_on()
         bench.wait(30.0, "warming up")
-        bench.ask("Mount the unit with its axis up and close the door. Ready?")
+        if p.ask:
+            bench.ask("Mount the unit with its axis up and close the door. Ready?")
     with bench.step("2", "Turn"):
         bench.phase("turning")
         bench.chamber.go_to(-40.0, 2.0)
@@ -67,7 +69,7 @@ TURN = Procedure(
 )
 
 
-def main(runs: Path, run_id: str) -> None:
+def main(runs: Path, run_id: str, **parameters) -> None:
     with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
         file.write(BENCH)
         file.flush()
@@ -75,7 +77,7 @@ def main(runs: Path, run_id: str) -> None:
     with EmulatedLab(bench, Plant(seed=5)) as lab, Live() as live:
         request = RunRequest(
             TURN,
-            TURN.parse({}),
+            TURN.parse(parameters),
             lab.file,
             runs,
             live,

@@ -69,7 +69,7 @@ def limits_of(tmp_path: Path, text: str) -> Limits:
     return load_limits(path)
 
 
-BIAS_LIMIT = '[[limit]]\nfigure = "bias"\nunit = "deg/h"\nlow = -1.0\nhigh = 1.0\n'
+BIAS_LIMIT = '[limits."bias"]\nunit = "deg/h"\nlow = -1.0\nhigh = 1.0\n'
 
 
 def made(folders: list[Path], limits: Limits) -> CertificateContent:
@@ -126,15 +126,22 @@ def test_a_planned_run_that_is_missing_prevents_a_pass(tmp_path: Path) -> None:
 
 
 def test_a_limited_figure_that_was_not_measured_prevents_a_pass(tmp_path: Path) -> None:
-    text = BIAS_LIMIT + '[[limit]]\nfigure = "scale-factor nonlinearity"\nunit = "ppm"\nhigh = 50\n'
+    text = BIAS_LIMIT + '[limits."scale-factor nonlinearity"]\nunit = "ppm"\nhigh = 50\n'
     content = without_reasons(made([run_folder(tmp_path / "runs" / "r")], limits_of(tmp_path, text)))
     figure = next(f for f in content.units[0].figures if f.name == "scale-factor nonlinearity")
     assert figure.judgement == "not measured" and content.verdict == "not passed"
 
 
-def test_a_unit_with_limits_and_no_run_does_not_pass(tmp_path: Path) -> None:
-    text = BIAS_LIMIT + BIAS_LIMIT + 'unit_id = "U-2"\n'
-    content = without_reasons(made([run_folder(tmp_path / "runs" / "r")], limits_of(tmp_path, text)))
+def test_an_expected_unit_without_a_run_does_not_pass(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "runs" / "r")
+    content = without_reasons(
+        certificate_content(
+            [folder],
+            limits_of(tmp_path, BIAS_LIMIT),
+            expected_units=("U-1", "U-2"),
+            check=lambda folder: "verified",
+        )
+    )
     assert {unit.unit_id: unit.verdict for unit in content.units} == {"U-1": "passed", "U-2": "not passed"}
     assert content.verdict == "not passed"
 
@@ -179,15 +186,16 @@ def test_an_interval_beyond_the_limit_is_marked() -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ('[[limit]]\nfigure = "bais"\nunit = "deg/h"\nhigh = 1\n', "did you mean 'bias'"),
-        ('[[limit]]\nfigure = "bias"\nunit = "deg/s"\nhigh = 1\n', "is in deg/h, not 'deg/s'"),
-        ('[[limit]]\nfigure = "bias"\nunit = "deg/h"\n', "neither low nor high"),
-        ('[[limit]]\nfigure = "bias"\nunit = "deg/h"\nlow = 2\nhigh = 1\n', "above high"),
-        ('[[limit]]\nfigure = "bias"\nunit = "deg/h"\nhigh = nan\n', "finite"),
-        (BIAS_LIMIT + BIAS_LIMIT, "limited twice"),
-        ("[other]\n", "no [[limit]] table"),
-        ("limit = 3", "not a list"),
-        ("[[limit", "limits cannot be used"),
+        ('[limits."bais"]\nunit = "deg/h"\nhigh = 1\n', "did you mean 'bias'"),
+        ('[limits."bias"]\nunit = "deg/s"\nhigh = 1\n', "is in deg/h, not 'deg/s'"),
+        ('[limits."bias"]\nunit = "deg/h"\n', "neither low nor high"),
+        ('[limits."bias"]\nunit = "deg/h"\nlow = 2\nhigh = 1\n', "above high"),
+        ('[limits."bias"]\nunit = "deg/h"\nhigh = nan\n', "finite"),
+        ('[limits."bias"]\nunit = "deg/h"\nhihg = 1\nhigh = 1\n', "hihg"),
+        (BIAS_LIMIT + BIAS_LIMIT, "limits cannot be used"),
+        ("[other]\n", "no limits table"),
+        ("limits = 3", "not a table"),
+        ("[limits", "limits cannot be used"),
     ],
 )
 def test_bad_limits_are_refused_with_the_reason(tmp_path: Path, text: str, says: str) -> None:

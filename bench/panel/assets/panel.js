@@ -166,9 +166,10 @@
     let [low, high] = [Infinity, -Infinity];
     for (const one of series) for (const [, y] of one.data) [low, high] = [Math.min(low, y), Math.max(high, y)];
     const least = PLOTS[plot].least * factor;
-    if (!(low <= high) || high - low >= least) return {};
-    const middle = (low + high) / 2;
-    return { min: Number((middle - least / 2).toPrecision(6)), max: Number((middle + least / 2).toPrecision(6)) };
+    if (!(low <= high) || high - low >= least) return { min: null, max: null };
+    const unit = least / 4;
+    const middle = unit * Math.round((low + high) / 2 / unit);
+    return { min: Number((middle - least / 2).toPrecision(8)), max: Number((middle + least / 2).toPrecision(8)) };
   }
 
   function draw(plot, whole) {
@@ -243,7 +244,6 @@
     window.gyrobench.messages += 1;
   }
 
-  let pending = [];
   let panel = "";
 
   function connect() {
@@ -256,8 +256,7 @@
         panel = message.panel;
         document.body.classList.remove("cut-off");
       }
-      if (place("[data-banner]")) take(message);
-      else pending.push(message);
+      take(message);
     };
     socket.onclose = () => {
       document.body.classList.add("cut-off");
@@ -273,10 +272,13 @@
   };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => window.gyrobench.repaint());
 
-  function begin() {
-    if (!place("[data-banner]")) return void setTimeout(begin, 20);
-    for (const message of pending.splice(0)) take(message);
+  // What was painted first goes to its place on the page with the controls, once that is there.
+  function settle() {
+    if (!place("[data-place]")) return void setTimeout(settle, 20);
+    for (const node of document.querySelectorAll("[data-move]")) place(`[data-place="${node.dataset.move}"]`).append(node);
+    place("#first-paint")?.remove();
+    redraw();
   }
   connect();
-  begin();
+  settle();
 })();

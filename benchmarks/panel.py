@@ -1,0 +1,243 @@
+"""The live panel: first paint, server load and memory at 10 Hz beside a run of 24 h, what it costs the recorder.
+
+Run as `python -m benchmarks panel`; needs Chromium. The yardsticks are the limits that the panel was designed to.
+
+* first paint: from opening the address to the first contentful paint and to live values on the page, warm server.
+* server load: a session 24 h into its run (86,400 lines of history), `now.json` replaced ten times a second, one
+  page open in Chromium with six traces; CPU time of the server's process over wall time.
+* memory: growth of the server's resident memory over that time, and of the curves' over 24 h of updates at 10 Hz.
+* recorder: the same emulated run without and with panel and page, turn about; CPU time of run and lab.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import resource
+import shutil
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from urllib.request import urlopen
+
+from bench.panel._series import MinMax
+from drivers.clock import WallClock, host_seconds, utc_now
+
+_OPENINGS = 5
+_WATCHED_S = 30.0
+_PAIRS = 3
+_RUN_S = 3600.0
+_FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
+_TICKS_S = os.sysconf("SC_CLK_TCK")
+_CLI = "from bench.cli import main; main()"
+_RECORDER = """
+import sys
+sys.path.insert(0, {tests!r})
+import session
+from pathlib import Path
+session.main(Path(sys.argv[1]), sys.argv[2], hold_s=float(sys.argv[3]), ask=False)
+"""
+
+
+def rows() -> Iterator[dict[str, object]]:
+    """Yield the figures, each against its limit."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        yield _row("panel", "not measured: no Chromium", "", "", "")
+        return
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory(prefix="gyrobench-panel-bench-") as scratch, sync_playwright() as player:
+        chromium = player.chromium.launch(executable_path=browser, args=_FLAGS)
+        runs = Path(scratch) / "runs"
+        write_day(runs / "day")
+        with panel(runs) as (process, url):
+            paints, lives = [], []
+            for _ in range(_OPENINGS):
+                page = chromium.new_context().new_page()
+                start = host_seconds()
+                page.goto(url, wait_until="commit")
+                page.wait_for_function("window.gyrobench?.messages > 0")
+                lives.append(host_seconds() - start)
+                page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length > 0")
+                paint_ms = page.evaluate(
+                    "performance.getEntriesByName('first-contentful-paint')[0].startTime"
+                )
+                paints.append(paint_ms / 1000.0)
+                page.context.close()
+            yield _row("first contentful paint, median of 5", statistics.median(paints), 1.0, "s", "limit")
+            yield _row("live values on the page, median of 5", statistics.median(lives), 1.0, "s", "limit")
+            page = chromium.new_page()
+            page.goto(url)
+            page.wait_for_function("window.gyrobench?.messages > 3")
+            load, growth_mb, updates = watch(process.pid, runs / "day", page)
+            yield _row("updates a second on the page", updates, 10.0, "1/s", "asked for")
+            yield _row(
+                "server load at 10 Hz, six traces, one page", 100.0 * load, 5.0, "% of a core", "limit"
+            )
+            yield _row("server memory growth in 30 s", growth_mb, 1.0, "MB", "limit")
+        yield _row("curves' memory growth over 24 h at 10 Hz", curves_growth_mb(), 1.0, "MB", "limit")
+        ratios = list(recorder_ratios(Path(scratch), chromium))
+        name = "recorder's CPU without panel / with panel, median of 3"
+        yield _row(name, statistics.median(ratios), 0.98, "ratio", "limit")
+        chromium.close()
+
+
+def write_day(session: Path, hours: float = 24.0) -> None:
+    """Write the live files of a run that is `hours` into its day: two gyros, chamber, table."""
+    (session / "live").mkdir(parents=True)
+    (session / "events.jsonl").write_text('{"time_s": 0, "kind": "step", "code": "1", "title": "Soak"}\n')
+    with (session / "live" / "history.jsonl").open("w") as file:
+        for second in range(round(3600.0 * hours)):
+            row = {"time_s": second, "air_temp_c": _air(second), "set_point_c": -40.0, "angle_deg": 1.0}
+            row |= {"rate_dps": 0.0, "gyros": {"a": [0.003, _air(second)], "b": [0.004, _air(second)]}}
+            file.write(json.dumps(row) + "\n")
+    write_now(session, 3600.0 * hours)
+
+
+def write_now(session: Path, time_s: float) -> None:
+    """Replace now.json as a session does."""
+    gyro = {"rate_dps": 0.003, "latest_dps": 0.003 + 1e-4 * math.sin(time_s), "temp_c": _air(time_s)}
+    gyro |= {"frames": round(100.0 * time_s), "lost": 0, "rejected": {}, "age_s": 0.1}
+    now = {
+        "format": 1,
+        "utc": utc_now(),
+        "pid": os.getpid(),
+        "state": "running",
+        "run": {"folder": str(session.resolve()), "run_id": "day", "units": {"a": "A-1", "b": "B-1"}},
+        "time_s": time_s,
+        "left_s": 3600.0,
+        "step": "1 Soak",
+        "chamber": {
+            "air_temp_c": _air(time_s),
+            "set_point_c": -40.0,
+            "rate_k_per_min": 0.0,
+            "auxiliary_c": {},
+        },
+        "table": {"angle_deg": time_s % 360.0, "rate_dps": 1e-4 * math.cos(time_s), "demand": "at rest"},
+        "gyros": {"a": gyro, "b": gyro},
+    }
+    part = session / "live" / "now.json.part"
+    part.write_text(json.dumps(now))
+    part.replace(session / "live" / "now.json")
+
+
+def _air(time_s: float) -> float:
+    return -40.0 + 5.0 * math.sin(time_s / 3000.0)
+
+
+@contextmanager
+def panel(runs: Path) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
+    """Serve a panel in a process of its own."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    process = subprocess.Popen(
+        [sys.executable, "-c", _CLI, "panel", str(runs), "--port", str(port)], stdout=subprocess.DEVNULL
+    )
+    clock, url = WallClock(), f"http://127.0.0.1:{port}/"
+    try:
+        while True:
+            with suppress(OSError), urlopen(url, timeout=10):
+                break
+            clock.sleep(0.1)
+        yield process, url
+    finally:
+        process.terminate()
+        process.wait()
+        clock.close()
+
+
+def watch(pid: int, session: Path, page: object) -> tuple[float, float, float]:
+    """Return the server's load, memory growth in MB and the page's updates a second while now.json changes."""
+    clock = WallClock()
+    time_s, count = 86_400.0, "window.gyrobench.messages"
+    for _ in range(50):  # caches and pools fill once
+        clock.sleep(0.1)
+        time_s += 0.1
+        write_now(session, time_s)
+    start, cpu_s, memory = clock.now(), _cpu_s(pid), _resident_mb(pid)
+    messages = page.evaluate(count)  # type: ignore[attr-defined]
+    while clock.now() - start < _WATCHED_S:
+        clock.sleep(0.1)
+        time_s += 0.1
+        write_now(session, time_s)
+    wall_s = clock.now() - start
+    seen = page.evaluate(count) - messages  # type: ignore[attr-defined]
+    clock.close()
+    return (_cpu_s(pid) - cpu_s) / wall_s, _resident_mb(pid) - memory, seen / wall_s
+
+
+def curves_growth_mb() -> float:
+    """Return by how much the peak memory of this process grows while curves take 24 h at 10 Hz."""
+    levels = [MinMax(7, width_s, 480, growing=width_s == 1.0) for width_s in (300 / 480, 3600 / 480, 1.0)]
+
+    def take(ticks: range) -> None:
+        for tick in ticks:
+            values = [math.sin(tick + column) for column in range(7)]
+            for level in levels:
+                level.add(0.1 * tick, values)
+
+    take(range(86_400))
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    take(range(86_400, 864_000))
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb) / 1024.0
+
+
+def recorder_ratios(scratch: Path, chromium: object) -> Iterator[float]:
+    """Yield the recorder's CPU time without a panel over that with one, run after run."""
+    runs = scratch / "recorder"
+    runs.mkdir()
+    _record(runs, "warm")
+    for number in range(_PAIRS):
+        alone = _record(runs, f"alone-{number}")
+        with panel(runs) as (_, url):
+            page = chromium.new_page()  # type: ignore[attr-defined]
+            page.goto(url)
+            page.wait_for_function("window.gyrobench?.messages > 0")
+            watched = _record(runs, f"watched-{number}")
+            page.close()
+        yield alone / watched
+
+
+def _record(runs: Path, name: str) -> float:
+    """Record an emulated run of an hour; return the CPU time of its process and the lab's."""
+    code = _RECORDER.format(tests=str(Path(__file__).parents[1] / "tests" / "panel"))
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(
+        [sys.executable, "-c", code, str(runs), name, str(_RUN_S)], check=True, stdout=subprocess.DEVNULL
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS_S
+
+
+def _resident_mb(pid: int) -> float:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
+
+
+def _row(name: str, ours: object, yardstick: object, unit: str, yardstick_name: str) -> dict[str, object]:
+    known = isinstance(ours, float) and isinstance(yardstick, float)
+    return {
+        "benchmark": name,
+        "ours": ours,
+        "yardstick": yardstick,
+        "ratio": ours / yardstick if known else "",
+        "unit": unit,
+        "yardstick_name": yardstick_name,
+    }
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import show
+
+    show(rows())
