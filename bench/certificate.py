@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
-import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-
-from bench.recording import Run, checksum, verify
+from bench.figure_limits import FIGURES, FURTHER, NO_LIMITS, Limit, Limits
+from bench.recording import Run, verify
 from bench.report import (
     CertificateContent,
     CertifiedFigure,
@@ -23,100 +18,9 @@ from bench.report import (
 from bench.run_record import decode_run
 from bench.standards import Figure, StandardFigures, figures_over_runs, standard_figures
 from drivers.clock import utc_now
-from drivers.errors import BenchError, ConfigurationError
+from drivers.errors import BenchError
 
-FIGURES: Mapping[str, str] = {
-    "bias": "deg/h",
-    "bias stability, 10 s averages": "deg/h",
-    "bias stability, 100 s averages": "deg/h",
-    "bias repeatability": "deg/h",
-    "scale factor": "",
-    "scale-factor nonlinearity": "ppm",
-    "scale-factor asymmetry": "ppm",
-    "scale-factor repeatability": "ppm",
-    "angle random walk": "deg/sqrt(h)",
-    "bias instability": "deg/h",
-    "bias temperature sensitivity": "deg/h/degC",
-    "scale-factor temperature sensitivity": "ppm/degC",
-}
-"""The figures of every certificate with their units, in its order; what a run gives beyond them follows."""
-FURTHER: Mapping[str, str] = {
-    "threshold": "deg/h",
-    "resolution": "deg/h",
-    "warm-up time to 3 s_100": "s",
-    "input-axis misalignment, component along the table": "deg",
-    "scale-factor hysteresis, rising and falling": "ppm",
-    "scale-factor repeatability between runs": "ppm",
-    "quantisation": "deg",
-    "rate random walk": "deg/h/sqrt(h)",
-    "rate ramp": "deg/h/h",
-}
 _OVER_RUNS = "all runs"
-
-
-class Limit(BaseModel):
-    """Limits of a figure, in the figure's own unit, the limits themselves included."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    unit: str = ""
-    low: float | None = Field(default=None, allow_inf_nan=False)
-    high: float | None = Field(default=None, allow_inf_nan=False)
-
-    @model_validator(mode="after")
-    def _usable(self) -> Limit:
-        if self.low is None and self.high is None:
-            raise ValueError("neither low nor high")
-        if self.low is not None and self.high is not None and self.low > self.high:
-            raise ValueError(f"low {self.low:g} is above high {self.high:g}")
-        return self
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits by figure, and the file that they come from."""
-
-    rows: Mapping[str, Limit] = field(default_factory=dict)
-    source: str = ""
-    sha256: str = ""
-
-
-NO_LIMITS = Limits()
-
-
-def parse_limits(table: object, where: str) -> dict[str, Limit]:
-    """Return limits from the `limits` table of a file; ConfigurationError names every mistake."""
-    if not isinstance(table, Mapping):
-        raise _unusable(where, "limits is not a table")
-    known = {**FIGURES, **FURTHER}
-    limits: dict[str, Limit] = {}
-    wrong = []
-    for figure, row in table.items():
-        if figure not in known:
-            near = difflib.get_close_matches(str(figure), known, n=1)
-            wrong.append(f"no figure {figure!r}" + (f"; did you mean {near[0]!r}" if near else ""))
-            continue
-        try:
-            limit = limits[figure] = Limit.model_validate(row)
-        except ValidationError as error:
-            wrong += [f"{figure}: {_mistake(dict(item))}" for item in error.errors()]
-            continue
-        if limit.unit != known[figure]:
-            wrong.append(f"{figure} is in {known[figure] or 'no unit'}, not {limit.unit!r}")
-    if wrong:
-        raise _unusable(where, "; ".join(wrong))
-    return limits
-
-
-def load_limits(path: Path) -> Limits:
-    """Read the `limits` table of a TOML file (a campaign file has one): per figure unit, low and/or high."""
-    try:
-        content: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise _unusable(str(path), str(error)) from error
-    if "limits" not in content:
-        raise _unusable(str(path), "no limits table")
-    return Limits(parse_limits(content["limits"], str(path)), path.name, checksum(path).sha256)
 
 
 def check_record(folder: Path) -> str:
@@ -234,19 +138,4 @@ def _figure(name: str, rows: Sequence[tuple[str, Figure]], limit: Limit | None) 
         return shown
     return CertifiedFigure(
         **{**shown.__dict__, "low": of_value.low, "high": of_value.high, "source": of_value.source}
-    )
-
-
-def _mistake(item: Mapping[str, Any]) -> str:
-    where = ".".join(map(str, item["loc"]))
-    return f"{where} {str(item['msg']).removeprefix('Value error, ')}".strip()
-
-
-def _unusable(where: str, found: str) -> ConfigurationError:
-    return ConfigurationError(
-        "the limits cannot be used",
-        where=where,
-        found=found,
-        expected='tables like [limits."bias"] with unit, low and/or high; figures: '
-        + ", ".join([*FIGURES, *FURTHER]),
     )

@@ -3,7 +3,6 @@
 from bench.campaign._file import (
     Campaign,
     CampaignRun,
-    Limit,
     Notice,
     PreparedAnswer,
     Unit,
@@ -23,7 +22,6 @@ __all__ = [
     "CampaignRun",
     "CampaignRunner",
     "EmulatedPlace",
-    "Limit",
     "Notice",
     "Place",
     "PlannedRun",

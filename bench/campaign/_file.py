@@ -12,6 +12,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from bench.benchfile import BenchFile, GyroSection, bench_file_from
+from bench.figure_limits import Limit, wrong_limits
 from bench.procedure import Parameters, Procedure, find_procedure
 from drivers.errors import BenchError, ConfigurationError
 
@@ -80,14 +81,6 @@ class Notice(_Part):
         return self
 
 
-class Limit(_Part):
-    """Limits of a quantity for the report's pass or fail."""
-
-    unit: str = ""
-    low: float | None = None
-    high: float | None = None
-
-
 class Campaign(_Part):
     """Runs in order. `gyro` is the one whose compensation is fitted at the end; None fits nothing."""
 
@@ -129,7 +122,7 @@ def load_campaign(path: Path, file: BenchFile) -> Campaign:
         raise _unusable(path, [_mistake(dict(item)) for item in error.errors()]) from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise _unusable(path, [str(error)]) from error
-    mistakes = [*_wrong_units(campaign, file), *_wrong_runs(campaign)]
+    mistakes = [*_wrong_units(campaign, file), *_wrong_runs(campaign), *wrong_limits(campaign.limits)]
     if not mistakes:
         mistakes += _wrong_fit(campaign, bench_of(campaign, file, str(path)))
     if mistakes:

@@ -33,7 +33,7 @@ from bench.emulated import Plant
 from bench.live import read_now
 from bench.runner import RunResult
 from drivers.clock import host_seconds, utc_now
-from drivers.errors import ConfigurationError, LimitExceeded
+from drivers.errors import ConfigurationError, LimitExceeded, RecordError
 
 
 def plan_command(
@@ -201,7 +201,23 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
         folder.event("fitting", gyro=campaign.gyro)
         fit_campaign(campaign, ending.folders, folder.path, jobs=1, console=console, quiet=as_json)
         folder.event("fitted", gyro=campaign.gyro, folder=".")
-    return _say_ending(console, folder, ending, as_json)
+    code = _certify(folder, console, quiet=as_json)
+    return _say_ending(console, folder, ending, as_json) or code
+
+
+def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> int:
+    """Write the campaign's certificate, whatever became of it; exit code 4 if it says "not passed"."""
+    from bench.cli._report import CERTIFICATE_FILE, certify_campaign
+
+    try:
+        code = certify_campaign(folder, Console(quiet=True) if quiet else console)
+    except ConfigurationError:  # not one run was begun: nothing to certify
+        return 0
+    except RecordError as error:
+        console.print(str(error), style="red", highlight=False, markup=False)
+        return 4
+    folder.event("certificate", file=CERTIFICATE_FILE, passed=code == 0)
+    return code
 
 
 def _say_ending(console: Console, folder: CampaignFolder, ending: CampaignEnding, as_json: bool) -> int:

@@ -8,7 +8,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from bench.certificate import NO_LIMITS, Limits, certificate_content, load_limits
+from bench.campaign import CampaignFolder
+from bench.certificate import certificate_content
+from bench.figure_limits import NO_LIMITS, Limits, load_limits
 from bench.recording import Run
 from bench.report import (
     CertificateContent,
@@ -23,13 +25,18 @@ from drivers.errors import ConfigurationError
 
 REPORT_FILE = "report.html"
 CERTIFICATE_FILE = "certificate.html"
+CAMPAIGN_FILE = "campaign.toml"
 _STYLES = {"passed": "bold green", "not passed": "bold red", "not judged": "yellow"}
 
 
 def report_command(folders: Sequence[Path], out: Path | None, limits: Path | None, pdf: bool) -> int:
     """Write the report of one run folder, or the certificate of several or against limits."""
     console = Console()
-    if len(folders) == 1 and limits is None:
+    if len(folders) == 1 and (folders[0] / CAMPAIGN_FILE).exists():
+        campaign = CampaignFolder(folders[0])
+        path = out or campaign.path / CERTIFICATE_FILE
+        code = certify_campaign(campaign, console, path, load_limits(limits) if limits else None)
+    elif len(folders) == 1 and limits is None:
         path, code = run_report(folders[0], out), 0
     else:
         path = out or folders[0].parent / CERTIFICATE_FILE
@@ -55,7 +62,31 @@ def run_report(folder: Path, out: Path | None = None) -> Path:
     )
 
 
-def certify(folders: Sequence[Path], limits: Limits, path: Path, console: Console, *, title: str = "") -> int:
+def certify_campaign(
+    folder: CampaignFolder, console: Console, path: Path | None = None, limits: Limits | None = None
+) -> int:
+    """Write the certificate of a campaign: its limits, every planned run, the units of its file."""
+    campaign = folder.campaign
+    states = folder.states()
+    return certify(
+        [state.folder or folder.runs / state.run.name for state in states],
+        limits or Limits(campaign.limits, CAMPAIGN_FILE, campaign.sha256),
+        path or folder.path / CERTIFICATE_FILE,
+        console,
+        title=campaign.title,
+        expected_units=[unit.serial for unit in campaign.unit],
+    )
+
+
+def certify(
+    folders: Sequence[Path],
+    limits: Limits,
+    path: Path,
+    console: Console,
+    *,
+    title: str = "",
+    expected_units: Sequence[str] = (),
+) -> int:
     """Write the certificate of planned run folders and print it; exit code 4 if it is not passed.
 
     A certificate that was there before is removed before anything is computed.
@@ -69,7 +100,7 @@ def certify(folders: Sequence[Path], limits: Limits, path: Path, console: Consol
         )
     path.unlink(missing_ok=True)
     with console.status("verifying records"):
-        content = certificate_content(folders, limits, title=title)
+        content = certificate_content(folders, limits, title=title, expected_units=expected_units)
     write_report(path, render_certificate(content))
     say_certificate(console, content)
     return 4 if content.verdict == "not passed" else 0

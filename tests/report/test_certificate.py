@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.certificate import FIGURES, FURTHER, Limits, certificate_content, check_record, load_limits
+from bench.certificate import certificate_content, check_record
+from bench.figure_limits import FIGURES, FURTHER, Limits, load_limits
 from bench.fitting import NoiseCoefficients
 from bench.recording import Manifest, read_manifest, write_manifest
 from bench.recording._tables import table_writer

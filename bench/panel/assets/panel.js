@@ -9,7 +9,7 @@
     gyro: { unit: "°/s", title: "Gyro rate", least: 1e-5 },
     table: { unit: "°/s", title: "Table rate", least: 0.2 },
   };
-  const PAINTS = ["--c1", "--c2", "--c3", "--c4", "--c5", "--c6", "--c7", "--c8"];
+  const PAINTS = ["--c1", "--c3", "--c4", "--c5", "--c6", "--c7", "--c8"];
 
   // Numbers
 
@@ -190,15 +190,17 @@
     }
     const last = rows.length ? rows[rows.length - 1][0] : 0;
     const from = level.span_s ? last - level.span_s : 0;
-    const series = mine.map((c, number) => ({
+    const measured = mine.filter((c) => c.key !== "set");
+    const colour = (c) => paint(c.key === "set" ? "--c2" : PAINTS[measured.indexOf(c) % PAINTS.length]);
+    const series = mine.map((c) => ({
       id: c.key,
       name: c.name,
       type: "line",
       showSymbol: false,
       animation: false,
       silent: true,
-      lineStyle: { width: 1.5, color: paint(PAINTS[number]), type: c.key === "set" ? "dashed" : "solid" },
-      itemStyle: { color: paint(PAINTS[number]) },
+      lineStyle: { width: 1.5, color: colour(c), type: c.key === "set" ? "dashed" : "solid" },
+      itemStyle: { color: colour(c) },
       data: points(rows, c.index, factor),
     }));
     const axis = { axisLabel: { color: paint("--muted") }, axisLine: { onZero: false, lineStyle: { color: paint("--line") } } };
