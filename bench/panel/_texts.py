@@ -25,7 +25,7 @@ def texts(now: Mapping[str, Any] | None, age_s: float) -> dict[str, str]:
         "count": f"run {campaign['number']} of {campaign['count']}"
         if campaign.get("count")
         else "single run",
-        "campaign_left": f"campaign: {duration(campaign.get('left_s'))} left" if campaign else "",
+        "campaign_left": _campaign_left(campaign, left_s),
         "step": str(now.get("step") or DASH),
         "doing": str(now.get("doing") or DASH),
         "phase": str(now.get("phase") or "").replace("_", " ") or DASH,
@@ -98,3 +98,13 @@ def _share(time_s: object, left_s: object) -> float:
     if not isinstance(time_s, int | float) or not isinstance(left_s, int | float) or time_s + left_s <= 0:
         return 0.0
     return min(1.0, time_s / (time_s + left_s))
+
+
+def _campaign_left(campaign: Mapping[str, Any], run_left_s: object) -> str:
+    """Return what is left of a campaign: of this run and of those after it."""
+    after_s = campaign.get("left_s")
+    if not isinstance(after_s, int | float):
+        return ""
+    return (
+        f"campaign: {duration(after_s + (run_left_s if isinstance(run_left_s, int | float) else 0.0))} left"
+    )
