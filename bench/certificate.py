@@ -55,6 +55,7 @@ def certificate_content(
     results: dict[str, list[StandardFigures]] = {}
     against: dict[str, list[str]] = {}
     missing: list[str] = []
+    left_out: list[str] = []
     for folder in folders:
         name = folder.name
         try:
@@ -69,7 +70,7 @@ def certificate_content(
             if summary.procedure == "standard-test" and summary.valid and checks[name] == "verified":
                 result = standard_figures(folder, gyro)
                 results[unit].append(result)
-                reasons += [f"Run {name}: no {what}. {why}" for what, why in result.missing]
+                left_out += [f"Run {name}, {unit}: no {what}. {why}" for what, why in result.missing]
     units = [
         UnitCertificate(unit, _figures(found, limits), [*dict.fromkeys(against[unit]), *missing])
         for unit, found in results.items()
@@ -90,7 +91,7 @@ def certificate_content(
         runs=list(summaries.values()),
         checks=checks,
         figures=drawn,
-        warnings=[*warnings, *missing],
+        warnings=[*warnings, *missing, *left_out],
         limits_from=limits.source,
         limits_sha256=limits.sha256,
     )
