@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
-from drivers.frames import FrameFamily, MessageReader
+from drivers.frames import FrameFamily, reader_of
 from drivers.instruments import StreamCounts
 
 Columns = dict[str, NDArray[Any]]
@@ -37,7 +37,7 @@ class Capture:
 
 def read_capture(family: FrameFamily, path: Path) -> Capture:
     """Decode the file at `path` in blocks; ConfigurationError if it cannot be read."""
-    reader = MessageReader(family)
+    reader = reader_of(family)
     parts: dict[str, list[Columns]] = {}
     size, head = 0, b""
     try:
@@ -105,6 +105,8 @@ def _losses(family: FrameFamily, name: str, columns: Columns) -> str:
     counter = family.description.counter
     form = family.form(name)
     if counter is None or not form.measures or len(columns["end_offset"]) < 3:
+        return ""
+    if not isinstance(columns[counter.field][0], np.integer):
         return ""
     spec = next(each for each in form.fields if each.name == counter.field)
     bits = 8 * spec.bytes if spec.bits is None else spec.bits[1]

@@ -12,7 +12,16 @@ from rich.table import Table as Grid
 
 from bench.capture import Capture, read_capture, write_plot, write_table
 from drivers.errors import ConfigurationError
-from drivers.frames import GYRO_ROLES, Form, FrameFamily, load_family, refusal, shipped, vector_mistakes
+from drivers.frames import (
+    GYRO_ROLES,
+    Form,
+    FrameFamily,
+    LineDescription,
+    load_family,
+    refusal,
+    shipped,
+    vector_mistakes,
+)
 
 _RANDOM_BYTES = 1e9
 
@@ -48,6 +57,11 @@ def _show(console: Console, family: FrameFamily) -> None:
         "message", "begins with", "bytes", "check", "gyro channels", "false frames in 1e9 random bytes"
     )
     for form in family.forms:
+        if isinstance(about, LineDescription):
+            check = about.line.checksum
+            head, size = about.line.start or "-", f"{about.line.columns} columns"
+            grid.add_row(form.name, head, size, check.kind if check else "none", _channels(form), "-")
+            continue
         size = str(form.length) if form.length is not None else f"{form.shortest} to {form.longest}"
         kinds = ", ".join(check.kind for check in form.checksums) or "none"
         heads = " or ".join(sync.hex(" ") for sync in form.syncs)
@@ -61,9 +75,8 @@ def _show(console: Console, family: FrameFamily) -> None:
             "bytes; on a noisy line name the message (frame_format) or use a longer check",
             highlight=False,
         )
-    flips = sum(8 * len(vector.hex) for vector in about.vector)
     console.print(
-        f"vectors: {len(about.vector)} right, and all of their {flips} single-bit flips noticed"
+        f"vectors: {len(about.vector)} right, and every single-bit flip of them that a check covers noticed"
         if about.vector
         else "no vectors: nothing says that this description fits a real unit",
         highlight=False,

@@ -1,10 +1,11 @@
 """Gyros on a serial port described by a TOML file: decoder, encoder and driver made from the description."""
 
-from drivers.frames._decode import FrameDecoder, MessageReader, Messages, channels
+from drivers.frames._decode import FrameDecoder, MessageReader, Messages, channels, reader_of
 from drivers.frames._driver import FrameGyro, bits_a_byte
 from drivers.frames._encode import FrameEncoder
 from drivers.frames._form import Form
 from drivers.frames._kind import Frames, family_in
+from drivers.frames._lines import LineDescription
 from drivers.frames._load import (
     FrameFamily,
     description_path,
@@ -30,6 +31,7 @@ __all__ = [
     "FrameFamily",
     "FrameGyro",
     "Frames",
+    "LineDescription",
     "MessageReader",
     "Messages",
     "StreamSplitter",
@@ -42,6 +44,7 @@ __all__ = [
     "is_path",
     "load_family",
     "load_toml",
+    "reader_of",
     "refusal",
     "shipped",
     "to_bench_unit",

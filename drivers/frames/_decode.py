@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
 from drivers.frames._form import Form, Layout
+from drivers.frames._lines import LineDescription, LineForm, LineReader
 from drivers.frames._load import FrameFamily
 from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, FieldSection
 from drivers.frames._read import bit_of
@@ -29,6 +30,8 @@ class Messages:
     layout: Layout
     rows: NDArray[np.uint8]
     end_offset: NDArray[np.int64]
+    numbers: NDArray[np.int64] | None = None
+    """Which message of the stream each is, damaged ones counted, where that is known."""
 
     @property
     def form(self) -> Form:
@@ -38,6 +41,28 @@ class Messages:
     def columns(self) -> dict[str, Array]:
         """Return every field in its own unit, (n,) each."""
         return self.layout.physical(self.layout.raw(self.rows))
+
+
+def reader_of(family: FrameFamily, forms: list[Form] | None = None) -> MessageReader | LineMessages:
+    """Return what reads the messages of a description from bytes, default all of them."""
+    if isinstance(family.description, LineDescription):
+        return LineMessages(family)
+    return MessageReader(family, forms)
+
+
+class LineMessages(LineReader):
+    """As MessageReader, of a description of ASCII lines."""
+
+    def __init__(self, family: FrameFamily) -> None:
+        form = family.forms[0]
+        assert isinstance(family.description, LineDescription) and isinstance(form, LineForm)
+        super().__init__(family.description, form)
+
+    def feed(self, data: bytes) -> list[Messages]:
+        """Return the lines completed by `data`."""
+        rows, ends, numbers = self.read(data)
+        form = self.forms[0]
+        return [Messages(form.layout(form.shortest), rows, ends, numbers)] if len(rows) else []
 
 
 class MessageReader:
@@ -92,7 +117,7 @@ class FrameDecoder:
         for form in measuring:
             channels(family, form, axes)
         forms = [form for form in family.forms if form in measuring or not form.measures]
-        self._reader = MessageReader(family, forms)
+        self._reader = reader_of(family, forms)
         self._family = family
         self._axes = axes
         self._axis = axis or axes[0]
@@ -130,7 +155,9 @@ class FrameDecoder:
             ends = ends[order]
             columns = {name: np.concatenate([part[name] for part in parts])[order] for name in columns}
         if "counter" not in columns:
-            columns = {"counter": self._counted(ends, found[0].layout.length), **columns}
+            numbers = found[0].numbers
+            counted = self._counted(ends, found[0].layout.length) if numbers is None else numbers
+            columns = {"counter": counted, **columns}
         self._increments(columns)
         return FrameBatch(columns, ends)
 
@@ -184,6 +211,7 @@ class _Plan:
         by_name = {spec.name: spec for spec in form.fields}
         self._layout = layout
         self._counter = None if description.counter is None else description.counter.field
+        self._ticks = (description.counter.ticks_per_s if description.counter else None) or 1.0
         self._status = next((spec.name for spec in form.fields if spec.role == "status"), None)
         self._gyros = [by_name[name] for name in channels(family, form, axes).values()]
         self._temps = [spec for spec in form.fields if spec.role == "temp"]
@@ -216,7 +244,11 @@ class _Plan:
             valid &= bit_of(raw[rule.field], rule.bit) == rule.value
         columns: dict[str, Array] = {}
         if self._counter is not None:
-            columns["counter"] = raw[self._counter].astype(np.int64)
+            count = raw[self._counter]
+            if count.dtype.kind == "f":  # A clock in seconds.
+                with np.errstate(invalid="ignore"):
+                    count = np.rint(np.nan_to_num(count * self._ticks, posinf=0.0, neginf=0.0))
+            columns["counter"] = count.astype(np.int64)
         columns["status"] = np.zeros(len(rows), np.uint8) if self._status is None else raw[self._status]
         columns["valid"] = valid
         for spec in self._kept:

@@ -71,7 +71,9 @@ class Form:
 
     def places(self, sync: bytes) -> list[tuple[int, int, int]]:
         """Return (offset, value, mask) of every byte that tells it from others; masks of 0 left out."""
-        head = [(at, byte & bits, bits) for at, (byte, bits) in enumerate(zip(sync, self.mask, strict=True))]
+        head: list[tuple[int, int, int]] = [
+            (at, byte & bits, bits) for at, (byte, bits) in enumerate(zip(sync, self.mask, strict=True))
+        ]
         for rule in self.match:
             bits = rule.mask or b"\xff" * len(rule.equals)
             head += [(rule.at + n, value & bits[n], bits[n]) for n, value in enumerate(rule.equals)]

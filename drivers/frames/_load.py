@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 
 from drivers.errors import ConfigurationError
 from drivers.frames._form import Form, forms_of
+from drivers.frames._lines import LineDescription, line_form, verify_lines
 from drivers.frames._model import Description
 from drivers.frames._verify import Mistake, verify
 
@@ -133,13 +134,12 @@ def _parsed(text: str) -> FrameFamily:
 def family_from(data: dict[str, Any], where: str) -> FrameFamily:
     """Check a description given as parsed TOML; `where` stands for the file in errors."""
     if "line" in data:
-        raise ConfigurationError(
-            "this describes ASCII lines, not binary frames",
-            where=where,
-            found="[line]",
-            expected="[frame]",
-            remedy='use it with driver = "lines"',
-        )
+        lines = validated(LineDescription, data, where)
+        if mistakes := list(verify_lines(lines)):
+            raise refusal(where, mistakes)
+        if mistakes := list(verify(lines, [form := line_form(lines)])):
+            raise refusal(where, mistakes)
+        return FrameFamily(lines, [form], where)
     description = validated(Description, data, where)
     forms = forms_of(description)
     if mistakes := list(verify(description, forms)):

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.frames._decode import MessageReader
+from drivers.frames._decode import MessageReader, reader_of
+from drivers.frames._lines import LineDescription
 from drivers.frames._load import FrameFamily
 from drivers.frames._model import Vector
 from drivers.frames._verify import Mistake
@@ -16,6 +17,9 @@ from drivers.frames._verify import Mistake
 
 def vector_mistakes(family: FrameFamily) -> Iterator[Mistake]:
     """Yield every vector that does not decode to what it says, or whose damage goes unnoticed."""
+    if isinstance(family.description, LineDescription):
+        yield from _line_mistakes(family, family.description)
+        return
     for number, vector in enumerate(family.description.vector):
         key = f"vector[{number}]"
         found = MessageReader(family).feed(vector.hex)
@@ -33,6 +37,30 @@ def vector_mistakes(family: FrameFamily) -> Iterator[Mistake]:
                 yield Mistake(f"{key}.expect.{name}", repr(_plain(columns[name][0])), repr(wanted))
         if (missed := _unnoticed(family, vector)) is not None:
             yield Mistake(f"{key}.hex", f"a frame with bit {missed} flipped passes", "a check that covers it")
+
+
+def _line_mistakes(family: FrameFamily, description: LineDescription) -> Iterator[Mistake]:
+    for number, vector in enumerate(description.vector):
+        key = f"vector[{number}]"
+        line = vector.text.encode("latin-1")
+        reader = reader_of(family)
+        found = reader.feed(line + b"\r\n")
+        if len(found) != 1:
+            why = ", ".join(reader.counts.rejected) or "start"
+            yield Mistake(f"{key}.text", f"a line refused for its {why}", "a line of this description")
+            continue
+        columns = found[0].columns()
+        for name, wanted in vector.expect.items():
+            if not _agrees(columns[name][0], wanted, vector.tolerance):
+                yield Mistake(f"{key}.expect.{name}", repr(_plain(columns[name][0])), repr(wanted))
+        if description.line.checksum is not None:
+            for at in range(len(line)):
+                flipped = line[:at] + bytes([line[at] ^ 1]) + line[at + 1 :]
+                if reader_of(family).feed(flipped + b"\r\n"):
+                    yield Mistake(
+                        f"{key}.text", f"a line with character {at} changed passes", "a check that sees it"
+                    )
+                    break
 
 
 def _why(family: FrameFamily, vector: Vector) -> str:

@@ -47,6 +47,8 @@ def _names(what: str, names: list[str]) -> Iterator[Mistake]:
 
 
 def _head(form: Form) -> Iterator[Mistake]:
+    if form.syncs == (b"",) and form.length is not None:
+        return  # A line's row of numbers: the line has its own checks.
     if not form.syncs:
         yield Mistake(f"{form.key}.sync", "nothing", "the first bytes of a frame in hexadecimal")
         return
@@ -245,7 +247,12 @@ def _references(description: Description, forms: list[Form]) -> Iterator[Mistake
     numbers = {spec.name: spec for form in forms for spec in form.fields if spec.type[0] in "ui"}
     counter = description.counter
     if counter is not None:
-        if counter.field not in numbers:
+        if counter.field in all_names and counter.field not in numbers and counter.ticks_per_s is not None:
+            if counter.modulo is None:
+                yield Mistake(
+                    "counter.modulo", "nothing", "where a clock that is no whole number wraps, in ticks"
+                )
+        elif counter.field not in numbers:
             yield Mistake("counter.field", repr(counter.field), _one_of(numbers))
         else:
             spec = numbers[counter.field]

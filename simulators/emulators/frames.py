@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
-from drivers.frames import FrameEncoder, FrameFamily, bits_a_byte, channels, to_bench_unit
+from drivers.frames import FrameEncoder, FrameFamily, LineDescription, bits_a_byte, channels, to_bench_unit
 from simulators.faults import WireShape
 from simulators.interfaces import GyroPlant, GyroSignal, Reply, StreamBlock
 
@@ -45,6 +45,14 @@ class FrameEmulator:
         clock_error_ppm: float = 0.0,
     ) -> None:
         """Raise ConfigurationError for a rate the line cannot carry, and axes that the plant does not have."""
+        if isinstance(family.description, LineDescription):
+            raise ConfigurationError(
+                "a gyro that sends ASCII lines cannot be emulated",
+                where="emulated gyro",
+                found=family.description.title,
+                expected="a description of binary frames",
+                remedy="rehearse with another gyro; the driver itself reads such lines",
+            )
         self._plant = plant
         self._encoder = FrameEncoder(family, message or family.description.message)
         self._form = self._encoder.form
