@@ -39,6 +39,14 @@ Set = Annotated[
 PlantFile = Annotated[
     Path | None, typer.Option("--plant", help="plant file (TOML): physics behind the emulated devices")
 ]
+CatalogueUrl = Annotated[
+    str | None,
+    typer.Option(
+        "--catalogue",
+        envvar="GYROBENCH_CATALOGUE",
+        help="SQLAlchemy URL of a shared catalogue; default an SQLite file beside the runs",
+    ),
+]
 Seed = Annotated[int | None, typer.Option("--seed", help="seed of the emulated lab")]
 Json = Annotated[
     bool, typer.Option("--json", help="for machines: one JSON object a line, the last one the result")
@@ -186,11 +194,38 @@ def ports() -> None:
 
 
 @runs_app.command("list")
-def runs_list(runs: RunsFolder = DEFAULT_RUNS) -> None:
-    """List the runs in a folder."""
+def runs_list(
+    runs: RunsFolder = DEFAULT_RUNS,
+    unit: Annotated[str | None, typer.Option(help="of this unit under test")] = None,
+    procedure: Annotated[str | None, typer.Option(help="of this procedure")] = None,
+    outcome: Annotated[
+        str | None, typer.Option(help="completed, invalid, aborted, running, unreadable")
+    ] = None,
+    since: Annotated[str | None, typer.Option(help="from this year, month, day or time on, UTC")] = None,
+    until: Annotated[
+        str | None, typer.Option(help="to the end of this year, month, day or time, UTC")
+    ] = None,
+    limit: Annotated[int, typer.Option(min=1, help="show at most so many, newest first")] = 100,
+    catalogue: CatalogueUrl = None,
+    json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
+) -> None:
+    """List the runs in a folder, or those of every bench with a shared catalogue."""
     from bench.cli._runs import list_command
 
-    list_command(runs)
+    wanted = {"unit": unit, "procedure": procedure, "outcome": outcome, "since": since, "until": until}
+    list_command(runs, catalogue, {**wanted, "limit": limit}, json)
+
+
+@runs_app.command("index")
+def runs_index(
+    runs: RunsFolder = DEFAULT_RUNS,
+    catalogue: CatalogueUrl = None,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="read every run folder again")] = False,
+) -> None:
+    """Bring the catalogue of runs up to date with the folders, which are the truth."""
+    from bench.cli._runs import index_command
+
+    index_command(runs, catalogue, rebuild)
 
 
 @runs_app.command("export")

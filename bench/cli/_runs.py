@@ -1,45 +1,97 @@
-"""`gyrobench runs`: list, show, verify."""
+"""`gyrobench runs`: list, index, show, verify."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
+from rich.progress import Progress, TaskID
 from rich.table import Table
+from rich.text import Text
 
+from bench.catalogue import Catalogue, root_name
 from bench.cli._display import duration
-from bench.recording import Run, list_runs, verify
+from bench.recording import Run, verify
 from bench.run_record import decode_run
 
 _STYLES = {"completed": "green", "invalid": "yellow", "aborted": "red", "running": "cyan"}
+_MANY = 2000
 
 
-def list_command(root: Path) -> None:
-    """Print the runs below `root`."""
+def list_command(runs: Path, url: str | None, wanted: Mapping[str, Any], as_json: bool) -> None:
+    """Print the runs that fit, newest first: those of `runs`, or those of every bench with a shared catalogue."""
     console = Console()
-    entries = list_runs(root)
-    if not entries:
-        console.print(f"no runs in {root}", highlight=False)
+    if url is None and not runs.exists():
+        console.print(f"no runs in {runs}", highlight=False)
+        return
+    with _catalogue(runs, url) as catalogue:
+        if runs.exists():
+            _take_in(console, catalogue.update, runs)
+        rows, count = catalogue.find(root=root_name(runs) if url is None else None, **wanted)
+    if as_json:
+        sys.stdout.write(json.dumps([asdict(row) for row in rows], ensure_ascii=False) + "\n")
+        return
+    if not rows:
+        console.print(
+            "no runs that fit"
+            if any(value for name, value in wanted.items() if name != "limit")
+            else f"no runs in {runs}",
+            highlight=False,
+        )
         return
     table = Table("run", "procedure", "units", "outcome", "bench time", "started (UTC)")
-    for entry in entries:
-        if entry.manifest is None:
-            table.add_row(entry.folder.name, "-", "-", f"unreadable: {entry.problem}", "-", "-")
-            continue
-        found = entry.manifest
-        style = _STYLES[found.outcome]
-        length = "-" if found.duration_s is None else duration(found.duration_s)
-        units = ", ".join(found.units.values())
+    for row in rows:
+        style = _STYLES.get(row.outcome, "red")
+        outcome = f"unreadable: {row.reason}" if row.outcome == "unreadable" else row.outcome
         table.add_row(
-            entry.folder.name,
-            found.procedure,
-            units,
-            f"[{style}]{found.outcome}[/{style}]",
-            length,
-            found.started_utc[:19],
+            row.name,
+            row.procedure or "-",
+            ", ".join(row.units) or "-",
+            Text(outcome, style),
+            "-" if row.duration_s is None else duration(row.duration_s),
+            _utc(row.started_s) if row.started_s else "-",
         )
     console.print(table)
+    if count > len(rows):
+        console.print(f"the newest {len(rows)} of {count}; --limit shows more", highlight=False)
+
+
+def index_command(runs: Path, url: str | None, rebuild: bool) -> None:
+    """Bring the catalogue up to date with the folders, or make it anew from them."""
+    console = Console()
+    with _catalogue(runs, url) as catalogue:
+        count = _take_in(console, catalogue.rebuild if rebuild else catalogue.update, runs)
+    console.print(f"{count} manifests read in {runs}", highlight=False)
+
+
+def _catalogue(runs: Path, url: str | None) -> Catalogue:
+    return Catalogue.beside(runs) if url is None else Catalogue(url)
+
+
+def _take_in(
+    console: Console, take: Callable[[Path, Callable[[int, int], None] | None], int], runs: Path
+) -> int:
+    """Update or rebuild, with a bar once there is much to read."""
+    with Progress(console=console, transient=True) as progress:
+        tasks: list[TaskID] = []
+
+        def show(done: int, total: int) -> None:
+            if total > _MANY and not tasks:
+                tasks.append(progress.add_task("reading run folders", total=total))
+            if tasks:
+                progress.update(tasks[0], completed=done)
+
+        return take(runs, show)
+
+
+def _utc(epoch_s: float) -> str:
+    return f"{datetime.fromtimestamp(epoch_s, UTC):%Y-%m-%dT%H:%M:%S}"
 
 
 def show_command(folder: Path) -> None:

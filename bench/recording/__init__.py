@@ -24,7 +24,7 @@ from bench.recording._manifest import (
     write_manifest,
 )
 from bench.recording._raw import can_frames, read_exchanges
-from bench.recording._read import Phase, Run, RunEntry, list_runs, read_table, seconds
+from bench.recording._read import Phase, Run, read_table, seconds
 from bench.recording._tables import table_writer, unit_of
 from bench.recording._timing import StreamTimer, StreamTiming
 from bench.recording._verify import FileProblem, VerifyReport, verify
@@ -45,7 +45,6 @@ __all__ = [
     "PlatformSource",
     "PortJournal",
     "Run",
-    "RunEntry",
     "StreamReport",
     "StreamSource",
     "StreamTimer",
@@ -55,7 +54,6 @@ __all__ = [
     "checksum",
     "decode_instrument",
     "decode_stream",
-    "list_runs",
     "platform_table_name",
     "read_events",
     "read_exchanges",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bench.recording._arrow import from_arrow
 from bench.recording._decode import gyro_table
 from bench.recording._events import Event, Events, read_events
-from bench.recording._manifest import MANIFEST_FILE, Manifest, read_manifest
+from bench.recording._manifest import Manifest, read_manifest
 from drivers.errors import RecordError
 
 Table = dict[str, NDArray[Any]]
@@ -152,29 +152,6 @@ def _overlapping(file: pq.ParquetFile, low: int, high: int) -> list[int]:
         if statistics is None or (statistics.max >= low and statistics.min < high):
             groups.append(group)
     return groups
-
-
-@dataclass(frozen=True)
-class RunEntry:
-    """A run in a list; `manifest` is None and `problem` says why if it cannot be read."""
-
-    folder: Path
-    manifest: Manifest | None
-    problem: str = ""
-
-
-def list_runs(root: Path | str) -> list[RunEntry]:
-    """Return the runs directly below `root`, oldest first; those that cannot be read come last."""
-    entries = []
-    for path in sorted(Path(root).glob(f"*/{MANIFEST_FILE}")):
-        try:
-            entries.append(RunEntry(path.parent, read_manifest(path.parent)))
-        except RecordError as error:
-            entries.append(RunEntry(path.parent, None, str(error)))
-    return sorted(
-        entries,
-        key=lambda entry: (entry.manifest is None, entry.manifest.started_utc if entry.manifest else ""),
-    )
 
 
 def seconds(table: Table) -> NDArray[np.float64]:

@@ -15,7 +15,6 @@ from bench.recording import (
     Manifest,
     Run,
     decode_stream,
-    list_runs,
     read_manifest,
     seal,
     seconds,
@@ -215,18 +214,6 @@ def test_only_overlapping_row_groups_are_read(tmp_path):
     assert _overlapping(file, 0, edge) == [0]
     assert _overlapping(file, edge, edge + 1) == [1]
     assert _overlapping(file, edge - 1, 3 * edge + 1) == [1, 2, 3]
-
-
-def test_runs_are_listed_by_start_and_broken_ones_last(tmp_path):
-    for name, start in (("a", "2026-02"), ("b", "2026-01")):
-        (tmp_path / name).mkdir()
-        write_manifest(tmp_path / name, manifest(run_id=name, started_utc=start))
-    (tmp_path / "0").mkdir()
-    (tmp_path / "0" / "manifest.json").write_text("{")
-    (tmp_path / "no run").mkdir()
-    entries = list_runs(tmp_path)
-    assert [entry.folder.name for entry in entries] == ["b", "a", "0"]
-    assert "manifest cannot be read" in entries[2].problem
 
 
 def test_decoding_and_reading_a_run_load_neither_pandas_nor_torch(run):

@@ -1,0 +1,129 @@
+"""Listing 100,000 runs from the catalogue, against reading their manifests, in the same run.
+
+Run as `python -m benchmarks.catalogue [RUNS]` (default 100,000; about a minute and 1 GB of small files in a
+temporary folder). The yardstick of a list is the budget of 0.3 s, that of the catalogue a loop over the folders.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from bench.catalogue import Catalogue, root_name
+from drivers.clock import host_seconds
+
+_BUDGET_S = 0.3
+_REPEATS = 5
+
+
+def make_runs(runs: Path, count: int) -> None:
+    """Write `count` run folders with manifests of the usual size."""
+    bench = {
+        "bench": {"name": "bench 2", "latitude_deg": 39.98},
+        "gyro": [{"name": f"g{k}", "text": "x" * 300} for k in range(4)],
+    }
+    files = {f"raw/port_{k}.bin": {"sha256": "0" * 64, "bytes": 1 << 20} for k in range(16)}
+    for number in range(count):
+        folder = runs / f"2026{number:08d}-zero-bias-cold-shock"
+        folder.mkdir()
+        manifest = {
+            "format": 1,
+            "run_id": folder.name,
+            "procedure": ("zero-bias-cold-shock", "scale-factor-cold-shock", "thermal-ramp")[number % 3],
+            "outcome": "completed",
+            "started_utc": f"20{10 + number % 17}-{1 + number % 12:02d}-{1 + number % 28:02d}T08:00:00+00:00",
+            "duration_s": 14_000.0,
+            "units": {"fog_1": f"SN{number % 500}"},
+            "bench": bench,
+            "files": files,
+        }
+        (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+
+
+def rows(count: int = 100_000) -> list[dict[str, object]]:
+    """Return seconds of a list (budget / ours), of the whole command, and of a rebuild against a plain loop."""
+    with tempfile.TemporaryDirectory(prefix="gyrobench-catalogue-") as scratch:
+        runs = Path(scratch) / "runs"
+        runs.mkdir()
+        make_runs(runs, count)
+        os.utime(runs, ns=(10**18, 10**18))
+        begin = host_seconds()
+        units = {
+            folder.name: json.loads((folder / "manifest.json").read_bytes())["units"]
+            for folder in runs.iterdir()
+        }
+        loop_s = host_seconds() - begin
+        begin = host_seconds()
+        with Catalogue(f"sqlite:///{scratch}/runs.sqlite") as catalogue:
+            catalogue.rebuild(runs)
+        rebuild_s = host_seconds() - begin
+        asked_s = statistics.median(_ask(f"sqlite:///{scratch}/runs.sqlite", runs) for _ in range(_REPEATS))
+        command_s = statistics.median(
+            _command(f"sqlite:///{scratch}/runs.sqlite", runs) for _ in range(_REPEATS)
+        )
+        assert len(units) == count
+    title = f"{count:,} runs"
+    return [
+        _row(f"{title}: one unit, one procedure, since 2026-10", asked_s, _BUDGET_S, "budget"),
+        _row(f"{title}: `gyrobench runs list` as a process", command_s, _BUDGET_S, "budget"),
+        _row(f"{title}: catalogue made anew", rebuild_s, loop_s, "a json.loads loop over the folders"),
+    ]
+
+
+def _ask(url: str, runs: Path) -> float:
+    begin = host_seconds()
+    with Catalogue(url) as catalogue:
+        catalogue.update(runs)
+        found, _ = catalogue.find(
+            root=root_name(runs), unit="SN123", procedure="zero-bias-cold-shock", since="2026-10"
+        )
+    assert all("SN123" in row.units for row in found)
+    return host_seconds() - begin
+
+
+def _command(url: str, runs: Path) -> float:
+    arguments = [
+        "runs",
+        "list",
+        "--runs",
+        str(runs),
+        "--catalogue",
+        url,
+        "--unit",
+        "SN123",
+        "--since",
+        "2026-10",
+    ]
+    begin = host_seconds()
+    subprocess.run(
+        [sys.executable, "-c", "from bench.cli import main; main()", *arguments],
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+    return host_seconds() - begin
+
+
+def _row(title: str, ours_s: float, yardstick_s: float, name: str) -> dict[str, object]:
+    return {
+        "benchmark": title,
+        "ours": ours_s,
+        "yardstick": yardstick_s,
+        "yardstick_name": name,
+        "unit": "s",
+        "ratio": yardstick_s / ours_s,
+    }
+
+
+def main() -> None:
+    """Print the rows."""
+    for row in rows(int(sys.argv[1]) if len(sys.argv) > 1 else 100_000):
+        print(f"{row['benchmark']}: {row['ours']:.3f} s, {row['yardstick_name']} {row['yardstick']:.3f} s")
+
+
+if __name__ == "__main__":
+    main()
