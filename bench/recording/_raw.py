@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from bench.recording._journal import RAW_FOLDER, TIE_NS
 from drivers.errors import RecordError
 from drivers.instruments import Exchange
-from drivers.slcan import SlcanParser
 
 BLOCK_BYTES = 1 << 20
 _LONGEST_SILENCE_NS = 30 * 86_400 * 10**9
@@ -92,6 +91,8 @@ def can_frames(folder: Path, port: str) -> Iterator[tuple[NDArray[np.void], NDAr
 
     A frame's time lies on the straight line between the arrivals before and after its line's end.
     """
+    from drivers.slcan import SlcanParser  # python-can loads every package for every log format it finds
+
     path = raw_path(folder, port)
     marks = read_marks(path)
     parser = SlcanParser()
