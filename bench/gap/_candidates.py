@@ -55,4 +55,6 @@ def possible_candidates(
         else:
             possible.append(index)
     shown = {candidates[index].effect for index in possible}
-    return possible, {name: reason for name, reason in reasons.items() if name not in shown}
+    return possible, {
+        name: reason for name, reason in reasons.items() if name not in shown and not name.startswith(PREFIX)
+    }

@@ -85,9 +85,11 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
     cells = rescaled(judged_cells(before, after, runs), floor.ratio)
     number = counts(cells)
     first, then = (np.array([cell.gram[k, k] for cell in cells]) for k in (0, 1))
-    deviation = np.sqrt(2.0 * number + (number * floor.sigma[[cell.band for cell in cells]]) ** 2)
+    bands = np.array([cell.band for cell in cells])
+    deviation = np.sqrt(2.0 * number + (number * floor.sigma[bands]) ** 2)
     active = first - number > _ACTIVE * deviation
-    share, sigma = _share(first[active], then[active], number[active], deviation[active])
+    share, _ = _share(first[active], then[active], number[active], deviation[active])
+    sigma = _share_sigma(first[active], then[active], number[active], bands[active], floor)
     return Shrinkage(
         share,
         share - 1.96 * sigma,
@@ -171,6 +173,16 @@ def _share(first: Array, then: Array, number: Array, deviation: Array) -> tuple[
     left = then - number
     variance = deviation**2 + 4.0 * np.maximum(left, 0.0)
     return 1.0 - float(left.sum()) / reducible, math.sqrt(float(variance.sum())) / reducible
+
+
+def _share_sigma(first: Array, then: Array, number: Array, bands: NDArray[np.int64], floor: Floor) -> float:
+    """Return the share's standard deviation: each cell's noise, and the floor's, which a band's cells share."""
+    reducible = float((first - number).sum())
+    if not len(first) or reducible <= 0.0:
+        return math.nan
+    own = float((2.0 * number + 4.0 * np.maximum(then - number, 0.0)).sum())
+    common = np.bincount(bands, number, len(BANDS)) * floor.sigma
+    return math.sqrt(own + float((common**2).sum())) / reducible
 
 
 def _rms(cells: Sequence[Cell], energy: Array, active: NDArray[np.bool_]) -> float:
