@@ -2,8 +2,10 @@
 
     C = R_1(angle_1) ... R_n(angle_n) C_mount,    R_k a turn about the direction of axis k with all axes at 0
 
-A move about a body axis is made by a table axis that lies along it at that moment. The up axis of a scheme's home
-matters, its heading does not (under 5 % of any sigma): headings are tried in quarter turns, its own first.
+A move about a body axis is made by a table axis that lies along it at that moment. Which way the outer axis
+points may force another heading on the scheme's home. Half a turn of heading changes nothing; a quarter costs the
+published schemes up to 16 % of their worst sigma, short searched ones up to 75 % (60 s dwell): it is taken only
+if it must be.
 """
 
 from __future__ import annotations
@@ -126,9 +128,10 @@ def _starts(axes: Sequence[TableAxis]) -> list[tuple[int, tuple[int, ...]]]:
     return [(heading, (*start, 0)) for heading in (0, 90, 180, 270) for start in itertools.product(*quarters)]
 
 
-def _effort(start: tuple[int, tuple[int, ...]]) -> tuple[int, int, int]:
+def _effort(start: tuple[int, tuple[int, ...]]) -> tuple[bool, int, int, int]:
     heading, angles = start
-    return sum(angle != 0 for angle in angles), heading, sum(abs(angle) for angle in angles)
+    moved = sum(angle != 0 for angle in angles)
+    return heading % 180 != 0, moved, heading, sum(abs(angle) for angle in angles)
 
 
 def _axes_turned(axes: Sequence[TableAxis], angles_deg: Sequence[int]) -> Array:

@@ -104,6 +104,13 @@ def test_the_file_takes_the_errors_out_of_the_run(run, tmp_path):
     assert corrected[1] < 0.04 < 0.08 < raw[1]  # deg/h
 
 
+def test_a_heading_that_the_table_forces_is_noted_with_its_cost(run):
+    notes = [row["text"] for row in Run.open(run).events if row["kind"] == "note"]
+    forced = not np.allclose(load_calibration_run(run).schedule.home, load_scheme(SCHEME).home)
+    costly = [text for text in notes if "worst sigma over target" in text]
+    assert len(costly) == (1 if forced else 0), notes
+
+
 def broken(run: Path, tmp_path: Path) -> Path:
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
