@@ -250,7 +250,7 @@ def _cells(figure: CertifiedFigure) -> list[Cell]:
         Cell(parts.interval(figure.low, figure.high)),
         Cell(over),
         Cell(limits_text(figure.lower_limit, figure.upper_limit) or DASH),
-        Cell(text, tone if figure.limited else "plain"),
+        Cell(text, tone) if figure.limited else Cell(DASH if figure.values else "not measured"),
     ]
 
 

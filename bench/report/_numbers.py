@@ -21,6 +21,8 @@ _UNITS = (
     ("_s", "s"),
 )
 _SPELLED = {"deg/h": "°/h", "deg/s": "°/s", "deg": "°", "degC": "°C", "degC/min": "°C/min"}
+_SPELLED |= {"deg/sqrt(h)": "°/√h", "deg/h/degC": "°/h/°C", "ppm/degC": "ppm/°C"}
+_SPELLED |= {"deg/h/sqrt(h)": "°/h/√h", "deg/h/h": "°/h²"}
 
 
 def known(value: float | None) -> bool:
