@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from drivers.frames import family_from, family_of, is_path, load_toml
+from drivers.frames import FrameDecoder, family_from, family_of, is_path, load_toml
 
 _DRIVER = "frames"
 
@@ -33,7 +33,8 @@ def _completed(gyro: Any, folder: Path) -> Any:
         family = family_from(description, str(path))
     else:
         family = family_of(description)
-    if isinstance(gyro.get("frame_format"), str):
-        family.form(gyro["frame_format"])
-    link = family.description.link
+    link, axes = family.description.link, gyro.get("axes", "x")
+    if isinstance(axes, str) and axes and set(axes) <= set("xyz"):  # else others say what is wrong with it
+        message = gyro.get("frame_format")
+        FrameDecoder(family, rate_hz=link.nominal_rate_hz, axes=axes, message=message)
     return {"baudrate": link.baud, "rate_hz": link.nominal_rate_hz, **gyro, "description": description}

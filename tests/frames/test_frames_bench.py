@@ -125,6 +125,7 @@ def test_a_description_of_ones_own_travels_with_the_run(tmp_path: Path) -> None:
         (('"stim300"', '"absent.toml"'), "absent.toml"),
         (('description = "stim300"\n', ""), "description"),
         (('"frames"', '"rlg2t"'), "description"),
+        (('"stim300"\nframe_format = "rate_acc_temp"', '"fg333"'), "no gyro channel x"),
         (('"rate_acc_temp"', '"rate_acc_tmp"'), "did you mean 'rate_acc_temp'"),
     ],
 )
