@@ -18,17 +18,17 @@ def open_clock(url: str | None) -> Clock:
 
 def table_kind(file: BenchFile) -> TableKind:
     """Return the table's driver."""
-    return cast(TableKind, _load("table", file.table.driver))
+    return cast(TableKind, load_kind("table", file.table.driver))
 
 
 def chamber_kind(file: BenchFile) -> ChamberKind:
     """Return the chamber's driver."""
-    return cast(ChamberKind, _load("chamber", file.chamber.driver))
+    return cast(ChamberKind, load_kind("chamber", file.chamber.driver))
 
 
 def gyro_kind(section: GyroSection) -> GyroKind:
     """Return a gyro's driver."""
-    return cast(GyroKind, _load("gyro", section.driver))
+    return cast(GyroKind, load_kind("gyro", section.driver))
 
 
 def platform_kind(section: PlatformSection) -> PlatformKind:
@@ -53,6 +53,7 @@ def gyro_settings(section: GyroSection) -> Settings:
     return section.model_dump()
 
 
-def _load(role: str, kind: str) -> Any:
+def load_kind(role: str, kind: str) -> Any:
+    """Return the driver `kind` of a role, a `TableKind`, `ChamberKind` or `GyroKind`."""
     module, _, attribute = driver_path(role, kind).partition(":")
     return getattr(importlib.import_module(module), attribute)

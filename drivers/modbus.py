@@ -66,9 +66,10 @@ class Frames:
         add two zero bytes). Raises ProtocolError for a frame whose check fails or that is no message.
         """
         used, device, transaction, body = self._framer.decode(buffer)
-        if not used:
+        foreign = self.framing == "tcp" and buffer[2:4] not in (b"", b"\0", b"\0\0")
+        if not used and not foreign:
             return None
-        message = self._message(body)
+        message = None if foreign else self._message(body)
         if message is None:
             raise ProtocolError(
                 "not a Modbus message",

@@ -142,6 +142,8 @@ class VirtualClock:
         self._ports: list[Readable | None] = [None] * len(self._names)
         self._pending: list[bytearray] = [bytearray() for _ in self._names]
         self._by_descriptor: dict[int, int] = {}
+        self._released: set[int] = set()
+        """Ports closed since the last request."""
         self._failure: BenchError | None = None
         # One blocking read a step; the kernel's own time-out is the watchdog.
         self._socket.settimeout(None)
@@ -189,6 +191,8 @@ class VirtualClock:
     def attach(self, port: Readable) -> None:
         """Open lab port `port.name` for this bench."""
         index = self._index(port.name)
+        if index in self._released:  # the lab must hear that it was closed before it is opened again
+            self._advance(self._now_ns, -1)
         self._ports[index] = port
         self._by_descriptor[port.fileno()] = index
         self._poll.register(port.fileno(), select.POLLIN)
@@ -205,6 +209,7 @@ class VirtualClock:
             with contextlib.suppress(BenchError):  # the lab may be what is being left
                 self._advance(self._now_ns, -1)
         self._ports[index] = None
+        self._released.add(index)
         self._pending[index].clear()
         del self._by_descriptor[port.fileno()]
         with contextlib.suppress(KeyError):
@@ -252,6 +257,7 @@ class VirtualClock:
         return result
 
     def _advance(self, to_ns: int, stop_port: int) -> None:
+        self._released.clear()
         sent = [NOT_OPEN if port is None else port.bytes_sent for port in self._ports]
         try:
             self._socket.send(self._codec.pack_request(self._now_ns, to_ns, stop_port, sent))

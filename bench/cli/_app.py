@@ -186,11 +186,24 @@ def panel(
 
 
 @app.command()
-def ports() -> None:
+def ports(
+    identify: Annotated[
+        bool, typer.Option("--identify", help="say which known device answers, by queries that only read")
+    ] = False,
+    port: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--port", help="with --identify: this port, also socket://host:port; repeat for several"
+        ),
+    ] = None,
+) -> None:
     """List serial ports and CAN channels of this machine."""
-    from bench.cli._ports import ports_command
+    from bench.cli._ports import identify_command, ports_command
 
-    ports_command()
+    if identify or port:
+        identify_command(port or [])
+    else:
+        ports_command()
 
 
 @runs_app.command("list")

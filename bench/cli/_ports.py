@@ -7,6 +7,28 @@ from rich.console import Console
 from rich.table import Table
 from serial.tools.list_ports import comports
 
+from bench.discovery import identify_port
+from drivers.clock import WallClock
+
+
+def identify_command(ports: list[str]) -> None:
+    """Print which known device answers on each port, all serial ports of this machine if none is named."""
+    console = Console()
+    named = ports or [port.device for port in sorted(comports())]
+    if not named:
+        console.print("no serial ports; name one with --port")
+        return
+    clock = WallClock()
+    try:
+        table = Table("port", "driver", "what answers")
+        with console.status("") as status:
+            for port in named:
+                found = identify_port(port, clock, lambda text: status.update(text))
+                table.add_row(found.port, found.driver or "-", found.text)
+        console.print(table)
+    finally:
+        clock.close()
+
 
 def ports_command() -> None:
     """Print serial ports and CAN channels; nothing is opened and nothing is sent."""

@@ -98,6 +98,11 @@ def test_replies_are_taken_apart_noise_behind_them_dropped():
     assert frames.split(bytes.fromhex("01 03 02 00 FA 38")) is None
 
 
+def test_what_is_no_modbus_tcp_is_said_at_once():
+    with pytest.raises(ProtocolError, match="MBAP"):
+        Frames("tcp", server=True).split(b"*IDN?\r\n")
+
+
 def test_every_single_bit_error_of_a_reply_is_found():
     whole = bytes.fromhex("01 03 02 00 FA 38 07")
     for bit in range(8 * len(whole)):
