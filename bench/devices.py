@@ -33,7 +33,7 @@ def gyro_kind(section: GyroSection) -> GyroKind:
 
 def platform_kind(section: PlatformSection) -> PlatformKind:
     """Return a platform INS's driver."""
-    return cast(PlatformKind, _load("platform", section.driver))
+    return cast(PlatformKind, load_kind("platform", section.driver))
 
 
 def table_settings(file: BenchFile) -> Settings:
