@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bench.benchfile import BenchFile, GyroSection
 from bench.devices import table_settings
+from bench.plant_rotation import BearingPlant, RotationPlant
 from drivers.errors import BenchError, ConfigurationError
 
 _MODELS = {"kvh1750": "fog_mid", "sbg_ellipse": "mems", "can_dbc": "mems", "rlg2t": "rlg"}
@@ -57,6 +58,9 @@ class Plant(BaseModel):
     """rms over headings of the change of a platform's mean drift"""
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
     """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
+    rotation: RotationPlant = RotationPlant()
+    bearing: dict[str, BearingPlant] = Field(default_factory=dict)
+    """Unit id -> the bearing it turns in; a unit not named has its model's own."""
     fault: tuple[PlantFault, ...] = ()
 
     def model_of(self, gyro: GyroSection, axes: int = 1) -> str:
@@ -228,9 +232,13 @@ def _lab_config(file: BenchFile, plant: Plant, clock: str) -> dict[str, Any]:
                 "unit_seed": unit_seed(gyro.unit),
                 "mount_azimuth_error_deg": plant.mount_azimuth_error_deg,
                 "clock_error_ppm": plant.clock_error_ppm.get(gyro.name, 0.0),
+                "bearing": plant.bearing[gyro.unit].model_dump(mode="json")
+                if gyro.unit in plant.bearing
+                else None,
             }
             for gyro in file.gyro
         ],
+        "rotation": plant.rotation.model_dump(mode="json"),
         "faults": [fault.model_dump(mode="json") for fault in plant.fault],
         "platforms": [
             {

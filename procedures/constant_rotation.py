@@ -25,6 +25,10 @@ class ConstantRotationParameters(Parameters):
     )
     rest_s: float = parameter(60.0, "rest before and after, for the clocks", "s", ge=10, le=3600)
 
+    rate_tolerance_percent: float = parameter(
+        0.1, "the table is at its rate when within this; more where its rate ripples", "%", ge=0.01, le=20
+    )
+
     @field_validator("rate_dps")
     @classmethod
     def _turns_at_all(cls, rate_dps: float) -> float:
@@ -55,7 +59,7 @@ def run(bench: Bench, p: ConstantRotationParameters) -> None:
         title = f"Rotation at {rate_dps:+g} deg/s, {p.turns / (p.reversals + 1):g} turns"
         with bench.step("R2", title):
             bench.phase("settle")
-            bench.table.spin(rate_dps)
+            bench.table.spin(rate_dps, tolerance_share=0.01 * p.rate_tolerance_percent)
             bench.phase("turn_forward" if rate_dps > 0 else "turn_reverse")
             bench.wait(stretch_s, title.lower())
 

@@ -21,6 +21,8 @@ from simulators.lab._ports import Port, PtyPort, TcpPort
 from simulators.lab._stagehand import Act
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig
+from simulators.plant.table import TableParameters
+from simulators.plant.wobble import EncoderParameters, Wobble
 
 T = TypeVar("T")
 _CHAMBERS = {"standard": ChamberParameters(), "weak": WEAK_CHAMBER}
@@ -76,6 +78,8 @@ def _plant_config(config: LabConfig) -> PlantConfig:
         room_temp_c=config.room_temp_c,
         chamber=_known("chamber model", config.chamber_model, _CHAMBERS),
         axes=tuple((axis["name"], axis["direction"]) for axis in config.table.settings["axes"]),
+        table=TableParameters(**_named(config.rotation, "ripple_")),
+        encoder=EncoderParameters(**_named(config.rotation, "encoder_", strip=True)),
         units=tuple(
             UnitConfig(
                 name=gyro.name,
@@ -84,9 +88,25 @@ def _plant_config(config: LabConfig) -> PlantConfig:
                 mounting=gyro.mounting,
                 mount_azimuth_error_deg=gyro.mount_azimuth_error_deg,
                 aux_sensor=gyro.settings.get("case_sensor") or 0,
+                wobble=None if gyro.bearing is None else _wobble(gyro.bearing),
             )
             for gyro in config.gyros
         ),
+    )
+
+
+def _named(values: Mapping[str, Any], prefix: str, *, strip: bool = False) -> dict[str, Any]:
+    """Return the entries whose names begin with `prefix`, with or without it."""
+    chosen = {name: value for name, value in values.items() if name.startswith(prefix)}
+    return {name.removeprefix(prefix): value for name, value in chosen.items()} if strip else chosen
+
+
+def _wobble(bearing: Mapping[str, Any]) -> Wobble:
+    return Wobble(
+        {float(line): complex(x, y) for line, x, y in bearing["lines_arcsec"]},
+        play_arcsec=complex(*bearing["play_arcsec"]),
+        play_travel_deg=bearing["play_travel_deg"],
+        misalignment_arcsec=tuple(bearing["misalignment_arcsec"]),
     )
 
 

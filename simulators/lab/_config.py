@@ -23,7 +23,10 @@ class DeviceConfig:
 
 @dataclass(frozen=True)
 class GyroConfig:
-    """A gyro unit: `settings` as in the bench file; `model` and `unit_seed` say which physics it has."""
+    """A gyro unit: `settings` as in the bench file; `model` and `unit_seed` say which physics it has.
+
+    `bearing`: what an INS turns in, as in a plant file; None for the one its seed draws.
+    """
 
     name: str
     driver: str
@@ -34,6 +37,7 @@ class GyroConfig:
     mounting: Literal["axis_horizontal", "axis_up"] = "axis_horizontal"
     mount_azimuth_error_deg: float = 0.0
     clock_error_ppm: float = 0.0
+    bearing: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,8 @@ class PlatformConfig:
 class LabConfig:
     """A whole lab.
 
-    `delivery_s`: how often adapters hand over streamed bytes. `cpu`: processor that lab and bench share in
+    `rotation`: ripple of the table's rate and errors of its encoder, as in a plant file. `delivery_s`: how often
+    adapters hand over streamed bytes. `cpu`: processor that lab and bench share in
     virtual time, None to leave that to the system.
     """
 
@@ -70,6 +75,7 @@ class LabConfig:
     gyros: tuple[GyroConfig, ...]
     faults: tuple[Fault, ...] = ()
     platforms: tuple[PlatformConfig, ...] = ()
+    rotation: dict[str, Any] = field(default_factory=dict)
     delivery_s: float = 1.0
     cpu: int | None = None
 

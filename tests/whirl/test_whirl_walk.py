@@ -9,7 +9,7 @@ import pytest
 
 from bench.benchfile import bench_file_from
 from bench.cli._whirl import COMPENSATION_FILE, REPORT_FILE, whirl_command
-from bench.emulated import EmulatedLab, Plant, unit_seed
+from bench.emulated import EmulatedLab, Plant, load_plant, unit_seed
 from bench.procedure import Parameters
 from bench.questions import StageHand
 from bench.recording import Run
@@ -37,9 +37,9 @@ BENCH = {
 }
 
 
-def rehearse(folder: Path, seed: int, **values: object) -> Path:
+def rehearse(folder: Path, seed: int, plant: Plant | None = None, **values: object) -> Path:
     file = bench_file_from(BENCH)
-    with EmulatedLab(file, Plant(seed=seed, models={"INS-001": "ins_triad"})) as lab:
+    with EmulatedLab(file, plant or Plant(seed=seed, models={"INS-001": "ins_triad"})) as lab:
         request = RunRequest(
             PROCEDURE,
             PROCEDURE.parse(values),
@@ -87,6 +87,45 @@ def test_lines_of_the_unit_are_found_and_another_run_is_corrected(runs: tuple[Pa
     assert study.fit.drift_dph  # separated by the reversals
     own = judge(fitted.record, study.compensation, study.fit)
     assert own.locked_factor >= 100.0
+
+
+def test_the_bearing_and_the_ripple_are_the_plant_file_s(tmp_path: Path) -> None:
+    """Line 2 and play as in the file, under a rate that ripples by 5 %."""
+    (tmp_path / "plant.toml").write_text(
+        """
+        seed = 4
+        models = { INS-001 = "ins_triad" }
+        [rotation]
+        ripple_once_ppm = 50000
+        [bearing.INS-001]
+        lines_arcsec = [[2.0, -9.0, 8.0]]
+        play_arcsec = [5.0, 0.0]
+        """,
+        encoding="utf-8",
+    )
+    plant = load_plant(tmp_path / "plant.toml")
+    folder = rehearse(tmp_path, 4, plant, turns=16.0, reversals=3, rate_tolerance_percent=6.0)
+    turns = load_turns(Run.open(folder))
+    study = study_whirl([turns], [], gauge="mean")
+    for line in study.fit.lines:
+        estimate = study.fit.amplitude(line)
+        truth = -9.0 + 8.0j if line == 2.0 else 0j
+        assert abs(estimate.value - truth) < 5.0 * estimate.sd
+    assert study.fit.play_arcsec is not None
+    assert abs(study.fit.play_arcsec.value - 5.0) < 5.0 * study.fit.play_arcsec.sd
+    forward = next(phase for phase in Run.open(folder).phases() if phase.name == "turn_forward")
+    rate = Run.open(folder).turntable(("rate_dps",), forward.start_s, forward.end_s)["rate_dps"]
+    assert np.ptp(rate) / np.mean(rate) == pytest.approx(0.1, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[bearing.INS-001]", "[bearing.INS-001]\nlines_arcsec = [[2, 1]]", "[rotation]\nripple_once_ppm = -1"],
+)
+def test_a_bearing_that_is_none_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "plant.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="the plant file cannot be used"):
+        load_plant(tmp_path / "plant.toml")
 
 
 def test_command_writes_compensation_and_report(
