@@ -135,6 +135,7 @@ class RunRecord:
     def stream_starts(self, name: str, offset: int) -> None:
         """Note that what arrives on gyro port `name` from byte `offset` on is its stream."""
         self._stream_starts[name] = offset
+        write_manifest(self.folder, self._with_sources())  # a run that is never closed can be decoded too
 
     def close(self, outcome: str, reason: str, duration_s: float) -> Ending:
         """Close the raw files, decode them, write the outcome and seal the folder; return how it ended.
@@ -143,14 +144,7 @@ class RunRecord:
         only if not even the seal can be written.
         """
         problems = self._close_journal()
-        manifest = self._manifest.model_copy(
-            update={
-                "devices": self._devices,
-                "stream": {name: {"start_offset": offset} for name, offset in self._stream_starts.items()},
-                "measurements": tuple(self._measurements),
-                "mounting": self._mounting,
-            }
-        )
+        manifest = self._with_sources()
         streams: dict[str, StreamReport] = {}
         try:
             write_manifest(self.folder, manifest)
@@ -173,6 +167,16 @@ class RunRecord:
         seal(self.folder, manifest)
         warnings = (f"{name}: {text}" for name, stream in streams.items() for text in _warnings(stream))
         return Ending(outcome, reason, tuple(warnings))
+
+    def _with_sources(self) -> Manifest:
+        return self._manifest.model_copy(
+            update={
+                "devices": self._devices,
+                "stream": {name: {"start_offset": offset} for name, offset in self._stream_starts.items()},
+                "measurements": tuple(self._measurements),
+                "mounting": self._mounting,
+            }
+        )
 
     def _close_journal(self) -> list[str]:
         try:

@@ -273,6 +273,20 @@ def runs_show(run: Path) -> None:
     show_command(run)
 
 
+@runs_app.command("recover")
+def runs_recover(
+    run: Annotated[list[Path] | None, typer.Argument(help="run folders")] = None,
+    all_: Annotated[
+        bool, typer.Option("--all", help="every run in the runs folder that was not closed")
+    ] = False,
+    runs: RunsFolder = DEFAULT_RUNS,
+) -> None:
+    """Complete runs that a crash left open: decode, checksum, mark as aborted."""
+    from bench.cli._runs import recover_command
+
+    sys.exit(recover_command(run or [], runs if all_ else None))
+
+
 @runs_app.command("verify")
 def runs_verify(run: list[Path]) -> None:
     """Recompute the checksums of runs and rebuild their decoded tables from the raw bytes."""

@@ -17,8 +17,10 @@ from rich.text import Text
 
 from bench.catalogue import Catalogue, root_name
 from bench.cli._display import duration
-from bench.recording import Run, verify
+from bench.recording import MANIFEST_FILE, Run, read_manifest, verify
+from bench.recover import recover
 from bench.run_record import decode_run
+from drivers.errors import BenchError
 
 _STYLES = {"completed": "green", "invalid": "yellow", "aborted": "red", "running": "cyan"}
 _MANY = 2000
@@ -131,6 +133,34 @@ def show_command(folder: Path) -> None:
             "-" if error is None else f"{error:+.2f}",
         )
     console.print(streams)
+
+
+def recover_command(folders: Sequence[Path], root: Path | None) -> int:
+    """Recover runs, with `root` every open one below it; 0 when all could be, 1 otherwise."""
+    console = Console()
+    found = list(folders)
+    if root is not None:
+        found += [path.parent for path in sorted(root.glob(f"*/{MANIFEST_FILE}")) if _is_open(path.parent)]
+    if not found:
+        console.print("no run to recover")
+    failed = False
+    for folder in found:
+        try:
+            manifest = recover(folder)
+        except BenchError as error:
+            failed = True
+            console.print(f"not recovered  {folder}: {error}", style="red", highlight=False, markup=False)
+        else:
+            console.print(f"{manifest.outcome}  {folder}: {manifest.reason}", highlight=False, markup=False)
+    return 1 if failed else 0
+
+
+def _is_open(folder: Path) -> bool:
+    """Return whether a run was not closed; one that cannot be read is, and `recover` says why it cannot."""
+    try:
+        return not read_manifest(folder).complete
+    except BenchError:
+        return True
 
 
 def verify_command(folders: Sequence[Path]) -> int:

@@ -1,7 +1,7 @@
 """The raw record of a run: every byte of every port as it came and went, with its time, append only.
 
 Bytes are gathered in memory (a call costs well under a microsecond). Threads of the journal's own write and sync
-them, twice in every flush interval (a second of wall time at most) or when a megabyte is waiting, so that a slow
+them, four times in every flush interval (a second at most) or when a megabyte is waiting, so that a slow
 disk delays neither the bench nor an emergency stop, a busy procedure no write. A killed process loses
 what came since the last write, a power cut what came since the last sync: less than the interval. What they
 meet is raised by the next `Journal.check`.
@@ -141,7 +141,7 @@ class Journal:
         self._events: EventLog | None = None
         self._failure: Exception | None = None
         self._closed = False
-        period_s = min(flush_interval_s, _LONGEST_INTERVAL_S) / 2.0
+        period_s = min(flush_interval_s, _LONGEST_INTERVAL_S) / 4.0
         self._writer = Ticker(period_s, lambda: self._try(self._write), "journal writer")
         self._syncer = Ticker(period_s, lambda: self._try(self._sync), "journal syncer")
 

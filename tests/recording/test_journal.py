@@ -58,13 +58,13 @@ def journal(tmp_path, monkeypatch):
     journal.close()
 
 
-def test_everything_is_written_and_synced_twice_in_an_interval(tmp_path, journal, monkeypatch):
+def test_everything_is_written_and_synced_four_times_in_an_interval(tmp_path, journal, monkeypatch):
     synced = []
     real = os.fdatasync
     monkeypatch.setattr(
         "os.fdatasync", lambda fd: (synced.append(Path(f"/proc/self/fd/{fd}").readlink()), real(fd))
     )
-    assert journal._writer.period_s == journal._syncer.period_s == 0.5
+    assert journal._writer.period_s == journal._syncer.period_s == 0.25
     port = journal.port("p")
     port.received(b"x" * 100, 0.5)
     journal.check()
