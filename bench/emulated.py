@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 import subprocess
-import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bench.benchfile import BenchFile, GyroSection
 from bench.devices import table_settings
+from bench.nursery import LabProcess, start_lab
 from bench.plant_rotation import BearingPlant, RotationPlant
 from drivers.errors import BenchError, ConfigurationError
 
@@ -94,13 +95,9 @@ class EmulatedLab:
         *,
         clock: Literal["virtual", "wall"] = "virtual",
         lane: int | None = None,
+        start: Callable[[], LabProcess] = start_lab,
     ) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "simulators.lab"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is for the bench: the lab lives until the bench lets go of it
-        )
+        self._process = start()
         self._answers = self._process.stdout
         cpu = _cpu_of(os.getpid() if lane is None else lane)
         try:

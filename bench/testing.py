@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from bench.benchfile import BenchFile, bench_file_from, load_bench_file
 from bench.emulated import EmulatedLab, Plant, save_truth
+from bench.nursery import LabNursery
 from bench.procedure import Demands, Parameters, Procedure, find_procedure
 from bench.questions import AssumeYes, Operator, Question, StageHand
 from bench.recording import Run
@@ -195,43 +193,21 @@ class TestBench:
 
 
 class LabPool:
-    """Emulated labs of one bench, the next one started while the last is in use; a context manager."""
+    """Emulated labs of one bench, one after the other; a context manager."""
 
     def __init__(self, file: BenchFile) -> None:
         self._file = file
-        self._threads = ThreadPoolExecutor(max_workers=1, thread_name_prefix="lab")
-        self._spare: tuple[Plant, Future[EmulatedLab]] | None = None
+        self._nursery = LabNursery()
 
     def __enter__(self) -> LabPool:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._drop_spare()
-        self._threads.shutdown()
+    def __exit__(self, *error: object) -> None:
+        self._nursery.__exit__(*error)
 
-    @contextmanager
-    def lab(self, plant: Plant) -> Iterator[EmulatedLab]:
-        """Give a fresh lab with that physics, and start another of the same for the next."""
-        spare, self._spare = self._spare, None
-        if spare is not None and spare[0] == plant:
-            lab = spare[1].result()
-        else:
-            if spare is not None:
-                spare[1].result().close()
-            lab = EmulatedLab(self._file, plant)
-        self._spare = (plant, self._threads.submit(EmulatedLab, self._file, plant))
-        try:
-            yield lab
-        finally:
-            lab.close()
-
-    def _drop_spare(self) -> None:
-        spare, self._spare = self._spare, None
-        if spare is not None:
-            with suppress(BenchError):
-                spare[1].result().close()
+    def lab(self, plant: Plant) -> EmulatedLab:
+        """Return a fresh lab with that physics."""
+        return EmulatedLab(self._file, plant, start=self._nursery.start_lab)
 
 
 class _Nobody:

@@ -1,5 +1,8 @@
 """The lab's process: configuration on the first line of standard input, ports and clock URL on the first of
 standard output, then the stage door until standard input ends.
+
+With `--nursery N` it forks such labs instead: every message on the Unix socket that is descriptor N carries a new
+lab's standard input and output, and is answered with its process id (int32, big-endian).
 """
 
 from __future__ import annotations
@@ -7,6 +10,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
+import struct
 import sys
 from typing import Any
 
@@ -40,6 +45,28 @@ def main() -> int:
     return 0
 
 
+def nursery(descriptor: int) -> int:
+    """Fork a lab for every pair of descriptors that arrives, until the socket is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel buries the labs
+    with socket.socket(fileno=descriptor) as door:
+        while True:
+            message, descriptors, _, _ = socket.recv_fds(door, 1, 2)
+            if not message:
+                return 0
+            pid = os.fork()
+            if pid == 0:
+                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                door.close()
+                for place, given in enumerate(descriptors):
+                    os.dup2(given, place)
+                    os.close(given)
+                return main()
+            for given in descriptors:
+                os.close(given)
+            door.sendall(struct.pack("!i", pid))
+
+
 def _ready(ports: dict[str, str], clock_url: str | None) -> dict[str, Any]:
     return {"ports": ports, "clock": clock_url}
 
@@ -56,4 +83,4 @@ def _first_line() -> bytes:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(nursery(int(sys.argv[2])) if sys.argv[1:2] == ["--nursery"] else main())
