@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import can
 from rich.console import Console
 from rich.table import Table
 from serial.tools.list_ports import comports
 
 from bench.discovery import identify_port
 from drivers.clock import WallClock
+from drivers.python_can import can
 
 
 def identify_command(ports: list[str]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +11,7 @@ from drivers.can_dbc._signals import MessageLayout
 from drivers.errors import DeviceSilent, WrongDevice
 from drivers.instruments import Identity
 from drivers.link import Link
+from drivers.python_can import can
 from drivers.slcan import SlcanParser
 
 _LISTEN_S = 5.0

@@ -6,8 +6,6 @@ import tomllib
 from functools import lru_cache
 from pathlib import Path
 
-import can
-
 from drivers.can_dbc import (
     CanDecoder,
     CanGyro,
@@ -18,6 +16,7 @@ from drivers.can_dbc import (
     load_message,
 )
 from drivers.link import Link
+from drivers.python_can import can
 
 ELLIPSE_DBC = Path(__file__).with_name("ellipse.dbc")
 """The unit's messages of interest to a gyro bench, with their default identifiers."""

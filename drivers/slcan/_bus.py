@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections import deque
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +12,7 @@ from drivers.clock import Clock, WallClock, epoch_seconds
 from drivers.errors import LinkLost
 from drivers.instruments import StreamCounts
 from drivers.link import Link, Tap
+from drivers.python_can import can
 from drivers.slcan._codec import SlcanParser
 from drivers.slcan._commands import CLOSE, OPEN, bitrate_command
 from drivers.slcan._python_can import encode_message, to_messages

@@ -6,12 +6,12 @@ import os
 import threading
 from collections.abc import Callable
 
-import can
 import numpy as np
 
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.link import Link, Tap
+from drivers.python_can import can
 from drivers.slcan._codec import SlcanParser
 from drivers.slcan._python_can import encode_message, to_messages, unsupported_kind
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import can
-
 from drivers.clock import Clock
 from drivers.errors import ConfigurationError
 from drivers.link import Link, Tap
+from drivers.python_can import can
 from drivers.slcan._bus import INTERFACE, BufferedSlcanBus
 from drivers.slcan._messages import MessageLink
 

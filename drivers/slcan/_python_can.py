@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import LimitExceeded
+from drivers.python_can import can
 from drivers.slcan._codec import FRAME_DTYPE, encode_frame
 
 
