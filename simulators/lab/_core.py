@@ -71,6 +71,13 @@ class Lab:
                 heapq.heappush(self._replies, (at_ns, self._sequence, index, passed.data))
                 self._sequence += 1
 
+    def open(self, index: int) -> None:
+        """Let the bench have a port from now on: what its device streamed while it was shut is gone."""
+        for streaming, emulator in self._streams:
+            if streaming == index:
+                self._deliver(index, emulator, [])
+        self.ports[index].open()
+
     def advance(self, to_ns: int, stop_port: int = -1) -> list[Mark]:
         """Move to `to_ns`, or to the first byte written to port `stop_port`, or to where a port vanishes.
 

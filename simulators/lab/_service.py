@@ -103,7 +103,7 @@ class VirtualService:
                         port.shut()
                     continue
                 if not port.is_open:
-                    port.open()
+                    self._lab.open(index)
                 while port.received < sent and port.fileno() >= 0:
                     data = port.read()
                     if data:
