@@ -78,7 +78,7 @@ def bench(request: pytest.FixtureRequest) -> TestBench:
 
 
 def _report(request: pytest.FixtureRequest) -> Callable[[str, object], None]:
-    """Return what `record_property` is, without its warning about a schema of JUnit files that few tools ask for."""
+    """Return what `record_property` is, without its warning about the xunit2 schema."""
     properties = request.node.user_properties
 
     def report(name: str, value: object) -> None:

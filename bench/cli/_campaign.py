@@ -30,10 +30,11 @@ from bench.campaign import (
 from bench.cli._display import RunDisplay, duration, event_text, say_json, size
 from bench.cli._run import console_for, console_operator, plant_with_seed, say_result
 from bench.emulated import Plant
+from bench.lease import take_lease
 from bench.live import read_now
 from bench.runner import RunResult
 from drivers.clock import host_seconds, utc_now
-from drivers.errors import ConfigurationError, LimitExceeded, RecordError
+from drivers.errors import BenchError, ConfigurationError, LimitExceeded, RecordError
 
 
 def plan_command(
@@ -95,6 +96,10 @@ def run_command(
             "--plant, --seed and --ask are for emulated labs", remedy="add --emulated, or leave them out"
         )
     plant = plant_with_seed(plant_file, seed) if emulated else None
+    if plant is None:
+        take_lease(
+            bench_of(campaign, file), f"campaign {campaign.title}"
+        ).release()  # taken: nothing is begun
     folder = CampaignFolder.create(out, campaign_file, campaign, file, plant, ask)
     return _work(folder, yes=yes, as_json=as_json)
 
@@ -193,6 +198,7 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
         def say(result: RunResult) -> None:
             hide()
             say_result(console, result, as_json=as_json)
+            _report_run(result, console, as_json)
 
         stack.callback(hide)
         operator = None if as_json else console_operator(console)
@@ -203,6 +209,19 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
         folder.event("fitted", gyro=campaign.gyro, folder=".")
     code = _certify(folder, console, quiet=as_json)
     return _say_ending(console, folder, ending, as_json) or code
+
+
+def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
+    """Write a run's report beside it; a report that cannot be made is said and stops nothing."""
+    if result.outcome == "aborted":
+        return
+    from bench.cli._report import run_report
+
+    try:
+        run_report(result.folder)
+    except BenchError as error:
+        if not as_json:
+            console.print(f"no report of this run: {error}", style="yellow", highlight=False, markup=False)
 
 
 def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> int:

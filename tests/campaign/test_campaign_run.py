@@ -193,7 +193,7 @@ def test_two_campaigns_on_one_bench(campaign_path, bench_path, bench_file, gyrob
         )
         said = process.ended()
     assert process.returncode == 2, said
-    assert "campaign of somebody else" in said and not list((tmp_path / "out" / "runs").iterdir())
+    assert "campaign of somebody else" in said and not (tmp_path / "out").exists()
 
 
 def test_a_folder_that_holds_anything_is_not_begun_in(campaign_path, bench_file, done, tmp_path):
