@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.campaign import Campaign
+from bench.fan_out import FanOut
 from bench.fitting import Study, load_runs, run_study
 
 
-def study_of(campaign: Campaign, folders: dict[str, Path], *, jobs: int) -> Study:
+def study_of(campaign: Campaign, folders: dict[str, Path], *, fan: FanOut) -> Study:
     """Return the study of a campaign's run folders, by run name."""
     gyro = campaign.gyro or ""
     training, validation, tests = (
@@ -19,4 +20,4 @@ def study_of(campaign: Campaign, folders: dict[str, Path], *, jobs: int) -> Stud
         )
         for role in ("training", "validation", "test")
     )
-    return run_study(training, validation, tests, n_jobs=jobs)
+    return run_study(training, validation, tests, fan=fan)

@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from bench.calibration._paths import Path, cuts, whole
 from bench.calibration._schedule import ANGLES, Schedule
 from bench.calibration._segments import Segment, compose, scaled_variances
 from bench.calibration._table import Table
+from bench.fan_out import ALONE, FanOut
 from drivers.errors import ConfigurationError
 
 EXHAUSTIVE_TURNS = 7
@@ -69,10 +71,12 @@ def search(
     effort: Effort = Effort(),
     seed: int = 0,
     angles_deg: Sequence[int] = QUARTERS,
+    fan: FanOut = ALONE,
 ) -> SearchResult:
     """Return the best closed schedule of `turns` turns by +-`angles_deg` that the table can make.
 
-    `pattern` gives dwell, rate and turn profile. ConfigurationError for angles that are not 90, 180, 270 or 360,
+    `pattern` gives dwell, rate and turn profile; `fan` says where the annealings run, each with random numbers of
+    its own. ConfigurationError for angles that are not 90, 180, 270 or 360,
     or if no such schedule closes.
     """
     if not angles_deg or not set(angles_deg) <= set(ANGLES):
@@ -90,13 +94,10 @@ def search(
             found=f"{turns} turns on a {table} table",
             expected="an even number, or more turns",
         )
-    rng = np.random.default_rng(seed)
-    finished = []
-    for start in _diverse(found, effort.starts):
-        path, worst, count = anneal(graph, weight, start, effort.steps, rng)
-        finished.append((worst, path))
-        evaluated += count
-    _, path = min(finished, key=lambda each: each[0])
+    starts = list(enumerate(_diverse(found, effort.starts)))
+    finished = fan.map(partial(_annealed, graph, weight, effort.steps, seed), starts)
+    evaluated += sum(count for _, _, count in finished)
+    path, _, _ = min(finished, key=lambda each: each[1])
     ratio = np.sqrt(scaled_variances(whole(graph, path).information) * weight)
     degrees = ", ".join(str(angle) for angle in angles_deg)
     kind = "quarter turns" if tuple(angles_deg) == QUARTERS else f"turns by {degrees} deg"
@@ -110,6 +111,13 @@ def search(
             f"{evaluated} schedules evaluated. Best found, not proven best."
         ),
     )
+
+
+def _annealed(
+    graph: Graph, weight: Array, steps: int, seed: int, start: tuple[int, Path]
+) -> tuple[Path, float, int]:
+    number, path = start
+    return anneal(graph, weight, path, steps, np.random.default_rng((seed, number)))
 
 
 def exhaustive(task: Task, turns: int, pattern: Schedule, table: Table = "by-hand") -> SearchResult:

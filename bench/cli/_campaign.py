@@ -30,6 +30,7 @@ from bench.campaign import (
 from bench.cli._display import RunDisplay, duration, event_text, say_json, size
 from bench.cli._run import console_for, console_operator, plant_with_seed, say_result
 from bench.emulated import Plant
+from bench.fan_out import ALONE, FanOut, fan_out
 from bench.lease import take_lease
 from bench.live import read_now
 from bench.runner import RunResult
@@ -205,7 +206,7 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
         ending = CampaignRunner(folder, operator, yes, display, say).run()
     if ending.outcome == "completed" and campaign.gyro is not None:
         folder.event("fitting", gyro=campaign.gyro)
-        fit_campaign(campaign, ending.folders, folder.path, jobs=1, console=console, quiet=as_json)
+        fit_campaign(campaign, ending.folders, folder.path, fan=ALONE, console=console, quiet=as_json)
         folder.event("fitted", gyro=campaign.gyro, folder=".")
     code = _certify(folder, console, quiet=as_json)
     return _say_ending(console, folder, ending, as_json) or code
@@ -351,6 +352,7 @@ def rehearse_command(
     seed: int | None,
     jobs: int | None,
     as_json: bool = False,
+    cluster: str | None = None,
 ) -> int:
     """Rehearse a campaign, fit, report; exit code 0 if every run completed or is invalid for a stated reason."""
     console = console_for(as_json)
@@ -395,7 +397,8 @@ def rehearse_command(
         console.print(f"{duration(bench_s)} of bench time in {wall:.0f} s ({bench_s / wall:,.0f} x)")
     if not aborted and campaign.gyro is not None:
         folders = {name: result.folder for name, result in results.items()}
-        fit_campaign(campaign, folders, out, jobs=count, console=console, quiet=as_json)
+        with fan_out(None if cluster else count, cluster) as fan:
+            fit_campaign(campaign, folders, out, fan=fan, console=console, quiet=as_json)
     if as_json:
         outcome = "aborted" if aborted else "completed"
         say_json(
@@ -411,7 +414,7 @@ def rehearse_command(
 
 
 def fit_campaign(
-    campaign: Campaign, folders: dict[str, Path], out: Path, *, jobs: int, console: Console, quiet: bool
+    campaign: Campaign, folders: dict[str, Path], out: Path, *, fan: FanOut, console: Console, quiet: bool
 ) -> None:
     """Fit on the training runs, choose on the validation runs, judge on the tests; write everything to `out`."""
     from bench.campaign_study import study_of
@@ -419,7 +422,7 @@ def fit_campaign(
 
     shown = Console(quiet=True) if quiet else console
     with shown.status("fitting models"):
-        study = study_of(campaign, folders, jobs=jobs)
+        study = study_of(campaign, folders, fan=fan)
         write_study(study, list(folders.values()), out, title=campaign.title)
     shown.print(score_table(study))
     shown.print(f"chosen on the validation runs: [bold]{study.chosen}[/bold]")

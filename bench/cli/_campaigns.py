@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from bench.cli._options import Cluster
+
 campaign_app = typer.Typer(
     help="Many runs from one file: plan, run, resume, watch, rehearse, fit.", no_args_is_help=True
 )
@@ -103,9 +105,10 @@ def rehearse(
     plant: PlantFile = None,
     seed: Seed = None,
     jobs: Annotated[int | None, typer.Option(help="runs at the same time; default one a processor")] = None,
+    cluster: Cluster = None,
     json: Json = False,
 ) -> None:
     """Run a whole campaign on emulated labs, fit the compensation and write the report."""
     from bench.cli._campaign import rehearse_command
 
-    sys.exit(rehearse_command(campaign, bench, out, plant, seed, jobs, json))
+    sys.exit(rehearse_command(campaign, bench, out, plant, seed, jobs, json, cluster))

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.export import c_header, lstm_to_onnx
+from bench.fan_out import fan_out
 from bench.fitting import Compensation, LstmModel, Study, load_runs, run_study
 from bench.fitting_report import study_content
 from bench.recording import Run
@@ -24,7 +25,8 @@ def fit_command(
     gyro: str | None,
     out: Path,
     models: str | None,
-    jobs: int,
+    jobs: int | None = None,
+    cluster: str | None = None,
 ) -> None:
     """Fit, choose, judge, and write compensation, exports and report to `out`."""
     console = Console()
@@ -32,8 +34,8 @@ def fit_command(
     with console.status("loading runs"):
         sets = [load_runs(folders, gyro) for folders in (train, validate)]
         tests = load_runs(test, gyro, allow_invalid=True)
-    with console.status("fitting models"):
-        study = run_study(sets[0], sets[1], tests, names, n_jobs=jobs)
+    with console.status("fitting models"), fan_out(jobs, cluster) as fan:
+        study = run_study(sets[0], sets[1], tests, names, fan=fan)
     write_study(study, [*train, *validate, *test], out, title="Cold-shock compensation")
     console.print(score_table(study))
     console.print(f"chosen on {_names(study)}: {study.chosen}; files in {out}", highlight=False)

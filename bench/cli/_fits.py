@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from bench.cli._options import Cluster, Jobs
+
 fit_app = typer.Typer(help="Fit compensations to recorded runs.", no_args_is_help=True)
 scheme_app = typer.Typer(help="Rotation schemes of the system-level calibration.", no_args_is_help=True)
 
@@ -29,12 +31,13 @@ def fit_cold_shock(
     models: Annotated[
         str | None, typer.Option(help="models to fit, separated by commas; default all")
     ] = None,
-    jobs: Annotated[int, typer.Option(help="models fitted at the same time")] = 1,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
 ) -> None:
     """Fit bias and scale-factor models to cold shocks, choose on the validation runs, judge on the test runs."""
     from bench.cli._fit import fit_command
 
-    fit_command(runs, validate or [], test or [], gyro, out, models, jobs)
+    fit_command(runs, validate or [], test or [], gyro, out, models, jobs, cluster)
 
 
 @fit_app.command("stepwise")
@@ -172,12 +175,14 @@ def scheme_search(
         str, typer.Option(help="angles of the turns, of 90, 180, 270, 360, separated by commas")
     ] = "90",
     out: Annotated[Path | None, typer.Option(help="write the scheme found (TOML) here")] = None,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
 ) -> None:
     """Find a better rotation scheme for a table, a time and the accuracy targets."""
     from bench.cli._scheme import scheme_search_command
 
     scheme_search_command(
-        turns, table, dwell_s, rate_dps, latitude_deg, arw, vrw, seed, thorough, angles, out
+        turns, table, dwell_s, rate_dps, latitude_deg, arw, vrw, seed, thorough, angles, out, jobs, cluster
     )
 
 

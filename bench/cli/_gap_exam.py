@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bench.fan_out import FanOut, fan_out
 from bench.gap import Marked, examine, reliability, shrinkage_quantiles, table
 from drivers.errors import ConfigurationError
 
@@ -18,11 +19,13 @@ TABLE_FILE = "table.md"
 _BAR = 40
 
 
-def gap_exam_command(cases: int, seed: int, out: Path | None, jobs: int) -> None:
+def gap_exam_command(
+    cases: int, seed: int, out: Path | None, jobs: int | None = None, cluster: str | None = None
+) -> None:
     """Hold a blind exam; print seals before answers, then the table."""
-    if cases < 1 or jobs < 1 or seed < 0:
+    if cases < 1 or seed < 0:
         raise ConfigurationError(
-            "an exam needs cases", found=f"{cases} cases, {jobs} jobs, seed {seed}", expected="at least 1"
+            "an exam needs cases", found=f"{cases} cases, seed {seed}", expected="at least 1"
         )
     with tempfile.TemporaryDirectory() as spare:
         folder = out or Path(spare)
@@ -31,18 +34,19 @@ def gap_exam_command(cases: int, seed: int, out: Path | None, jobs: int) -> None
                 "the folder holds an exam already", where=str(folder), expected="a new folder"
             )
         folder.mkdir(parents=True, exist_ok=True)
-        marked = _held(cases, seed, folder, jobs)
+        with fan_out(jobs, cluster) as fan:
+            marked = _held(cases, seed, folder, fan)
     text = exam_text(marked, seed)
     if out is not None:
         (out / TABLE_FILE).write_text(text, encoding="utf-8")
     Console().print(text, highlight=False, markup=False, soft_wrap=True)
 
 
-def _held(cases: int, seed: int, folder: Path, jobs: int) -> list[Marked]:
+def _held(cases: int, seed: int, folder: Path, fan: FanOut) -> list[Marked]:
     console = Console()
     marked: list[Marked] = []
     try:
-        for shown, one in examine(cases, seed, folder, jobs=jobs):
+        for shown, one in examine(cases, seed, folder, fan):
             if one is None:
                 console.print(f"{shown} sealed", style="dim", highlight=False)
                 continue

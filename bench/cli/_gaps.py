@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from bench.cli._options import Cluster, Jobs
+
 gap_app = typer.Typer(
     help="Where simulation and bench part, and which effect is missing.", no_args_is_help=True
 )
@@ -55,9 +57,10 @@ def gap_exam(
     out: Annotated[
         Path | None, typer.Option(help="new folder for cases, seals, results; default: nothing is kept")
     ] = None,
-    jobs: Annotated[int, typer.Option(help="diagnosing processes")] = 1,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
 ) -> None:
     """Examine the diagnosis on plants whose physics is not the catalogue's, answers sealed beforehand."""
     from bench.cli._gap_exam import gap_exam_command
 
-    gap_exam_command(cases, seed, out, jobs)
+    gap_exam_command(cases, seed, out, jobs, cluster)

@@ -32,6 +32,7 @@ from bench.calibration import (
     search,
 )
 from bench.cli._display import duration
+from bench.fan_out import fan_out
 from bench.report import render_calibration, scheme_content, write_report
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError
@@ -81,6 +82,8 @@ def scheme_search_command(
     thorough: bool = False,
     angles: str = "90",
     out: Path | None = None,
+    jobs: int | None = None,
+    cluster: str | None = None,
 ) -> None:
     """Search a closed scheme of turns by `angles`, show it beside the classical ones, write its file."""
     pattern = Schedule("", (), np.eye(3), _positive("dwell", dwell_s), _positive("rate", rate_dps))
@@ -88,15 +91,17 @@ def scheme_search_command(
     if not 2 <= turns <= 40:
         raise ConfigurationError("turns out of range", where="--turns", found=str(turns), expected="2 to 40")
     effort = _THOROUGH if thorough else _QUICK
-    result = search(
-        task,
-        turns=turns,
-        table=_table(table),
-        pattern=pattern,
-        effort=effort,
-        seed=seed,
-        angles_deg=_angles(angles),
-    )
+    with fan_out(jobs, cluster) as fan:
+        result = search(
+            task,
+            turns=turns,
+            table=_table(table),
+            pattern=pattern,
+            effort=effort,
+            seed=seed,
+            angles_deg=_angles(angles),
+            fan=fan,
+        )
     console = Console()
     console.print(
         f"{moves_text(result.schedule.moves)}\nhome: {home_text(result.schedule.home)}", highlight=False

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
-import joblib
 import numpy as np
 
+from bench.fan_out import ALONE, FanOut
 from bench.fitting._anchor import anchor_runs
 from bench.fitting._registry import model_names, new_model
 from bench.fitting._regression import anchored_error
@@ -34,18 +35,15 @@ def fit_models(
     validation: Sequence[FeatureRun],
     names: Sequence[str] | None = None,
     *,
-    n_jobs: int = 1,
+    fan: FanOut = ALONE,
 ) -> dict[str, ThermalModel]:
     """Fit the named models (default: all) on `train`, brought to one reference temperature.
 
-    `n_jobs` fits run in processes of their own beyond 1. A fit that fails raises: a comparison with a hole in
-    it would choose the wrong model without saying so.
+    `fan` says where the fits run, one model each. A fit that fails raises: a comparison with a hole in it would
+    choose the wrong model without saying so.
     """
     wanted = tuple(names) if names is not None else model_names()
-    anchored = anchor_runs(train)
-    fitted = joblib.Parallel(n_jobs=n_jobs)(
-        joblib.delayed(_fitted)(name, anchored, tuple(validation)) for name in wanted
-    )
+    fitted = fan.map(partial(_fitted, anchor_runs(train), tuple(validation)), wanted)
     return dict(zip(wanted, fitted, strict=True))
 
 
@@ -66,7 +64,7 @@ def choose(models: Mapping[str, ThermalModel], validation: Sequence[FeatureRun])
     return score_models(models, validation)[0].name
 
 
-def _fitted(name: str, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> ThermalModel:
+def _fitted(train: Sequence[FeatureRun], validation: Sequence[FeatureRun], name: str) -> ThermalModel:
     model = new_model(name)
     model.fit(train, validation)
     return model

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.fan_out import ALONE, FanOut
 from bench.fitting._anchor import anchor_runs
 from bench.fitting._compensation import Compensation
 from bench.fitting._dataset import load_thermal_runs
@@ -44,12 +45,12 @@ def run_study(
     tests: Sequence[ThermalRun],
     names: Sequence[str] | None = None,
     *,
-    n_jobs: int = 1,
+    fan: FanOut = ALONE,
 ) -> Study:
-    """Fit, choose and judge; ConfigurationError for no validation run or runs of several units."""
+    """Fit where `fan` says, choose, judge; ConfigurationError for no validation run or runs of several units."""
     _check(train, validation, tests)
     prepared, checks = [prepare(run) for run in train], [prepare(run) for run in validation]
-    models = fit_models(prepared, checks, names, n_jobs=n_jobs)
+    models = fit_models(prepared, checks, names, fan=fan)
     selection = score_models(models, checks)
     chosen = models[selection[0].name]
     compensation = Compensation.from_fit(chosen, anchor_runs(prepared), checks, scores=selection)

@@ -1,19 +1,24 @@
-"""A whole blind exam: plants write folders and sealed answers, processes of their own diagnose, seals are opened.
+"""A whole blind exam: plants write folders and sealed answers, the diagnosis answers, seals are opened.
 
-Three parties, three processes: the plant has the truth; the examined one is given the path of a case's folder and
-of the nominal model; the examiner prints the seal's hash, waits for the answer, and then opens the seal.
+Three parties: the plant has the truth, in a process of its own; the examined one is given the content of a case's
+folder and the nominal model, and may work on another machine; the examiner prints the
+seal's hash, waits for the answer, and then opens the seal.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bench.fan_out import ALONE, FanOut
 from bench.gap._case_folder import write_case
 from bench.gap._exam import Answer, Closed, Sealed, close, examined, make_case, nominal_model
 from bench.gap._import import read_mapped_runs
@@ -30,7 +35,7 @@ SHARES = {
     "known and unknown": 0.06,
     "stochastic": 0.07,
 }
-_WAITING = 4
+_WAITING = 8
 
 
 def case_kinds(cases: int, seed: int) -> list[str]:
@@ -40,42 +45,49 @@ def case_kinds(cases: int, seed: int) -> list[str]:
     return [kinds[k] for k in np.random.default_rng((seed, 13)).permutation(cases)]
 
 
-def examine(cases: int, seed: int, folder: Path, *, jobs: int = 1) -> Iterator[tuple[str, Marked | None]]:
+def examine(cases: int, seed: int, folder: Path, fan: FanOut = ALONE) -> Iterator[tuple[str, Marked | None]]:
     """Hold an exam in `folder`; yield (case, None) with its seal's hash when sealed, then (case, marked).
 
-    A case's name is `number hash`. The sealed answers lie in `folder`/sealed, apart from `folder`/cases.
+    A case's name is `number hash`. The sealed answers lie in `folder`/sealed, apart from `folder`/cases. Some
+    cases are sealed, then diagnosed where `fan` says, from the content of their folder: a worker needs no disk of
+    ours.
     """
-    nominal = folder / "nominal.toml"
-    nominal.parent.mkdir(parents=True, exist_ok=True)
-    nominal.write_text(model_text(nominal_model()), encoding="utf-8")
-    context = get_context("spawn")
-    with context.Pool(1) as plant, context.Pool(jobs) as diagnosis:
+    nominal = model_text(nominal_model())
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "nominal.toml").write_text(nominal, encoding="utf-8")
+    with get_context("spawn").Pool(1) as plant:
         kinds = case_kinds(cases, seed)
-        waiting: list[tuple[str, int, Any]] = []
-        for number, kind in enumerate(kinds):
-            name = f"case_{number:04d}"
-            sealed = plant.apply(_seal, (seed * 100_000 + number, kind, name, str(folder)))
-            shown = f"{number:4d} {sealed[:16]}"
-            yield shown, None
-            given = str(folder / "cases" / name)
-            waiting.append((shown, number, diagnosis.apply_async(_diagnosed, (given, str(nominal)))))
-            if len(waiting) >= _WAITING * jobs:
-                yield _opened(waiting.pop(0), kinds, seed, folder, plant)
-        for each in waiting:
-            yield _opened(each, kinds, seed, folder, plant)
+        for some in _batches(enumerate(kinds), _WAITING * fan.jobs):
+            shown = []
+            for number, kind in some:
+                name = f"case_{number:04d}"
+                sealed = plant.apply(_seal, (seed * 100_000 + number, kind, name, str(folder)))
+                shown.append(f"{number:4d} {sealed[:16]}")
+                yield shown[-1], None
+            given = (_content(folder / "cases" / f"case_{number:04d}") for number, _ in some)
+            answers = fan.each(partial(_diagnosed, nominal), given)
+            for case, (number, kind), (answer, seconds) in zip(shown, some, answers, strict=True):
+                yield _opened(case, number, kind, answer, seconds, seed, folder, plant)
 
 
 def _opened(
-    entry: tuple[str, int, Any], kinds: Sequence[str], seed: int, folder: Path, plant: Any
+    shown: str, number: int, kind: str, answer: Answer, seconds: float, seed: int, folder: Path, plant: Any
 ) -> tuple[str, Marked]:
-    shown, number, pending = entry
-    answer, seconds = pending.get()
     name = f"case_{number:04d}"
-    own = seed * 100_000 + number
-    sealed, closed = plant.apply(_judged, (own, kinds[number], name, str(folder), answer))
+    sealed, closed = plant.apply(_judged, (seed * 100_000 + number, kind, name, str(folder), answer))
     if not sealed.sha256.startswith(shown.split()[-1]):
         raise BenchError(f"the sealed answer of {name} is not the one that was announced")
     return shown, Marked(sealed, answer, closed, seconds)
+
+
+def _batches(kinds: Iterable[tuple[int, str]], size: int) -> Iterator[list[tuple[int, str]]]:
+    left = iter(kinds)
+    while some := list(islice(left, size)):
+        yield some
+
+
+def _content(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def _seal(seed: int, kind: str, name: str, folder: str) -> str:
@@ -88,11 +100,13 @@ def _seal(seed: int, kind: str, name: str, folder: str) -> str:
     return sealed.sha256
 
 
-def _diagnosed(given: str, nominal: str) -> tuple[Answer, float]:
+def _diagnosed(nominal: str, given: Mapping[str, bytes]) -> tuple[Answer, float]:
     """In the examined process: what the folder and the nominal model say, and how long that took."""
     started = host_seconds()
-    runs = read_mapped_runs(Path(given) / "runs.toml")
-    answer = examined(runs, Path(nominal).read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory(prefix="gyrobench-case-") as folder:
+        for name, content in given.items():
+            (Path(folder) / name).write_bytes(content)
+        answer = examined(read_mapped_runs(Path(folder) / "runs.toml"), nominal)
     return answer, host_seconds() - started
 
 

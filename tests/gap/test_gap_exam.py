@@ -85,7 +85,7 @@ def test_the_exams_shupe_effect_vanishes_for_uniform_warming() -> None:
 def test_the_exam_by_command_seals_first_and_prints_the_table(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The short form of the exam: three processes, folders on disk, seals whose hashes are those announced."""
+    """The short form of the exam: a plant process, folders on disk, seals whose hashes are those announced."""
     gap_exam_command(2, 77, tmp_path / "exam", 1)
     printed = capsys.readouterr().out
     results = [json.loads(line) for line in (tmp_path / "exam" / "results.jsonl").read_text().splitlines()]
