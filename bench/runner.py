@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -156,8 +157,8 @@ def _drive(
         for device, station in streams:
             device.start()
             record.stream_starts(station.name, device.link.bytes_received)
-            station.listen()
-            clock.stream(device.link)
+            station.listen(clock.now())
+            clock.stream(device.link, partial(bench.lose, station))
         if watchdog is not None:
             watchdog.arm()
         bench.table.confine()
@@ -169,8 +170,9 @@ def _drive(
         raise
     bench.make_safe("end of the run")
     unsafe += bench.unconfirmed
-    for device, _ in streams:
-        device.stop()
+    for device, station in streams:
+        if not station.gone:
+            device.stop()
     return bench
 
 

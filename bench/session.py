@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Protocol
 
+from bench.attendance import Attendance
 from bench.benchfile import BenchFile
 from bench.limits import RAMP_WINDOW_S, Reach, between, check_ramp, check_rules, check_telemetry
 from bench.live import Request
 from bench.progress import GyroProgress, Progress
 from bench.questions import Operator, Question
 from bench.safe_state import bring_to_rest
-from bench.stations import ChamberStation, GyroStation, PlatformStation
+from bench.stations import ChamberStation, GyroStation, PlatformStation, StreamStation
 from bench.table_station import TableStation
 from drivers.clock import Clock, host_seconds
 from drivers.errors import BenchError, RunAborted
@@ -81,6 +82,9 @@ class Bench:
         self.table: TableStation
         self.chamber: ChamberStation
         self.phase_name = ""
+        self._attendance = Attendance(
+            lambda unit, text: self.event("alarm", device=unit, text=text), self.invalidate
+        )
         self._watches_door = any(rule.door for rule in file.limits.forbid)
         self._record = record
         self._display = display
@@ -206,6 +210,16 @@ class Bench:
         table.take(self.clock.now(), turned)
         self._watch(air)
         table.watch()
+        self._attendance.check(self.units, self.clock.now())
+
+    @property
+    def units(self) -> list[StreamStation]:
+        """What streams: gyros and platforms."""
+        return [*self.gyros.values(), *self.platforms.values()]
+
+    def lose(self, unit: StreamStation, error: BenchError) -> None:
+        """Go on without a unit whose port went away; raises `error` if it was the last."""
+        self._attendance.lose(unit, self.units, error)
 
     def check_alarms(self) -> None:
         """Ask both instruments for alarms; any goes to the record and raises RunAborted."""

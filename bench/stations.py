@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -135,6 +136,11 @@ class StreamStation:
         self._counter: int | None = None
         self.lost = 0
         """Samples that never came, by the unit's own counter."""
+        self.heard_s = math.nan
+        """Bench time of the last bytes; of `listen` before there were any."""
+        self.silent = False
+        self.gone = False
+        """Whether its port went away."""
 
     @property
     def frames(self) -> int:
@@ -146,14 +152,16 @@ class StreamStation:
         """Frames rejected so far, by reason."""
         return {} if self._decoder is None else dict(self._decoder.counts.rejected)
 
-    def listen(self) -> None:
+    def listen(self, now_s: float) -> None:
         """Take everything that arrives from now on for the stream."""
+        self.heard_s = now_s
         self._decoder = self._new_decoder()
 
     def take(self, data: bytes, arrival_s: float) -> None:
         """Keep a block for the next update; with 256 KiB waiting, decode at once so that memory stays flat."""
         if self._decoder is None:
             return
+        self.heard_s = arrival_s
         with self._lock:
             self._blocks.append((arrival_s, data))
             self._pending_bytes += len(data)

@@ -12,10 +12,11 @@ import os
 import select
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from drivers.errors import BenchError, RunAborted
+from drivers.errors import BenchError, LinkLost, RunAborted
 
 
 class Readable(Protocol):
@@ -36,6 +37,10 @@ class Readable(Protocol):
     def deliver(self, data: bytes, arrival_s: float) -> None:
         """Take bytes that arrived at `arrival_s` (bench time of the last byte)."""
         ...
+
+
+OnLoss = Callable[[BenchError], None]
+"""Takes the LinkLost of a streaming port that has gone away; what it raises is raised in whoever waits."""
 
 
 class Interrupt:
@@ -116,8 +121,11 @@ class Clock(Protocol):
         """Make the clock aware of an open port."""
         ...
 
-    def stream(self, port: Readable) -> None:
-        """Take bytes off `port` from now on whether or not anybody waits for them."""
+    def stream(self, port: Readable, lost: OnLoss | None = None) -> None:
+        """Take bytes off `port` from now on whether or not anybody waits for them.
+
+        When the port goes away, `lost` is called by whoever waits next; without it, the LinkLost is raised there.
+        """
         ...
 
     def detach(self, port: Readable) -> None:
@@ -218,11 +226,11 @@ class WallClock:
     def attach(self, port: Readable) -> None:
         """Nothing to do: the kernel wakes whoever selects."""
 
-    def stream(self, port: Readable) -> None:
+    def stream(self, port: Readable, lost: OnLoss | None = None) -> None:
         """Hand the port to the reader thread."""
         if self._reader is None:
             self._reader = _StreamReader(self)
-        self._reader.add(port)
+        self._reader.add(port, lost)
 
     def detach(self, port: Readable) -> None:
         """Take the port back from the reader thread."""
@@ -257,33 +265,34 @@ class WallClock:
 
     def _check(self) -> None:
         self.interrupt.check()
-        if self._reader is not None and self._reader.failure is not None:
-            failure, self._reader.failure = self._reader.failure, None
-            raise failure
+        while self._reader is not None and self._reader.failures:
+            failure, lost = self._reader.failures.popleft()
+            if lost is None or not isinstance(failure, LinkLost):
+                raise failure
+            lost(failure)
 
 
 class _StreamReader:
     """The thread that reads streaming ports on the wall clock."""
 
     def __init__(self, clock: WallClock) -> None:
-        self.failure: BenchError | None = None
+        self.failures: deque[tuple[BenchError, OnLoss | None]] = deque()
         self._clock = clock
-        self._ports: list[Readable] = []
+        self._ports: dict[Readable, OnLoss | None] = {}
         self._lock = threading.Lock()
         self._wake_read, self._wake_write = os.pipe()
         self._running = True
         self._thread = threading.Thread(target=self._run, name="stream reader", daemon=True)
         self._thread.start()
 
-    def add(self, port: Readable) -> None:
+    def add(self, port: Readable, lost: OnLoss | None) -> None:
         with self._lock:
-            self._ports.append(port)
+            self._ports[port] = lost
         os.write(self._wake_write, b"+")
 
     def remove(self, port: Readable) -> None:
         with self._lock:
-            if port in self._ports:
-                self._ports.remove(port)
+            self._ports.pop(port, None)
         os.write(self._wake_write, b"-")
 
     def stop(self) -> None:
@@ -315,6 +324,5 @@ class _StreamReader:
             data = port.receive()
             port.deliver(data, self._clock.now())
         except BenchError as error:
-            self._ports.remove(port)
-            self.failure = error
+            self.failures.append((error, self._ports.pop(port)))
             self._clock.interrupt_waiters()

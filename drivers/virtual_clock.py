@@ -23,11 +23,12 @@ import os
 import select
 import socket
 import struct
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
-from drivers.clock import Interrupt, Readable
+from drivers.clock import Interrupt, OnLoss, Readable
 from drivers.errors import BenchError, ConfigurationError, LinkLost
 
 PROTOCOL = "gyrobench-clock"
@@ -144,7 +145,10 @@ class VirtualClock:
         self._by_descriptor: dict[int, int] = {}
         self._released: set[int] = set()
         """Ports closed since the last request."""
-        self._failure: BenchError | None = None
+        self._failures: deque[tuple[BenchError, OnLoss | None]] = deque()
+        self._lost_calls: dict[int, OnLoss | None] = {}
+        self._left: dict[int, tuple[Readable, bytearray]] = {}
+        """Ports that went away in this step, and what came before it."""
         # One blocking read a step; the kernel's own time-out is the watchdog.
         self._socket.settimeout(None)
         watchdog = struct.pack("@ll", int(_WATCHDOG_S), 0)
@@ -197,15 +201,16 @@ class VirtualClock:
         self._by_descriptor[port.fileno()] = index
         self._poll.register(port.fileno(), select.POLLIN)
 
-    def stream(self, port: Readable) -> None:
-        """Nothing to do: every step of the clock reads every port."""
+    def stream(self, port: Readable, lost: OnLoss | None = None) -> None:
+        """Note whom to tell of its loss: every step of the clock reads every port."""
+        self._lost_calls[self._index(port.name)] = lost
 
     def detach(self, port: Readable) -> None:
         """Close lab port `port.name` for this bench."""
         index = self._index(port.name)
         if self._ports[index] is None:
             return
-        if self._lab_ns < self._now_ns and self._failure is None:
+        if self._lab_ns < self._now_ns and not self._failures:
             with contextlib.suppress(BenchError):  # the lab may be what is being left
                 self._advance(self._now_ns, -1)
         self._ports[index] = None
@@ -274,9 +279,11 @@ class VirtualClock:
                     raise self._lost(f"it says that port {port.name} is gone, which still reads")
         self._now_ns = self._lab_ns = now_ns
         self._hand_over(marks)
-        if self._failure is not None:
-            failure, self._failure = self._failure, None
-            raise failure
+        while self._failures:
+            failure, lost = self._failures.popleft()
+            if lost is None or not isinstance(failure, LinkLost):
+                raise failure
+            lost(failure)
 
     def _collect(self) -> tuple[int, list[int], list[tuple[int, int, int]]]:
         """Wait for the lab's reply. The ports are read after it, or meanwhile if the lab finds one full."""
@@ -322,8 +329,10 @@ class VirtualClock:
         try:
             data = port.receive()
         except BenchError as error:  # raised when this step is over: the lock-step must not lose its place
-            self._failure = error
+            self._failures.append((error, self._lost_calls.pop(index, None)))
+            last = bytearray(self._pending[index])
             self.detach(port)
+            self._left[index] = (port, last)
             return False
         self._pending[index] += data
         return bool(data)
@@ -331,6 +340,8 @@ class VirtualClock:
     def _hand_over(self, marks: list[tuple[int, int, int]]) -> None:
         for index, until, time_ns in marks:
             port, pending = self._ports[index], self._pending[index]
+            if port is None and index in self._left:
+                port, pending = self._left[index]
             if port is None:
                 continue
             count = len(pending) - (port.bytes_received - until)
@@ -338,6 +349,9 @@ class VirtualClock:
                 data = bytes(pending[:count])
                 del pending[:count]
                 port.deliver(data, time_ns / 1e9)
+        for port, rest in self._left.values():
+            port.deliver(bytes(rest), self.now())
+        self._left.clear()
 
     def _lost(self, cause: object) -> LinkLost:
         return LinkLost(

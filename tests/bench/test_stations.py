@@ -200,7 +200,7 @@ def station():
         rates=lambda _, columns, rate_hz: {"x": columns["rate"], "y": -columns["rate"]},
     )
     gyro = GyroStation(kind, {"name": "g", "axis": "x", "case_sensor": None, "rate_hz": 100.0})
-    gyro.listen()
+    gyro.listen(0.0)
     return gyro
 
 
@@ -243,7 +243,7 @@ def test_nothing_is_taken_before_the_stream_begins_and_much_is_decoded_at_once()
     gyro = GyroStation(kind, {"name": "g", "axis": "x", "case_sensor": 1, "rate_hz": 100.0})
     gyro.take(b"configuration", 0.5)
     assert len(gyro.update()) == 0
-    gyro.listen()
+    gyro.listen(0.0)
     for k in range(80):
         gyro.take(bytes([1, 1, 1, 0]) * 1024, float(k))
     assert len(gyro._blocks) < 80 and len(gyro.history) > 0  # memory stays flat without a reader

@@ -1,0 +1,64 @@
+"""A unit that dies during a run: what the others send is whole, and the record says who died and when."""
+
+import json
+
+import pytest
+
+from bench.emulated import Plant, PlantFault
+from bench.recording import read_manifest
+from drivers.errors import DeviceSilent, LinkLost
+
+pytestmark = pytest.mark.timeout(120)
+
+
+def plant(port, kind, at_s, duration_s):
+    fault = PlantFault(port=port, kind=kind, at_s=(at_s,), duration_s=duration_s)
+    return Plant(seed=5, delivery_s=1.0, fault=(fault,))
+
+
+def alarms(folder):
+    rows = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    return [
+        (row["device"], row["text"].split(":")[0], row["time_s"]) for row in rows if row["kind"] == "alarm"
+    ]
+
+
+@pytest.mark.parametrize(("dead", "other"), [("can_1", "fog_1"), ("fog_1", "can_1")])
+def test_of_two_gyros_one_dies_and_the_record_of_the_other_is_whole(bench, both_file, tmp_path, dead, other):
+    with bench.thread_lab(both_file, Plant(seed=5, delivery_s=1.0)) as lab:
+        well = bench.drive(lab.file, tmp_path / "well", hold_s=40.0)
+    assert well.outcome == "completed"
+    with bench.thread_lab(both_file, plant(dead, "vanish", 25.5, 1e6)) as lab:
+        result = bench.drive(lab.file, tmp_path / "ill", hold_s=40.0)
+    assert result.outcome == "invalid" and dead in result.reason and "the port is gone" in result.reason
+    (row,) = [row for row in alarms(result.folder) if row[0] == dead]
+    assert row[1] == "lost" and 25.5 <= row[2] < 27.0
+    raw = [(folder / "raw" / f"{other}.bin").read_bytes() for folder in (well.folder, result.folder)]
+    assert raw[0] == raw[1] and len(raw[0]) > 10_000
+    before = (well.folder / "raw" / f"{dead}.bin").read_bytes()
+    cut = (result.folder / "raw" / f"{dead}.bin").read_bytes()
+    assert before.startswith(cut) and len(cut) < len(before)
+    stream = read_manifest(result.folder).stream
+    assert stream[dead]["frames"] >= 2400 - 400  # what the lab had sent by then, short of what was on its way
+    assert bench.problems(result.folder) == []
+
+
+def test_the_last_gyro_that_dies_ends_the_run_at_once(bench, fog_file, tmp_path):
+    with bench.thread_lab(fog_file, plant("fog_1", "vanish", 25.5, 1e6)) as lab:
+        result = bench.drive(lab.file, tmp_path, hold_s=600.0)
+    assert result.outcome == "aborted" and isinstance(result.error, LinkLost)
+    assert "NOT CONFIRMED" not in result.reason
+    assert bench.problems(result.folder) == []
+
+
+def test_silence_of_one_is_told_and_of_all_ends_the_run(bench, both_file, fog_file, tmp_path):
+    with bench.thread_lab(both_file, plant("can_1", "silence", 20.5, 30.0)) as lab:
+        result = bench.drive(lab.file, tmp_path / "one", hold_s=60.0)
+    assert result.outcome == "invalid" and "can_1 fell silent at 20." in result.reason
+    silent, again = (row for row in alarms(result.folder) if row[0] == "can_1")
+    assert silent[1] == "silent" and 30.0 < silent[2] < 33.0
+    assert again[1].startswith("speaks again at 5") and 50.5 < again[2] < 53.0
+    with bench.thread_lab(fog_file, plant("fog_1", "silence", 20.5, 1e6)) as lab:
+        result = bench.drive(lab.file, tmp_path / "all", hold_s=600.0)
+    assert result.outcome == "aborted" and isinstance(result.error, DeviceSilent)
+    assert 80.0 < result.duration_s < 85.0
