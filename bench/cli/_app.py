@@ -54,6 +54,8 @@ Json = Annotated[
 
 DEFAULT_BENCH = Path("lab.toml")
 DEFAULT_RUNS = Path("runs")
+PARAMETERS_TOO = {"allow_extra_args": True, "ignore_unknown_options": True}
+"""What the command line does not know may be a parameter of the procedure."""
 
 
 def main() -> None:
@@ -85,8 +87,9 @@ def procedures(name: Annotated[str | None, typer.Argument(help="show this one in
     show_procedures(name)
 
 
-@app.command()
+@app.command(context_settings=PARAMETERS_TOO)
 def run(
+    context: typer.Context,
     procedure: str,
     bench: Bench = DEFAULT_BENCH,
     runs: RunsFolder = DEFAULT_RUNS,
@@ -94,14 +97,18 @@ def run(
     yes: Annotated[bool, typer.Option("--yes", help="answer operator questions beforehand")] = False,
     json: Json = False,
 ) -> None:
-    """Run a procedure on the bench that the bench file describes."""
+    """Run a procedure on the bench that the bench file describes.
+
+    The procedure's parameters are options too: --dwell-s 60 is --set dwell_s=60.
+    """
     from bench.cli._run import run_command
 
-    sys.exit(run_command(procedure, bench, runs, set_ or [], yes, json))
+    sys.exit(run_command(procedure, bench, runs, set_ or [], context.args, yes, json))
 
 
-@app.command()
+@app.command(context_settings=PARAMETERS_TOO)
 def rehearse(
+    context: typer.Context,
     procedure: str,
     bench: Bench = DEFAULT_BENCH,
     runs: RunsFolder = DEFAULT_RUNS,
@@ -110,10 +117,13 @@ def rehearse(
     seed: Seed = None,
     json: Json = False,
 ) -> None:
-    """Run a procedure on an emulated lab that matches the bench file: time plan, log size and plots."""
+    """Run a procedure on an emulated lab that matches the bench file: time plan, log size and plots.
+
+    The procedure's parameters are options too: --dwell-s 60 is --set dwell_s=60.
+    """
     from bench.cli._run import rehearse_command
 
-    sys.exit(rehearse_command(procedure, bench, runs, set_ or [], plant, seed, json))
+    sys.exit(rehearse_command(procedure, bench, runs, set_ or [], context.args, plant, seed, json))
 
 
 @app.command()

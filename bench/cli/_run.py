@@ -12,6 +12,7 @@ from rich.table import Table
 
 from bench.benchfile import bench_file_text, load_bench_file
 from bench.cli._display import RunDisplay, duration, say_json, size
+from bench.cli._settings import settings_of
 from bench.emulated import EmulatedLab, Plant, load_plant, save_truth
 from bench.live import Live
 from bench.procedure import find_procedure
@@ -20,29 +21,17 @@ from bench.questions import Console as ConsoleOperator
 from bench.recording import Run, read_manifest
 from bench.runner import RunRequest, RunResult, run_procedure
 from drivers.clock import host_seconds
-from drivers.errors import ConfigurationError
 
 EXIT_CODES = {"completed": 0, "invalid": 4, "aborted": 3}
 
 
-def parse_settings(pairs: list[str]) -> dict[str, str]:
-    """Return name -> value of `name=value` texts; ConfigurationError for anything else."""
-    settings = {}
-    for pair in pairs:
-        name, equals, value = pair.partition("=")
-        if not equals or not name.strip():
-            raise ConfigurationError(
-                "a parameter that is not name=value", where="--set", found=pair, expected="e.g. soak_min=60"
-            )
-        settings[name.strip()] = value.strip()
-    return settings
-
-
-def run_command(name: str, bench: Path, runs: Path, pairs: list[str], yes: bool, as_json: bool) -> int:
-    """Run on the bench file's own devices."""
+def run_command(
+    name: str, bench: Path, runs: Path, pairs: list[str], options: list[str], yes: bool, as_json: bool
+) -> int:
+    """Run on the bench file's own devices; `options`: those of the command line that the procedure declares."""
     console = console_for(as_json)
     procedure = find_procedure(name)
-    parameters = procedure.parse(parse_settings(pairs))
+    parameters = procedure.parse(settings_of(procedure, pairs, options))
     file = load_bench_file(bench)
     expected_s = procedure.expected_duration_s(parameters)
     with Live() as live, RunDisplay(console, name, expected_s, as_json=as_json) as display:
@@ -58,6 +47,7 @@ def rehearse_command(
     bench: Path,
     runs: Path,
     pairs: list[str],
+    options: list[str],
     plant_file: Path | None,
     seed: int | None,
     as_json: bool,
@@ -65,7 +55,7 @@ def rehearse_command(
     """Run on an emulated lab in virtual time, then print time plan and log size."""
     console = console_for(as_json)
     procedure = find_procedure(name)
-    parameters = procedure.parse(parse_settings(pairs))
+    parameters = procedure.parse(settings_of(procedure, pairs, options))
     plant = plant_with_seed(plant_file, seed)
     file = load_bench_file(bench)
     started = host_seconds()
