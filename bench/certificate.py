@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from bench.figure_limits import FIGURES, FURTHER, NO_LIMITS, Limit, Limits
-from bench.recording import Run, verify
+from bench.recording import Run, url_of, verify
 from bench.report import (
     CertificateContent,
     CertifiedFigure,
@@ -25,7 +25,7 @@ _OVER_RUNS = "all runs"
 
 def check_record(folder: Path) -> str:
     """Return "verified", or in a sentence what is wrong with a run's record."""
-    if not folder.is_dir():
+    if not url_of(folder) and not folder.is_dir():
         return "missing: there is no such run folder"
     try:
         report = verify(folder, lambda run, out: (decode_run(run, out), None)[1])

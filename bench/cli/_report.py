@@ -11,7 +11,7 @@ from rich.table import Table
 from bench.campaign import CampaignFolder
 from bench.certificate import certificate_content
 from bench.figure_limits import NO_LIMITS, Limits, load_limits
-from bench.recording import Run
+from bench.recording import Run, url_of
 from bench.report import (
     CertificateContent,
     render_certificate,
@@ -49,7 +49,8 @@ def report_command(folders: Sequence[Path], out: Path | None, limits: Path | Non
 
 def run_report(folder: Path, out: Path | None = None) -> Path:
     """Write the report of a run folder and return its path; a fit's report is written by the fit itself."""
-    if not (folder / "manifest.json").exists():
+    run = Run.open(folder) if url_of(folder) else None
+    if run is None and not (folder / "manifest.json").exists():
         raise ConfigurationError(
             "no run to report on",
             where=str(folder),
@@ -58,7 +59,8 @@ def run_report(folder: Path, out: Path | None = None) -> Path:
             remedy="`gyrobench fit` writes the report of a fit into its own folder",
         )
     return write_report(
-        out or folder / REPORT_FILE, render_run(run_content(Run.open(folder), created_utc=utc_now()))
+        out or (Path(folder.name) if run else folder) / REPORT_FILE,
+        render_run(run_content(run or Run.open(folder), created_utc=utc_now())),
     )
 
 

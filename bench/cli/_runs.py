@@ -17,7 +17,7 @@ from rich.text import Text
 
 from bench.catalogue import Catalogue, root_name
 from bench.cli._display import duration
-from bench.recording import MANIFEST_FILE, Run, read_manifest, verify
+from bench.recording import MANIFEST_FILE, Run, local_manifests, read_manifest, verify
 from bench.recover import recover
 from bench.run_record import decode_run
 from drivers.errors import BenchError
@@ -29,6 +29,7 @@ _MANY = 2000
 def list_command(runs: Path, url: str | None, wanted: Mapping[str, Any], as_json: bool) -> None:
     """Print the runs that fit, newest first: those of `runs`, or those of every bench with a shared catalogue."""
     console = Console()
+    runs = local_manifests(runs)
     if url is None and not runs.exists():
         console.print(f"no runs in {runs}", highlight=False)
         return
@@ -67,6 +68,7 @@ def list_command(runs: Path, url: str | None, wanted: Mapping[str, Any], as_json
 def index_command(runs: Path, url: str | None, rebuild: bool) -> None:
     """Bring the catalogue up to date with the folders, or make it anew from them."""
     console = Console()
+    runs = local_manifests(runs)
     with _catalogue(runs, url) as catalogue:
         count = _take_in(console, catalogue.rebuild if rebuild else catalogue.update, runs)
     console.print(f"{count} manifests read in {runs}", highlight=False)

@@ -25,6 +25,7 @@ from bench.recording._manifest import (
 )
 from bench.recording._raw import can_frames, read_exchanges
 from bench.recording._read import Phase, Run, read_table, seconds
+from bench.recording._remote import local_manifests, local_run, url_of
 from bench.recording._tables import table_writer, unit_of
 from bench.recording._timing import StreamTimer, StreamTiming
 from bench.recording._verify import FileProblem, VerifyReport, verify
@@ -54,6 +55,8 @@ __all__ = [
     "checksum",
     "decode_instrument",
     "decode_stream",
+    "local_manifests",
+    "local_run",
     "platform_table_name",
     "read_events",
     "read_exchanges",
@@ -63,6 +66,7 @@ __all__ = [
     "seconds",
     "table_writer",
     "unit_of",
+    "url_of",
     "verify",
     "write_manifest",
 ]

@@ -16,6 +16,7 @@ from bench.recording._arrow import from_arrow
 from bench.recording._decode import gyro_table
 from bench.recording._events import Event, Events, read_events
 from bench.recording._manifest import Manifest, read_manifest
+from bench.recording._remote import local_run, remote_file, url_of
 from drivers.errors import RecordError
 
 Table = dict[str, NDArray[Any]]
@@ -36,11 +37,17 @@ class Run:
 
     folder: Path
     manifest: Manifest
+    url: str = ""
+    """Where the tables are, if not in the folder."""
 
     @classmethod
     def open(cls, folder: Path | str) -> Run:
-        """Open a run folder; RecordError if it is none."""
-        return cls(Path(folder), read_manifest(Path(folder)))
+        """Open a run folder, or a run on object storage by its URL; RecordError if it is none.
+
+        What is read of a run on object storage is fetched: small files now, of tables the stretches asked for.
+        """
+        here = local_run(folder)
+        return cls(here, read_manifest(here), url_of(folder))
 
     @property
     def complete(self) -> bool:
@@ -73,6 +80,9 @@ class Run:
     def gyros(self) -> tuple[str, ...]:
         """Names of the gyros with a decoded table."""
         prefix, suffix = gyro_table("*").split("*")
+        if self.url:
+            names = [name for name in self.manifest.files if name.startswith(prefix)]
+            return tuple(sorted(name.removeprefix(prefix).removesuffix(suffix) for name in names))
         return tuple(
             sorted(
                 path.name.removeprefix(prefix).removesuffix(suffix)
@@ -88,19 +98,27 @@ class Run:
         end_s: float | None = None,
     ) -> Table:
         """Return columns of a gyro, shape (n,) each, for start_s <= time < end_s; see `read_table`."""
-        return read_table(self.folder / gyro_table(name), columns, start_s, end_s)
+        return self._table(gyro_table(name), columns, start_s, end_s)
 
     def turntable(
         self, columns: Sequence[str] | None = None, start_s: float | None = None, end_s: float | None = None
     ) -> Table:
         """Return the table's telemetry: time_ns, angle_deg, rate_dps."""
-        return read_table(self.folder / "turntable.parquet", columns, start_s, end_s)
+        return self._table("turntable.parquet", columns, start_s, end_s)
 
     def chamber(
         self, columns: Sequence[str] | None = None, start_s: float | None = None, end_s: float | None = None
     ) -> Table:
         """Return the chamber's telemetry: time_ns, air_temp_c, set_point_c, aux_<n>_temp_c."""
-        return read_table(self.folder / "chamber.parquet", columns, start_s, end_s)
+        return self._table("chamber.parquet", columns, start_s, end_s)
+
+    def _table(
+        self, name: str, columns: Sequence[str] | None, start_s: float | None, end_s: float | None
+    ) -> Table:
+        if not self.url or (self.folder / name).exists() or name not in self.manifest.files:
+            return read_table(self.folder / name, columns, start_s, end_s)
+        with remote_file(f"{self.url}/{name}") as file, pq.ParquetFile(file, pre_buffer=True) as table:
+            return _stretch(table, f"{self.url}/{name}", columns, start_s, end_s)
 
 
 def read_table(
@@ -124,21 +142,29 @@ def read_table(
             remedy="a run that was killed has raw bytes only; its tables can be made from them",
         )
     with pq.ParquetFile(path) as file:
-        names = file.schema_arrow.names
-        wanted = list(names if columns is None else columns)
-        if unknown := [name for name in wanted if name not in names]:
-            raise RecordError(
-                "the table has no such column",
-                where=str(path),
-                found=", ".join(unknown),
-                expected=", ".join(names),
-            )
-        low = -(1 << 62) if start_s is None else round(start_s * 1e9)
-        high = 1 << 62 if end_s is None else round(end_s * 1e9)
-        groups = _overlapping(file, low, high)
-        table = file.read_row_groups(
-            groups, columns=list(dict.fromkeys(["time_ns", *wanted])), use_threads=False
+        return _stretch(file, str(path), columns, start_s, end_s)
+
+
+def _stretch(
+    file: pq.ParquetFile,
+    where: str,
+    columns: Sequence[str] | None,
+    start_s: float | None,
+    end_s: float | None,
+) -> Table:
+    names = file.schema_arrow.names
+    wanted = list(names if columns is None else columns)
+    if unknown := [name for name in wanted if name not in names]:
+        raise RecordError(
+            "the table has no such column",
+            where=where,
+            found=", ".join(unknown),
+            expected=", ".join(names),
         )
+    low = -(1 << 62) if start_s is None else round(start_s * 1e9)
+    high = 1 << 62 if end_s is None else round(end_s * 1e9)
+    groups = _overlapping(file, low, high)
+    table = file.read_row_groups(groups, columns=list(dict.fromkeys(["time_ns", *wanted])), use_threads=False)
     data = {name: from_arrow(table[name]) for name in table.column_names}
     keep = (data["time_ns"] >= low) & (data["time_ns"] < high)
     return {name: data[name] if keep.all() else data[name][keep] for name in wanted}

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from bench.recording._arrow import from_arrow
 from bench.recording._manifest import FileEntry, checksum, read_manifest
+from bench.recording._remote import local_run
 from drivers.errors import BenchError
 
 Decode = Callable[[Path, Path], None]
@@ -45,8 +46,9 @@ def verify(folder: Path, decode: Decode) -> VerifyReport:
     """Recompute the checksums of a run and rebuild its tables with `decode`; RecordError if it is no run.
 
     A run that was never closed has no checksums; its raw bytes can still be decoded, and the report says both.
-    A table whose checksum is wrong is named once and not opened.
+    A table whose checksum is wrong is named once and not opened. A run on object storage is fetched.
     """
+    folder = local_run(folder, everything=True)
     manifest = read_manifest(folder)
     problems: list[FileProblem] = []
     if not manifest.complete:
