@@ -16,6 +16,7 @@ from drivers.errors import ConfigurationError
 
 RESULTS_FILE = "results.jsonl"
 TABLE_FILE = "table.md"
+PLAN_FILE = "exam.json"
 _BAR = 40
 
 
@@ -31,15 +32,40 @@ def gap_exam_command(
         folder = out or Path(spare)
         if (folder / RESULTS_FILE).exists():
             raise ConfigurationError(
-                "the folder holds an exam already", where=str(folder), expected="a new folder"
+                "the folder holds an exam already",
+                where=str(folder),
+                expected="a new folder",
+                remedy="--from FOLDER prints the table of an exam held before",
             )
         folder.mkdir(parents=True, exist_ok=True)
+        (folder / PLAN_FILE).write_text(json.dumps({"seed": seed, "cases": cases}) + "\n", encoding="utf-8")
         with fan_out(jobs, cluster) as fan:
             marked = _held(cases, seed, folder, fan)
-    text = exam_text(marked, seed)
+    text = exam_text(marked, seed, cases)
     if out is not None:
         (out / TABLE_FILE).write_text(text, encoding="utf-8")
     Console().print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def gap_exam_table_command(folder: Path, file: Path | None, note: str) -> None:
+    """Print, or write to a file, the table of an exam's folder: of as many cases as it holds so far."""
+    lines = []
+    for name in (PLAN_FILE, RESULTS_FILE):
+        try:
+            lines.append((folder / name).read_text(encoding="utf-8").splitlines())
+        except OSError as error:
+            raise ConfigurationError(
+                "the folder holds no exam's results",
+                where=str(folder),
+                found=f"{name}: {error.strerror}",
+                expected="the folder that `gyrobench gap exam --out` writes, one case finished at least",
+            ) from error
+    plan = json.loads("".join(lines[0]))
+    text = exam_text([Marked.from_line(line) for line in lines[1]], plan["seed"], plan["cases"], note)
+    if file is None:
+        Console().print(text, highlight=False, markup=False, soft_wrap=True)
+    else:
+        file.write_text(f"# Result of the blind exam\n\n{text}", encoding="utf-8")
 
 
 def _held(cases: int, seed: int, folder: Path, fan: FanOut) -> list[Marked]:
@@ -53,7 +79,7 @@ def _held(cases: int, seed: int, folder: Path, fan: FanOut) -> list[Marked]:
             marked.append(one)
             console.print(f"{shown} {_line(one)}", highlight=False, soft_wrap=True)
             with (folder / RESULTS_FILE).open("a", encoding="utf-8") as lines:
-                lines.write(json.dumps(_facts(one)) + "\n")
+                lines.write(one.line + "\n")
     except KeyboardInterrupt:
         if not marked:
             raise
@@ -62,38 +88,21 @@ def _held(cases: int, seed: int, folder: Path, fan: FanOut) -> list[Marked]:
 
 
 def _line(one: Marked) -> str:
-    case, answer = one.sealed.case, one.answer
-    truth = " + ".join(case.effects) or case.stochastic or "nothing"
-    said = " + ".join([*answer.causes, *answer.stochastic, *(["unknown"] if one.unknown else [])]) or "no gap"
-    shares = f"{one.closed.stated.share:.3f} ({one.closed.true_share:.3f})"
-    return f"SNR {case.snr:.2f} {truth} -> {said}; closed {shares} {one.seconds:.1f} s"
+    truth = " + ".join(one.effects) or one.stochastic or "nothing"
+    said = [*one.causes, *one.stochastic_named, *(["unknown"] if one.called_unknown else [])]
+    shares = f"{one.stated_share[0]:.3f} ({one.true_share:.3f})"
+    return f"SNR {one.snr:.2f} {truth} -> {' + '.join(said) or 'no gap'}; closed {shares} {one.seconds:.1f} s"
 
 
-def _facts(one: Marked) -> dict[str, object]:
-    case = one.sealed.case
-    return {
-        "seed": case.seed,
-        "kind": case.kind,
-        "effects": list(case.effects),
-        "stochastic": case.stochastic,
-        "snr": case.snr,
-        "sha256": one.sealed.sha256,
-        "causes": dict(one.answer.probabilities),
-        "alternatives": {name: dict(own) for name, own in one.answer.alternatives.items()},
-        "stochastic_named": list(one.answer.stochastic),
-        "unknown": one.answer.unknown_probability,
-        "placed": one.placed,
-        "stated_share": [one.closed.stated.share, one.closed.stated.low, one.closed.stated.high],
-        "true_share": one.closed.true_share,
-        "seconds": one.seconds,
-    }
-
-
-def exam_text(marked: Sequence[Marked], seed: int) -> str:
+def exam_text(marked: Sequence[Marked], seed: int, planned: int, note: str = "") -> str:
     """Return the exam's result as Markdown: counts, table with Wilson intervals, reliability, time."""
-    kinds = Counter(each.sealed.case.kind for each in marked)
+    kinds = Counter(each.kind for each in marked)
     lines = [
-        f"Seed {seed}, {len(marked)} cases: " + ", ".join(f"{n} {kind}" for kind, n in kinds.most_common()),
+        f"`gyrobench gap exam --cases {planned} --seed {seed}`{f', {note}' if note else ''}.",
+        "",
+        f"{_extent(len(marked), planned)}: "
+        + ", ".join(f"{n} {kind}" for kind, n in kinds.most_common())
+        + ".",
         "",
         "| | SNR | right | % | 95 % interval |",
         "|---|---|---|---|---|",
@@ -124,3 +133,9 @@ def exam_text(marked: Sequence[Marked], seed: int) -> str:
     times = sorted(each.seconds for each in marked)
     lines += ["```", "", f"Seconds a case: median {times[len(times) // 2]:.1f}, longest {times[-1]:.1f}"]
     return "\n".join(lines) + "\n"
+
+
+def _extent(held: int, planned: int) -> str:
+    if held >= planned:
+        return f"All {planned} cases"
+    return f"Partial: {held} of {planned} cases (kinds come in random order, so a part is a fair sample)"

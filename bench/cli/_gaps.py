@@ -52,15 +52,28 @@ def gap_close(
 
 @gap_app.command("exam")
 def gap_exam(
-    seed: Annotated[int, typer.Option(help="fresh seed; every case of a seed once looked at is spent")],
+    seed: Annotated[
+        int | None, typer.Option(help="fresh seed; every case of a seed once looked at is spent")
+    ] = None,
     cases: Annotated[int, typer.Option(help="number of cases, a quarter of them without any effect")] = 600,
     out: Annotated[
         Path | None, typer.Option(help="new folder for cases, seals, results; default: nothing is kept")
     ] = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
+    held: Annotated[
+        Path | None,
+        typer.Option("--from", help="folder of an exam held, finished or not: print its table, hold none"),
+    ] = None,
+    table: Annotated[Path | None, typer.Option(help="with --from: file for the table (Markdown)")] = None,
+    note: Annotated[str, typer.Option(help="with --from: words for its first line, e.g. the commit")] = "",
 ) -> None:
     """Examine the diagnosis on plants whose physics is not the catalogue's, answers sealed beforehand."""
-    from bench.cli._gap_exam import gap_exam_command
+    from bench.cli._gap_exam import gap_exam_command, gap_exam_table_command
 
+    if held is not None:
+        gap_exam_table_command(held, table, note)
+        return
+    if seed is None:
+        raise typer.BadParameter("an exam needs --seed, or --from with the folder of one that was held")
     gap_exam_command(cases, seed, out, jobs, cluster)

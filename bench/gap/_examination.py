@@ -77,7 +77,7 @@ def _opened(
     sealed, closed = plant.apply(_judged, (seed * 100_000 + number, kind, name, str(folder), answer))
     if not sealed.sha256.startswith(shown.split()[-1]):
         raise BenchError(f"the sealed answer of {name} is not the one that was announced")
-    return shown, Marked(sealed, answer, closed, seconds)
+    return shown, Marked.of(sealed, answer, closed, seconds)
 
 
 def _batches(kinds: Iterable[tuple[int, str]], size: int) -> Iterator[list[tuple[int, str]]]:

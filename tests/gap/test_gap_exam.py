@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.cli._gap_exam import gap_exam_command
+from bench.cli._gap_exam import gap_exam_command, gap_exam_table_command
 from bench.gap import Marked, close, examined, make_case, model_text, nominal_model, read_mapped_runs
 from bench.gap._case_folder import write_case
 from bench.gap._signature import signature_norm
@@ -22,7 +22,7 @@ NOMINAL = model_text(nominal_model())
 def _mark(seed: int, kind: str) -> Marked:
     sealed, given, kept, clean = make_case(seed, kind)
     answer = examined(given, NOMINAL)
-    return Marked(sealed, answer, close(answer, kept, clean), 0.0)
+    return Marked.of(sealed, answer, close(answer, kept, clean), 0.0)
 
 
 def _seeds(kind: str, low: float, count: int) -> list[int]:
@@ -32,25 +32,25 @@ def _seeds(kind: str, low: float, count: int) -> list[int]:
 
 def test_null_cases_raise_no_alarm() -> None:
     marked = [_mark(seed, "null") for seed in range(5100, 5103)]
-    assert not any(each.named or each.unknown or each.answer.stochastic for each in marked)
+    assert not any(each.named or each.called_unknown or each.stochastic_named for each in marked)
 
 
 def test_strong_single_effects_are_named_and_close_the_gap() -> None:
     marked = [_mark(seed, "single") for seed in _seeds("single", 3.0, 5)]
     assert sum(each.first for each in marked) >= 4
     assert sum(each.in_set for each in marked) >= 4
-    closed = [each.closed for each in marked if each.closed.stated.cells]
-    assert np.median([each.true_share for each in closed]) > 0.95
+    closed = [each.true_share for each in marked if np.isfinite(each.stated_share[0])]
+    assert np.median(closed) > 0.95
 
 
 def test_effects_outside_the_catalogue_are_called_unknown() -> None:
     marked = [_mark(seed, "unknown") for seed in _seeds("unknown", 10.0, 4)]
-    assert sum(each.unknown for each in marked) >= 3
+    assert sum(each.called_unknown for each in marked) >= 3
 
 
 def test_stochastic_effects_are_named() -> None:
     marked = [_mark(seed, "stochastic") for seed in range(5200, 5203)]
-    assert sum(each.answer.stochastic == (each.sealed.case.stochastic,) for each in marked) >= 2
+    assert sum(each.stochastic_named == (each.stochastic,) for each in marked) >= 2
 
 
 def test_a_seal_changes_with_its_answer() -> None:
@@ -100,6 +100,17 @@ def test_the_exam_by_command_seals_first_and_prints_the_table(
     assert "Reliability" in printed
     with pytest.raises(ConfigurationError, match="holds an exam already"):
         gap_exam_command(2, 77, tmp_path / "exam", 1)
+    # the same table from the folder; a part of it if the exam was cut short
+    gap_exam_table_command(tmp_path / "exam", None, "")
+    assert capsys.readouterr().out == printed[printed.index("`gyrobench gap exam") :]
+    lines = (tmp_path / "exam" / "results.jsonl").read_text().splitlines()
+    (tmp_path / "exam" / "results.jsonl").write_text(lines[0] + "\n")
+    gap_exam_table_command(tmp_path / "exam", tmp_path / "table.md", "commit abc")
+    text = (tmp_path / "table.md").read_text()
+    assert "--cases 2 --seed 77`, commit abc." in text
+    assert "Partial: 1 of 2 cases" in text
+    with pytest.raises(ConfigurationError, match="no exam's results"):
+        gap_exam_table_command(tmp_path, None, "")
 
 
 def test_a_case_read_back_from_its_folder_is_what_was_written(tmp_path: Path) -> None:
