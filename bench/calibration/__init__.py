@@ -24,7 +24,7 @@ from bench.calibration._estimator import BiasWander, Estimate, Options, estimate
 from bench.calibration._model import observability_matrix
 from bench.calibration._navigation import Increments, Track, align, compensate, navigate
 from bench.calibration._observability import Observability, observability
-from bench.calibration._result import Combination, Evaluation, evaluate, poorly_seen
+from bench.calibration._result import Combination, Evaluation, evaluate, missed_targets, poorly_seen
 from bench.calibration._runs import CalibrationRun, load_calibration_run
 from bench.calibration._schedule import (
     Move,
@@ -116,6 +116,7 @@ __all__ = [
     "load_calibration_run",
     "load_scheme",
     "merit_of",
+    "missed_targets",
     "moves_text",
     "navigate",
     "observability",

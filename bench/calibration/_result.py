@@ -45,7 +45,10 @@ class Combination:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A scheme under a task; SI: `sigma` (30,) at the end, `course` (positions, 30) after each dwell."""
+    """A scheme under a task; SI: `sigma` (30,) at the end, `course` (positions, 30) after each dwell.
+
+    `cautions`: what to mind about the scheme itself; `warnings` also names the targets that it misses.
+    """
 
     schedule: Schedule
     task: Task
@@ -55,7 +58,12 @@ class Evaluation:
     course: Array
     merit: Merit
     combinations: tuple[Combination, ...]
-    warnings: tuple[str, ...]
+    cautions: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The cautions after the targets missed, if any."""
+        return (*missed_targets(self.sigma[PARAMETERS], self.task), *self.cautions)
 
     @property
     def gain(self) -> Array:
@@ -118,7 +126,7 @@ def evaluate(task: Task, schedule: Schedule, table: Table = "by-hand") -> Evalua
         course=course,
         merit=merit,
         combinations=poorly_seen(last),
-        warnings=tuple(_warnings(task, schedule, course[-1], degrees)),
+        cautions=tuple(_cautions(task, schedule, course[-1], degrees)),
     )
 
 
@@ -136,14 +144,18 @@ def poorly_seen(scaled_covariance: Array) -> tuple[Combination, ...]:
     return tuple(found)
 
 
-def _warnings(task: Task, schedule: Schedule, sigma: Array, degrees: Observability) -> list[str]:
+def missed_targets(sigma: Array, task: Task) -> tuple[str, ...]:
+    """Return a sentence on the parameters whose sigma (24,), SI, is above target, the worst first; none: ()."""
+    ratio = sigma / task.target_sigma
+    missed = [f"{PARAMETER_NAMES[at]} {ratio[at]:.2f} x" for at in np.argsort(-ratio) if ratio[at] > 1.0]
+    return ("Targets missed (sigma over target): " + ", ".join(missed) + ".",) if missed else ()
+
+
+def _cautions(task: Task, schedule: Schedule, sigma: Array, degrees: Observability) -> list[str]:
     texts = []
     if not schedule.closes:
         texts.append("The scheme does not end at home: the next run cannot start where this one ends.")
     ratio = sigma[PARAMETERS] / task.target_sigma
-    missed = [f"{PARAMETER_NAMES[at]} {ratio[at]:.1f} x" for at in np.argsort(-ratio) if ratio[at] > 1.0]
-    if missed:
-        texts.append("Targets missed (sigma over target): " + ", ".join(missed) + ".")
     if degrees.rank < len(STATE_NAMES):
         texts.append(
             f"Only {degrees.rank} of {len(STATE_NAMES)} states can be told apart: the others keep their prior, "
@@ -153,7 +165,7 @@ def _warnings(task: Task, schedule: Schedule, sigma: Array, degrees: Observabili
     if better:
         texts.append(better)
     net = [axis for axis, turns in zip("xyz", schedule.net_turns, strict=True) if turns]
-    if net and missed == []:
+    if net and ratio.max() <= 1.0:
         texts.append(
             f"The turns about {', '.join(net)} do not add up to zero: an error of latitude shows up in the scale "
             "factor of that gyro (0.1 deg: several ppm)."

@@ -134,6 +134,14 @@ class Compensation:
     def load(cls, path: Path) -> Self:
         """Read a file; RecordError if damaged or of another format, ConfigurationError without its model."""
         saved = read_state(path)
+        if (kind := saved.get("kind")) is not None:
+            raise RecordError(
+                "this file compensates something else than the thermal drift of a gyro",
+                where=str(path),
+                found=f"kind {kind}",
+                expected="a file of `gyrobench fit compensation`",
+                remedy="`bench.compensations.load_compensation` reads every kind",
+            )
         if saved.get("format") != FORMAT:
             raise RecordError(
                 "this compensation file is of another format",

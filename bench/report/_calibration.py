@@ -172,14 +172,7 @@ def _degrees(columns: Sequence[SchemeColumn], content: CalibrationContent) -> Ta
         Row(
             [
                 Cell(name, strong=True),
-                *(
-                    Cell(text, "bad" if column.gain[number] < _BLIND and number >= 6 else "plain")
-                    for column in columns
-                    for text in (
-                        significant(float(column.degree[number])),
-                        significant(float(column.gain[number])),
-                    )
-                ),
+                *(cell for column in columns for cell in _seen(column, number)),
             ]
         )
         for number, name in enumerate(content.names)
@@ -191,6 +184,15 @@ def _degrees(columns: Sequence[SchemeColumn], content: CalibrationContent) -> Ta
         f"Observability degree (white noise) and gain ratio. Of {len(content.names)} states can be told apart: "
         f"{ranks}. Marked: a gain below {_BLIND:g}.",
     )
+
+
+def _seen(column: SchemeColumn, number: int) -> list[Cell]:
+    gain = float(column.gain[number])
+    blind = gain < _BLIND and number >= 6
+    return [
+        Cell(significant(float(column.degree[number]))),
+        Cell(significant(gain), "bad" if blind else "plain"),
+    ]
 
 
 def _groups(names: Sequence[str]) -> list[tuple[str, list[int]]]:
@@ -216,7 +218,8 @@ def _convergence(content: CalibrationContent) -> Block:
             [
                 Curve(content.names[at], position, ratio[:, at], paint)
                 for at, paint in zip(members, _PAINTS, strict=False)
-            ],
+            ]
+            + [Curve("target", position, np.zeros(len(position)), MUTED, "--", 1.0)],
             height=105.0,
         )
         for title, members in _groups(list(content.names))
@@ -224,7 +227,7 @@ def _convergence(content: CalibrationContent) -> Block:
     figure = lanes("convergence", plots, "Position", description="Sigma over target after each position")
     return Figures(
         [figure],
-        "Decimal logarithm of sigma over target at the end of each dwell: below 0 the target is reached.",
+        "Decimal logarithm of sigma over target after each dwell; below the broken line the target is reached.",
     )
 
 
@@ -248,6 +251,7 @@ def _heat_figure(content: CalibrationContent) -> Markup:
         axes.set_ylim(states - 0.5, -0.5)
         axes.grid(visible=False)
         axes.set_yticks(range(states), [printable(name) for name in content.names])
+        axes.set_xticks(range(1, count + 1))
         axes.set_xlabel("Position")
         for position in range(count):
             axes.text(

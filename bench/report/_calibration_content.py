@@ -102,7 +102,7 @@ def calibration_content(
     wander: BiasWander | None = None,
 ) -> CalibrationContent:
     """Return the content of a calibration; `truth` (24,), SI, where the IMU is emulated."""
-    from bench.calibration import PARAMETERS, UNIT_SIZE
+    from bench.calibration import PARAMETERS, UNIT_SIZE, missed_targets
 
     units = UNIT_SIZE[PARAMETERS]
     content = scheme_content(evaluation, created_utc)
@@ -114,7 +114,7 @@ def calibration_content(
     if truth is not None:
         error = estimate.parameters - truth
         nees = float(error @ np.linalg.solve(estimate.covariance, error)) / len(error)
-    warnings = list(content.warnings)
+    warnings = [*missed_targets(estimate.sigma, evaluation.task), *evaluation.cautions]
     if estimate.innovation_rms > _LOUD and wander is None:
         warnings.insert(
             0,

@@ -84,6 +84,11 @@ def test_a_record_becomes_a_calibration_file_and_a_page(
         z.append((row["value"] - true) / row["sigma"])
     assert np.sqrt(np.mean(np.square(z))) < 1.6 and np.abs(z).max() < 4.0
     page = (tmp_path / "out" / "report.html").read_text()
+    # the sigma that was reached, not the one that was predicted
+    target = dict(zip(PARAMETER_NAMES, TASK.target_sigma / UNIT_SIZE[PARAMETERS], strict=True))
+    over = {name: row["sigma"] / target[name] for name, row in file["parameters"].items()}
+    missed = sorted((name for name in over if over[name] > 1.0), key=lambda name: -over[name])
+    assert missed and f": {', '.join(f'{name} {over[name]:.2f} x' for name in missed)}." in page
     assert "Calibration by o8" in page and "Estimate" in page and page.count("<svg") == 2
 
 

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.cli._heading import heading_command
+from bench.compensations import load_compensation
 from bench.heading import HeadingCompensator, PlatformLog, Site, load_log, load_model, study_heading
 from drivers.clock import host_seconds
 from drivers.errors import ConfigurationError, RecordError
@@ -56,7 +57,7 @@ def test_fit_judge_and_report(logs: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "fit"
     code = heading_command(logs[0], LATITUDE, LONGITUDE, [logs[1]], out, ["temp_c=coil_c"])
     assert code == 0
-    model = load_model(out / "heading.gyrocomp")
+    model = load_compensation(out / "heading.gyrocomp")
     assert model.headings == 5
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Position before and after" in page and "sea_trial" in page and "Nine coefficients" in page
