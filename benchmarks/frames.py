@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.decode_kvh import _row, table_crc
 from drivers.frames import FrameDecoder, FrameEncoder, MessageReader, load_family
+from drivers.kvh import KvhDecoder
 
 _COUNT = 20_000
 _RUNS = 9
@@ -148,8 +149,30 @@ def rows() -> list[dict[str, object]]:
                 f"decode {name}, clean", len(data) / fast / 1e6, _COPY / copy / 1e6, "copy of 64 MiB", "MB/s"
             )
         )
+    table += _of_its_own()
     table += [_false(name) for name in ("fg333", "stim210")]
     return table
+
+
+def _of_its_own() -> list[dict[str, object]]:
+    """Compare the described KVH decoder with the one in drivers/kvh, in one piece and as a bench reads."""
+    frames, found = stream("kvh", "a"), []
+    for title, share, size in (
+        ("clean", 0.0, 1 << 30),
+        ("1 % damaged", 0.01, 1 << 30),
+        ("clean, 3600 bytes a call", 0.0, 3600),
+    ):
+        data, _ = damaged(frames, share)
+        pieces = [data[at : at + size] for at in range(0, len(data), size)]
+        described, own = _turns(
+            lambda pieces=pieces: list(map(ours("kvh", "a"), pieces)),  # type: ignore[misc]
+            lambda pieces=pieces: list(map(KvhDecoder(nominal_rate_hz=1e3, axes="xyz").feed, pieces)),  # type: ignore[misc]
+        )
+        rate = len(frames) / 1e6
+        found.append(
+            _row(f"kvh, {title}", rate / described, rate / own, "drivers/kvh's decoder", "million frames/s")
+        )
+    return found
 
 
 def _turns(one: Callable[[], object], other: Callable[[], object]) -> tuple[float, float]:

@@ -24,11 +24,18 @@ WIRE_FAULTS: Mapping[str, str] = {
 }
 """Faults that need nothing of the emulator but its wire shape. A message is a reply, or a frame of a stream."""
 
+COMMAND_FAULTS: Mapping[str, str] = {
+    "drop_command": "`count` bytes of what the bench writes are lost on the way to the device",
+    "flip_command": "`count` bits of what the bench writes are inverted",
+    "noise_command": "`count` stray bytes come before what the bench writes",
+}
+"""Faults on the way to the device. A message is what the bench writes at once: a command, as a rule."""
+
 VANISH = "vanish"
 """The port goes away for `duration_s` and comes back under the same name: adapter pulled, connection reset."""
 
 _LASTING = ("delay", "silence", VANISH)
-_MUST_COUNT = ("drop", "repeat", "flip", "noise", "lose")
+_MUST_COUNT = ("drop", "repeat", "flip", "noise", "lose", *COMMAND_FAULTS)
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,8 @@ class Fault:
     """One fault of one port.
 
     When: at the lab times `at_s` (s), or at random `rate_per_h` times an hour on average (Poisson) between
-    `start_s` and `end_s`. It strikes the first message whose last byte is sent at or after that instant.
+    `start_s` and `end_s`. It strikes the first message whose last byte is sent at or after that instant; on
+    the way to the device, the first that the bench writes then.
     `count`, `duration_s`, `factor` and `text` are what the kind makes of them.
     """
 
@@ -53,7 +61,7 @@ class Fault:
 
     def check(self, device_faults: Mapping[str, object], wire: WireShape | None) -> None:
         """Raise ConfigurationError for a fault that this port cannot have."""
-        known = [*WIRE_FAULTS, VANISH, *device_faults]
+        known = [*WIRE_FAULTS, *COMMAND_FAULTS, VANISH, *device_faults]
         if self.kind not in known:
             raise self._unusable(f"kind {self.kind!r}", "one of " + ", ".join(known))
         if bool(self.at_s) == bool(self.rate_per_h):

@@ -15,7 +15,12 @@ Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 Read = Callable[[Bytes, Ints], Ints]
 """Stream (n,) and where frames begin in it (m,) -> the bytes that each says it has (m,)."""
-_ALIGNED = 512  # Rows looked at together while frames lie end to end.
+_ALIGNED = 512  # Rows looked at first while frames lie end to end; more from then on.
+_MORE = 8192
+_HEADS = 256  # Places looked at to tell which kind a stream is of.
+_CROWDED = (
+    1.5  # So many places look like the beginning of a frame, for one of the likely kind: worth sifting.
+)
 
 
 class Pattern:
@@ -151,9 +156,9 @@ class StreamSplitter:
             return [], at
         rows = stream[at : at + count * length].reshape(count, length)
         check = kind.check(length)
-        taken = 0
+        taken, step = 0, _ALIGNED
         while taken < count:
-            part = rows[taken : taken + _ALIGNED]
+            part = rows[taken : taken + step]
             good = pattern.heads(part)
             if kind.read is not None:
                 good &= kind.read(part.ravel(), np.arange(len(part)) * length) == length
@@ -162,8 +167,9 @@ class StreamSplitter:
             sound = check(part)
             run = len(part) if sound.all() else int(sound.argmin())
             taken += run
-            if run < _ALIGNED:
+            if run < step:
                 break
+            step = _MORE
         if not taken:
             return [], at
         ends = np.arange(1, taken + 1, dtype=np.int64) * length + (self._offset + at)
@@ -191,15 +197,22 @@ class StreamSplitter:
         return at - 1 if at and any(p.may_begin(stream[at - 1 :]) for _, p in self._patterns) else at
 
     def _search(self, stream: Bytes, base: int) -> tuple[list[Piece], int]:
-        """Look at every beginning in `stream`; return the frames, and from where on to keep it."""
-        groups, waiting, bad_length = self._candidates(stream)
-        starts = _joined([group.starts[group.sound] for group in groups])
-        lengths = np.repeat([group.length for group in groups], [int(g.sound.sum()) for g in groups])
-        order = np.argsort(starts, kind="stable")
-        starts = starts[order]
-        ends = starts + lengths[order].astype(np.int64)
+        """Look at every beginning in `stream`; return the frames, and from where on to keep it.
+
+        Frames of the likely kind come first, and beginnings inside of them are not looked at: they count for
+        nothing when those frames are taken. Should one not be, everything is looked at.
+        """
         claimed = self._claimed - base
-        kept = _choose(starts, ends, claimed)
+        for hide in (True, False):
+            groups, waiting, bad_length = self._candidates(stream, hide)
+            starts = _joined([group.starts[group.sound] for group in groups])
+            lengths = np.repeat([group.length for group in groups], [int(g.sound.sum()) for g in groups])
+            order = np.argsort(starts, kind="stable")
+            starts = starts[order]
+            ends = starts + lengths[order].astype(np.int64)
+            kept = _choose(starts, ends, claimed)
+            if kept.all():
+                break
         keep, limit = self._limit(stream, waiting, starts[kept], ends[kept], claimed)
         kept &= starts < limit
         chosen, chosen_ends = starts[kept], ends[kept]
@@ -225,17 +238,19 @@ class StreamSplitter:
             self._take(chosen_ends + base, [(piece.kind, len(piece.ends)) for piece in pieces], fresh)
         return pieces, keep
 
-    def _candidates(self, stream: Bytes) -> tuple[list[_Group], list[int], list[_Group]]:
-        """Return whole candidates, where unfinished ones begin (in order), and those of impossible length."""
+    def _candidates(self, stream: Bytes, hide: bool) -> tuple[list[_Group], list[int], list[_Group]]:
+        """Return whole candidates, where unfinished ones begin (in order), and those of impossible length.
+
+        `hide`: leave out what begins inside of sound frames of the likely kind.
+        """
         groups: list[_Group] = []
         bad: list[_Group] = []
         waiting: list[int] = []
         size = len(stream)
-        anchored = {
-            offset: np.flatnonzero(stream[offset:] == first if table is None else table[stream[offset:]])
-            for offset, (first, table) in self._anchors.items()
-        }
-        for number, kind in enumerate(self._kinds):
+        anchored = {offset: _places_of(stream[offset:], *which) for offset, which in self._anchors.items()}
+        likely = self._likely(stream, anchored)
+        for number in (likely, *(n for n in range(len(self._kinds)) if n != likely)):
+            kind = self._kinds[number]
             starts = [pattern.find(stream, anchored[pattern.anchor[0]]) for pattern in kind.patterns]
             at = starts[0] if len(starts) == 1 else np.sort(_joined(starts))
             if not len(at):
@@ -257,11 +272,24 @@ class StreamSplitter:
             for length_here, where in sizes.items():
                 rows = windows(stream, where, length_here)
                 groups.append(_Group(number, length_here, where, rows, kind.check(length_here)(rows)))
+            if hide and number == likely and sum(map(len, anchored.values())) > _CROWDED * len(at):
+                hidden = _insides(size, groups)
+                anchored = {offset: starts[~hidden[starts]] for offset, starts in anchored.items()}
         for position in range(max(0, size - self._span + 1), size):
             tail = stream[position:]
             if any(len(tail) < p.span and p.may_begin(tail) for _, p in self._patterns):
                 waiting.append(position)
         return groups, sorted(waiting), bad
+
+    def _likely(self, stream: Bytes, anchored: dict[int, Ints]) -> int:
+        """Return the kind of most frames so far; before the first, the one whose head is seen most at first."""
+        if self.counts.frames:
+            return self.by_kind.index(max(self.by_kind))
+        seen = [
+            (len(pattern.find(stream, anchored[pattern.anchor[0]][:_HEADS])), -number)
+            for number, pattern in self._patterns
+        ]
+        return -max(seen)[1]
 
     def _limit(
         self, stream: Bytes, waiting: list[int], starts: Ints, ends: Ints, claimed: int
@@ -322,6 +350,24 @@ def _anchors(patterns: list[Pattern]) -> dict[int, tuple[int, NDArray[np.bool_] 
                 table |= bytes_ & pattern.anchor[2] == pattern.anchor[1]
             found[offset] = (0, table)
     return found
+
+
+def _places_of(data: Bytes, byte: int, table: NDArray[np.bool_] | None) -> Ints:
+    """Return where in `data` the byte is or, of several bytes, those that the table has."""
+    if table is None:
+        return np.flatnonzero(data == byte)
+    return np.flatnonzero(np.frombuffer(data.tobytes().translate(table.tobytes()), np.bool_))
+
+
+def _insides(size: int, groups: list[_Group]) -> NDArray[np.bool_]:
+    """Return which of `size` places lie inside of sound frames; not the second, nor the last, of their bytes."""
+    hidden = np.zeros(size, np.bool_)
+    for group in groups:
+        inner = group.length - 3
+        if inner > 0 and group.sound.any():
+            spans = np.ndarray((size - inner + 1,), f"V{inner}", hidden, strides=(1,))
+            spans[group.starts[group.sound] + 2] = np.void(b"\1" * inner)
+    return hidden
 
 
 def _joined(arrays: list[Ints]) -> Ints:

@@ -64,6 +64,8 @@ class Lab:
         if index in self._gone:
             return
         line = self._active.get(index)
+        if line is not None:
+            data = line.command(data, self.now_ns / 1e9)
         for reply in self._emulators[index].receive(data, self.now_ns / 1e9):
             passed = reply if line is None else line.reply(reply)
             if passed is not None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.faults import VANISH, WIRE_FAULTS, DeviceFault, Fault, WireShape
+from simulators.faults import COMMAND_FAULTS, VANISH, WIRE_FAULTS, DeviceFault, Fault, WireShape
 from simulators.interfaces import Reply, StreamBlock
 from simulators.lab._schedule import Schedule
 from simulators.plant.noise import NoiseSource
@@ -43,6 +43,7 @@ class Line:
         self._wire = wire or WireShape()
         self._device_faults = device_faults
         self._on_wire: list[tuple[Fault, Schedule, np.random.Generator]] = []
+        self._on_command: list[tuple[Fault, Schedule, np.random.Generator]] = []
         self._on_device: list[tuple[Fault, Schedule]] = []
         self._quiet_until_s = self._late_until_s = -math.inf
         self._still_to_lose = 0
@@ -58,9 +59,10 @@ class Line:
         source = NoiseSource(self._seed, f"fault of {self.port}", 2 * self._number)
         self._number += 1
         schedule = Schedule(fault, source)
-        if fault.kind in WIRE_FAULTS:
+        if fault.kind in WIRE_FAULTS or fault.kind in COMMAND_FAULTS:
             where = source.substream(source.stream + 1).generator(0)
-            self._on_wire.append((fault, schedule, where))
+            faults = self._on_wire if fault.kind in WIRE_FAULTS else self._on_command
+            faults.append((fault, schedule, where))
         else:
             self._on_device.append((fault, schedule))
 
@@ -84,6 +86,15 @@ class Line:
                 self._device_faults[fault.kind](fault, now_s)
                 self._say(now_s, fault, fault.text)
         return gone_s
+
+    # What the bench writes
+
+    def command(self, data: bytes, now_s: float) -> bytes:
+        """Return what the bench wrote at `now_s` as the device gets it."""
+        for fault, schedule, where in self._on_command:
+            if schedule.take_until(now_s) is not None:
+                data = self._edited(fault, data, where, now_s)
+        return data
 
     # Replies
 
@@ -115,7 +126,7 @@ class Line:
 
     def pass_over(self, now_s: float) -> None:
         """Nobody has the port open: what would have struck up to `now_s` strikes nothing."""
-        for _, schedule, _ in self._on_wire:
+        for _, schedule, _ in (*self._on_wire, *self._on_command):
             schedule.take_until(now_s)
         self._held = b""
         self._still_to_lose = 0
@@ -203,7 +214,7 @@ class Line:
             return data
         count = min(fault.count, len(data))
         at = int(where.integers(len(data) - count + 1))
-        match fault.kind:
+        match fault.kind.removesuffix("_command"):
             case "drop":
                 changed, what = data[:at] + data[at + count :], f"{count} bytes at {at}"
             case "repeat":

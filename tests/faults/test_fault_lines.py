@@ -189,6 +189,22 @@ def test_replies_are_late_lost_and_never_overtake():
     ]
 
 
+def test_what_the_bench_writes_is_damaged_once_and_as_the_kind_says():
+    written = bytes(range(65, 85))
+    lost = line(kind="drop_command", at_s=(10.0,), count=3, wire=None)
+    assert lost.command(written, 9.9) == written
+    short = lost.command(written, 12.0)
+    assert any(short == written[:at] + written[at + 3 :] for at in range(18))
+    assert lost.command(written, 13.0) == written
+    assert [(entry["time_s"], entry["kind"]) for entry in lost.struck] == [(12.0, "drop_command")]
+    wrong = line(kind="flip_command", at_s=(0.0,), count=2, wire=None).command(written, 0.0)
+    assert sum((a ^ b).bit_count() for a, b in zip(wrong, written, strict=True)) == 2
+    noisy = line(kind="noise_command", at_s=(0.0,), count=4, wire=None).command(written, 0.0)
+    assert len(noisy) == 24 and noisy.endswith(written)
+    # Replies go by untouched.
+    assert line(kind="flip_command", at_s=(0.0,), wire=None).reply(Reply(1.0, b"OK")) == Reply(1.0, b"OK")
+
+
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
