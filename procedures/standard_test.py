@@ -8,11 +8,13 @@ at other temperatures. Every interval of measurement is an event; the figures ar
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from bench.procedure import Demands, Parameters, Procedure, parameter
 from bench.session import Bench
+from bench.stations import GyroStation
 from procedures.thermal_ramp import go_to_end
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 
@@ -21,17 +23,21 @@ _STEPS = 5
 _RESOLUTION_DEG = 45.0
 """Angle from east at which resolution is tested: a large input that still changes with angle."""
 _SETTLE_S = 20.0
+_STREAMS_S = 10.0
+"""A unit whose last sample is older than this is silent."""
+_BACK_S = 300.0
 
 
 @dataclass(frozen=True)
 class Grade:
-    """What a class of gyro needs: times in min, h and s, the smallest input step in deg/h."""
+    """What a class of gyro needs: times in min, h and s, the smallest input step in deg/h, power cycles."""
 
     warm_up_min: float
     bias_min: float
     noise_h: float
     smallest_step_dph: float
     step_dwell_s: float
+    power_cycles: int = 6
 
 
 GRADES = {
@@ -58,9 +64,10 @@ class StandardTestParameters(Parameters):
         le=0.6,
     )
     step_dwell_s: float | None = parameter(None, "dwell at each input (None: by grade)", "s", ge=30, le=7200)
-    power_cycles: int = parameter(
-        0, "switch off and on again so often, with a bias record each", "", ge=0, le=20
+    power_cycles: int | None = parameter(
+        None, "switch off and on so often, with a bias record each (None: 6, as GJB 2426A asks)", ge=0, le=20
     )
+    off_s: float = parameter(60.0, "time without power", "s", ge=5, le=7200)
     max_rate_dps: float = parameter(20.0, "largest rate of the scale-factor test", "deg/s", gt=0, le=1000)
     rates_per_sign: int = parameter(11, "rates of each sign", "", ge=2, le=50)
     sequences: int = parameter(2, "rate sequences, for the repeatability", "", ge=1, le=20)
@@ -117,11 +124,8 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
     with bench.step("2", "Bias"):
         bench.phase("bias")
         _interval(bench, "bias", 60.0 * plan.bias_min, cycle=0)
-        for cycle in range(1, p.power_cycles + 1):
-            bench.ask(
-                f"Switch the units off, wait a minute, switch them on again (cycle {cycle} of {p.power_cycles}).",
-                act="power_cycle",
-            )
+        for cycle in range(1, plan.power_cycles + 1):
+            power_cycle(bench, f"cycle {cycle} of {plan.power_cycles}", p.off_s)
             bench.wait(60.0 * plan.warm_up_min, "warming up")
             _interval(bench, "bias", 60.0 * plan.bias_min, cycle=cycle)
     with bench.step("3", "Noise"):
@@ -151,6 +155,40 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
         bench.phase("close")
         bench.table.stop()
         bench.chamber.stop()
+
+
+def power_cycle(bench: Bench, which: str, off_s: float) -> None:
+    """Have the units switched off and on, and wait until all of them stream again; the run is invalid if not."""
+    before = {name: gyro.frames for name, gyro in _updated(bench).items()}
+    bench.ask(
+        f"Switch the units off, wait {off_s:.0f} s, switch them on again ({which}). Done?",
+        act="power_cycle",
+        off_s=off_s,
+    )
+    asked_s = bench.now_s
+
+    def back() -> bool:
+        gyros = _updated(bench)
+        return all(
+            gyros[name].frames > frames and bench.now_s - gyros[name].history.last["time_s"] < _STREAMS_S
+            for name, frames in before.items()
+        )
+
+    # An emulated unit goes off with the answer; a real one is on again by then.
+    bench.wait(min(off_s, 2.0 * _STREAMS_S), "power cycle")
+    if not bench.wait_until(back, timeout_s=off_s + _BACK_S, what="units to stream again"):
+        silent = [
+            n for n, g in _updated(bench).items() if bench.now_s - g.history.last["time_s"] >= _STREAMS_S
+        ]
+        bench.invalidate(
+            f"{', '.join(silent)} did not stream again within {bench.now_s - asked_s:.0f} s of {which}"
+        )
+
+
+def _updated(bench: Bench) -> Mapping[str, GyroStation]:
+    for gyro in bench.gyros.values():
+        gyro.update()
+    return bench.gyros
 
 
 def small_steps(bench: Bench, test: str, angle_deg: float, plan: Grade) -> None:
@@ -215,7 +253,7 @@ def expected_duration_s(p: StandardTestParameters) -> float:
     """Return the expected bench time."""
     plan = p.plan()
     total = 60.0 * (plan.warm_up_min + plan.bias_min) + 3600.0 * plan.noise_h + 4.0 * plan.step_dwell_s
-    total += p.power_cycles * 60.0 * (plan.warm_up_min + plan.bias_min)
+    total += plan.power_cycles * (p.off_s + 60.0 * (plan.warm_up_min + plan.bias_min))
     total += 2 * _STEPS * 3 * (plan.step_dwell_s + _SETTLE_S + 10.0)
     total += 2 * (p.dwell_s(p.max_rate_dps) + 30.0)
     total += p.sequences * sum(p.dwell_s(rate) + _SETTLE_S + 10.0 for rate in p.rates())

@@ -6,11 +6,14 @@ one that lies under all arrivals and closest to them: with the sum of the distan
 the arrivals' lower convex hull over their mean count.
 
 A counter that wraps says how many samples were lost up to one wrap; what is more shows as arrivals that stay late
-by whole wraps (a busy host is late only for a while).
+by whole wraps (a busy host is late only for a while). No frame comes before its sample: arrivals that are early
+say that the device was switched off and on, and its counter began anew; so do those that stay late after a
+silence.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +24,11 @@ from drivers.errors import ProtocolError
 _WINDOW_S = 1.0
 _RATE_TOLERANCE = 0.02
 _RESTART_TOLERANCE_S = 0.02
+_EARLY_S = 0.25
+"""A frame that comes earlier than the counter says by more than this is of a new count: the device restarted."""
+_SILENCE_S = 2.0
+_RECENT = 8
+"""Windows whose least lateness says how early is possible."""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -94,6 +102,8 @@ class StreamTimer:
     _step: float | None = None
     _mark_at: int = 0
     _late_s: float = np.nan
+    _arrival_s: float = np.nan
+    _floor: deque[float] = field(default_factory=lambda: deque(maxlen=_RECENT))
     _window: float = -1.0
     _largest_step: tuple[int, int] = (-1, 0)
     _counts: list[Ints] = field(default_factory=list)
@@ -127,6 +137,9 @@ class StreamTimer:
             return
         late_s = arrival_s - count[frame] * self._nominal_period_s
         jump = np.diff(late_s, prepend=self._late_s) > 0.5 * self._wrap_s
+        silent = np.diff(arrival_s, prepend=self._arrival_s) > _SILENCE_S
+        jump |= silent & (np.diff(late_s, prepend=self._late_s) > _EARLY_S)
+        jump |= self._restarted(late_s, arrival_s)
         window = np.floor(arrival_s / _WINDOW_S)
         starts = np.flatnonzero(jump | (np.diff(window, prepend=self._window) != 0))
         if not len(starts) or starts[0] != 0:
@@ -145,6 +158,23 @@ class StreamTimer:
         self._late_s, self._window = float(late_s[-1]), float(window[-1])
         self._largest_step = (-1, 0)
         self._remember_step(step, int(frame[-1]) + 1)
+
+    def _restarted(self, late_s: Floats, arrival_s: Floats) -> NDArray[np.bool_]:
+        """Say at which arrivals, (n,), the device began to count anew: those too early for the count before."""
+        found = np.zeros(len(late_s), np.bool_)
+        since = 0
+        for at in np.flatnonzero(np.diff(late_s, prepend=self._late_s) < -_EARLY_S).tolist():
+            # late data that catch up come no earlier than what was in time before
+            before = late_s[since:at][-_RECENT * 100 :]
+            earliest_s = min(min(self._floor, default=np.inf), before.min(initial=np.inf))
+            gap_s = arrival_s[at] - (arrival_s[at - 1] if at else self._arrival_s)
+            if late_s[at] < earliest_s - _EARLY_S - _RATE_TOLERANCE * gap_s:
+                found[at] = True
+                since = at
+                self._floor.clear()
+        self._floor.append(float(late_s[since:].min()))
+        self._arrival_s = float(arrival_s[-1])
+        return found
 
     def _remember_step(self, step: Ints, start: int) -> None:
         """Keep where the counter stepped most since the last arrival; its frames may begin in this batch."""
@@ -236,7 +266,21 @@ def _resolve_jumps(
     whole = suspicious & ~restart & (wraps > 0)
     extra[whole] = wraps[whole] * modulo
     extra[restart] = np.rint(late[restart] / period_s).astype(np.int64)
+    rest = np.flatnonzero(suspicious & ~restart & ~whole & (np.abs(late) > 0.5 * _EARLY_S))
+    for at in rest.tolist():
+        moved_s = _stays_moved_s(np.cumsum(late), np.flatnonzero(suspicious), at)
+        if abs(moved_s) > 0.5 * _EARLY_S:
+            extra[at] = round(moved_s / period_s)
+            restart[at] = True
     return extra, int(restart.sum())
+
+
+def _stays_moved_s(late_s: Floats, borders: Ints, at: int) -> float:
+    """Return how much later (+) or earlier the windows from `at` on are than those before, at their least."""
+    place = int(np.searchsorted(borders, at))
+    first = max(at - _RECENT, int(borders[place - 1]) if place else 0)
+    last = min(at + _RECENT, int(borders[place + 1]) if place + 1 < len(borders) else len(late_s))
+    return float(late_s[at:last].min() - late_s[first:at].min()) if at else 0.0
 
 
 def _line_below(count: Ints, arrival_s: Floats, rough_period_s: float) -> tuple[float, float]:

@@ -25,7 +25,8 @@ class CanEmulator:
     frames of a sample follow at once, one after the other at `bitrate`; the adapter hands on a frame when it has
     ended. Messages whose values are held come before each sample. A cycle passes whole or not at all. While the
     adapter passes nothing the plant is not asked. Axes that the plant does not have read 0 deg/s, signals without
-    a meaning raw 0. `source_address`: of a J1939 unit, default that of the DBC file.
+    a meaning raw 0. `source_address`: of a J1939 unit, default that of the DBC file. `adapter`: one that is there
+    already, as it is when only the unit is switched off and on.
     """
 
     def __init__(
@@ -38,12 +39,13 @@ class CanEmulator:
         clock_error_ppm: float = 0.0,
         serial_number: str = "GB01",
         source_address: int | None = None,
+        adapter: SlcanAdapter | None = None,
     ) -> None:
         self._plant = plant
         self._layout = layout
         self._source = source_address
         self._slots = [*_held_slots(layout), *layout.sample]
-        self._adapter = SlcanAdapter(bitrate, serial_number=serial_number)
+        self.adapter = adapter or SlcanAdapter(bitrate, serial_number=serial_number)
         self._rate_hz = rate_hz
         self._period_s = 1.0 / (rate_hz * (1.0 + clock_error_ppm * 1e-6))
         messages = [layout.messages[slot.message] for slot in self._slots]
@@ -65,9 +67,9 @@ class CanEmulator:
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take commands to the adapter; a channel that closes first hands on what had come by then."""
-        was_passing = self._adapter.passing
-        answers = self._adapter.receive(data, now_s)
-        if was_passing and not self._adapter.passing:
+        was_passing = self.adapter.passing
+        answers = self.adapter.receive(data, now_s)
+        if was_passing and not self.adapter.passing:
             rest = self._send(now_s)
             return answers if rest is None else [Reply(now_s, rest.data), *answers]
         if not was_passing:
@@ -76,7 +78,7 @@ class CanEmulator:
 
     def stream(self, until_s: float) -> StreamBlock | None:
         """Return the frames of samples whose last frame has ended by `until_s`; None if there are none."""
-        if self._adapter.passing:
+        if self.adapter.passing:
             return self._send(until_s)
         self._next = max(self._next, self._due(until_s))
         return None

@@ -96,6 +96,11 @@ class KvhEmulator:
             self._switch_on(0.0)
 
     @property
+    def settings(self) -> dict[str, str]:
+        """What the unit keeps in its memory when it is switched off."""
+        return dict(self._settings)
+
+    @property
     def wire(self) -> WireShape:
         """A message of the format in force ends in its CRC-32."""
         return WireShape(frame_bytes=layout(_format(self._settings)).length, check_bytes=4)

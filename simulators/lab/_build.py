@@ -18,9 +18,10 @@ from simulators.lab._config import DeviceConfig, GyroConfig, LabConfig, Platform
 from simulators.lab._core import Lab
 from simulators.lab._line import Line
 from simulators.lab._ports import Port, PtyPort, TcpPort
+from simulators.lab._power import PowerCycled, Since
 from simulators.lab._stagehand import Act
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
-from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig
+from simulators.plant.lab_plant import LabPlant, PlantConfig, Unit, UnitConfig
 from simulators.plant.table import TableParameters
 from simulators.plant.wobble import EncoderParameters, Wobble
 
@@ -42,14 +43,15 @@ def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
     streams: dict[str, StreamingEmulator] = {}
     for gyro in config.gyros:
         ports.append(_port(gyro.name, gyro.transport, config))
-        emulators[gyro.name] = streams[gyro.name] = _gyro(gyro, plant)
+        emulators[gyro.name] = streams[gyro.name] = _gyro(gyro, plant.unit(gyro.name))
     for platform in config.platforms:
         ports.append(_port(platform.name, platform.transport, config))
         emulators[platform.name] = streams[platform.name] = _platform(platform, config, plant)
     lab = Lab(
         plant, ports, emulators, streams, delivery_s=config.delivery_s, lines=_lines(config, emulators, plant)
     )
-    return lab, _acts(plant, lab, emulators["chamber"])
+    acts = _acts(plant, lab, emulators["chamber"])
+    return lab, {**acts, "power_cycle": _power_cycle(config, plant, lab, streams)}
 
 
 def _lines(config: LabConfig, emulators: Mapping[str, Emulator], plant: LabPlant) -> dict[str, Line]:
@@ -204,11 +206,12 @@ def _f4t(device: DeviceConfig, plant: LabPlant) -> Emulator:
     )
 
 
-def _gyro(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
+def _gyro(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None = None) -> StreamingEmulator:
+    """Return a unit's emulator; `before`: what it was until it was switched off, for what outlasts that."""
     emulators = {"kvh1750": _kvh, "sbg_ellipse": _can, "can_dbc": _can, "rlg2t": _rlg, "frames": _frames}
     if other := _of_others("gyro", gyro.driver, emulators):
-        return cast(StreamingEmulator, other(gyro.settings, plant.unit(gyro.name)))
-    return _known("gyro", gyro.driver, emulators)(gyro, plant)
+        return cast(StreamingEmulator, other(gyro.settings, unit))
+    return _known("gyro", gyro.driver, emulators)(gyro, unit, before)
 
 
 def _of_others(
@@ -222,51 +225,53 @@ def _of_others(
     return cast("Callable[[Mapping[str, Any], object], Emulator]", found[0].load()) if found else None
 
 
-def _kvh(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
+def _kvh(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None) -> StreamingEmulator:
     from simulators.emulators.kvh import KvhEmulator
 
     return KvhEmulator(
-        plant.unit(gyro.name),
+        unit,
         serial_number=gyro.settings["unit"],
         axes=gyro.settings["axes"],
         baudrate=gyro.settings["baudrate"],
         clock_error_ppm=gyro.clock_error_ppm,
         streaming=True,
+        settings=before.settings if isinstance(before, KvhEmulator) else None,
     )
 
 
-def _can(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
+def _can(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None) -> StreamingEmulator:
     from drivers.can_dbc import layout_of  # only a lab with such a gyro needs it
     from drivers.sbg import ellipse_layout
     from simulators.emulators.can_dbc import CanEmulator
 
     return CanEmulator(
-        plant.unit(gyro.name),
+        unit,
         ellipse_layout() if gyro.driver == "sbg_ellipse" else layout_of(gyro.settings),
         source_address=gyro.settings.get("source_address"),
         rate_hz=gyro.settings["rate_hz"],
         bitrate=gyro.settings["bitrate"],
         clock_error_ppm=gyro.clock_error_ppm,
+        adapter=before.adapter if isinstance(before, CanEmulator) else None,
     )
 
 
-def _rlg(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
+def _rlg(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None) -> StreamingEmulator:
     from simulators.emulators.rlg import RlgEmulator
 
     return RlgEmulator(
-        plant.unit(gyro.name),
+        unit,
         rate_hz=gyro.settings["rate_hz"],
         baudrate=gyro.settings["baudrate"],
         clock_error_ppm=gyro.clock_error_ppm,
     )
 
 
-def _frames(gyro: GyroConfig, plant: LabPlant) -> StreamingEmulator:
+def _frames(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None) -> StreamingEmulator:
     from drivers.frames import family_in
     from simulators.emulators.frames import FrameEmulator
 
     return FrameEmulator(
-        plant.unit(gyro.name),
+        unit,
         family_in(gyro.settings),
         axes=gyro.settings["axes"],
         rate_hz=gyro.settings["rate_hz"],
@@ -300,6 +305,30 @@ def _pins(platform: PlatformConfig, config: LabConfig, plant: LabPlant) -> Strea
         period_s=platform.settings["period_s"],
         baudrate=platform.settings["baudrate"],
     )
+
+
+def _power_cycle(config: LabConfig, plant: LabPlant, lab: Lab, streams: dict[str, StreamingEmulator]) -> Act:
+    gyros = {gyro.name: gyro for gyro in config.gyros}
+
+    def power_cycle(request: dict[str, Any]) -> dict[str, Any]:
+        """Switch a gyro (default all) off now, and on again after `off_s` (default 60)."""
+        off_s = float(request.get("off_s", 60.0))
+        if not 1.0 <= off_s <= 86400.0:
+            raise ConfigurationError(
+                "a unit cannot be off for that long", found=f"off_s {off_s:g}", expected="1 s to a day"
+            )
+        now_s = lab.now_ns / 1e9
+        for name in [request["unit"]] if "unit" in request else list(gyros):
+            gyro, before = _known("gyro", name, gyros), streams[name]
+            plant.power_cycle(name, off_s)
+            on_s = now_s + off_s
+            inner = before.after if isinstance(before, PowerCycled) else before
+            after = _gyro(gyro, Since(plant.unit(name), on_s), inner)
+            streams[name] = PowerCycled(before, after, off_s=now_s, on_s=on_s)
+            lab.exchange(name, streams[name])
+        return {}
+
+    return power_cycle
 
 
 def _acts(plant: LabPlant, lab: Lab, chamber: Emulator) -> dict[str, Act]:

@@ -126,6 +126,14 @@ class Lab:
         self.lines[fault.port].add(fault)
         self._active = self._active_lines()
 
+    def exchange(self, name: str, emulator: StreamingEmulator) -> None:
+        """Put another streaming emulator on a port, from now on."""
+        index = next(index for index, port in enumerate(self.ports) if port.name == name)
+        self._emulators[index] = emulator
+        self._streams = [(at, emulator if at == index else other) for at, other in self._streams]
+        if name in self.lines:
+            self.lines[name].device_faults.update(getattr(emulator, "faults", {}))
+
     def settle(self) -> set[int]:
         """Hang up the ports that vanished in the last step, now that the bench has read what came before.
 

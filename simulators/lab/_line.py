@@ -41,7 +41,7 @@ class Line:
         self.struck: list[dict[str, Any]] = []
         self._seed = seed
         self._wire = wire or WireShape()
-        self._device_faults = device_faults
+        self.device_faults = dict(device_faults)
         self._on_wire: list[tuple[Fault, Schedule, np.random.Generator]] = []
         self._on_command: list[tuple[Fault, Schedule, np.random.Generator]] = []
         self._on_device: list[tuple[Fault, Schedule]] = []
@@ -54,7 +54,7 @@ class Line:
 
     def add(self, fault: Fault) -> None:
         """Put one more fault on the line; ConfigurationError if the port cannot have it."""
-        fault.check(self._device_faults, self._wire)
+        fault.check(self.device_faults, self._wire)
         self.active = True
         source = NoiseSource(self._seed, f"fault of {self.port}", 2 * self._number)
         self._number += 1
@@ -83,7 +83,7 @@ class Line:
                 gone_s = max(gone_s, fault.duration_s)
                 self._say(now_s, fault, f"for {fault.duration_s:g} s")
             else:
-                self._device_faults[fault.kind](fault, now_s)
+                self.device_faults[fault.kind](fault, now_s)
                 self._say(now_s, fault, fault.text)
         return gone_s
 

@@ -71,12 +71,12 @@ class PlantConfig:
     units: tuple[UnitConfig, ...] = ()
 
 
-def unit_model(config: UnitConfig, run_seed: int = 0) -> UnitModel:
-    """Build the model that a unit's configuration names; a ring laser differs a little from run to run."""
+def unit_model(config: UnitConfig, run_seed: int = 0, power_on: int = 0) -> UnitModel:
+    """Build the model that a unit's configuration names; a ring laser differs a little between power cycles."""
     if config.model == "mems":
         model = mems_unit(config.unit_seed)
     elif config.model == "rlg":
-        model = rlg_unit(config.unit_seed, run_seed)
+        model = rlg_unit(config.unit_seed, run_seed, power_on)
     elif config.model == "ins_triad":
         model = triad_unit(config.unit_seed)
     else:
@@ -97,6 +97,7 @@ class LabPlant:
             owner = "encoder" if name == carrier else f"encoder {name}"
             self.tables[name] = EncodedTable(config.table, config.encoder, NoiseSource(config.seed, owner))
         self._units: dict[str, Unit] = {}
+        self._power_ons: dict[str, int] = {}
         self._ticks = 0
         for unit in config.units:
             self._add(unit)
@@ -142,6 +143,20 @@ class LabPlant:
                 "an IMU is mounted at an attitude", where=unit_name, found=mounting, expected="a matrix"
             )
         unit.mount(self.now_s, mounting)
+
+    def power_cycle(self, unit_name: str, off_s: float) -> None:
+        """Switch a unit off now and on again `off_s` later (a stage hand's action)."""
+        unit = self.unit(unit_name)
+        if isinstance(unit, ImuUnit):
+            raise ConfigurationError(
+                "an IMU of this model has nothing that a power cycle changes",
+                where=unit_name,
+                expected="a unit of another model than imu and imu_full",
+            )
+        count = self._power_ons.get(unit_name, 0) + 1
+        config = next(each for each in self.config.units if each.name == unit_name)
+        unit.power_cycle(self.now_s, off_s, unit_model(config, self.config.seed, count))
+        self._power_ons[unit_name] = count
 
     def mount_at(self, unit_name: str, attitude: Sequence[Sequence[float]]) -> None:
         """Mount an IMU now so that its attitude C (3, 3), body to east-north-up, is this with all axes at 0."""

@@ -81,14 +81,15 @@ def rlg_network() -> Network:
     return build_network(capacity, links, {"block": 2.0}, lags)
 
 
-def rlg_coefficients(unit_seed: int, run_seed: int = 0) -> RlgCoefficients:
-    """Return a unit's coefficients on a given day; unit 0 is the nominal one."""
+def rlg_coefficients(unit_seed: int, run_seed: int = 0, power_on: int = 0) -> RlgCoefficients:
+    """Return a unit's coefficients on a given day after so many power cycles; unit 0 is the nominal one."""
     c = RlgCoefficients()
     if unit_seed:
         c = _varied(
             c, tuple(item.name for item in fields(c)), UNIT_SPREAD, np.random.default_rng((unit_seed, 1))
         )
-    return _varied(c, _OF_TEMPERATURE, RUN_SPREAD, np.random.default_rng((unit_seed, 2, run_seed)))
+    seeds = (unit_seed, 2, run_seed, power_on) if power_on else (unit_seed, 2, run_seed)
+    return _varied(c, _OF_TEMPERATURE, RUN_SPREAD, np.random.default_rng(seeds))
 
 
 def _varied(
@@ -167,9 +168,9 @@ def rlg_rate_effects(c: RlgCoefficients) -> tuple[RateEffect, ...]:
     )
 
 
-def rlg_unit(unit_seed: int, run_seed: int = 0) -> UnitModel:
-    """Return a single-axis unit, switched on for run `run_seed`."""
-    c = rlg_coefficients(unit_seed, run_seed)
+def rlg_unit(unit_seed: int, run_seed: int = 0, power_on: int = 0) -> UnitModel:
+    """Return a single-axis unit, switched on for run `run_seed` and again `power_on` times since."""
+    c = rlg_coefficients(unit_seed, run_seed, power_on)
     network = rlg_network()
     case, block, none = network.row("case"), network.row("block"), np.zeros(len(network.names))
     of_state = [case, block, none, none, network.row("block_sensor"), network.row("case_sensor")]

@@ -8,6 +8,7 @@ and the model's truth columns: 8 float64 for a fibre-optic gyro, 12 for a three-
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -28,7 +29,7 @@ _Channel = tuple[tuple[Callable[[Any], float], ...], float]
 
 
 class GyroUnit:
-    """A powered unit (see `simulators.interfaces.GyroPlant`), switched on at 0 s at the room's temperature."""
+    """A unit (see `simulators.interfaces.GyroPlant`), switched on at 0 s at the room's temperature."""
 
     def __init__(
         self, model: UnitModel, mount: Mount, table: TableAxis, latitude_deg: float, source: NoiseSource
@@ -46,7 +47,11 @@ class GyroUnit:
             GyroNoise(source.substream(_SAMPLES + 2 * index), axis.noise)
             for index, axis in enumerate(model.axis_models)
         ]
-        self._bias, self._scale = _terms(model, source.substream(_TURN_ON))
+        self._turn_on = source.substream(_TURN_ON)
+        self._bias, self._scale = _terms(model, self._turn_on, 0)
+        self._power_ons = 0
+        self._switches: deque[tuple[int, UnitModel | None]] = deque()
+        """Power to come: (tick, model from then on, None for off)."""
         self._reading_at = [model.outputs.index(name) for name in _READINGS]
         self._truth_at = [model.outputs.index(name) for name in model.truth]
         self._sensor_source = source.substream(_SENSORS)
@@ -68,6 +73,8 @@ class GyroUnit:
 
     def tick(self, air_temp_c: float) -> None:
         """Advance by 1 s in air of the given temperature."""
+        if self._switches and self._ticks >= self._switches[0][0]:
+            self._switch(self._switches.popleft()[1])
         states = self._states
         self._input[states] = air_temp_c
         np.dot(self.model.step, self._input, out=self._output)
@@ -79,6 +86,17 @@ class GyroUnit:
         last = self._mounts[-1][1]
         mount = Mount(mounting, last.azimuth_error_deg, last.tilt_deg)
         self._mounts.append((now_s, mount, mount.axes_in_table(len(self.axes))))
+
+    def power_cycle(self, now_s: float, off_s: float, model: UnitModel) -> None:
+        """Switch the unit off at `now_s`, on again `off_s` later: `model` and a bias drawn anew hold from there.
+
+        While it is off its heat sources are cold. ConfigurationError if it is off already.
+        """
+        if self._switches:
+            raise ConfigurationError(
+                "the unit is being switched already", where="gyro plant", expected="a unit that is on"
+            )
+        self._switches += [(math.ceil(now_s), None), (math.ceil(now_s + off_s), model)]
 
     def case_reading_c(self, now_s: float) -> float:
         """Return the reading of the sensor on the case, held from the last tick."""
@@ -171,6 +189,14 @@ class GyroUnit:
                     errors[axis] += effect.value(rate_dps)
         return errors
 
+    def _switch(self, model: UnitModel | None) -> None:
+        """Switch the unit off (None), or on as `model`."""
+        self._input[-1] = 0.0 if model is None else 1.0
+        if model is not None:
+            self._power_ons += 1
+            self.model = model
+            self._bias, self._scale = _terms(model, self._turn_on, self._power_ons)
+
     def _keep(self, outputs: list[float]) -> None:
         """Record one tick from the network's outputs."""
         tick = self._ticks
@@ -197,9 +223,9 @@ def _columns(model: UnitModel) -> tuple[str, ...]:
     return (*(name + end for name in errors for end in ends), *_READINGS, *model.truth)
 
 
-def _terms(model: UnitModel, source: NoiseSource) -> tuple[list[_Channel], list[_Channel]]:
+def _terms(model: UnitModel, source: NoiseSource, power_on: int) -> tuple[list[_Channel], list[_Channel]]:
     """Return what to sum for each axis's bias and scale factor: functions of state, and this power-on's part."""
-    drawn = source.generator(0).standard_normal((len(model.axis_models), 2)).tolist()
+    drawn = source.generator(power_on).standard_normal((len(model.axis_models), 2)).tolist()
     bias: list[_Channel] = []
     scale: list[_Channel] = []
     for axis, (on_bias, on_scale) in zip(model.axis_models, drawn, strict=True):

@@ -156,3 +156,43 @@ def test_memory_is_one_row_a_second():
     for at in range(0, 100_000, 1000):
         timer.feed(np.arange(at, at + 1000) % MODULO, ends[at : at + 1000], marks)
     assert sum(len(part) for part in timer._counts) <= 201
+
+
+@pytest.mark.parametrize("off_s", [5.0, 60.0])
+@pytest.mark.parametrize("on_s", [37.0, 400.0, 640.0])
+@pytest.mark.parametrize("clock_ppm", [-10_000, 0, 10_000])
+def test_a_device_switched_off_and_on_counts_anew_and_keeps_its_times(off_s, on_s, clock_ppm):
+    """A 16-bit counter at 100 Hz wraps in 655 s: its step across the pause says anything from 0 to that."""
+    period_s = 0.01 / (1 + clock_ppm * 1e-6)
+    before, after = round(on_s / period_s), 30_000
+    counter = np.concatenate((np.arange(before), np.arange(after))) % 65536
+    pause_s = off_s + 0.0037
+    true_s = 5.0 + np.concatenate(
+        (np.arange(before) * period_s, before * period_s + pause_s + np.arange(after) * period_s)
+    )
+    arrival = np.maximum.accumulate(true_s + jitter(3, len(true_s), 0.001))
+    ends = FRAME * np.arange(1, len(counter) + 1)
+    marks = np.column_stack((ends, np.rint(arrival * 1e9).astype(np.int64)))
+    timer, unwrap = StreamTimer(65536, 1, 100.0), Unwrapper(65536)
+    for at in range(0, len(counter), 1000):
+        timer.feed(counter[at : at + 1000], ends[at : at + 1000], marks)
+    timing = timer.fit()
+    count = timing.corrected(unwrap.feed(counter)[0], 0)
+    assert np.abs(timing.time_ns(count) * 1e-9 - true_s).max() < 0.012
+    assert np.diff(count)[before - 1] == pytest.approx(pause_s / period_s + 1, abs=1.1)
+    assert np.delete(np.diff(count), before - 1).tolist() == [1] * (len(count) - 2)
+    assert timing.clock_error_ppm == pytest.approx(clock_ppm, abs=60)
+    assert any("started anew 1 times" in text for text in timing.warnings)
+
+
+@pytest.mark.parametrize("stall_s", [3.0, 40.0])
+@pytest.mark.parametrize("clock_ppm", [-10_000, 10_000])
+def test_a_stall_of_the_host_is_no_restart_of_a_device_with_a_long_wrap(stall_s, clock_ppm):
+    count, period_s = 30_000, 0.01 / (1 + clock_ppm * 1e-6)
+    sample_s = np.arange(count) * period_s
+    held = (sample_s > 60.0) & (sample_s < 60.0 + stall_s)
+    latency = np.where(held, 60.0 + stall_s - sample_s, 0.0) + jitter(2, count, 0.001)
+    timing, time_s, counts = fit(np.arange(count), period_s, latency, modulo=65536)
+    assert counts.tolist() == list(range(count))
+    assert np.abs(time_s - 5.0 - sample_s).max() < 0.002
+    assert len(timing.corrections) == 0
