@@ -26,6 +26,14 @@ class History:
             self._rows[self._count % len(self._rows)] = (time_s, *values)
             self._count += 1
 
+    def extend(self, rows: NDArray[np.float64]) -> None:
+        """Add rows (n, 1 + columns), each with its time first; of more than the capacity the last remain."""
+        with self._lock:
+            capacity = len(self._rows)
+            count = self._count + np.arange(len(rows))[-capacity:]
+            self._rows[count % capacity] = rows[-capacity:]
+            self._count += len(rows)
+
     @property
     def last(self) -> dict[str, float]:
         """The newest row by column name; empty before the first."""

@@ -189,11 +189,14 @@ class StreamStation:
         last = np.append(first[1:], len(batch))
         values = [np.asarray(column, dtype=np.float64) for column in self._values(batch.columns)]
         valid = np.asarray(batch.columns["valid"], dtype=bool)
-        for (arrival_s, _), start, stop in zip(blocks, first, last, strict=True):
-            use = valid[start:stop]
-            if use.any():
-                means = (_mean(column[start:stop][use]) for column in values)
-                self.history.append(arrival_s, int(use.sum()), *means)
+        samples = _sums(valid, first, last)
+        sums = [samples]
+        for column in values:
+            known = valid & ~np.isnan(column)
+            with np.errstate(invalid="ignore"):  # no known value in a block: its mean is NaN
+                sums.append(_sums(np.where(known, column, 0.0), first, last) / _sums(known, first, last))
+        arrival_s = np.array([time_s for time_s, _ in blocks])
+        self.history.extend(np.column_stack([arrival_s, *sums])[samples > 0])
 
     def _count_lost(self, decoder: StreamDecoder, counter: NDArray[np.int64]) -> None:
         before = counter[0] - round(decoder.counter_step) if self._counter is None else self._counter
@@ -238,9 +241,11 @@ class PlatformStation(StreamStation):
         )
 
 
-def _mean(values: NDArray[np.float64]) -> float:
-    known = values[~np.isnan(values)]
-    return float(known.mean()) if len(known) else float("nan")
+def _sums(values: NDArray[Any], first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the sums of values[first[k]:last[k]], (m,)."""
+    total = np.concatenate(([0.0], np.cumsum(values, dtype=np.float64)))
+    sums: NDArray[np.float64] = total[last] - total[first]
+    return sums
 
 
 class StreamTap:

@@ -1,9 +1,21 @@
-"""Leases and other state of the tests stay out of the home of whoever runs them."""
+"""For all tests: leases and other state stay out of the home of who runs them; property tests know no hurry."""
 
 import os
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# A busy machine makes no property false: no deadline an example. CI tries the same examples every time; a
+# developer's machine goes on looking for new ones.
+settings.register_profile(
+    "gyrobench",
+    deadline=None,
+    derandomize="CI" in os.environ,
+    suppress_health_check=[HealthCheck.too_slow],
+    print_blob=True,
+)
+settings.load_profile("gyrobench")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -54,3 +54,17 @@ def test_reading_while_a_thread_appends_gives_rows_in_order():
         assert np.array_equal(rows["time_s"], rows["value"])
         assert np.all(np.diff(rows["time_s"]) == 1.0)
     thread.join()
+
+
+@given(st.lists(st.integers(0, 9), max_size=8), st.integers(1, 7))
+def test_rows_in_blocks_are_rows_one_by_one(blocks, capacity):
+    one, many, time_s = History(("value",), capacity), History(("value",), capacity), 0.0
+    for size in blocks:
+        rows = np.array([[time_s + k, 10.0 * (time_s + k)] for k in range(size)]).reshape(-1, 2)
+        many.extend(rows)
+        for row in rows:
+            one.append(*row)
+        time_s += size
+    assert len(one) == len(many) and one.last == many.last
+    for name, column in one.since(0.0).items():
+        np.testing.assert_array_equal(column, many.since(0.0)[name])
