@@ -32,9 +32,8 @@ def url_of(place: Path | str) -> str:
 def local_run(place: Path | str, *, everything: bool = False) -> Path:
     """Return the folder of a run on this machine: `place` itself, or for a URL its copy in the cache.
 
-    The copy has the small files; `everything` fetches all anew, raw bytes and
-    tables too. RecordError if the storage does not
-    answer or has no run there.
+    The copy has the small files; `everything` fetches all anew, raw bytes and tables too. RecordError if
+    the storage does not answer or has no run there.
     """
     url = url_of(place)
     if not url:
