@@ -5,6 +5,7 @@ The only things the bench learns of it are ports and a clock URL, which it puts 
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -62,7 +63,27 @@ class Plant(BaseModel):
     rotation: RotationPlant = RotationPlant()
     bearing: dict[str, BearingPlant] = Field(default_factory=dict)
     """Unit id -> the bearing it turns in; a unit not named has its model's own."""
+    gap_model: dict[str, Path] = Field(default_factory=dict)
+    """Unit id -> model file (nominal, or written by `gyrobench gap close`): its effects and noise in place of the
+    unit's own errors. Relative to the plant file."""
     fault: tuple[PlantFault, ...] = ()
+
+    def errors_of(self, unit: str) -> dict[str, Any] | None:
+        """Return terms and noise of the model that a unit is to follow, as JSON values, None without one."""
+        if unit not in self.gap_model:
+            return None
+        from bench.gap import read_model  # scipy takes its time to import
+
+        model = read_model(self.gap_model[unit])
+        terms = [
+            {
+                "effect": term.name,
+                "values": list(term.values),
+                "shape": dict(term.variant.shape),
+            }
+            for term in model.terms
+        ]
+        return {"terms": terms, "noise": dataclasses.asdict(model.noise)}
 
     def model_of(self, gyro: GyroSection, axes: int = 1) -> str:
         """Return the name of the physics behind a gyro on a table of so many axes; on several it is an IMU."""
@@ -74,7 +95,11 @@ class Plant(BaseModel):
     def summary(self, file: BenchFile) -> str:
         """Return in a few words what is emulated."""
         axes = len(file.table.all_axes)
-        units = [f"{gyro.name} {self.model_of(gyro, axes)}" for gyro in file.gyro]
+        units = [
+            f"{gyro.name} {self.model_of(gyro, axes)}"
+            + (f" with the errors of {self.gap_model[gyro.unit].name}" if gyro.unit in self.gap_model else "")
+            for gyro in file.gyro
+        ]
         units += [f"{platform.name} space-stable platform" for platform in file.platform]
         faults = f", {len(self.fault)} faults" if self.fault else ""
         return f"{self.chamber} chamber, {', '.join(units)}{faults}"
@@ -179,7 +204,7 @@ def load_plant(path: Path | None) -> Plant:
     import tomllib
 
     try:
-        return Plant.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        plant = Plant.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError) as error:
         raise ConfigurationError(
             "the plant file cannot be used",
@@ -187,6 +212,8 @@ def load_plant(path: Path | None) -> Plant:
             found=str(error),
             expected="keys of the plant file",
         ) from error
+    models = {unit: path.parent / file for unit, file in plant.gap_model.items()}
+    return plant.model_copy(update={"gap_model": models})
 
 
 def _cpu_of(lane: int) -> int | None:
@@ -232,6 +259,7 @@ def _lab_config(file: BenchFile, plant: Plant, clock: str) -> dict[str, Any]:
                 "bearing": plant.bearing[gyro.unit].model_dump(mode="json")
                 if gyro.unit in plant.bearing
                 else None,
+                "errors": plant.errors_of(gyro.unit),
             }
             for gyro in file.gyro
         ],

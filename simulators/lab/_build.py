@@ -22,6 +22,7 @@ from simulators.lab._power import PowerCycled, Since
 from simulators.lab._stagehand import Act
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, Unit, UnitConfig
+from simulators.plant.modelled_unit import ModelledErrors
 from simulators.plant.table import TableParameters
 from simulators.plant.wobble import EncoderParameters, Wobble
 
@@ -91,6 +92,7 @@ def _plant_config(config: LabConfig) -> PlantConfig:
                 mount_azimuth_error_deg=gyro.mount_azimuth_error_deg,
                 aux_sensor=gyro.settings.get("case_sensor") or 0,
                 wobble=None if gyro.bearing is None else _wobble(gyro.bearing),
+                errors=None if gyro.errors is None else ModelledErrors.from_json(gyro.errors),
             )
             for gyro in config.gyros
         ),

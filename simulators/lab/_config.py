@@ -26,6 +26,7 @@ class GyroConfig:
     """A gyro unit: `settings` as in the bench file; `model` and `unit_seed` say which physics it has.
 
     `bearing`: what an INS turns in, as in a plant file; None for the one its seed draws.
+    `errors`: terms and noise of a fitted model in place of the unit's own errors.
     """
 
     name: str
@@ -38,6 +39,7 @@ class GyroConfig:
     mount_azimuth_error_deg: float = 0.0
     clock_error_ppm: float = 0.0
     bearing: dict[str, Any] | None = None
+    errors: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)

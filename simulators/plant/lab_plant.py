@@ -23,6 +23,7 @@ from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
 from simulators.plant.imu_unit import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
+from simulators.plant.modelled_unit import ModelledErrors, modelled
 from simulators.plant.mounting import MOUNTINGS, Mount, Mounting
 from simulators.plant.noise import NoiseSource
 from simulators.plant.rlg import rlg_unit
@@ -33,6 +34,8 @@ from simulators.plant.wobble import EncodedTable, EncoderParameters, WhirlingUni
 
 UnitKind = Literal["fog_mid", "fog_nav", "mems", "ins_triad", "rlg", "imu", "imu_full"]
 Unit = GyroUnit | ImuUnit
+_WALK = 61
+"""Random stream of a modelled unit's rate random walk."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ class UnitConfig:
 
     `aux_sensor`: number of the chamber's auxiliary sensor glued to its case, 0 for none. `wobble`: the bearing
     that an `ins_triad` turns in, None for the nominal one of its seed; other units turn in a perfect one.
+    `errors`: those of a fitted model, in place of the unit's own; its thermal network stays.
     """
 
     name: str
@@ -52,6 +56,7 @@ class UnitConfig:
     aux_sensor: int = 0
     without: tuple[str, ...] = ()
     wobble: Wobble | None = None
+    errors: ModelledErrors | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,8 @@ def unit_model(config: UnitConfig, run_seed: int = 0, power_on: int = 0) -> Unit
         model = triad_unit(config.unit_seed)
     else:
         model = fog_unit(FOG_MID if config.model == "fog_mid" else FOG_NAV, config.unit_seed)
+    if config.errors is not None:
+        model = modelled(model, config.errors, (run_seed, config.unit_seed, _WALK))
     return leave_out(model, config.without)
 
 

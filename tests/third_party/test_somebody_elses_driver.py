@@ -88,3 +88,37 @@ def test_without_the_package_its_name_is_unknown_and_the_known_ones_are_listed(t
     done = gyrobench(["rehearse", "constant-rotation"], None, tmp_path)
     assert done.returncode == 2
     assert "gyro[0].driver" in done.stderr and "acme_gy1" in done.stderr and "kvh1750" in done.stderr
+
+
+ETALON = """
+format = 1
+[noise]
+arw_deg_per_sqrt_h = 0.003
+[[effect]]
+name = "acme_etalon"
+parameters = { bias_dph = 0.5 }
+sigma = { bias_dph = 0.1 }
+shape = { period_k = 12.0 }
+"""
+
+
+def test_its_effect_is_a_candidate_and_a_term_of_models(installed, tmp_path):
+    """sin(2 pi (28 - 25) / 12) = 1: 0.5 deg/h above Earth rate at 28 degC, by a model file."""
+    (tmp_path / "etalon.toml").write_text(ETALON)
+    script = """
+import sys
+from pathlib import Path
+import numpy as np
+from bench.gap import read_model
+from simulators.effects import Stimulus, catalogue
+n = 300
+warm = np.full(n, 28.0)
+s = Stimulus(np.arange(1.0, n + 1.0), warm, warm, np.zeros(n + 1), np.full(n, 90.0), 0.0)
+print(catalogue()["acme_etalon"].source)
+print(round(float(read_model(Path(sys.argv[1])).predict(s).mean()), 9))
+"""
+    environment = {**os.environ, "PYTHONPATH": str(installed)}
+    command = [sys.executable, "-c", script, str(tmp_path / "etalon.toml")]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n")[:2] == ["acme, application note 12", "0.5"]
