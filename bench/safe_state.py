@@ -6,13 +6,14 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 from drivers.clock import Clock
-from drivers.errors import BenchError, DeviceRefused, ProtocolError
+from drivers.errors import BenchError, DeviceRefused, DeviceSilent, LinkLost, ProtocolError
 from drivers.instruments import Instrument, Rest
 
 REST_TIMEOUT_S = 60.0
 """A large table takes tens of seconds from its highest rate to zero."""
 
 _AGAIN_S = 0.2
+_TRIES = 3
 
 
 def bring_to_rest(
@@ -32,10 +33,8 @@ def bring_to_rest(
             device.halt()
     problems = {}
     for name, device in devices.items():
-        try:
-            device.make_safe()
-        except BenchError as error:
-            problems[name] = str(error)
+        if problem := _tell(device, clock):
+            problems[name] = problem
     deadline_s = clock.now() + timeout_s
     for name, device in devices.items():
         if name not in problems:
@@ -44,6 +43,21 @@ def bring_to_rest(
             except BenchError as error:
                 problems[name] = str(error)
     return [f"{name}: {text}" for name, text in problems.items()]
+
+
+def _tell(device: Instrument, clock: Clock) -> str:
+    """Have the device make itself safe, again if it refuses or does not answer; return what failed."""
+    for attempt in range(_TRIES):
+        if attempt:
+            clock.sleep(_AGAIN_S)
+        try:
+            device.make_safe()
+            return ""
+        except BenchError as error:
+            problem = str(error)
+            if isinstance(error, LinkLost):
+                break
+    return problem
 
 
 def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
@@ -55,7 +69,7 @@ def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
             if rest.reached:
                 return rest
             found = rest.text
-        except ProtocolError as error:
+        except (ProtocolError, DeviceSilent) as error:
             found = error.found
         if clock.now() >= deadline_s:
             raise DeviceRefused(

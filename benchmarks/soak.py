@@ -1,0 +1,381 @@
+"""Soak test: seeded runs on an emulated lab with faults, singly and in pairs; each must end well or stop safe.
+
+Run as `python -m benchmarks.soak [RUNS] [SEED]`; writes benchmarks/soak.md and fails if a run was not honest.
+What is judged, by means the run itself has no part in: its folder is rebuilt from the raw bytes; the instruments
+are asked anew, after the run, whether they rest; every accepted frame of a gyro with a damaged line is looked up
+among those that the same lab sends without faults; what must not pass unnoticed is held against the outcome.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
+
+from bench.benchfile import BenchFile, bench_file_from
+from bench.devices import (
+    chamber_kind,
+    chamber_settings,
+    gyro_kind,
+    gyro_settings,
+    table_kind,
+    table_settings,
+)
+from bench.emulated import EmulatedLab, Plant, PlantFault
+from bench.nursery import LabNursery
+from bench.procedure import Demands, Parameters, Procedure
+from bench.questions import Question
+from bench.recording import read_manifest, verify
+from bench.run_record import decode_run
+from bench.runner import RunRequest, RunResult, run_procedure
+from bench.session import Bench
+from drivers import clock as host
+from drivers.errors import BenchError, RunAborted
+from drivers.virtual_clock import VirtualClock
+
+_GYROS = ("fog_1", "can_1")
+_PORTS = ("table", "chamber", *_GYROS)
+_LASTS_S = {"delay": (0.2, 4.0), "silence": (1.0, 20.0), "vanish": (1.0, 8.0)}
+_WIRE = ("drop", "repeat", "flip", "noise", "truncate", "bad_check", "double", "lose", *_LASTS_S)
+_CHECKED = ("fog_1",)
+"""Ports whose messages carry a check value: the protocols of table and chamber and slcan lines have none."""
+_HOLD_S = 60.0
+_LATEST_END_S = 8000.0
+_MUST_TELL_S = 11.0
+_FILE: dict[str, Any] = {
+    "bench": {"name": "soak", "latitude_deg": 39.1},
+    "table": {"driver": "acutrol3000", "port": "pty-table"},
+    "chamber": {"driver": "weiss", "port": "pty-chamber"},
+    "gyro": [
+        {"name": "fog_1", "driver": "kvh1750", "port": "pty", "rate_hz": 100, "axis": "x", "unit": "F1"},
+        {
+            "name": "can_1",
+            "driver": "sbg_ellipse",
+            "interface": "gyrobench_slcan",
+            "channel": "pty-can",
+            "rate_hz": 100,
+            "axes": "xyz",
+            "axis": "z",
+            "unit": "E1",
+        },
+    ],
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run: its faults, and what else happens."""
+
+    name: str
+    faults: tuple[PlantFault, ...] = ()
+    scenario: str = ""
+    forbidden: tuple[str, ...] = ()
+    """Outcomes that would not be the truth."""
+
+
+@dataclass
+class Verdict:
+    """How a run ended and what was wrong with that; `false_frames` were accepted and never sent."""
+
+    case: Case
+    outcome: str
+    problems: list[str] = field(default_factory=list)
+    false_frames: dict[str, int] = field(default_factory=dict)
+
+
+def cases(count: int, seed: int) -> list[Case]:
+    """Return `count` cases: the scenarios, every wire fault on every port, then pairs drawn from `seed`."""
+    draw = random.Random(seed)
+    singles = [(port, kind) for port in _PORTS for kind in _WIRE if kind != "bad_check" or port in _CHECKED]
+    found = [*_scenarios(), *(_wire_case(draw, [each]) for each in singles)]
+    if count < len(found):
+        quick = [case for case in found if case.scenario != "operator" and case.scenario != "disk"]
+        return draw.sample(quick, count)
+    while len(found) < count:
+        found.append(_wire_case(draw, [draw.choice(singles), draw.choice(singles)]))
+    return found
+
+
+def _wire_case(draw: random.Random, faults: list[tuple[str, str]]) -> Case:
+    made = [_wire_fault(draw, port, kind) for port, kind in faults]
+    untold = [each for each in made if each.kind == "vanish" or each.duration_s > _MUST_TELL_S]
+    return Case(
+        " + ".join(f"{port} {kind}" for port, kind in faults),
+        tuple(made),
+        forbidden=("completed",) if untold else (),
+    )
+
+
+def _wire_fault(draw: random.Random, port: str, kind: str) -> PlantFault:
+    at_s = tuple(sorted(draw.uniform(12.0, 50.0) for _ in range(1 if kind in _LASTS_S else 4)))
+    lasts_s = draw.uniform(*_LASTS_S[kind]) if kind in _LASTS_S else 0.0
+    return PlantFault(port=port, kind=kind, at_s=at_s, count=draw.randint(1, 5), duration_s=lasts_s)
+
+
+def _scenarios() -> list[Case]:
+    def fault(port: str, kind: str, **more: Any) -> PlantFault:
+        return PlantFault(port=port, kind=kind, at_s=(25.0,), **more)
+
+    ended = ("completed", "invalid")
+    dies = [
+        Case(f"two gyros, {name} dies", (fault(name, "vanish", duration_s=1e6),), "", ("completed",))
+        for name in _GYROS
+    ]
+    gone = [
+        Case(f"{name} unplugged and back", (fault(name, "vanish", duration_s=5.0),), "", ("completed",))
+        for name in _GYROS
+    ]
+    both = tuple(fault(name, "vanish", duration_s=5.0) for name in _GYROS)
+    return [
+        *dies,
+        *gone,
+        Case("both gyros unplugged and back", both, "", ended),
+        Case("chamber alarm", (fault("chamber", "alarm", text="compressor"),), "long", ended),
+        Case("table trip", (fault("table", "trip", text="rate trip"),), "", ended),
+        Case("table refuses", (fault("table", "refuse", text="busy"),), "", ()),
+        Case("chamber refuses", (fault("chamber", "refuse"),), "", ()),
+        Case("chamber never reaches -40", (fault("chamber", "weaken", factor=0.02),), "cold", ("completed",)),
+        Case("host clock steps back an hour", (), "clock", ("invalid", "aborted")),
+        Case("disk stalls 5 s", (), "disk", ("invalid", "aborted")),
+        Case("operator answers after an hour", (), "operator", ("invalid", "aborted")),
+        Case("nothing happens", (), "", ("invalid", "aborted")),
+    ]
+
+
+def _procedure(scenario: str) -> Procedure:
+    def turn(bench: Bench, _: Parameters) -> None:
+        bench.table.device.servo_on()
+        bench.chamber.go_to(-40.0 if scenario == "cold" else 20.0)
+        bench.chamber.start()
+        if scenario == "operator":
+            bench.ask("Is the chamber closed?")
+        bench.table.spin(5.0)
+        if scenario == "cold" and not bench.wait_until(
+            lambda: bench.chamber.history.last["air_temp_c"] <= -39.0, timeout_s=2400.0, what="-40 degC"
+        ):
+            bench.invalidate("the chamber did not reach -40 degC within 40 min")
+        bench.wait(_HOLD_S if scenario != "long" else 150.0, "turning")
+        bench.table.stop()
+
+    return Procedure(
+        "soak", "A turn", "", Parameters, turn, lambda _: _HOLD_S, lambda _: Demands(5.0, -40.0, 25.0)
+    )
+
+
+class _Operator:
+    """Answers an hour after the question, by the bench's clock."""
+
+    name = "late operator"
+
+    def ask(self, question: Question) -> Callable[[], str | None]:
+        waited = iter(range(5 * 3600))  # the bench looks five times a second
+        return lambda: None if next(waited, None) is not None else "yes"
+
+
+@contextmanager
+def _host_trouble(scenario: str) -> Iterator[None]:
+    """Step the host's clock an hour back after the run's start, or let one sync of the disk take 5 s."""
+    with ExitStack() as stack:
+        if scenario == "clock":
+            real, calls = host.datetime, Counter[str]()
+
+            def now(zone: Any) -> Any:
+                calls["now"] += 1
+                step = real.timedelta(hours=1) if calls["now"] > 1 else real.timedelta()
+                return real.datetime.now(zone) - step
+
+            stepped = SimpleNamespace(datetime=SimpleNamespace(now=now), UTC=real.UTC)
+            stack.enter_context(mock.patch.object(host, "datetime", stepped))
+        if scenario == "disk":
+            real_sync, stalled = os.fdatasync, Counter[str]()
+
+            def sync(descriptor: int) -> None:
+                stalled["sync"] += 1
+                if stalled["sync"] == 1:
+                    wall = host.WallClock()
+                    wall.sleep(5.0)
+                    wall.close()
+                real_sync(descriptor)
+
+            stack.enter_context(mock.patch.object(os, "fdatasync", sync))
+        yield
+
+
+class Soak:
+    """Runs cases one after the other in labs of one nursery; the gyros' true frames are made once."""
+
+    def __init__(self, root: Path, start: Callable[[], Any]) -> None:
+        self._root, self._start = root, start
+        self._file = bench_file_from(_FILE)
+        self._true: dict[str, set[tuple[str, ...]]] = {}
+        self._number = 0
+
+    def run(self, case: Case) -> Verdict:
+        """Run and judge one case."""
+        self._number += 1
+        plant = Plant(seed=11, delivery_s=1.0, fault=case.faults)
+        with EmulatedLab(self._file, plant, start=self._start) as lab:
+            result = self._drive(lab.file, case)
+            verdict = Verdict(case, _outcome(result))
+            if "not confirmed" not in verdict.outcome and (found := _not_at_rest(lab)):
+                verdict.problems.append(f"said to be safe and is not: {found}")
+        self._judge(case, result, verdict)
+        return verdict
+
+    def _drive(self, file: BenchFile, case: Case) -> RunResult:
+        procedure = _procedure(case.scenario)
+        request = RunRequest(
+            procedure, Parameters(), file, self._root, _Operator(), None, f"run-{self._number}"
+        )
+        with _host_trouble(case.scenario):
+            return run_procedure(request)
+
+    def _judge(self, case: Case, result: RunResult, verdict: Verdict) -> None:
+        report = verify(result.folder, lambda run, out: decode_run(run, out) and None)
+        verdict.problems += [f"{each.path}: {each.text}" for each in report.problems]
+        manifest = read_manifest(result.folder)
+        if manifest.outcome != result.outcome or (result.outcome != "completed" and not manifest.reason):
+            verdict.problems.append(f"the record says {manifest.outcome!r}, {manifest.reason!r}")
+        if result.outcome in case.forbidden:
+            verdict.problems.append(f"ended as {result.outcome}: {result.reason}")
+        if result.duration_s > _LATEST_END_S:
+            verdict.problems.append(f"took {result.duration_s:.0f} s")
+        struck_ports = {fault.port for fault in case.faults}
+        if case.scenario or not struck_ports <= set(_GYROS):
+            return  # what the gyros felt is not what they would have felt
+        for name in _GYROS:
+            frames = _frames(result.folder, name)
+            if not self._true.get(name):
+                self._true[name] = self._true_frames(name)
+            false = sum((frames - Counter(dict.fromkeys(self._true[name], 10**9))).values())
+            if false:
+                verdict.false_frames[name] = false
+            if false and (name in _CHECKED or name not in struck_ports):
+                verdict.problems.append(f"{name}: {false} frames accepted that were never sent")
+
+    def _true_frames(self, name: str) -> set[tuple[str, ...]]:
+        with EmulatedLab(self._file, Plant(seed=11, delivery_s=1.0), start=self._start) as lab:
+            self._number += 1
+            result = self._drive(lab.file, Case("the truth"))
+        for each in _GYROS:
+            self._true[each] = set(_frames(result.folder, each))
+        return self._true[name]
+
+
+def _frames(folder: Path, name: str) -> Counter[tuple[str, ...]]:
+    """Return what a decoder accepts of a gyro's raw bytes, frame by frame, without temperature: it may lag."""
+    manifest = read_manifest(folder)
+    section = next(each for each in bench_file_from(manifest.bench).gyro if each.name == name)
+    data = (folder / "raw" / f"{name}.bin").read_bytes()[int(manifest.stream[name]["start_offset"]) :]
+    columns = gyro_kind(section).decoder(gyro_settings(section)).feed(data).columns
+    valid = columns["valid"].astype(bool)
+    kept = [columns[each][valid].tolist() for each in sorted(columns) if each not in ("valid", "temp_c")]
+    return Counter(tuple(map(repr, row)) for row in zip(*kept, strict=True))
+
+
+def _outcome(result: RunResult) -> str:
+    if "NOT CONFIRMED SAFE" in result.reason:
+        return "aborted, safe state not confirmed and said so"
+    return {"aborted": "stopped safe", "invalid": "to its end, invalid"}.get(result.outcome, result.outcome)
+
+
+def _not_at_rest(lab: EmulatedLab) -> str:
+    """Ask table and chamber over links of our own; return what does not rest, empty if all does."""
+
+    class Deaf:
+        def received(self, data: bytes, arrival_s: float) -> None: ...
+
+        def sent(self, data: bytes, time_s: float) -> None: ...
+
+    clock = VirtualClock(str(lab.clock_url))
+    found = []
+    try:
+        for name, kind, settings in (
+            ("table", table_kind(lab.file), table_settings(lab.file)),
+            ("chamber", chamber_kind(lab.file), chamber_settings(lab.file)),
+        ):
+            text = ""
+            for _ in range(5):  # a fault may still strike an answer
+                try:
+                    device = kind.open(settings, clock, Deaf())
+                    try:
+                        rest = device.read_rest()
+                    finally:
+                        device.link.close()
+                    text = "" if rest.reached else rest.text
+                    break
+                except RunAborted:
+                    raise
+                except BenchError as error:
+                    text = str(error)
+                    clock.sleep(5.0)
+            if text:
+                found.append(f"{name}: {text}")
+    finally:
+        clock.close()
+    return "; ".join(found)
+
+
+def soak(count: int, seed: int, say: Callable[[Verdict], None] = lambda _: None) -> list[Verdict]:
+    """Run `count` cases and return what became of them."""
+    verdicts = []
+    with tempfile.TemporaryDirectory() as root, LabNursery() as nursery:
+        runner = Soak(Path(root), nursery.start_lab)
+        for case in cases(count, seed):
+            verdicts.append(runner.run(case))
+            say(verdicts[-1])
+    return verdicts
+
+
+def table(verdicts: list[Verdict]) -> list[str]:
+    """Return Markdown lines: outcomes by fault, a pair counted under both of its faults."""
+    outcomes = sorted({verdict.outcome for verdict in verdicts})
+    by_fault: dict[str, Counter[str]] = {}
+    false: Counter[str] = Counter()
+    for verdict in verdicts:
+        for name in set(verdict.case.name.split(" + ")):
+            by_fault.setdefault(name, Counter())[verdict.outcome] += 1
+            false[name] += sum(verdict.false_frames.values())
+    head = ["fault", "runs", *outcomes, "false frames"]
+    rows = [
+        [name, str(found.total()), *(str(found[each] or "") for each in outcomes), str(false[name] or "")]
+        for name, found in by_fault.items()
+    ]
+    return [f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows]]
+
+
+def main() -> int:
+    """Run the soak test and write benchmarks/soak.md; 1 if a run was not honest."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
+
+    def say(verdict: Verdict) -> None:
+        print(f"{verdict.case.name}: {verdict.outcome} {'; '.join(verdict.problems)}", flush=True)
+
+    verdicts = soak(count, seed, say)
+    bad = [verdict for verdict in verdicts if verdict.problems]
+    lines = [
+        f"Written by `python -m benchmarks.soak {count} {seed}`: {count} runs, {len(bad)} with a problem.",
+        "A pair of faults counts under both.",
+        "",
+        *table(verdicts),
+        "",
+        *(f"- {verdict.case.name}: {'; '.join(verdict.problems)}" for verdict in bad),
+    ]
+    text = "\n".join(lines).rstrip() + "\n"
+    (Path(__file__).parent / "soak.md").write_text(text, encoding="utf-8")
+    print(text)
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
