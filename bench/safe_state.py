@@ -14,6 +14,7 @@ REST_TIMEOUT_S = 60.0
 
 _AGAIN_S = 0.2
 _TRIES = 3
+_TELL_AGAIN_S = 5.0
 
 
 def bring_to_rest(
@@ -31,10 +32,20 @@ def bring_to_rest(
     for device in devices.values():
         with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
             device.halt()
-    problems = {}
-    for name, device in devices.items():
-        if problem := _tell(device, clock):
-            problems[name] = problem
+    problems: dict[str, str] = {}
+    untold = list(devices)
+    for attempt in range(_TRIES):  # a refusal or a lost answer is no reason to leave a device
+        if attempt and untold:
+            clock.sleep(_AGAIN_S)
+        for name in list(untold):
+            try:
+                devices[name].make_safe()
+                untold.remove(name)
+                problems.pop(name, None)
+            except BenchError as error:
+                problems[name] = str(error)
+                if isinstance(error, LinkLost):
+                    untold.remove(name)
     deadline_s = clock.now() + timeout_s
     for name, device in devices.items():
         if name not in problems:
@@ -45,23 +56,12 @@ def bring_to_rest(
     return [f"{name}: {text}" for name, text in problems.items()]
 
 
-def _tell(device: Instrument, clock: Clock) -> str:
-    """Have the device make itself safe, again if it refuses or does not answer; return what failed."""
-    for attempt in range(_TRIES):
-        if attempt:
-            clock.sleep(_AGAIN_S)
-        try:
-            device.make_safe()
-            return ""
-        except BenchError as error:
-            problem = str(error)
-            if isinstance(error, LinkLost):
-                break
-    return problem
-
-
 def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
-    """Read back until the device rests; replies to what was cut off when all began pass by in the pauses."""
+    """Read back until the device rests; replies to what was cut off when all began pass by in the pauses.
+
+    One that still does not is told again: the stop that left first may have been refused or lost.
+    """
+    again_s = clock.now() + _TELL_AGAIN_S
     while True:
         clock.sleep(_AGAIN_S)
         try:
@@ -71,6 +71,11 @@ def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
             found = rest.text
         except (ProtocolError, DeviceSilent) as error:
             found = error.found
+        if clock.now() >= again_s:
+            again_s = clock.now() + _TELL_AGAIN_S
+            with suppress(BenchError):
+                device.halt()
+                device.make_safe()
         if clock.now() >= deadline_s:
             raise DeviceRefused(
                 "it took the command and is not at rest", found=found, expected="a device at rest"
