@@ -12,7 +12,6 @@ from pydantic import field_validator
 from bench.calibration import (
     Schedule,
     Site,
-    TableAxis,
     Task,
     TurningPlan,
     evaluate,
@@ -21,6 +20,7 @@ from bench.calibration import (
     moves_text,
     plan_turns,
     require_closed,
+    table_axes,
 )
 from bench.procedure import Demands, Parameters, Procedure, parameter
 from bench.session import Bench
@@ -48,7 +48,7 @@ class SystemCalibrationParameters(Parameters):
 
 def run(bench: Bench, p: SystemCalibrationParameters) -> None:
     """Run the test."""
-    plan = plan_turns(_schedule(p), _axes(bench))
+    plan = plan_turns(_schedule(p), table_axes(bench.file.table))
     _note_heading(bench, p, plan)
     for name in bench.table.axes:
         bench.table.check(p.rate_dps, name)
@@ -126,13 +126,6 @@ def _note_heading(bench: Bench, p: SystemCalibrationParameters, plan: TurningPla
             f"this table turns the scheme from {home_text(plan.schedule.home)} instead of {home_text(own.home)}: "
             f"worst sigma over target {here:.2f} instead of {there:.2f} (reference noise)"
         )
-
-
-def _axes(bench: Bench) -> list[TableAxis]:
-    return [
-        TableAxis(axis.name, axis.direction, axis.min_angle_deg, axis.max_angle_deg)
-        for axis in bench.file.table.all_axes
-    ]
 
 
 def _schedule(p: SystemCalibrationParameters) -> Schedule:

@@ -62,6 +62,7 @@ from bench.calibration._turning import (
     TurningPlan,
     plan_turns,
     require_closed,
+    table_axes,
     table_type,
 )
 
@@ -134,6 +135,7 @@ __all__ = [
     "scheme_file",
     "scheme_names",
     "search",
+    "table_axes",
     "table_type",
     "to_gauge",
     "unpack",

@@ -64,12 +64,21 @@ def grid_attitudes() -> Array:
     return np.array(found)
 
 
-def build_graph(task: Task, table: Table, pattern: Schedule, angles_deg: Sequence[int] = QUARTERS) -> Graph:
-    """Return the graph of turns by +-`angles_deg`; `pattern` gives dwell, rate and profile. Takes 0.1 s or so."""
+def build_graph(
+    task: Task,
+    table: Table,
+    pattern: Schedule,
+    angles_deg: Sequence[int] = QUARTERS,
+    outer: str | None = None,
+) -> Graph:
+    """Return the graph of turns by +-`angles_deg`; `pattern` gives dwell, rate and profile. Takes 0.1 s or so.
+
+    `outer`: where the outer axis of a two-axis table points, if that is known.
+    """
     attitudes = grid_attitudes()
     moves = tuple(Move(axis, sign * angle) for axis in range(3) for angle in angles_deg for sign in (1, -1))
     after = _moved(attitudes, moves)
-    nodes, edges = _nodes(table, attitudes, after, moves)
+    nodes, edges = _nodes(table, attitudes, after, moves, outer)
     rests = dwell_segments(task, attitudes, pattern.dwell_s)
     turns = turn_segments(
         task, np.repeat(attitudes, len(moves), axis=0), moves * 24, pattern.rate_dps, pattern.profile
@@ -95,14 +104,14 @@ def _moved(attitudes: Array, moves: Sequence[Move]) -> Integers:
 
 
 def _nodes(
-    table: Table, attitudes: Array, after: Integers, moves: Sequence[Move]
+    table: Table, attitudes: Array, after: Integers, moves: Sequence[Move], outer: str | None
 ) -> tuple[Integers, Integers]:
     """Return the attitude of every node and the edges; a turn that two gimbals can make is two nodes' choice:
     the first is taken that keeps the mounting, so each move leads to one node.
     """
     if table == "by-hand":
         return np.arange(24), after
-    keys = [(at, way) for at, attitude in enumerate(attitudes) for way in mountings(table, attitude)]
+    keys = [(at, way) for at, attitude in enumerate(attitudes) for way in mountings(table, attitude, outer)]
     index: dict[tuple[int, Gimbals], int] = {key: number for number, key in enumerate(keys)}
     edges = np.full((len(keys), len(moves)), -1, dtype=np.int64)
     for number, (at, way) in enumerate(keys):

@@ -72,12 +72,14 @@ def search(
     seed: int = 0,
     angles_deg: Sequence[int] = QUARTERS,
     fan: FanOut = ALONE,
+    outer: str | None = None,
 ) -> SearchResult:
     """Return the best closed schedule of `turns` turns by +-`angles_deg` that the table can make.
 
     `pattern` gives dwell, rate and turn profile; `fan` says where the annealings run, each with random numbers of
-    its own. ConfigurationError for angles that are not 90, 180, 270 or 360,
-    or if no such schedule closes.
+    its own. `outer`: where the outer axis of a two-axis table points; the schedule then runs on it from its own
+    home, heading and all. None: the table may have to start it a quarter turn of heading away. ConfigurationError
+    for angles that are not 90, 180, 270 or 360, or if no such schedule closes.
     """
     if not angles_deg or not set(angles_deg) <= set(ANGLES):
         raise ConfigurationError(
@@ -85,7 +87,7 @@ def search(
             found=", ".join(str(angle) for angle in angles_deg) or "none",
             expected="some of " + ", ".join(str(angle) for angle in ANGLES),
         )
-    graph = build_graph(task, table, pattern, tuple(dict.fromkeys(angles_deg)))
+    graph = build_graph(task, table, pattern, tuple(dict.fromkeys(angles_deg)), outer)
     weight = (task.prior_sigma[PARAMETERS] / task.target_sigma) ** 2
     found, evaluated = grow_beam(graph, weight, turns, effort.beam_width)
     if not found:
@@ -101,12 +103,13 @@ def search(
     ratio = np.sqrt(scaled_variances(whole(graph, path).information) * weight)
     degrees = ", ".join(str(angle) for angle in angles_deg)
     kind = "quarter turns" if tuple(angles_deg) == QUARTERS else f"turns by {degrees} deg"
+    pointing = f", outer axis {outer}" if outer and table == "two-axis-horizontal" else ""
     return SearchResult(
         schedule=graph.schedule(path.home, path.moves, f"searched-{table}-{turns}"),
         merit=Merit(float(ratio.max()), float(np.sqrt(np.mean(ratio**2)))),
         evaluated=evaluated,
         statement=(
-            f"Searched: {turns} {kind} that close, {table} table, {pattern.dwell_s:g} s dwell; beam of "
+            f"Searched: {turns} {kind} that close, {table} table{pointing}, {pattern.dwell_s:g} s dwell; beam of "
             f"{effort.beam_width} per attitude and home, {effort.starts} annealings of {effort.steps} steps, "
             f"{evaluated} schedules evaluated. Best found, not proven best."
         ),

@@ -33,9 +33,14 @@ class Gimbals:
     line: int
 
 
-def mountings(table: Table, attitude: Array) -> list[Gimbals]:
-    """Return all ways to mount an IMU whose attitude at the start is C (3, 3), on the 90 deg grid."""
+def mountings(table: Table, attitude: Array, outer: str | None = None) -> list[Gimbals]:
+    """Return all ways to mount an IMU whose attitude at the start is C (3, 3), on the 90 deg grid.
+
+    `outer`: where the horizontal outer axis of a two-axis table points; None: it may point east or north.
+    """
     lines = {"two-axis-vertical": (_UP,), "by-hand": ()}.get(table, (_EAST, _NORTH))
+    if outer is not None and table == "two-axis-horizontal":
+        lines = (_EAST if outer in ("east", "west") else _NORTH,)
     return [
         Gimbals(inner, line)
         for line in lines

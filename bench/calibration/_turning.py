@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from bench.calibration._conventions import Array, rotation
 from bench.calibration._schedule import DIRECTIONS, Schedule, home_text
 from bench.calibration._table import Table
 from drivers.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from bench.benchfile import TableSection
 
 _ALONG = 1e-6
 _TURNS_LIMIT_DEG = 3600.0
@@ -67,6 +71,14 @@ class TurningPlan:
     def mount_text(self) -> str:
         """The mounting in words: where each body axis points with all axes at 0."""
         return home_text(self.mount)
+
+
+def table_axes(section: TableSection) -> list[TableAxis]:
+    """Return the axes of a bench file's `[table]`, outermost first."""
+    return [
+        TableAxis(axis.name, axis.direction, axis.min_angle_deg, axis.max_angle_deg)
+        for axis in section.all_axes
+    ]
 
 
 def table_type(axes: Sequence[TableAxis]) -> Table:

@@ -124,6 +124,14 @@ def fit_heading_effect(
     )
 
 
+SchemeBench = Annotated[
+    Path | None,
+    typer.Option(
+        "--bench", help="bench file: its table and latitude, in place of --table and --latitude-deg"
+    ),
+]
+
+
 @scheme_app.command("evaluate")
 def scheme_evaluate(
     scheme: Annotated[str, typer.Argument(help="scheme by name (23-position, 19-position, ...) or turns")],
@@ -140,6 +148,7 @@ def scheme_evaluate(
     velocity_noise_mps: Annotated[float, typer.Option(help="noise of the zero-velocity measurement")] = 1e-3,
     json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
     out: Annotated[Path | None, typer.Option(help="write an HTML report here")] = None,
+    bench: SchemeBench = None,
 ) -> None:
     """Observability degree and predicted accuracy of every parameter under a scheme, before the test."""
     from bench.cli._scheme import scheme_evaluate_command
@@ -157,6 +166,7 @@ def scheme_evaluate(
         velocity_noise_mps,
         json,
         out,
+        bench,
     )
 
 
@@ -175,6 +185,7 @@ def scheme_search(
         str, typer.Option(help="angles of the turns, of 90, 180, 270, 360, separated by commas")
     ] = "90",
     out: Annotated[Path | None, typer.Option(help="write the scheme found (TOML) here")] = None,
+    bench: SchemeBench = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
 ) -> None:
@@ -182,7 +193,20 @@ def scheme_search(
     from bench.cli._scheme import scheme_search_command
 
     scheme_search_command(
-        turns, table, dwell_s, rate_dps, latitude_deg, arw, vrw, seed, thorough, angles, out, jobs, cluster
+        turns,
+        table,
+        dwell_s,
+        rate_dps,
+        latitude_deg,
+        arw,
+        vrw,
+        seed,
+        thorough,
+        angles,
+        out,
+        jobs,
+        cluster,
+        bench,
     )
 
 

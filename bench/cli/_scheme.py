@@ -10,6 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as Grid
 
+from bench.benchfile import load_bench_file
 from bench.calibration import (
     PARAMETERS,
     STATE_NAMES,
@@ -22,14 +23,18 @@ from bench.calibration import (
     Schedule,
     Site,
     Table,
+    TableAxis,
     Task,
     evaluate,
     home_attitude,
     home_text,
     load_scheme,
     moves_text,
+    plan_turns,
     scheme_file,
     search,
+    table_axes,
+    table_type,
 )
 from bench.cli._display import duration
 from bench.fan_out import fan_out
@@ -53,13 +58,20 @@ def scheme_evaluate_command(
     velocity_noise_mps: float = 1e-3,
     as_json: bool = False,
     out: Path | None = None,
+    bench: Path | None = None,
 ) -> None:
-    """Show degree and predicted accuracy of every state, on the terminal, as JSON, and as a page in `out`."""
+    """Show degree and predicted accuracy of every state, on the terminal, as JSON, and as a page in `out`.
+
+    `bench`: a bench file, whose latitude and table then count, and the home that this table really starts from.
+    """
     schedule = load_scheme(scheme).with_(
         dwell_s=_positive("dwell", dwell_s), rate_dps=_positive("rate", rate_dps)
     )
     if home is not None:
         schedule = schedule.with_(home=home_attitude(home, "--home"))
+    if bench is not None:
+        table, latitude_deg, axes = _of_bench(bench)
+        schedule = plan_turns(schedule, axes).schedule
     task = _task(latitude_deg, gravity_mps2, arw_deg_per_sqrt_h, vrw_ug_per_sqrt_hz, velocity_noise_mps)
     evaluation = evaluate(task, schedule, _table(table))
     if out is not None:
@@ -84,8 +96,16 @@ def scheme_search_command(
     out: Path | None = None,
     jobs: int | None = None,
     cluster: str | None = None,
+    bench: Path | None = None,
 ) -> None:
-    """Search a closed scheme of turns by `angles`, show it beside the classical ones, write its file."""
+    """Search a closed scheme of turns by `angles`, show it beside the classical ones, write its file.
+
+    `bench`: a bench file, whose latitude and table then count. What is promised is then what this table reaches:
+    each scheme counts from the home that the table really starts it from.
+    """
+    axes: list[TableAxis] = []
+    if bench is not None:
+        table, latitude_deg, axes = _of_bench(bench)
     pattern = Schedule("", (), np.eye(3), _positive("dwell", dwell_s), _positive("rate", rate_dps))
     task = _task(latitude_deg, None, arw_deg_per_sqrt_h, vrw_ug_per_sqrt_hz, 1e-3)
     if not 2 <= turns <= 40:
@@ -101,19 +121,28 @@ def scheme_search_command(
             seed=seed,
             angles_deg=_angles(angles),
             fan=fan,
+            outer=axes[0].direction if axes else None,
         )
     console = Console()
     console.print(
         f"{moves_text(result.schedule.moves)}\nhome: {home_text(result.schedule.home)}", highlight=False
     )
+    if axes:
+        plan = plan_turns(result.schedule, axes)
+        console.print(f"mount with all axes at 0: {plan.mount_text}", highlight=False)
     grid = Grid("scheme", "turns", "time", "worst sigma/target", "rms")
-    for scheme in (
+    for each in (
         result.schedule,
         load_scheme("19-position"),
         load_scheme("23-position"),
         load_scheme("t22"),
     ):
-        found = evaluate(task, scheme.with_(dwell_s=dwell_s, rate_dps=rate_dps))
+        scheme = each.with_(dwell_s=dwell_s, rate_dps=rate_dps)
+        try:
+            found = evaluate(task, plan_turns(scheme, axes).schedule if axes else scheme)
+        except ConfigurationError:
+            grid.add_row(scheme.name, str(len(scheme.moves)), "", "not on this table", "")
+            continue
         merit, length = found.merit, duration(found.schedule.duration_s)
         grid.add_row(scheme.name, str(len(scheme.moves)), length, f"{merit.worst:.3f}", f"{merit.rms:.3f}")
     console.print(grid)
@@ -122,6 +151,13 @@ def scheme_search_command(
         named = result.schedule.with_(name=out.stem, source="gyrobench scheme search", notes=result.statement)
         out.write_text(scheme_file(named), encoding="utf-8")
         console.print(f"{out}", highlight=False)
+
+
+def _of_bench(path: Path) -> tuple[str, float, list[TableAxis]]:
+    """Return type of table, latitude in deg and axes of a bench file."""
+    file = load_bench_file(path)
+    axes = table_axes(file.table)
+    return table_type(axes), file.bench.latitude_deg, axes
 
 
 def _angles(text: str) -> tuple[int, ...]:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from bench.calibration import (
     PARAMETERS,
+    Effort,
     Estimate,
     ImuCompensation,
     Move,
@@ -21,6 +22,7 @@ from bench.calibration import (
     plan_turns,
     possible,
     scheme_names,
+    search,
     table_type,
     unpack,
 )
@@ -158,3 +160,20 @@ def test_another_file_is_refused(tmp_path):
     path.write_bytes(b"no zip")
     with pytest.raises(RecordError, match="not a readable compensation"):
         ImuCompensation.load(path)
+
+
+@pytest.mark.parametrize(("pointing", "line"), [("east", "east"), ("west", "east"), ("south", "north")])
+def test_a_scheme_searched_for_a_table_runs_from_its_own_home(pointing, line):
+    """Every turn lies along the outer axis or the carried inner one, at the heading that the scheme asks for."""
+    pattern = Schedule("", (), np.eye(3), 60.0)
+    result = search(Task(), "two-axis-horizontal", 6, pattern, effort=Effort(3, 5, 1), outer=pointing)
+    assert f"outer axis {pointing}" in result.statement
+    plan = plan_turns(result.schedule, (TableAxis("outer", pointing), TableAxis("inner", "up")))
+    half = about((0, 0, 1), 180.0)
+    assert any(np.allclose(plan.schedule.home, turn @ result.schedule.home) for turn in (np.eye(3), half))
+    # found here without the planner: one body axis is the inner one, all other turns are about the outer line
+    before = result.schedule.attitudes()[:-1]
+    turns = list(zip(before, result.schedule.moves, strict=True))
+    along = [abs(c[:, move.axis] @ np.array(LINES[line])) > 0.99 for c, move in turns]
+    inner = {move.axis for (_, move), outer in zip(turns, along, strict=True) if not outer}
+    assert len(inner) == 1
