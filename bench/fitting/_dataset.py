@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.fitting._scale_factor import RateRun, scale_factor_group
 from bench.fitting._types import Array, ThermalRun
-from bench.recording import MANIFEST_FILE, Phase, Run, checksum, seconds
+from bench.recording import MANIFEST_FILE, Phase, Run, checksum, second_rows, seconds
 from drivers.errors import ConfigurationError
 
 EARTH_RATE_DPH = 15.041067
@@ -132,7 +132,7 @@ def _second_means(run: Run, gyro: str, start: int, end: int) -> tuple[Array, Arr
     sums = np.zeros((2, count))
     samples = np.zeros((2, count))
     for table in _hours(run, gyro, start, end):
-        row = np.ceil(seconds(table) - start).astype(np.int64) - 1
+        row = second_rows(table, start)
         for index, column in enumerate(("rate_dps", "temp_c")):
             values = table[column].astype(np.float64)
             use = (row >= 0) & (row < count) & ~np.isnan(values)

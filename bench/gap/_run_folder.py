@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.gap._data import GapRun
-from bench.recording import MANIFEST_FILE, Phase, Run, checksum, seconds
+from bench.recording import MANIFEST_FILE, Phase, Run, checksum, second_rows, seconds
 from drivers.errors import ConfigurationError
 from simulators.effects import Stimulus
 
@@ -91,7 +91,7 @@ def _second_means(run: Run, gyro: str, start: int, end: int) -> tuple[Array, Arr
     edges = np.append(np.arange(float(start), float(end), _HOUR_S), float(end))
     for low, high in pairwise(edges):
         table = run.gyro(gyro, ("time_ns", "rate_dps", "temp_c", "valid", "lost_before"), low, high)
-        row = np.clip(np.ceil(seconds(table) - start).astype(np.int64) - 1, 0, count - 1)
+        row = np.clip(second_rows(table, start), 0, count - 1)
         frames += len(row)
         lost += int(table["lost_before"].sum())
         for index, column in enumerate(("rate_dps", "temp_c")):

@@ -24,7 +24,7 @@ from bench.recording._manifest import (
     write_manifest,
 )
 from bench.recording._raw import can_frames, read_exchanges
-from bench.recording._read import Phase, Run, read_table, seconds
+from bench.recording._read import Phase, Run, read_table, second_rows, seconds
 from bench.recording._remote import local_manifests, local_run, url_of
 from bench.recording._tables import table_writer, unit_of
 from bench.recording._timing import StreamTimer, StreamTiming
@@ -63,6 +63,7 @@ __all__ = [
     "read_manifest",
     "read_table",
     "seal",
+    "second_rows",
     "seconds",
     "table_writer",
     "unit_of",

@@ -183,3 +183,11 @@ def _overlapping(file: pq.ParquetFile, low: int, high: int) -> list[int]:
 def seconds(table: Table) -> NDArray[np.float64]:
     """Return the time column of a table in s of bench time, shape (n,)."""
     return np.asarray(table["time_ns"] * 1e-9, dtype=np.float64)
+
+
+def second_rows(table: Table, start_s: int) -> NDArray[np.int64]:
+    """Return for each sample the row of its second, shape (n,): row k holds start_s + k < time <= start_s + k + 1.
+
+    In integers: 15_000_000_000 ns times 1e-9 is more than 15 s.
+    """
+    return np.asarray(-(-table["time_ns"] // 1_000_000_000) - start_s - 1, dtype=np.int64)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.fitting import run_checksum
-from bench.recording import Run, seconds
+from bench.recording import Run, second_rows, seconds
 from bench.rlg._rows import RampRun, ramp_run
 from drivers.errors import ConfigurationError
 
@@ -73,7 +73,7 @@ def _ramp_run(run: Run, gyro: str, start: int, end: int, ramps: list[tuple[float
 def _second_means(table: dict[str, NDArray[Any]], column: str, start: int, end: int) -> Array:
     """Return 1 s means of a column, (end - start,), NaN where a second has no valid sample."""
     count = end - start
-    row = np.ceil(seconds(table) - start).astype(np.int64) - 1
+    row = second_rows(table, start)
     values = table[column].astype(np.float64)
     use = (row >= 0) & (row < count) & np.isfinite(values) & table["valid"].astype(np.bool_)
     total = np.bincount(row[use], values[use], count)

@@ -17,6 +17,7 @@ from bench.recording import (
     decode_stream,
     read_manifest,
     seal,
+    second_rows,
     seconds,
     verify,
     write_manifest,
@@ -230,3 +231,10 @@ assert not {{"pandas", "torch"}} & set(sys.modules), "loaded"
 """
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_sample_at_the_end_of_a_second_belongs_to_it():
+    whole = np.arange(1, 86_401, dtype=np.int64)
+    for offset_ns, row in ((0, whole - 1), (1, whole), (-1, whole - 1)):
+        assert np.array_equal(second_rows({"time_ns": whole * 10**9 + offset_ns}, 0), row)
+    assert second_rows({"time_ns": np.array([15 * 10**9])}, 10).tolist() == [4]
