@@ -186,7 +186,7 @@ def seconds(table: Table) -> NDArray[np.float64]:
 
 
 def second_rows(table: Table, start_s: int) -> NDArray[np.int64]:
-    """Return for each sample the row of its second, shape (n,): row k holds start_s + k < time <= start_s + k + 1.
+    """Return the row of each sample's second, shape (n,): row k holds start_s + k < time <= start_s + k + 1.
 
     In integers: 15_000_000_000 ns times 1e-9 is more than 15 s.
     """
