@@ -128,6 +128,8 @@ class EmulatedLab:
         try:
             self.perform_raw({**_lab_config(file, plant, clock), "cpu": cpu})
             ready = self._read()
+            if "refused" in ready:
+                raise ConfigurationError(**ready["refused"])
         except BaseException:
             self.close()
             raise

@@ -20,7 +20,7 @@ import drivers.can_dbc
 from drivers.can_dbc import CanDecoder, CanLayout, load_layout
 from drivers.clock import host_seconds
 from drivers.sbg import ELLIPSE_DBC
-from drivers.slcan import FRAME_DTYPE, SlcanParser, encode_frames
+from drivers.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frames
 
 _SAMPLES, _REPEATS, _BLOCK, _FRAMES = 100_000, 5, 1 << 20, 47_000
 _Ours = Callable[[CanLayout, NDArray[np.void]], float]

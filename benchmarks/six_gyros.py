@@ -25,8 +25,8 @@ from drivers.clock import WallClock, host_seconds
 from drivers.instruments import StreamDecoder
 from drivers.kvh import KvhDecoder, encode_frames
 from drivers.link import Link
-from drivers.slcan import FRAME_DTYPE
-from drivers.slcan import encode_frames as encode_can
+from drivers.slcan_codec import FRAME_DTYPE
+from drivers.slcan_codec import encode_frames as encode_can
 
 _RATE_HZ, _TICK_S, _SERIAL, _CAN = 1000, 0.005, 4, 2
 

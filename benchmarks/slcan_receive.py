@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike
 from drivers.clock import WallClock, host_seconds
 from drivers.link import Link
 from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, SbgDecoder, ellipse_layout
-from drivers.slcan import FRAME_DTYPE, BufferedSlcanBus, SlcanParser, encode_frames
+from drivers.slcan import BufferedSlcanBus
+from drivers.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frames
 
 _RUNS = 3
 _FEW, _MANY, _SAMPLES = 4_000, 400_000, 20_000

@@ -63,7 +63,7 @@ class StandardTestParameters(Parameters):
         gt=0,
         le=0.6,
     )
-    step_dwell_s: float | None = parameter(None, "dwell at each input (None: by grade)", "s", ge=30, le=7200)
+    step_dwell_s: float | None = parameter(None, "dwell at each input (None: by grade)", "s", ge=60, le=7200)
     power_cycles: int | None = parameter(
         None, "switch off and on so often, with a bias record each (None: 6, as GJB 2426A asks)", ge=0, le=20
     )

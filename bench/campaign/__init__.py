@@ -11,7 +11,14 @@ from bench.campaign._file import (
 )
 from bench.campaign._folder import CampaignFolder, RunState
 from bench.campaign._places import EmulatedPlace, Place, RealPlace
-from bench.campaign._plan import PlannedRun, PlannedStep, check_limits, plan_campaign
+from bench.campaign._plan import (
+    PlannedRun,
+    PlannedStep,
+    check_disk,
+    check_limits,
+    estimated_bytes,
+    plan_campaign,
+)
 from bench.campaign._rehearse import rehearse_campaign
 from bench.campaign._run import CampaignEnding, CampaignRunner
 
@@ -31,7 +38,9 @@ __all__ = [
     "RunState",
     "Unit",
     "bench_of",
+    "check_disk",
     "check_limits",
+    "estimated_bytes",
     "load_campaign",
     "plan_campaign",
     "rehearse_campaign",

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,6 +16,11 @@ from bench.emulated import Plant
 from bench.procedure import Demands
 from bench.recording import read_events
 from drivers.errors import LimitExceeded
+
+_BYTES_A_SAMPLE = 100
+"""Raw frame, its place in time and its row of the decoded table, uncompressed; a rehearsal knows better."""
+_BYTES_A_SECOND = 1000
+"""Telemetry of table and chamber, and the panel's history."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,29 @@ def check_limits(campaign: Campaign, file: BenchFile) -> None:
             expected=f"{limits.min_temp_c:g} .. {limits.max_temp_c:g} degC, "
             f"at most {limits.max_ramp_k_per_min:g} K/min and {limits.max_rate_dps:g} deg/s ([limits])",
             remedy="change the parameters of these runs, or the limits if bench and units really allow it",
+        )
+
+
+def estimated_bytes(runs: Iterable[CampaignRun], file: BenchFile) -> int:
+    """Return about what these runs will take on the disk: every sample of every unit, raw and decoded."""
+    samples_per_s = sum(gyro.rate_hz for gyro in file.gyro)
+    seconds = sum(run.test.expected_duration_s(run.values) for run in runs)
+    return round(seconds * (samples_per_s * _BYTES_A_SAMPLE + _BYTES_A_SECOND))
+
+
+def check_disk(needed: int, folder: Path) -> None:
+    """Raise LimitExceeded if fewer than `needed` bytes are free where `folder` is or will be."""
+    place = folder.absolute()
+    while not place.exists():
+        place = place.parent
+    free = shutil.disk_usage(place).free
+    if needed > free:
+        raise LimitExceeded(
+            "the campaign does not fit on the disk",
+            where=str(folder),
+            found=f"{free / 1e9:.1f} GB free",
+            expected=f"{needed / 1e9:.1f} GB",
+            remedy="free space, or name a folder on another disk with --out",
         )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from contextlib import ExitStack
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -22,7 +21,9 @@ from bench.campaign import (
     CampaignRunner,
     PlannedRun,
     bench_of,
+    check_disk,
     check_limits,
+    estimated_bytes,
     load_campaign,
     plan_campaign,
     rehearse_campaign,
@@ -35,11 +36,17 @@ from bench.lease import take_lease
 from bench.live import read_now
 from bench.runner import RunResult
 from drivers.clock import host_seconds, utc_now
-from drivers.errors import BenchError, ConfigurationError, LimitExceeded, RecordError
+from drivers.errors import BenchError, ConfigurationError, RecordError
 
 
 def plan_command(
-    campaign_file: Path, bench: Path, plant_file: Path | None, seed: int | None, quick: bool, as_json: bool
+    campaign_file: Path,
+    bench: Path,
+    out: Path,
+    plant_file: Path | None,
+    seed: int | None,
+    quick: bool,
+    as_json: bool,
 ) -> int:
     """Print the schedule and what it takes; LimitExceeded or ConfigurationError for what cannot be done."""
     console = console_for(as_json)
@@ -54,15 +61,7 @@ def plan_command(
     else:
         _print_plan(console, campaign, bench_of(campaign, file), planned, begin)
     needed = sum(row.bytes or 0 for row in planned)
-    free = shutil.disk_usage(campaign_file.absolute().parent).free
-    if needed > free:
-        raise LimitExceeded(
-            "the campaign does not fit on the disk",
-            where=str(campaign_file.absolute().parent),
-            found=f"{size(free)} free",
-            expected=f"{size(needed)}",
-            remedy="free space, or run it in a folder on another disk with --out",
-        )
+    check_disk(needed or estimated_bytes(campaign.runs, bench_of(campaign, file)), out)
     if as_json:
         total_s, chamber_s = planned[-1].end_s, sum(row.chamber_s for row in planned)
         say_json(
@@ -92,6 +91,7 @@ def run_command(
     file = load_bench_file(bench)
     campaign = load_campaign(campaign_file, file)
     check_limits(campaign, bench_of(campaign, file))
+    check_disk(estimated_bytes(campaign.runs, bench_of(campaign, file)), out)
     if not emulated and (plant_file is not None or seed is not None or ask):
         raise ConfigurationError(
             "--plant, --seed and --ask are for emulated labs", remedy="add --emulated, or leave them out"
@@ -107,7 +107,10 @@ def run_command(
 
 def resume_command(path: Path, *, yes: bool, as_json: bool) -> int:
     """Go on with a campaign at its first run that is not complete."""
-    return _work(CampaignFolder(path), yes=yes, as_json=as_json)
+    folder = CampaignFolder(path)
+    left = [each.run for each in folder.states() if each.state == "open"]
+    check_disk(estimated_bytes(left, bench_of(folder.campaign, folder.file)), path)
+    return _work(folder, yes=yes, as_json=as_json)
 
 
 def status_command(path: Path, as_json: bool) -> int:

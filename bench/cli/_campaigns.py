@@ -32,6 +32,9 @@ DEFAULT_BENCH = Path("lab.toml")
 def plan(
     campaign: CampaignFile,
     bench: Bench = DEFAULT_BENCH,
+    out: Annotated[Path, typer.Option(help="folder that the campaign will have; its disk is checked")] = Path(
+        "campaign"
+    ),
     plant: PlantFile = None,
     seed: Seed = None,
     quick: Annotated[
@@ -42,7 +45,7 @@ def plan(
     """Print the schedule, chamber hours and bytes on disk; refuse what a limit forbids. Nothing moves."""
     from bench.cli._campaign import plan_command
 
-    sys.exit(plan_command(campaign, bench, plant, seed, quick, json))
+    sys.exit(plan_command(campaign, bench, out, plant, seed, quick, json))
 
 
 @campaign_app.command("run")

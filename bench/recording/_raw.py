@@ -87,11 +87,11 @@ def read_exchanges(folder: Path, port: str) -> Iterator[Exchange]:
 
 
 def can_frames(folder: Path, port: str) -> Iterator[tuple[NDArray[np.void], NDArray[np.float64]]]:
-    """Yield the frames (`drivers.slcan.FRAME_DTYPE`) that a CAN port received and bench times in s, (n,) each.
+    """Yield the frames that a CAN port received (`drivers.slcan_codec.FRAME_DTYPE`) and bench times in s, (n,).
 
     A frame's time lies on the straight line between the arrivals before and after its line's end.
     """
-    from drivers.slcan import SlcanParser  # python-can loads every package for every log format it finds
+    from drivers.slcan_codec import SlcanParser
 
     path = raw_path(folder, port)
     marks = read_marks(path)

@@ -12,7 +12,7 @@ from drivers.can_dbc._layout import CanLayout, SignalUse, Slot, ValidRule, outer
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
 from drivers.errors import ConfigurationError
 from drivers.instruments import FrameBatch, StreamCounts
-from drivers.slcan import FRAME_DTYPE, SlcanParser
+from drivers.slcan_codec import FRAME_DTYPE, SlcanParser
 
 _ROWS = 1 << 62
 """Modulo of the row number that stands in for a counter."""
@@ -77,7 +77,7 @@ class CanDecoder:
         return batch
 
     def feed_frames(self, frames: NDArray[np.void]) -> FrameBatch:
-        """Decode the next frames, shape (n,) of `drivers.slcan.FRAME_DTYPE`; `end_offset` grows."""
+        """Decode the next frames, shape (n,) of `drivers.slcan_codec.FRAME_DTYPE`; `end_offset` grows."""
         kind = self._kinds(frames)
         held = self._take_held(frames, kind)
         cycle, rows = self._take_samples(frames, kind)

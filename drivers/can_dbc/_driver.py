@@ -12,7 +12,7 @@ from drivers.errors import DeviceSilent, WrongDevice
 from drivers.instruments import Identity
 from drivers.link import Link
 from drivers.python_can import can
-from drivers.slcan import SlcanParser
+from drivers.slcan_codec import SlcanParser
 
 _LISTEN_S = 5.0
 """How long to wait for a first sample; the slowest output of the known units is 1 Hz."""

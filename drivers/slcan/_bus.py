@@ -13,9 +13,8 @@ from drivers.errors import LinkLost
 from drivers.instruments import StreamCounts
 from drivers.link import Link, Tap
 from drivers.python_can import can
-from drivers.slcan._codec import SlcanParser
-from drivers.slcan._commands import CLOSE, OPEN, bitrate_command
 from drivers.slcan._python_can import encode_message, to_messages
+from drivers.slcan_codec import CLOSE, OPEN, SlcanParser, bitrate_command
 
 INTERFACE = "gyrobench_slcan"
 """Name under which python-can finds `BufferedSlcanBus`."""

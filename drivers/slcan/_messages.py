@@ -12,8 +12,8 @@ from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.link import Link, Tap
 from drivers.python_can import can
-from drivers.slcan._codec import SlcanParser
 from drivers.slcan._python_can import encode_message, to_messages, unsupported_kind
+from drivers.slcan_codec import SlcanParser
 
 _AT_ONCE = 1000
 """Messages taken from a bus in one go."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import LimitExceeded
 from drivers.python_can import can
-from drivers.slcan._codec import FRAME_DTYPE, encode_frame
+from drivers.slcan_codec import FRAME_DTYPE, encode_frame
 
 
 def to_messages(frames: NDArray[np.void], timestamps_s: NDArray[np.float64]) -> list[can.Message]:

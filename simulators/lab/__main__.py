@@ -1,5 +1,5 @@
-"""The lab's process: configuration on the first line of standard input, ports and clock URL on the first of
-standard output, then the stage door until standard input ends.
+"""The lab's process: configuration on the first line of standard input, ports and clock URL (or why there is
+no such lab) on the first of standard output, then the stage door until standard input ends.
 
 With `--nursery N` it forks such labs instead: every message on the Unix socket that is descriptor N carries a new
 lab's standard input and output, and is answered with its process id (int32, big-endian).
@@ -29,7 +29,7 @@ def main() -> int:
     try:
         lab, acts = build_lab(config)
     except BenchError as error:
-        sys.stderr.write(f"{error}\n")
+        StageDoor({}).say({"refused": vars(error)})
         return 2
     door = StageDoor(acts)
     ports = {port.name: port.url for port in lab.ports}

@@ -58,3 +58,8 @@ def test_installed_procedures_are_found_and_near_misses_suggested():
         find_procedure("scale-factor-cold-shok")
     with pytest.raises(ConfigurationError, match="lists them"):
         find_procedure("xyzzy")
+
+
+def test_a_dwell_that_the_search_for_east_cannot_use_is_refused_with_the_parameters():
+    with pytest.raises(ConfigurationError, match="step_dwell_s"):
+        find_procedure("standard-test").parse({"step_dwell_s": "30"})

@@ -1,10 +1,18 @@
 """The campaign file: what it may say, and every mistake in it told before anything moves."""
 
+import shutil
 from itertools import pairwise
 
 import pytest
 
-from bench.campaign import bench_of, check_limits, load_campaign, plan_campaign
+from bench.campaign import (
+    bench_of,
+    check_disk,
+    check_limits,
+    estimated_bytes,
+    load_campaign,
+    plan_campaign,
+)
 from drivers.errors import ConfigurationError, LimitExceeded
 
 
@@ -96,3 +104,24 @@ def test_a_quick_plan_adds_up(campaign_path, bench_file):
     # two turns at 12 deg/s are 60 s, with 10 s of rest at both ends
     assert 80.0 <= planned[0].duration_s <= 150.0
     assert [row.chamber_s > 0.0 for row in planned] == [False, False, False, True]
+
+
+def test_a_disk_that_is_too_small_is_the_one_of_the_folder_to_be(
+    campaign_path, bench_file, tmp_path, monkeypatch
+):
+    campaign = load_campaign(campaign_path, bench_file)
+    needed = estimated_bytes(campaign.runs, bench_of(campaign, bench_file))
+    seconds = sum(run.test.expected_duration_s(run.values) for run in campaign.runs)
+    raw = 36 * 20 * seconds  # two KVH 1750 at 10 Hz, frames of 36 bytes
+    assert raw < needed < 10 * raw
+    asked = []
+
+    def usage(path):
+        asked.append(path)
+        return shutil._ntuple_diskusage(2 * needed, needed + 1, needed - 1)
+
+    monkeypatch.setattr(shutil, "disk_usage", usage)
+    with pytest.raises(LimitExceeded, match="does not fit"):
+        check_disk(needed, tmp_path / "new" / "monday")
+    assert asked == [tmp_path]
+    check_disk(needed - 1, tmp_path)

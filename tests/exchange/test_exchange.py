@@ -20,7 +20,7 @@ from bench.recording import Run, checksum, read_manifest, verify, write_manifest
 from bench.report import render_run, run_content
 from bench.run_record import decode_run
 from drivers.errors import ConfigurationError
-from drivers.slcan import encode_frame
+from drivers.slcan_codec import encode_frame
 
 MAPPING = """
 format = 1

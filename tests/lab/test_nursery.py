@@ -1,21 +1,25 @@
 """Labs that are forked: each its own, each gone when its door closes, all gone with the nursery."""
 
 import os
+import select
+import signal
+import subprocess
+import sys
 
 import pytest
 
+from bench.benchfile import bench_file_text
 from bench.emulated import EmulatedLab, Plant
 from bench.nursery import LabNursery
 from bench.testing import usual_bench
 from drivers.errors import BenchError, ConfigurationError
 
 
-def alive(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
+def ended(process: int) -> bool:
+    """Say whether the process of a pidfd ends; the wait is a bound, not a measurement."""
+    ready, _, _ = select.select([process], [], [], 30.0)
+    os.close(process)
+    return bool(ready)
 
 
 def test_forked_labs_are_labs_of_their_own():
@@ -25,11 +29,11 @@ def test_forked_labs_are_labs_of_their_own():
             EmulatedLab(file, Plant(), start=nursery.start_lab) as one,
             EmulatedLab(file, Plant(), start=nursery.start_lab) as two,
         ):
-            pids = [lab._process._pid for lab in (one, two)]
-            assert all(map(alive, pids)) and one.clock_url != two.clock_url
+            labs = [os.pidfd_open(lab._process._pid) for lab in (one, two)]
+            assert not select.select(labs, [], [], 0)[0] and one.clock_url != two.clock_url
             assert not set(one.ports.values()) & set(two.ports.values())
             one.perform({"act": "mount", "unit": "fog_1", "mounting": "axis_up"})
-        assert not any(map(alive, pids))
+        assert all(map(ended, labs))
         left = EmulatedLab(file, Plant(), start=nursery.start_lab)
         left._process.kill()
         with pytest.raises(BenchError, match="ended before"):
@@ -37,3 +41,25 @@ def test_forked_labs_are_labs_of_their_own():
         left.close()
     with pytest.raises((BenchError, ConfigurationError)):
         EmulatedLab(file, Plant(), start=nursery.start_lab)
+
+
+def test_a_lab_that_cannot_be_says_why():
+    file = usual_bench(None)
+    plant = Plant(models={gyro.unit: "no such gyro" for gyro in file.gyro})
+    with pytest.raises(ConfigurationError, match="no such gyro") as refused:
+        EmulatedLab(file, plant)
+    assert refused.value.expected
+
+
+def test_a_lab_in_the_background_of_a_shell_ends_on_sigterm(tmp_path):
+    """Such a shell starts it with SIGINT ignored; POSIX, Shell Command Language 2.11."""
+    path = tmp_path / "lab.toml"
+    path.write_text(bench_file_text(usual_bench(None)), encoding="utf-8")
+    code = "import signal, bench.cli; signal.signal(signal.SIGINT, signal.SIG_IGN); bench.cli.main()"
+    command = [sys.executable, "-c", code, "lab", "--bench", str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as lab:
+        assert lab.stdout is not None
+        assert any(b"Ctrl-C" in line for line in lab.stdout)
+        lab.send_signal(signal.SIGTERM)
+        assert b"lab closed" in lab.stdout.read()
+    assert lab.returncode == 0

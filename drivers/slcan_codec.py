@@ -1,4 +1,4 @@
-"""slcan text to CAN frames and back, vectorised over lines.
+"""slcan text to CAN frames and back, vectorised over lines; and an adapter's commands. Needs no python-can.
 
 The format is that of the LAWICEL CAN232/CANUSB manual: a frame is `tIIILDD..`, `TIIIIIIIILDD..` (data, 11 and 29
 bit identifiers), `rIIIL` or `RIIIIIIIIL` (remote), digits in hexadecimal, perhaps four digits of adapter time,
@@ -11,8 +11,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import LimitExceeded
+from drivers.errors import ConfigurationError, LimitExceeded
 from drivers.instruments import StreamCounts
+
+OPEN = b"O\r"
+CLOSE = b"C\r"
+BITRATE_COMMANDS = {
+    10_000: b"S0\r",
+    20_000: b"S1\r",
+    50_000: b"S2\r",
+    100_000: b"S3\r",
+    125_000: b"S4\r",
+    250_000: b"S5\r",
+    500_000: b"S6\r",
+    800_000: b"S7\r",
+    1_000_000: b"S8\r",
+}
+"""Bit rate in bit/s -> command. S7 is 800 kbit/s in the manual and in Linux (python-can 4.6 calls it 750)."""
 
 FRAME_DTYPE = np.dtype(
     [
@@ -254,3 +269,17 @@ def _not_classic(what: str, found: str) -> LimitExceeded:
         expected="identifiers to 0x7FF (standard) or 0x1FFFFFFF (extended), 0 to 8 data bytes",
         remedy="use a CAN interface of python-can that carries this frame",
     )
+
+
+def bitrate_command(bitrate: int, where: str) -> bytes:
+    """Return the command for `bitrate` in bit/s; ConfigurationError for one that slcan does not define."""
+    command = BITRATE_COMMANDS.get(bitrate)
+    if command is None:
+        raise ConfigurationError(
+            "this bit rate cannot be set on an slcan adapter",
+            where=where,
+            found=f"{bitrate} bit/s",
+            expected=", ".join(str(rate) for rate in BITRATE_COMMANDS) + " bit/s",
+            remedy="set `bitrate` to that of the bus",
+        )
+    return command
