@@ -32,7 +32,7 @@ from drivers.framing import Crc
 from drivers.kvh import KvhDecoder, encode_frames
 from drivers.rlg import RlgDecoder
 from drivers.rlg import encode_frames as encode_rlg
-from drivers.slcan import SlcanParser
+from drivers.slcan_codec import SlcanParser
 
 _BLOCK = 100_000
 

@@ -17,8 +17,8 @@ from bench.procedure import Demands
 from bench.recording import read_events
 from drivers.errors import LimitExceeded
 
-_BYTES_A_SAMPLE = 100
-"""Raw frame, its place in time and its row of the decoded table, uncompressed; a rehearsal knows better."""
+_BYTES_A_SAMPLE = 60
+"""Raw frame, its place in time and its row of the decoded table, generously; a rehearsal knows better."""
 _BYTES_A_SECOND = 1000
 """Telemetry of table and chamber, and the panel's history."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, get_args
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from simulators.lab._ports import Port, PtyPort, TcpPort
 from simulators.lab._power import PowerCycled, Since
 from simulators.lab._stagehand import Act
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
-from simulators.plant.lab_plant import LabPlant, PlantConfig, Unit, UnitConfig
+from simulators.plant.lab_plant import LabPlant, PlantConfig, Unit, UnitConfig, UnitKind
 from simulators.plant.modelled_unit import ModelledErrors
 from simulators.plant.table import TableParameters
 from simulators.plant.wobble import EncoderParameters, Wobble
@@ -86,7 +86,7 @@ def _plant_config(config: LabConfig) -> PlantConfig:
         units=tuple(
             UnitConfig(
                 name=gyro.name,
-                model=gyro.model,
+                model=_known("gyro model", gyro.model, {kind: kind for kind in get_args(UnitKind)}),
                 unit_seed=gyro.unit_seed,
                 mounting=gyro.mounting,
                 mount_azimuth_error_deg=gyro.mount_azimuth_error_deg,
