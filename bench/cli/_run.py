@@ -112,9 +112,9 @@ def lab_command(
         if write is not None:
             write.write_text(bench_file_text(lab.file), encoding="utf-8")
             console.print(f"bench file for these ports: {write}", highlight=False)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # in the background SIGINT may be ignored
-        console.print("Ctrl-C ends the lab.")
         try:
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGINT is ignored in the background
+            console.print("Ctrl-C ends the lab.")
             lab.wait()
         except KeyboardInterrupt:
             console.print("lab closed")
