@@ -15,8 +15,6 @@ from bench.live import drop_answer, drop_request, read_now
 from bench.recording import read_events, read_manifest
 from drivers.errors import BenchInUse, ConfigurationError
 
-pytestmark = pytest.mark.timeout(300)
-
 
 def wait_for(process, folder, condition):
     """Return the live state that meets `condition`; fails when the process ends before."""

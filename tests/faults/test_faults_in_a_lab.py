@@ -13,8 +13,6 @@ from drivers.link import Link
 from drivers.rlg import RlgDecoder
 from drivers.virtual_clock import VirtualClock
 
-pytestmark = pytest.mark.timeout(60)
-
 BENCH = """
 [bench]
 name = "fault bench"

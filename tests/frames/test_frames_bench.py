@@ -19,7 +19,6 @@ from bench.runner import RunRequest, run_procedure
 from drivers.errors import ConfigurationError
 from drivers.frames import shipped
 
-pytestmark = pytest.mark.timeout(60)
 BENCH = """
 [bench]
 name = "test bench"

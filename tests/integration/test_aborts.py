@@ -21,8 +21,6 @@ from bench.recording import Run, read_exchanges
 from bench.runner import RunRequest, run_procedure
 from drivers.errors import BenchError, LinkLost, RecordError, RunAborted
 
-pytestmark = pytest.mark.timeout(60)
-
 CLI = "import bench.cli; bench.cli.main()"
 STOP_TABLE = b":mode:off 1\r\n"
 STOP_CHAMBER = b"14001\xb61\xb61\xb60\r"

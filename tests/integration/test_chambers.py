@@ -10,8 +10,6 @@ from bench.emulated import Plant
 from bench.procedure import Demands, Procedure
 from drivers.errors import LimitExceeded
 
-pytestmark = pytest.mark.timeout(60)
-
 KINDS = {
     "espec_p300": "/dev/ttyUSB2",
     "espec_scp220": "socket://192.168.1.20:10001",

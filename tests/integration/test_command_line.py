@@ -9,8 +9,6 @@ import pytest
 
 from bench.cli import main
 
-pytestmark = pytest.mark.timeout(60)
-
 BRISK = ("soak_min=1", "hold_min=10", "warm_up_min=0", "east_after_min=0", "east_dwell_s=60")
 
 

@@ -7,8 +7,6 @@ from bench.discovery import identify_port
 from bench.emulated import EmulatedLab, Plant
 from drivers.virtual_clock import VirtualClock
 
-pytestmark = pytest.mark.timeout(90)
-
 BENCH = """
 [bench]
 name = "bench"

@@ -9,8 +9,6 @@ from bench.emulated import EmulatedLab, Plant
 from bench.procedure import Demands, Procedure
 from drivers.errors import LimitExceeded
 
-pytestmark = pytest.mark.timeout(60)
-
 DOOR = {"name": "spin with the door open", "rate_dps": {"above": 0.1}, "door": "open"}
 COLD = {"name": "spin in the cold", "rate_dps": {"above": 4.0}, "air_temp_c": {"below": 10.0}}
 

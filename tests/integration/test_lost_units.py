@@ -8,8 +8,6 @@ from bench.emulated import Plant, PlantFault
 from bench.recording import read_manifest
 from drivers.errors import DeviceSilent, LinkLost
 
-pytestmark = pytest.mark.timeout(120)
-
 
 def plant(port, kind, at_s, duration_s):
     fault = PlantFault(port=port, kind=kind, at_s=(at_s,), duration_s=duration_s)

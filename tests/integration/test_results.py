@@ -12,8 +12,6 @@ from bench.fitting import load_thermal_runs
 from bench.recording import Run, read_table
 from simulators.plant.fog_parameters import FOG_MID
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def raw_files(folder):
     return {

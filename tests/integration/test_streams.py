@@ -7,8 +7,6 @@ from bench.emulated import Plant
 from bench.recording import Run, read_exchanges, read_manifest
 from simulators.interfaces import StreamBlock
 
-pytestmark = pytest.mark.timeout(60)
-
 FRAME_BYTES = 36
 """A Format A message of the KVH 1750 (56-0298, table 8)."""
 

@@ -12,8 +12,6 @@ from bench.emulated import Plant
 from bench.procedure import Demands, Procedure
 from drivers.errors import ConfigurationError, DeviceSilent, LimitExceeded, RunAborted, WrongDevice
 
-pytestmark = pytest.mark.timeout(30)
-
 SET_NUMBERS = {b"11001", b"14001", b"11068", b"11072", b"17012"}
 """SimServ numbers that change something: set point, digital output, gradients, reset."""
 

@@ -4,8 +4,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[2]
 CODE = """
 from benchmarks.reliability import kill_test
@@ -15,7 +13,6 @@ assert (tally.unreadable, tally.false_complete) == (0, 0), tally
 """
 
 
-@pytest.mark.timeout(240)
 def test_a_dozen_kills_cost_no_folder_and_make_no_run_look_complete():
     """In a process of its own: it forks. Bytes lost beyond the interval are counted by the benchmark: time on a
     loaded machine is no test.

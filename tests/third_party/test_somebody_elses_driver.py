@@ -68,7 +68,6 @@ def test_the_example_is_short():
     assert len(code) <= 45
 
 
-@pytest.mark.timeout(180)
 def test_its_driver_runs_a_procedure_by_name(installed, tmp_path):
     (tmp_path / "lab.toml").write_text(BENCH)
     arguments = ["rehearse", "constant-rotation"]
