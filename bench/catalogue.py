@@ -26,6 +26,7 @@ from sqlalchemy.engine import Connection, Engine
 from bench.recording import MANIFEST_FILE
 from drivers.clock import epoch_seconds
 from drivers.errors import ConfigurationError, RecordError
+from drivers.files import RECORD_BYTES, parse_json, read_bounded
 
 FOLDER = ".catalogue"
 """Beside the runs, in a folder of its own: SQLite's journal must not touch the time stamp of the runs' folder."""
@@ -298,7 +299,7 @@ def read_row(folder: Path, root: str) -> tuple[dict[str, Any], tuple[str, ...]]:
         "units": "[]",
     }
     try:
-        manifest = json.loads((folder / MANIFEST_FILE).read_bytes())
+        manifest = parse_json(read_bounded(folder / MANIFEST_FILE, RECORD_BYTES))
         units = tuple(dict.fromkeys(str(unit) for unit in manifest.get("units", {}).values()))
         started = datetime.datetime.fromisoformat(str(manifest["started_utc"]))
         started = started if started.tzinfo else started.replace(tzinfo=datetime.UTC)

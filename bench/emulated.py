@@ -22,6 +22,7 @@ from bench.devices import table_settings
 from bench.nursery import LabProcess, start_lab
 from bench.plant_rotation import BearingPlant, RotationPlant
 from drivers.errors import BenchError, ConfigurationError
+from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 
 _MODELS = {"kvh1750": "fog_mid", "sbg_ellipse": "mems", "can_dbc": "mems", "rlg2t": "rlg"}
 
@@ -203,10 +204,8 @@ def load_plant(path: Path | None) -> Plant:
     """Read a plant file (TOML); None gives the defaults."""
     if path is None:
         return Plant()
-    import tomllib
-
     try:
-        plant = Plant.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        plant = Plant.model_validate(parse_toml(read_bounded(path, SETTINGS_BYTES)))
     except (OSError, ValueError) as error:
         raise ConfigurationError(
             "the plant file cannot be used",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from bench.recording import checksum
 from drivers.errors import ConfigurationError
+from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 
 FIGURES: Mapping[str, str] = {
     "bias": "deg/h",
@@ -105,7 +105,7 @@ def parse_limits(table: object, where: str) -> dict[str, Limit]:
 def load_limits(path: Path) -> Limits:
     """Read the `limits` table of a TOML file (a campaign file has one): per figure unit, low and/or high."""
     try:
-        content: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+        content: dict[str, Any] = parse_toml(read_bounded(path, SETTINGS_BYTES))
     except (OSError, ValueError) as error:
         raise _unusable(str(path), str(error)) from error
     if "limits" not in content:

@@ -92,9 +92,9 @@ def _last_s(folder: Path, event_times_s: list[float]) -> float:
     """Return the last bench time that anything in the record has."""
     last = [0.0, *event_times_s]
     for index in (folder / "raw").glob("*.idx"):
-        marks = np.fromfile(index, "<i8").reshape(-1, 2)
-        if len(marks):
-            last.append(float(marks[-1, 1]) / 1e9)
+        pairs = index.stat().st_size // _PAIR_BYTES
+        if pairs:
+            last.append(float(np.fromfile(index, "<i8", 2, offset=(pairs - 1) * _PAIR_BYTES)[1]) / 1e9)
     return max(last)
 
 

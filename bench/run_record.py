@@ -254,6 +254,12 @@ def _warnings(stream: StreamReport) -> list[str]:
 
 
 def _new_folder(root: Path, name: str) -> Path:
+    if name == ".." or Path(name).name != name or not name.isprintable():
+        raise RecordError(
+            "a run's id is the name of its folder",
+            found=repr(name),
+            expected="a name without / that does not lead out of the runs folder",
+        )
     for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
         folder = root / f"{name}{suffix}"
         try:

@@ -6,7 +6,9 @@ No pickle goes in or comes out, so a file from a stranger can be read. The same 
 from __future__ import annotations
 
 import json
+import math
 import zipfile
+import zlib
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -15,9 +17,11 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import RecordError
+from drivers.files import parse_json
 
 _JSON = "compensation.json"
 _MARK = "array"
+_MOST_BYTES = 256 << 20
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -39,16 +43,16 @@ def read_state(path: Path) -> dict[str, Any]:
     """Read what `write_state` wrote; RecordError for a file that is not one or is damaged."""
     try:
         with zipfile.ZipFile(path) as archive:
-            state = json.loads(archive.read(_JSON))
-            arrays = {
-                name: np.lib.format.read_array(BytesIO(archive.read(name)), allow_pickle=False)
-                for name in archive.namelist()
-                if name != _JSON
-            }
+            sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
+            if sum(sizes.values()) > _MOST_BYTES:
+                raise ValueError(f"more than {_MOST_BYTES >> 20} MiB unpacked")
+            content = {name: _unpacked(archive, name, size) for name, size in sizes.items()}
+        state = parse_json(content.pop(_JSON))
+        arrays = {name: _array(data) for name, data in content.items()}
         restored: dict[str, Any] = _with_arrays(state, arrays)
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, RecursionError) as error:
         raise RecordError(
             "this is not a readable compensation file",
             where=str(path),
@@ -57,6 +61,25 @@ def read_state(path: Path) -> dict[str, Any]:
             remedy="copy the file again, or fit the compensation again",
         ) from error
     return restored
+
+
+def _unpacked(archive: zipfile.ZipFile, name: str, size: int) -> bytes:
+    """Return an entry, and never more than the directory says: a damaged one may unpack to gigabytes."""
+    with archive.open(name) as file:
+        return file.read(size)
+
+
+def _array(data: bytes) -> np.ndarray[Any, Any]:
+    """Return the array of an .npy text whose header says what is there: numpy makes room for what it says."""
+    buffer = BytesIO(data)
+    if np.lib.format.read_magic(buffer) != (1, 0):
+        raise ValueError("an array of another format than 1.0")
+    shape, column_order, kind = np.lib.format.read_array_header_1_0(buffer)
+    rest = data[buffer.tell() :]
+    if kind.hasobject or math.prod(shape) * kind.itemsize != len(rest):
+        raise ValueError(f"an array {shape} of {kind} in {len(rest)} bytes")
+    array = np.frombuffer(rest, kind).reshape(shape, order="F" if column_order else "C")
+    return array.copy()
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

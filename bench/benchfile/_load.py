@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, get_args
@@ -18,13 +17,14 @@ from bench.benchfile._drivers import one_of
 from bench.benchfile._layouts import with_layouts
 from bench.benchfile._model import BenchFile
 from drivers.errors import ConfigurationError
+from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 
 
 def load_bench_file(path: Path | str) -> BenchFile:
     """Read and check the bench file at `path`; raises ConfigurationError that lists every mistake."""
     path = Path(path)
     try:
-        content = path.read_bytes()
+        content = read_bounded(path, SETTINGS_BYTES)
     except OSError as error:
         raise ConfigurationError(
             "the bench file cannot be read",
@@ -34,8 +34,8 @@ def load_bench_file(path: Path | str) -> BenchFile:
             remedy="check the path given with --bench",
         ) from error
     try:
-        data = tomllib.loads(content.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        data = parse_toml(content)
+    except ValueError as error:
         raise ConfigurationError(
             "the bench file is not TOML", where=str(path), found=str(error), expected="TOML 1.0 in UTF-8"
         ) from error

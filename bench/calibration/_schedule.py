@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 
 from bench.calibration._conventions import AXES, Array, rotation
 from drivers.errors import ConfigurationError
+from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 
 SCHEMES_FOLDER = Path(__file__).parent / "schemes"
 Profile = Literal["constant", "smooth"]
@@ -167,7 +167,7 @@ def load_scheme(name: str) -> Schedule:
     name = _ALIASES.get(name, name)
     path = Path(name) if name.endswith(".toml") else SCHEMES_FOLDER / f"{name}.toml"
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = parse_toml(read_bounded(path, SETTINGS_BYTES))
         moves, home = str(content["moves"]), str(content["home"])
     except (OSError, ValueError, KeyError) as error:
         raise ConfigurationError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +14,7 @@ from bench.benchfile import BenchFile, GyroSection, bench_file_from
 from bench.figure_limits import Limit, wrong_limits
 from bench.procedure import Parameters, Procedure, find_procedure
 from drivers.errors import BenchError, ConfigurationError
+from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 
 Role = Literal["training", "validation", "test", "record"]
 Occasion = Literal["prompt", "run_ended", "completed", "failed"]
@@ -115,12 +115,12 @@ class Campaign(_Part):
 def load_campaign(path: Path, file: BenchFile) -> Campaign:
     """Read a campaign file and check it against the bench; ConfigurationError names every mistake."""
     try:
-        content = path.read_bytes()
-        data = tomllib.loads(content.decode("utf-8"))
+        content = read_bounded(path, SETTINGS_BYTES)
+        data = parse_toml(content)
         campaign = Campaign.model_validate(data)
     except ValidationError as error:
         raise _unusable(path, [_mistake(dict(item)) for item in error.errors()]) from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise _unusable(path, [str(error)]) from error
     mistakes = [*_wrong_units(campaign, file), *_wrong_runs(campaign), *wrong_limits(campaign.limits)]
     if not mistakes:

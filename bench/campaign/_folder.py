@@ -18,6 +18,7 @@ from bench.emulated import Plant
 from bench.recording import Manifest, checksum, read_manifest
 from drivers.clock import epoch_seconds, utc_now
 from drivers.errors import BenchInUse, ConfigurationError, RecordError
+from drivers.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded
 
 CAMPAIGN_FILE, BENCH_FILE, JOURNAL_FILE, LOCK_FILE = "campaign.toml", "bench.json", "events.jsonl", ".lock"
 
@@ -150,9 +151,9 @@ class CampaignFolder:
         """Return the journal; a line torn by a power cut is left out."""
         rows = []
         with suppress(FileNotFoundError):
-            for line in (self.path / JOURNAL_FILE).read_bytes().splitlines():
+            for line in read_bounded(self.path / JOURNAL_FILE, RECORD_BYTES).splitlines():
                 with suppress(ValueError):
-                    rows.append(json.loads(line))
+                    rows.append(parse_json(line))
         return rows
 
     def states(self, *, thorough: bool = False) -> list[RunState]:
@@ -221,7 +222,7 @@ def _size(path: Path) -> int:
 
 def _read_about(path: Path) -> dict[str, Any]:
     try:
-        about: dict[str, Any] = json.loads((path / BENCH_FILE).read_bytes())
+        about: dict[str, Any] = parse_json(read_bounded(path / BENCH_FILE, SETTINGS_BYTES))
         _ = about["bench"], about["started_s"]
     except (OSError, ValueError, KeyError) as error:
         raise ConfigurationError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Literal
@@ -10,9 +9,9 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import ConfigurationError
+from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 
 FORMAT = 1
-_MAX_BYTES = 4 << 20
 
 
 class _Part(BaseModel):
@@ -104,9 +103,8 @@ class Mapping(_Part):
 def read_mapping(path: Path) -> Mapping:
     """Read a mapping file; ConfigurationError says what it lacks or what cannot be used."""
     try:
-        with path.open("rb") as file:
-            data = tomllib.loads(file.read(_MAX_BYTES).decode("utf-8"))
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        data = parse_toml(read_bounded(path, SETTINGS_BYTES))
+    except (OSError, ValueError) as error:
         raise ConfigurationError(
             "the mapping file cannot be read", where=str(path), found=str(error), expected="TOML in UTF-8"
         ) from error

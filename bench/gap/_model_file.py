@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from bench.gap._noise import NAMES, Noise
 from drivers.errors import ConfigurationError
+from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 from simulators.effects import Effect, Stimulus, Variant, catalogue
 
 FORMAT = 1
@@ -63,8 +63,8 @@ class Model:
 def read_model(path: Path) -> Model:
     """Read a model file; ConfigurationError says what is wrong with it."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
+        text = read_bounded(path, SETTINGS_BYTES).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(
             "the model file cannot be read", where=str(path), found=str(error), expected="a TOML file"
         ) from error
@@ -74,8 +74,8 @@ def read_model(path: Path) -> Model:
 def parse_model(text: str, where: str) -> Model:
     """Return the model that a file's text describes; ConfigurationError names `where`."""
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        data = parse_toml(text.encode())
+    except ValueError as error:
         raise ConfigurationError(
             "the model is not TOML", where=where, found=str(error), expected="a TOML file"
         ) from error

@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args
 
 from drivers.clock import epoch_seconds, utc_now
 from drivers.errors import BenchError, ConfigurationError, RecordError
+from drivers.files import SETTINGS_BYTES, parse_json, read_bounded
 
 LIVE_FOLDER = "live"
 NOW_FILE = "now.json"
@@ -21,6 +22,8 @@ HISTORY_FILE = "history.jsonl"
 Action = Literal["pause", "resume", "abort"]
 _LONGEST = 4096
 """Bytes of an answer or a request; a longer file is not one."""
+_HISTORY_BYTES = 4 << 20
+"""Read of a history at once; the caller comes again for the rest."""
 _order = itertools.count()
 
 
@@ -54,7 +57,7 @@ def read_now(session: Path) -> dict[str, Any] | None:
     """
     path = live_folder(session) / NOW_FILE
     try:
-        found = json.loads(path.read_bytes())
+        found = parse_json(read_bounded(path, SETTINGS_BYTES))
         if not isinstance(found, dict) or found.get("format") != 1:
             raise ValueError("not an object of format 1")
     except FileNotFoundError:
@@ -69,13 +72,16 @@ def read_history(run: Path, offset: int = 0) -> tuple[list[dict[str, Any]], int]
     try:
         with (live_folder(run) / HISTORY_FILE).open("rb") as file:
             file.seek(offset)
-            whole, newline, _ = file.read().rpartition(b"\n")
+            block = file.read(_HISTORY_BYTES)
     except OSError:
         return [], offset
+    whole, newline, _ = block.rpartition(b"\n")
+    if not newline and len(block) == _HISTORY_BYTES:
+        return [], offset + len(block)  # no line of ours is so long
     rows = []
     for line in whole.split(b"\n") if whole else []:
         with suppress(ValueError):
-            rows.append(json.loads(line))
+            rows.append(parse_json(line))
     return rows, offset + len(whole) + len(newline)
 
 
@@ -188,8 +194,8 @@ def _read_small(path: Path) -> dict[str, Any] | None:
         raise RecordError("a live file cannot be read", where=str(path), found=str(error)) from error
     try:
         content = os.read(descriptor, _LONGEST + 1)
-        found = json.loads(content) if len(content) <= _LONGEST else None
-    except (OSError, ValueError, RecursionError) as error:
+        found = parse_json(content) if len(content) <= _LONGEST else None
+    except (OSError, ValueError) as error:
         raise RecordError("a live file cannot be read", where=str(path), found=str(error)) from error
     finally:
         os.close(descriptor)

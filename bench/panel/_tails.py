@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
@@ -10,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.live import read_history
+from drivers.files import parse_json
 
 Line = dict[str, Any]
 _TAIL_BYTES = 65_536
+_MOST_BYTES = 4 << 20
 _KEPT_LINES = 200
 _RECENT_BYTES = 262_144
 _SAMPLES = 1500
@@ -33,24 +34,26 @@ class EventTail:
         """Read what has come; return whether there is news."""
         try:
             size = self.path.stat().st_size
-            if self._offset < 0:
+            torn = self._offset < 0 or size - self._offset > _MOST_BYTES
+            if torn:
                 self._offset = max(0, size - _TAIL_BYTES)
+                self._rest = b""
                 torn = self._offset > 0
-            else:
-                torn = False
             if size <= self._offset:
                 return False
             with self.path.open("rb") as file:
                 file.seek(self._offset)
-                data = file.read(max(_TAIL_BYTES, size - self._offset))
+                data = file.read(size - self._offset)
         except OSError:
             return False
         self._offset += len(data)
         *whole, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > _MOST_BYTES:
+            self._rest = b""
         before = self.count
         for line in whole[1:] if torn else whole:
             with suppress(ValueError):
-                row = json.loads(line)
+                row = parse_json(line)
                 if isinstance(row, dict) and "kind" in row:
                     self.lines.append(row)
                     self.count += 1
@@ -86,13 +89,13 @@ class HistoryTail:
                 for start in range(0, recent, step):
                     file.seek(start)
                     if start:
-                        file.readline()
+                        file.readline(_RECENT_BYTES)
                     if file.tell() >= recent:
                         break
-                    if (row := _row(file.readline())) is not None:
+                    if (row := _row(file.readline(_RECENT_BYTES))) is not None:
                         yield row
                 file.seek(recent)
-                file.readline()
+                file.readline(_RECENT_BYTES)
                 recent = file.tell()
         rows, self._offset = read_history(self.run, recent)
         yield from rows
@@ -100,7 +103,7 @@ class HistoryTail:
 
 def _row(line: bytes) -> Line | None:
     with suppress(ValueError):
-        row = json.loads(line)
+        row = parse_json(line)
         if isinstance(row, dict):
             return row
     return None

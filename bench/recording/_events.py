@@ -12,6 +12,7 @@ from typing import Any
 
 from bench.recording._append import AppendFile, record_error
 from drivers.errors import RecordError
+from drivers.files import RECORD_BYTES, parse_json, read_bounded
 
 EVENTS_FILE = "events.jsonl"
 
@@ -77,14 +78,14 @@ def read_events(folder: Path) -> Events:
     """Read events.jsonl of a run folder; a line broken in the middle of the file raises RecordError."""
     path = folder / EVENTS_FILE
     try:
-        content = path.read_bytes()
+        content = read_bounded(path, RECORD_BYTES)
     except FileNotFoundError:
         return Events(())
     whole, _, torn = content.rpartition(b"\n")
     rows: list[Event] = []
     for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
         try:
-            row = json.loads(line)
+            row = parse_json(line)
             if not (isinstance(row, dict) and "time_s" in row and "kind" in row):
                 raise ValueError("no object with time_s and kind")
         except ValueError as error:

@@ -5,16 +5,36 @@ from __future__ import annotations
 import hashlib
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from bench.recording._append import record_error
 from drivers.errors import RecordError
+from drivers.files import RECORD_BYTES, read_bounded
 
 MANIFEST_FILE = "manifest.json"
 
 Outcome = Literal["running", "completed", "invalid", "aborted"]
+
+
+def _inside(name: str) -> str:
+    """Return a file's name relative to the run folder; ValueError for one that leads out of it."""
+    if len(name) > 4096 or not name.isprintable() or "\\" in name:
+        raise ValueError("not the name of a file")
+    if any(part in ("", ".", "..") for part in name.split("/")):
+        raise ValueError("leads out of the run folder")
+    return name
+
+
+def _one_name(name: str) -> str:
+    if "/" in name:
+        raise ValueError("a run's id is the name of a folder, not a path")
+    return _inside(name)
+
+
+FileName = Annotated[str, AfterValidator(_inside)]
+RunId = Annotated[str, AfterValidator(_one_name)]
 
 
 class _Part(BaseModel):
@@ -44,8 +64,8 @@ class EmulatedLab(_Part):
 class Imported(_Part):
     """Present if the run came from another bench: the log and its mapping file, paths in the run folder."""
 
-    log: str
-    mapping: str
+    log: FileName
+    mapping: FileName
 
 
 class FileEntry(_Part):
@@ -59,7 +79,7 @@ class Manifest(_Part):
     """The manifest as written; outcome "running" until the run has been closed."""
 
     format: Literal[1] = 1
-    run_id: str
+    run_id: RunId
     procedure: str
     parameters: dict[str, Any] = Field(default_factory=dict)
     mounting: str = ""
@@ -79,7 +99,7 @@ class Manifest(_Part):
     software: dict[str, str] = Field(default_factory=dict)
     stream: dict[str, dict[str, Any]] = Field(default_factory=dict)
     measurements: tuple[dict[str, Any], ...] = ()
-    files: dict[str, FileEntry] = Field(default_factory=dict)
+    files: dict[FileName, FileEntry] = Field(default_factory=dict)
 
     @property
     def complete(self) -> bool:
@@ -118,7 +138,7 @@ def read_manifest(folder: Path) -> Manifest:
     """Read manifest.json of a run folder; RecordError if it is missing or not a manifest."""
     path = folder / MANIFEST_FILE
     try:
-        return Manifest.model_validate_json(path.read_bytes())
+        return Manifest.model_validate_json(read_bounded(path, RECORD_BYTES))
     except OSError as error:
         raise RecordError(
             "this is not a run folder",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -141,6 +143,19 @@ def read_table(
             expected="a decoded table",
             remedy="a run that was killed has raw bytes only; its tables can be made from them",
         )
+    try:
+        return _read(path, columns, start_s, end_s)
+    except (pa.ArrowException, OSError, ValueError, TypeError) as error:
+        raise RecordError(
+            "the table cannot be read",
+            where=str(path),
+            found=str(error).splitlines()[0] if str(error) else type(error).__name__,
+            expected="a table as runs have them: time_ns and columns of numbers",
+            remedy="`gyrobench runs verify` says what differs; tables can be made from raw/ again",
+        ) from error
+
+
+def _read(path: Path, columns: Sequence[str] | None, start_s: float | None, end_s: float | None) -> Table:
     with pq.ParquetFile(path) as file:
         return _stretch(file, str(path), columns, start_s, end_s)
 
@@ -164,10 +179,23 @@ def _stretch(
     low = -(1 << 62) if start_s is None else round(start_s * 1e9)
     high = 1 << 62 if end_s is None else round(end_s * 1e9)
     groups = _overlapping(file, low, high)
+    _check_room(where, sum(file.metadata.row_group(group).num_rows for group in groups), len(wanted) + 1)
     table = file.read_row_groups(groups, columns=list(dict.fromkeys(["time_ns", *wanted])), use_threads=False)
     data = {name: from_arrow(table[name]) for name in table.column_names}
     keep = (data["time_ns"] >= low) & (data["time_ns"] < high)
     return {name: data[name] if keep.all() else data[name][keep] for name in wanted}
+
+
+def _check_room(where: str, rows: int, columns: int) -> None:
+    """Refuse what would not fit: a file of a kilobyte can say that it has a thousand million equal rows."""
+    room = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if 2 * 8 * rows * columns > room:  # once in Arrow, once as numpy
+        raise RecordError(
+            "the table is larger than this machine's memory",
+            where=where,
+            found=f"{rows} rows of {columns} columns, memory of {room >> 20} MiB",
+            remedy="read fewer columns or a shorter stretch",
+        )
 
 
 def _overlapping(file: pq.ParquetFile, low: int, high: int) -> list[int]:

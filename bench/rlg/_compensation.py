@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from bench.rlg._rows import RampRun
 from bench.rlg._variables import candidate_matrix
 from drivers.errors import ConfigurationError, RecordError
+from drivers.files import SETTINGS_BYTES, parse_json, read_bounded
 
 FORMAT = "gyrobench-rlg-compensation-1"
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ class RlgCompensation:
     def load(cls, path: Path) -> RlgCompensation:
         """Read a file; RecordError if it is none or was changed."""
         try:
-            data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            data: dict[str, Any] = parse_json(read_bounded(path, SETTINGS_BYTES))
             kind, digest = data.pop("format"), data.pop("sha256")
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise RecordError("not a compensation file", where=str(path), found=str(error)) from error

@@ -25,6 +25,9 @@ from drivers.errors import BenchError
 HUNG_S = 2.0
 """A runner that has not waited on its clock for so long is taken for hung: polls are a second apart."""
 
+STARVED_S = 8.0
+"""Most that is added for a runner that was ready to run and got no processor: longer, nobody drives the bench."""
+
 READY_TIMEOUT_S = 60.0
 """A watchdog has to be imported first; a loaded machine takes its time."""
 

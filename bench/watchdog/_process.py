@@ -20,7 +20,7 @@ from bench.benchfile import bench_file_from
 from bench.devices import chamber_kind, chamber_settings, table_kind, table_settings
 from bench.recording import EventLog, Journal
 from bench.safe_state import bring_to_rest
-from bench.watchdog import ARMED, DISMISSED, FOLDER, HUNG_S
+from bench.watchdog import ARMED, DISMISSED, FOLDER, HUNG_S, STARVED_S
 from drivers.clock import Clock, WallClock, utc_now
 from drivers.errors import BenchError, RecordError
 from drivers.instruments import Instrument
@@ -63,23 +63,58 @@ def main() -> int:
     except ProcessLookupError:
         return 0
     os.write(1, b"ready\n")
-    armed, waited_s, clock = False, 0.0, WallClock()
+    armed, clock = False, WallClock()
+    patience = Patience(clock.now(), runqueue_wait_s(order.runner))
     while True:
-        before_s = clock.now()
-        ready, _, _ = select.select([0], [], [], HUNG_S if armed else None)
-        waited_s = clock.now() - before_s
+        left_s = patience.left_s(clock.now(), runqueue_wait_s(order.runner))
+        ready, _, _ = select.select([0], [], [], left_s if armed else None)
         said = os.read(0, 4096) if ready else b""
-        if DISMISSED in said or (not said and not armed):
+        if DISMISSED in said or (ready and not said and not armed):
             return 0
-        if not said:
+        if ready and not said:
+            cause = "the runner's process has ended"
             break
-        armed = armed or ARMED in said
-    cause = f"no sign of life for {waited_s:.1f} s" if not ready else "the runner's process has ended"
+        now_s, waited_s = clock.now(), runqueue_wait_s(order.runner)
+        if said:
+            armed = armed or ARMED in said
+            patience = Patience(now_s, waited_s)
+        elif not patience.left_s(now_s, waited_s):
+            cause = f"no sign of life for {now_s - patience.heard_s:.1f} s"
+            break
     unconfirmed = _take_over(order, runner, cause)
     for descriptor in order.lease:
         with suppress(OSError):
             Path(f"/proc/self/fd/{descriptor}").readlink().unlink()
     return 1 if unconfirmed else 0
+
+
+@dataclass(frozen=True)
+class Patience:
+    """When the runner was last heard, and what its driving thread had waited for a processor by then (s)."""
+
+    heard_s: float
+    waited_s: float
+
+    def left_s(self, now_s: float, waited_s: float) -> float:
+        """Return how long a silent runner may go on being silent, 0 when it is taken for hung.
+
+        What it spent ready to run, without a processor, is the machine's fault and not its own.
+        """
+        starved_s = min(max(waited_s - self.waited_s, 0.0), STARVED_S)
+        return max(self.heard_s + HUNG_S + starved_s - now_s, 0.0)
+
+
+def runqueue_wait_s(pid: int) -> float:
+    """Return how long the main thread of a process has waited for a processor; 0 where nobody counts it.
+
+    Linux: second number of /proc/PID/task/TID/schedstat, ns (Documentation/scheduler/sched-stats.rst). A thread
+    that is stopped, asleep or computing does not wait.
+    """
+    try:
+        counted = Path(f"/proc/{pid}/task/{pid}/schedstat").read_text(encoding="ascii")
+        return int(counted.split()[1]) / 1e9
+    except (OSError, ValueError, IndexError):
+        return 0.0
 
 
 def _read_order() -> Order:

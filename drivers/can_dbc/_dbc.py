@@ -10,6 +10,7 @@ from typing import Any
 
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
 from drivers.errors import ConfigurationError
+from drivers.files import read_bounded
 
 MAX_FILE_BYTES = 4 << 20
 """Large public DBC files (whole vehicles) have 1 to 2 MB."""
@@ -39,12 +40,9 @@ def load_database(path: Path) -> Any:
     no CAN message has: cantools would make tables of them.
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_BYTES + 1)
+        content = read_bounded(path, MAX_FILE_BYTES)
     except OSError as error:
         raise _unreadable(path, error.strerror or str(error)) from error
-    if len(content) > MAX_FILE_BYTES:
-        raise _unreadable(path, f"more than {MAX_FILE_BYTES >> 20} MiB")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -16,10 +15,10 @@ from drivers.can_dbc._dbc import compile_message, find_message, load_database
 from drivers.can_dbc._layout import CanLayout, Role, SignalUse, Slot, ValidRule, outer_multiplexer
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
 from drivers.errors import ConfigurationError
+from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 
 SHIPPED = Path(__file__).parent
 
-_MAX_FILE_BYTES = 1 << 20
 _RATES = {"deg/s": 1.0, "rad/s": math.degrees(1.0), "deg/h": 1.0 / 3600.0, "mrad/s": math.degrees(1e-3)}
 _ANGLES = {"deg": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3), "urad": math.degrees(1e-6)}
 _TIMES = {"s": 1.0, "ms": 1e-3, "100us": 1e-4, "us": 1e-6, "ns": 1e-9}
@@ -76,9 +75,7 @@ def load_layout(name: str, folder: Path = Path()) -> CanLayout:
     """
     path = SHIPPED / f"{name}.toml" if name in shipped_layouts() else folder / name
     try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_FILE_BYTES)
-        mapping = tomllib.loads(content.decode("utf-8"))
+        mapping = parse_toml(read_bounded(path, SETTINGS_BYTES))
     except OSError as error:
         raise ConfigurationError(
             "the CAN mapping cannot be read",
@@ -86,7 +83,7 @@ def load_layout(name: str, folder: Path = Path()) -> CanLayout:
             found=error.strerror or str(error),
             expected="a mapping file (TOML), or one of " + ", ".join(shipped_layouts()),
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise ConfigurationError(
             "the CAN mapping is not TOML", where=str(path), found=str(error), expected="TOML 1.0 in UTF-8"
         ) from error

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import json
-import tomllib
 from collections.abc import Mapping
 from functools import lru_cache
 from importlib.resources import files
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from drivers.errors import ConfigurationError
+from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 from drivers.frames._form import Form, forms_of
 from drivers.frames._lines import LineDescription, line_form, verify_lines
 from drivers.frames._model import Description
@@ -83,7 +83,7 @@ def description_path(description: str) -> Path:
 def load_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; ConfigurationError if it cannot be read or is none."""
     try:
-        content = path.read_bytes()
+        content = read_bounded(path, SETTINGS_BYTES)
     except OSError as error:
         raise ConfigurationError(
             "the frame description cannot be read",
@@ -93,8 +93,8 @@ def load_toml(path: Path) -> dict[str, Any]:
             remedy="check the path",
         ) from error
     try:
-        return tomllib.loads(content.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return parse_toml(content)
+    except ValueError as error:
         raise ConfigurationError(
             "the frame description is not TOML",
             where=str(path),

@@ -1,0 +1,74 @@
+"""Files from strangers, read within bounds: no pipe or device, no more bytes than needed, no deep nesting.
+
+Nothing is executed: TOML and JSON become plain values. What is refused is an OSError or ValueError as any other
+file that cannot be read, so that the caller's own error says which file it was.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+SETTINGS_BYTES = 4 << 20
+"""Most bytes of a file that a person writes: bench, campaign, frame, mapping, limits."""
+
+RECORD_BYTES = 256 << 20
+"""Most bytes of a text file that a run or campaign writes: a day of events has a few MiB."""
+
+_DEEPEST = 64
+_READ_BYTES = 1 << 20
+
+
+def read_bounded(path: Path, most_bytes: int) -> bytes:
+    """Return the content of a regular file; OSError for anything else and for more than `most_bytes`."""
+    # O_NONBLOCK: opening a pipe without a writer must not wait for one
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        content = bytearray()
+        while block := os.read(descriptor, min(_READ_BYTES, most_bytes + 1 - len(content))):
+            content += block
+            if len(content) > most_bytes:
+                raise OSError(errno.EFBIG, f"more than {_size(most_bytes)}", str(path))
+        return bytes(content)
+    finally:
+        os.close(descriptor)
+
+
+def parse_json(content: bytes | str) -> Any:
+    """Return the value of a JSON text; ValueError if it is none, or is nested so deep that no file of ours is."""
+    try:
+        return json.loads(content)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+
+
+def parse_toml(content: bytes) -> dict[str, Any]:
+    """Return the table of a TOML text; ValueError if it is none, is not UTF-8, or is nested deeper than 64."""
+    text = content.decode("utf-8")
+    try:
+        data = tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+    level: list[Any] = [data]
+    for _ in range(_DEEPEST):
+        level = [inner for each in level for inner in _inner(each)]
+        if not level:
+            return data
+    raise ValueError("nested too deep")
+
+
+def _inner(value: Any) -> list[Any]:
+    if isinstance(value, dict):
+        return list(value.values())
+    return value if isinstance(value, list) else []
+
+
+def _size(count: int) -> str:
+    return f"{count >> 20} MiB" if count >= 1 << 20 else f"{count} bytes"

@@ -1,0 +1,107 @@
+"""Files are data: no source of ours runs text as code or loads pickles; the servers stay on this machine."""
+
+import ast
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bench.panel import PanelSettings
+
+ROOT = Path(__file__).parents[2]
+SOURCES = sorted(
+    path for room in ("bench", "drivers", "simulators", "procedures") for path in (ROOT / room).rglob("*.py")
+)
+MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "marshal", "shelve", "yaml"}
+CALLS = {
+    "eval",
+    "exec",
+    "compile",
+    "__import__",
+    "os.system",
+    "os.popen",
+    "pd.eval",
+    "pandas.eval",
+    "joblib.load",
+}
+METHODS = {"read_pickle", "to_pickle"}
+SERVERS = {"create_server", "start_server"}
+
+
+def wrong(tree: ast.AST) -> Iterator[str]:
+    """Yield what could run the content of a file."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (f"imports {each.name}" for each in node.names if each.name.split(".")[0] in MODULES)
+        elif isinstance(node, ast.ImportFrom):
+            if (node.module or "").split(".")[0] in MODULES:
+                yield f"imports {node.module}"
+            yield from (
+                f"imports {node.module}.load" for each in node.names if f"{node.module}.{each.name}" in CALLS
+            )
+        elif isinstance(node, ast.Call):
+            name, given = ast.unparse(node.func), {each.arg: each.value for each in node.keywords}
+            if name in CALLS or name.split(".")[-1] in METHODS:
+                yield name
+            if name == "torch.load" and not _is(given.get("weights_only"), True):
+                yield "torch.load without weights_only=True"
+            if name in ("np.load", "numpy.load") and not _is(given.get("allow_pickle"), False):
+                yield "np.load without allow_pickle=False"
+            if "allow_pickle" in given and not _is(given["allow_pickle"], False):
+                yield "allow_pickle"
+            if "shell" in given and not _is(given["shell"], False):
+                yield "a shell"
+            if "autoescape" in given and _is(given["autoescape"], False) and name.endswith("Environment"):
+                yield "autoescape off"
+
+
+def _is(node: ast.AST | None, value: object) -> bool:
+    return isinstance(node, ast.Constant) and node.value is value
+
+
+def test_no_source_runs_a_files_content() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}: {each}"
+        for path in SOURCES
+        for each in wrong(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert found == ["bench/export/_c_header.py: autoescape off"]  # C is no HTML; its names are checked there
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "eval(text)",
+        "import pickle",
+        "from pickle import loads",
+        "import torch\ntorch.load(path)",
+        "torch.load(path, weights_only=False)",
+        "np.load(path)",
+        "np.load(path, allow_pickle=True)",
+        "np.save(path, x, allow_pickle=flag)",
+        "subprocess.run(text, shell=True)",
+        "pd.read_pickle(path)",
+        "from joblib import load",
+        "import yaml",
+    ],
+)
+def test_the_check_finds(code: str) -> None:
+    assert list(wrong(ast.parse(code)))
+
+
+def test_the_panel_listens_on_this_machine_unless_told_otherwise() -> None:
+    assert inspect.signature(PanelSettings).parameters["host"].default == "127.0.0.1"
+
+
+def test_every_server_of_the_lab_listens_on_loopback() -> None:
+    """Nothing in the lab can be told to listen elsewhere: the address is written in the call."""
+    calls = [
+        ast.unparse(node)
+        for path in SOURCES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func).split(".")[-1] in SERVERS
+        and path.is_relative_to(ROOT / "simulators")
+    ]
+    assert calls and all("'127.0.0.1'" in call for call in calls), calls

@@ -1,0 +1,213 @@
+"""Files from a stranger: nothing leads out of the runs folder, hangs, or takes more memory than it is worth."""
+
+import json
+import os
+import zipfile
+from contextlib import suppress
+from io import BytesIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.benchfile import load_bench_file
+from bench.catalogue import read_row
+from bench.exchange import read_mapping
+from bench.live import read_history
+from bench.panel._tails import EventTail
+from bench.recording import read_events, read_manifest, read_table, verify
+from bench.run_record import _new_folder
+from bench.state_file import read_state, write_state
+from drivers.can_dbc import load_layout
+from drivers.errors import ConfigurationError, RecordError
+from drivers.files import parse_json, parse_toml, read_bounded
+from drivers.frames import load_family
+
+TOML_READERS = [load_bench_file, load_family, load_layout, read_mapping]
+MANIFEST = {"run_id": "r", "procedure": "p", "started_utc": "2026-01-01T00:00:00Z", "outcome": "aborted"}
+
+
+def read(reader, path):
+    return reader(str(path) if reader in (load_family, load_layout) else path)
+
+
+@pytest.mark.parametrize("reader", TOML_READERS)
+def test_a_settings_file_that_is_huge_a_pipe_or_nested_without_end_is_refused(reader, tmp_path):
+    huge, pipe, deep, number = (tmp_path / f"{name}.toml" for name in ("huge", "pipe", "deep", "number"))
+    with huge.open("wb") as file:
+        file.truncate(1 << 40)  # sparse: read whole, it would take a terabyte
+    os.mkfifo(pipe)
+    deep.write_text("a = " + "[" * 100_000)
+    number.write_text("a = " + "9" * 100_000)
+    for path in (huge, pipe, deep, number):
+        with pytest.raises(ConfigurationError, match=path.name):
+            read(reader, path)
+
+
+def test_a_device_is_no_file(tmp_path):
+    (tmp_path / "bench.toml").symlink_to("/dev/zero")
+    with pytest.raises(ConfigurationError, match="regular"):
+        load_bench_file(tmp_path / "bench.toml")
+
+
+@given(st.integers(0, 3000))
+def test_as_many_bytes_as_allowed_are_read_and_not_one_more(tmp_path_factory, count):
+    path = tmp_path_factory.mktemp("bounded") / "file"
+    path.write_bytes(b"x" * count)
+    assert len(read_bounded(path, count)) == count
+    if count:
+        with pytest.raises(OSError, match="more than"):
+            read_bounded(path, count - 1)
+
+
+def test_nesting_is_a_value_error_not_the_end_of_the_stack():
+    for text in ("[" * 200_000, '{"a":' * 200_000):
+        with pytest.raises(ValueError, match=r"nested|Expecting"):
+            parse_json(text)
+    with pytest.raises(ValueError, match="nested"):
+        parse_toml(b"a = " + b"[" * 100 + b"]" * 100)
+    with pytest.raises(ValueError, match="nested"):
+        parse_toml(b"[" + b".".join([b"a"] * 100) + b"]")
+    assert parse_toml(b"a = [[1]]") == {"a": [[1]]}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../../etc/passwd",
+        "/etc/passwd",
+        "raw/../../x",
+        "raw//x",
+        "",
+        ".",
+        "a\0b",
+        "a\nb",
+        "..\\x",
+        "x" * 5000,
+    ],
+)
+def test_a_manifest_that_names_files_outside_its_folder_is_none(tmp_path, name):
+    """`runs verify` opens what the manifest names."""
+    entry = {"sha256": "0" * 64, "bytes": 1}
+    (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST | {"files": {name: entry}}))
+    with pytest.raises(RecordError, match=r"manifest\.json"):
+        verify(tmp_path, lambda source, out: None)
+
+
+def test_an_imported_log_and_a_run_id_stay_in_the_runs_folder(tmp_path):
+    for change in (
+        {"run_id": "../x"},
+        {"run_id": ".."},
+        {"imported": {"log": "/etc/passwd", "mapping": "m.toml"}},
+    ):
+        (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST | change))
+        with pytest.raises(RecordError, match=next(iter(change))):
+            read_manifest(tmp_path)
+    for name in ("../x", "/tmp/x", "..", ".", "a/b", "a\0"):
+        with pytest.raises(RecordError, match="id"):
+            _new_folder(tmp_path, name)
+    assert _new_folder(tmp_path, "x").parent == tmp_path
+
+
+def test_huge_records_are_refused_before_they_are_read(tmp_path):
+    for name, reader in (("manifest.json", read_manifest), ("events.jsonl", read_events)):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(1 << 40)
+        with pytest.raises((RecordError, OSError), match="MiB"):
+            reader(tmp_path)
+
+
+def test_a_live_history_or_event_log_without_a_line_end_does_not_grow_in_memory(tmp_path):
+    (tmp_path / "live").mkdir()
+    with (tmp_path / "live" / "history.jsonl").open("wb") as file:
+        file.truncate(1 << 40)
+    rows, offset = read_history(tmp_path)
+    assert rows == [] and 0 < offset <= 16 << 20
+    path = tmp_path / "events.jsonl"
+    path.write_bytes(b"")
+    tail = EventTail(path)
+    tail.update()
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    tail.update()
+    assert len(tail._rest) <= 4 << 20
+    with path.open("ab") as file:
+        file.write(b'\n{"time_s": 1, "kind": "note"}\n')
+    assert tail.update() and tail.lines[-1] == {"time_s": 1, "kind": "note"}
+
+
+def test_a_table_that_unpacks_to_more_than_the_memory_is_refused(tmp_path):
+    """2**24 equal rows in less than 128 KiB, ten thousand such columns asked for."""
+    path = tmp_path / "gyro_x.parquet"
+    times = pa.array(np.zeros(1 << 24, np.int64))
+    pq.write_table(pa.table({"time_ns": times}), path, compression="zstd")
+    assert path.stat().st_size < 1 << 17
+    with pytest.raises(RecordError, match="memory"):
+        read_table(path, ["time_ns"] * 100_000)
+
+
+@pytest.mark.parametrize(
+    "columns", [{"rate_dps": [1.0]}, {"time_ns": ["a"]}, {"time_ns": [1], "rate_dps": [None]}]
+)
+def test_a_table_of_other_columns_is_no_table(tmp_path, columns):
+    path = tmp_path / "gyro_x.parquet"
+    pq.write_table(pa.table(columns), path)
+    with pytest.raises(RecordError, match="gyro_x"):
+        read_table(path)
+
+
+@given(data=st.data())
+def test_a_damaged_table_is_a_record_error(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("damaged") / "turntable.parquet"
+    pq.write_table(pa.table({"time_ns": np.arange(50), "rate_dps": np.arange(50.0)}), path)
+    content = bytearray(path.read_bytes())
+    for at in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=4)):
+        content[at] ^= data.draw(st.integers(1, 255))
+    path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
+    with suppress(RecordError):
+        read_table(path)
+
+
+def state_archive(path, name, data, size=None):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("compensation.json", json.dumps({"a": {"array": name}}))
+        archive.writestr(name, data)
+    if size is not None:  # a directory that lies about the size
+        content = path.read_bytes()
+        path.write_bytes(content.replace(len(data).to_bytes(4, "little"), size.to_bytes(4, "little")))
+
+
+def test_a_compensation_file_cannot_unpack_or_claim_more_than_is_in_it(tmp_path):
+    path = tmp_path / "x.gyrocomp"
+    header = BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f8", "fortran_order": False, "shape": (1 << 45,)}
+    )
+    pickled = BytesIO()
+    np.lib.format.write_array(pickled, np.array([print], object), allow_pickle=True)
+    for data, size in (
+        (header.getvalue(), None),
+        (pickled.getvalue(), None),
+        (bytes(300 << 20), None),
+        (bytes(300 << 20), 4711),
+    ):
+        state_archive(path, "a.npy", data, size)
+        with pytest.raises(RecordError, match="compensation"):
+            read_state(path)
+    kept = {"a": np.asfortranarray(np.arange(6.0).reshape(2, 3)), "c": np.empty((0, 2))}
+    write_state(path, kept)
+    restored = read_state(path)
+    assert all(
+        np.array_equal(restored[key], kept[key]) and restored[key].dtype == kept[key].dtype for key in kept
+    )
+
+
+def test_the_catalogue_lists_a_hostile_folder_as_unreadable(tmp_path):
+    (tmp_path / "manifest.json").write_text("[" * 200_000)
+    assert read_row(tmp_path, "here")[0]["outcome"] == "unreadable"
+    (tmp_path / "manifest.json").unlink()
+    os.mkfifo(tmp_path / "manifest.json")
+    assert read_row(tmp_path, "here")[0]["outcome"] == "unreadable"
