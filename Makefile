@@ -12,7 +12,7 @@ export MPLBACKEND := Agg
 # uv reads its own variable for local wheel folders, not pip's.
 export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
 
-.PHONY: setup demo test lint bench fuzz clean
+.PHONY: setup demo test lint audit coverage bench fuzz clean
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
@@ -33,6 +33,17 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Known vulnerabilities of the pins; says aloud what the package index could not answer.
+audit: $(STAMP)
+	$(BIN)/python -m benchmarks.audit
+
+# Branch coverage of the rooms, their subprocesses included; slow: every test runs under the tracer.
+coverage: $(STAMP)
+	$(BIN)/coverage erase
+	$(BIN)/coverage run -m pytest -n $(JOBS)
+	$(BIN)/coverage combine -q
+	$(BIN)/coverage report --skip-covered --sort=cover
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks

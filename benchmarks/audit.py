@@ -1,0 +1,70 @@
+"""Known vulnerabilities of the pinned dependencies: `python -m benchmarks.audit` (`make audit`), used by CI.
+
+pip-audit asks the package index. What it could not ask is said aloud and fails nothing: an index that does not
+answer says nothing about a package. A known vulnerability fails unless `ACCEPTED` says why it cannot be reached.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+ACCEPTED: dict[str, str] = {}
+"""Identifier of a vulnerability -> why no input of ours reaches it; each entry is looked at with every new pin."""
+_TIMEOUT_S = 300.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the index said: packages it knew, packages it did not, vulnerabilities by "package version identifier"."""
+
+    asked: int
+    unknown: int
+    reachable: tuple[str, ...]
+    accepted: tuple[str, ...]
+
+
+def judge(report: dict[str, Any], accepted: dict[str, str]) -> Verdict:
+    """Return the verdict on pip-audit's JSON report."""
+    rows = report["dependencies"]
+    known = [row for row in rows if "skip_reason" not in row]
+    reachable, left = [], []
+    for row in known:
+        for found in row["vulns"]:
+            names = {found["id"], *found.get("aliases", ())}
+            text = f"{row['name']} {row['version']} {found['id']}"
+            (left if names & accepted.keys() else reachable).append(text)
+    return Verdict(len(known), len(rows) - len(known), tuple(reachable), tuple(left))
+
+
+def main() -> int:
+    """Ask, say what came of it; 1 only for a vulnerability that is known and not accepted."""
+    command = [sys.executable, "-m", "pip_audit", "--requirement", str(ROOT / "constraints.txt")]
+    command += ["--no-deps", "--disable-pip", "--format", "json", "--progress-spinner", "off"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_TIMEOUT_S)
+        verdict = judge(json.loads(done.stdout), ACCEPTED)
+    except (subprocess.TimeoutExpired, ValueError, KeyError, TypeError) as error:
+        print(f"AUDIT NOT MADE: the package index did not answer ({type(error).__name__}).", file=sys.stderr)
+        return 0
+    if verdict.unknown:
+        print(
+            f"AUDIT INCOMPLETE: of {verdict.asked + verdict.unknown} pinned packages the index could say nothing "
+            f"about {verdict.unknown}.",
+            file=sys.stderr,
+        )
+    print(f"{verdict.asked} packages audited, {len(verdict.reachable)} known vulnerabilities to act on.")
+    for text in verdict.accepted:
+        print(f"accepted: {text}")
+    for text in verdict.reachable:
+        print(f"VULNERABLE: {text}", file=sys.stderr)
+    return 1 if verdict.reachable else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
