@@ -15,13 +15,13 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 ACCEPTED: dict[str, str] = {}
-"""Identifier of a vulnerability -> why no input of ours reaches it; each entry is looked at with every new pin."""
+"""Identifier of a vulnerability -> why no input of ours reaches it; looked at with every new pin."""
 _TIMEOUT_S = 300.0
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the index said: packages it knew, packages it did not, vulnerabilities by "package version identifier"."""
+    """What the index said: packages it knew and did not, vulnerabilities as "package version identifier"."""
 
     asked: int
     unknown: int
