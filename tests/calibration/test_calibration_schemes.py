@@ -256,7 +256,7 @@ def test_evaluation_says_what_a_scheme_cannot_see() -> None:
     assert weak.shares[0][0] == "Kg_zz"
     assert weak.remaining == pytest.approx(0.64, abs=0.02)
     text = " ".join(found.warnings)
-    assert "Kg_zz 12.5 x" in text and "Home attitude" in text and "x up" in text
+    assert "Kg_zz 12.5" in text and "Home attitude" in text and "x up" in text
     best = evaluate(TASK, load_scheme("t22"), "two-axis-horizontal")
     assert not best.combinations and not any("missed" in text for text in best.warnings)
 
