@@ -16,6 +16,7 @@ from bench.benchfile import load_bench_file
 from bench.campaign import load_campaign, rehearse_campaign
 from bench.campaign_study import study_of
 from bench.emulated import Plant
+from bench.fan_out import fan_out
 from bench.fitting import Study
 from drivers.clock import host_seconds
 
@@ -36,7 +37,8 @@ def run(folder: Path) -> Study:
         wall_s = host_seconds() - started
         hours, speed = bench_s / 3600.0, bench_s / wall_s
         print(f"{len(results)} runs, {hours:.0f} h of bench time in {wall_s:.0f} s ({speed:,.0f} x)")
-    return study_of(campaign, {entry.name: runs / entry.name for entry in campaign.runs}, jobs=jobs)
+    with fan_out(jobs) as fan:
+        return study_of(campaign, {entry.name: runs / entry.name for entry in campaign.runs}, fan=fan)
 
 
 def main() -> None:
