@@ -28,7 +28,7 @@ def check_record(folder: Path) -> str:
     if not url_of(folder) and not folder.is_dir():
         return "missing: there is no such run folder"
     try:
-        report = verify(folder, lambda run, out: (decode_run(run, out), None)[1])
+        report = verify(folder, decode_run)
     except BenchError as error:
         return f"cannot be read: {error}"
     return "verified" if report.passed else "; ".join(f"{p.path}: {p.text}" for p in report.problems)

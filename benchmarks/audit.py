@@ -33,7 +33,8 @@ def judge(report: dict[str, Any], accepted: dict[str, str]) -> Verdict:
     """Return the verdict on pip-audit's JSON report."""
     rows = report["dependencies"]
     known = [row for row in rows if "skip_reason" not in row]
-    reachable, left = [], []
+    reachable: list[str] = []
+    left: list[str] = []
     for row in known:
         for found in row["vulns"]:
             names = {found["id"], *found.get("aliases", ())}

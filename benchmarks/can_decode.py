@@ -41,9 +41,9 @@ def frames_of(layout: CanLayout, count: int) -> NDArray[np.void]:
         frames["id"][:, at], frames["extended"][:, at] = message.identifier, message.extended
         frames["dlc"][:, at] = frames["length"][:, at] = message.length
         frames["data"][:, at, : message.length] = rng.integers(0, 256, (count, message.length))
-    frames = frames.ravel()
-    frames["end_offset"] = np.arange(1, len(frames) + 1)
-    return frames
+    flat: NDArray[np.void] = frames.ravel()
+    flat["end_offset"] = np.arange(1, len(flat) + 1)
+    return flat
 
 
 def by_us(layout: CanLayout, frames: NDArray[np.void]) -> float:

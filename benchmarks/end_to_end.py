@@ -26,7 +26,7 @@ from bench.benchfile import BenchFile, load_bench_file
 from bench.emulated import EmulatedLab, Plant
 from bench.procedure import find_procedure
 from bench.questions import StageHand
-from bench.run_record import RunRecord
+from bench.run_record import Ending, RunRecord
 from bench.runner import RunRequest, run_procedure
 from drivers.clock import host_seconds
 
@@ -67,11 +67,11 @@ def run_once() -> Timing:
     marks: list[float] = []
     close = RunRecord.close
 
-    def timed_close(record: RunRecord, outcome: str, reason: str, duration_s: float) -> list[str]:
+    def timed_close(record: RunRecord, outcome: str, reason: str, duration_s: float) -> Ending:
         marks.append(host_seconds())
         return close(record, outcome, reason, duration_s)
 
-    RunRecord.close = timed_close  # type: ignore[method-assign]  # the only seam between driving and sealing
+    RunRecord.close = timed_close  # type: ignore[method-assign, assignment]  # the only seam of driving and sealing
     try:
         with tempfile.TemporaryDirectory() as folder:
             begin = host_seconds()

@@ -15,6 +15,7 @@ from functools import partial
 from time import process_time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.decode_kvh import _row, table_crc
 from drivers.frames import FrameDecoder, FrameEncoder, MessageReader, load_family
@@ -94,14 +95,14 @@ def stream(name: str, message: str | None, count: int = _COUNT) -> list[bytes]:
     """Return `count` frames with noise in every channel."""
     rng = np.random.default_rng(1)
     encoder = FrameEncoder(load_family(name), message)
-    values = {
+    values: dict[str, NDArray[np.float64]] = {
         spec.name: rng.normal(0.0, 0.01, count)
         for spec in encoder.form.fields
         if spec.axis and spec.type != "u8"
     }
     counter = load_family(name).description.counter
     if counter is not None:
-        values[counter.field] = np.arange(count) * 1.0
+        values[counter.field] = np.arange(count, dtype=np.float64)
     data = encoder.encode(count, values)
     size = len(data) // count
     return [data[at : at + size] for at in range(0, len(data), size)]

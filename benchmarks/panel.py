@@ -95,7 +95,12 @@ def write_day(session: Path, hours: float = 24.0) -> None:
     (session / "events.jsonl").write_text('{"time_s": 0, "kind": "step", "code": "1", "title": "Soak"}\n')
     with (session / "live" / "history.jsonl").open("w") as file:
         for second in range(round(3600.0 * hours)):
-            row = {"time_s": second, "air_temp_c": _air(second), "set_point_c": -40.0, "angle_deg": 1.0}
+            row: dict[str, object] = {
+                "time_s": second,
+                "air_temp_c": _air(second),
+                "set_point_c": -40.0,
+                "angle_deg": 1.0,
+            }
             row |= {"rate_dps": 0.0, "gyros": {"a": [0.003, _air(second)], "b": [0.004, _air(second)]}}
             file.write(json.dumps(row) + "\n")
     write_now(session, 3600.0 * hours)
@@ -103,7 +108,11 @@ def write_day(session: Path, hours: float = 24.0) -> None:
 
 def write_now(session: Path, time_s: float) -> None:
     """Replace now.json as a session does."""
-    gyro = {"rate_dps": 0.003, "latest_dps": 0.003 + 1e-4 * math.sin(time_s), "temp_c": _air(time_s)}
+    gyro: dict[str, object] = {
+        "rate_dps": 0.003,
+        "latest_dps": 0.003 + 1e-4 * math.sin(time_s),
+        "temp_c": _air(time_s),
+    }
     gyro |= {"frames": round(100.0 * time_s), "lost": 0, "rejected": {}, "age_s": 0.1}
     now = {
         "format": 1,
@@ -226,12 +235,12 @@ def _resident_mb(pid: int) -> float:
 
 
 def _row(name: str, ours: object, yardstick: object, unit: str, yardstick_name: str) -> dict[str, object]:
-    known = isinstance(ours, float) and isinstance(yardstick, float)
+    ratio = ours / yardstick if isinstance(ours, float) and isinstance(yardstick, float) else ""
     return {
         "benchmark": name,
         "ours": ours,
         "yardstick": yardstick,
-        "ratio": ours / yardstick if known else "",
+        "ratio": ratio,
         "unit": unit,
         "yardstick_name": yardstick_name,
     }

@@ -56,7 +56,7 @@ def logging() -> Iterator[Row]:
     from pymeasure.experiment import FloatParameter, Procedure
     from pymeasure.experiment.results import CSVFormatter
 
-    class Gyro(Procedure):
+    class Gyro(Procedure):  # type: ignore[misc]  # PyMeasure has no types
         rate_hz = FloatParameter("rate", default=100.0)
         DATA_COLUMNS = ["time_s", "rate_dps", "temp_c"]  # noqa: RUF012
 

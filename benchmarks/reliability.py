@@ -123,7 +123,7 @@ def _judge_record(folder: Path, reports: list[tuple[float, int]], tally: Tally) 
     try:
         before = read_manifest(run)
         manifest = recover(run)
-        rebuilt = verify(run, lambda source, out: decode_run(source, out) and None)
+        rebuilt = verify(run, decode_run)
         if rebuilt.problems:
             raise BenchError(str(rebuilt.problems[0]))
     except BenchError as error:

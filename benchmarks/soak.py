@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -186,14 +187,14 @@ def _host_trouble(scenario: str) -> Iterator[None]:
     """Step the host's clock an hour back after the run's start, or let one sync of the disk take 5 s."""
     with ExitStack() as stack:
         if scenario == "clock":
-            real, calls = host.datetime, Counter[str]()
+            calls = Counter[str]()
 
             def now(zone: Any) -> Any:
                 calls["now"] += 1
-                step = real.timedelta(hours=1) if calls["now"] > 1 else real.timedelta()
-                return real.datetime.now(zone) - step
+                step = timedelta(hours=1) if calls["now"] > 1 else timedelta()
+                return datetime.now(zone) - step
 
-            stepped = SimpleNamespace(datetime=SimpleNamespace(now=now), UTC=real.UTC)
+            stepped = SimpleNamespace(datetime=SimpleNamespace(now=now), UTC=UTC)
             stack.enter_context(mock.patch.object(host, "datetime", stepped))
         if scenario == "disk":
             real_sync, stalled = os.fdatasync, Counter[str]()
@@ -240,7 +241,7 @@ class Soak:
             return run_procedure(request)
 
     def _judge(self, case: Case, result: RunResult, verdict: Verdict) -> None:
-        report = verify(result.folder, lambda run, out: decode_run(run, out) and None)
+        report = verify(result.folder, decode_run)
         verdict.problems += [f"{each.path}: {each.text}" for each in report.problems]
         manifest = read_manifest(result.folder)
         if manifest.outcome != result.outcome or (result.outcome != "completed" and not manifest.reason):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -157,7 +157,7 @@ def coverage(seeds: int = 200) -> tuple[float, int]:
 def fit_seconds(repeats: int = 15) -> tuple[float, float]:
     """Return the median wall time of a direct fit and of the patent's, 10 min at 250 Hz, in s."""
     record, _ = emulate(Plan(_TEN_MINUTES, Wobble(_FULL), rate_hz=250))
-    fits = (lambda: fit_direct([record]), lambda: fit_integral(record))
+    fits: tuple[Callable[[], object], ...] = (lambda: fit_direct([record]), lambda: fit_integral(record))
     times: tuple[list[float], list[float]] = ([], [])
     for _ in range(repeats):
         for taken, work in zip(times, fits, strict=True):

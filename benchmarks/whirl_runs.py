@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,8 @@ def emulate(plan: Plan) -> tuple[TurnRecord, Turns]:
     )
     times = np.union1d(np.arange(1, int(edges[-1] / plan.poll_s) + 1) * plan.poll_s, list(demands))
     lab.table.servo(0.0, True)
-    rates, exchanges = [], []
+    rates: list[NDArray[np.float64]] = []
+    exchanges: list[tuple[int, Literal["sent", "received"], bytes]] = []
     for now in times.tolist():
         lab.advance(now)
         if (block := gyro.stream(now)) is not None:
@@ -99,8 +100,8 @@ def _records(
     plan: Plan, increments: NDArray[Any], polls: dict[str, NDArray[Any]], edges: NDArray[np.float64]
 ) -> tuple[TurnRecord, Turns]:
     period = 1.0 / plan.rate_hz  # what the gyro's own clock says; the table's stamps are in the lab's time
-    time_s = period * np.arange(len(increments) + 1)
-    rate_dps = np.degrees(increments.astype(np.float64)) / period
+    time_s = period * np.arange(len(increments) + 1, dtype=np.float64)
+    rate_dps = increments.astype(np.float64) * (180.0 / np.pi / period)
     angle, alignment = align_angle(time_s, rate_dps[:, 2], polls["time_ns"] * 1e-9, polls["angle_deg"])
     whole = TurnRecord(
         f"run-{plan.seed}",

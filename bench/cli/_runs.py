@@ -170,7 +170,7 @@ def verify_command(folders: Sequence[Path]) -> int:
     console = Console()
     failed = False
     for folder in folders:
-        report = verify(folder, lambda run, out: _decode(run, out))
+        report = verify(folder, decode_run)
         if report.passed:
             console.print(
                 f"[green]verified[/green]  {folder}: {report.files} checksums, {report.tables} tables rebuilt"
@@ -181,7 +181,3 @@ def verify_command(folders: Sequence[Path]) -> int:
         for problem in report.problems:
             console.print(f"  {problem.path}: {problem.text}", highlight=False, markup=False)
     return 1 if failed else 0
-
-
-def _decode(run: Path, out: Path) -> None:
-    decode_run(run, out)

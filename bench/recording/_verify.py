@@ -16,7 +16,7 @@ from bench.recording._manifest import FileEntry, checksum, read_manifest
 from bench.recording._remote import local_run
 from drivers.errors import BenchError
 
-Decode = Callable[[Path, Path], None]
+Decode = Callable[[Path, Path], object]
 """(run folder, folder for the tables): decodes everything of a run."""
 
 
