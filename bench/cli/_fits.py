@@ -58,6 +58,17 @@ def fit_stepwise(
     stepwise_command(runs, test or [], gyro, out, variables, p_enter, p_remove)
 
 
+@fit_app.command("chamber-cycle")
+def fit_chamber_cycle(
+    log: Annotated[Path, typer.Argument(help="tab-separated table: imu.gyro.x|y|z, imu.temperature")],
+    out: Annotated[Path, typer.Option(help="HTML report")] = Path("chamber-cycle.html"),
+) -> None:
+    """Regression over temperature on a recorded chamber cycle, judged axis by axis on its last leg."""
+    from bench.cli._cycle import cycle_command
+
+    cycle_command(log, out)
+
+
 @fit_app.command("standard-test")
 def fit_standard(
     runs: Runs,

@@ -22,6 +22,7 @@ from bench.report._content import (
     Trace,
     ValidRange,
 )
+from bench.report._cycle import render_chamber_cycle
 from bench.report._file import find_browser, write_pdf, write_report
 from bench.report._gap import GapContent, render_gap
 from bench.report._heading import HeadingContent, mixed_text, render_heading
@@ -60,6 +61,7 @@ __all__ = [
     "render_calibration",
     "render_campaign",
     "render_certificate",
+    "render_chamber_cycle",
     "render_gap",
     "render_heading",
     "render_rlg_study",
