@@ -26,7 +26,8 @@ def cycle_command(log: Path, out: Path) -> None:
     checksum = hashlib.sha256(log.read_bytes()).hexdigest()
     page = render_chamber_cycle(study, source=log.name, checksum=checksum, created_utc=utc_now())
     write_report(out, page)
-    table = Table("axis", "before", "T only", "gain %", "T, rate, past", "gain %", "verdict")
+    table = Table("axis", "before", "T only", "gain %", "T, rate, past", "gain %",
+                  title=f"1 sigma of {log.name} on its last leg")  # fmt: skip
     for axis in study.axes:
         table.add_row(
             axis.axis,
@@ -35,10 +36,11 @@ def cycle_command(log: Path, out: Path) -> None:
             f"{axis.static_pct:.1f}",
             f"{axis.after_dynamic:.4g}",
             f"{axis.dynamic_pct:.1f}",
-            axis.verdict,
         )
     console = Console()
     console.print(table)
+    for axis in study.axes:
+        console.print(f"{axis.axis}: {axis.verdict}", highlight=False, markup=False)
     for remark in study.remarks:
         console.print(remark, style="yellow", highlight=False, markup=False)
     console.print(f"{out}", highlight=False, markup=False)

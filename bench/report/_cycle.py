@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bench.report import _parts as parts
+from bench.report._figures import Curve, Lane, lanes
 from bench.report._layout import render_page
 from bench.report._numbers import fixed, moment, significant
 from bench.report._page import (
@@ -13,6 +16,7 @@ from bench.report._page import (
     Column,
     Definitions,
     Fact,
+    Figures,
     Headline,
     Notes,
     Page,
@@ -20,18 +24,21 @@ from bench.report._page import (
     Table,
     Verdict,
 )
+from bench.report._palette import AFTER, BEFORE, GREEN, SAND
 
 if TYPE_CHECKING:
     from bench.rlg import CycleStudy
 
-_WORTH_PCT = 20.0
 _TERMS = [
     (
         "Before",
         "Sample standard deviation of the means of 25 rows on the held-out leg, 1σ, in the table's unit.",
     ),
     ("Temperature only", "Stepwise selection from T, T², T³ on the fitted legs."),
-    ("Rate and past", "The same, with dT, T·dT and the distance of T from its own lagged course on offer."),
+    (
+        "Rate and past",
+        "The same, with dT, T·dT and the distance of T from its own lagged course (lag T) on offer.",
+    ),
     (
         "Held-out leg",
         "What follows the last turn of temperature. Nothing of it took part in the fit; where it goes beyond the "
@@ -42,12 +49,11 @@ _TERMS = [
 
 def render_chamber_cycle(study: CycleStudy, *, source: str, checksum: str, created_utc: str) -> str:
     """Return the report of a chamber cycle as a self-contained HTML file."""
-    best = {axis.axis: max(axis.static_pct, axis.dynamic_pct) for axis in study.axes}
-    gaining = [axis for axis, gain in best.items() if gain >= _WORTH_PCT]
+    gaining = [axis.axis for axis in study.axes if axis.gains]
     losing = [axis.axis for axis in study.axes if min(axis.static_pct, axis.dynamic_pct) < 0.0]
     sentences = [
         "Gains on the held-out leg: "
-        + ", ".join(f"{axis.axis} {fixed(best[axis.axis], 0)} %" for axis in study.axes)
+        + ", ".join(f"{axis.axis} {fixed(axis.best_pct, 0)} %" for axis in study.axes)
         + " by the better of two equations. The better one is known only after looking at that leg."
     ]
     if losing:
@@ -76,7 +82,10 @@ def render_chamber_cycle(study: CycleStudy, *, source: str, checksum: str, creat
         )
         for axis in study.axes
     ]
-    blocks: list[Block] = [Table(heads, rows, "1σ on the held-out leg, in the table's unit.")]
+    blocks: list[Block] = [
+        Table(heads, rows, "1σ on the held-out leg, in the table's unit."),
+        _courses(study),
+    ]
     remarks: list[Block] = [Notes(study.remarks)] if study.remarks else []
     page = Page(
         title="Chamber cycle",
@@ -87,7 +96,7 @@ def render_chamber_cycle(study: CycleStudy, *, source: str, checksum: str, creat
             f"{len(gaining)} of {len(study.axes)} axes gain",
             "good" if len(gaining) == len(study.axes) else "doubt",
             sentences,
-            [Headline(f"axis {name}", fixed(gain, 1), "%") for name, gain in best.items()],
+            [Headline(f"axis {axis.axis}", fixed(axis.best_pct, 1), "%") for axis in study.axes],
         ),
         sections=[
             Section("Held-out leg", blocks),
@@ -101,6 +110,24 @@ def render_chamber_cycle(study: CycleStudy, *, source: str, checksum: str, creat
         ],
     )  # fmt: skip
     return render_page(page)
+
+
+def _courses(study: CycleStudy) -> Figures:
+    number = np.arange(len(study.temp_c), dtype=np.float64)
+    plots = [Lane("Temperature, °C", [Curve("T", number, study.temp_c, SAND)], height=90.0)]
+    for axis in study.axes:
+        curves = [
+            Curve(label, number, values - values[study.turn :].mean(), paint)
+            for label, values, paint in (
+                ("before", axis.means, BEFORE),
+                ("temperature only", axis.left_static, GREEN),
+                ("rate and past", axis.left_dynamic, AFTER),
+            )
+        ]
+        plots.append(Lane(f"Axis {axis.axis}", curves, height=110.0))
+    legs = [(0.0, float(study.turn), "fitted"), (float(study.turn), number[-1], "held out")]
+    caption = "Means of 25 rows, in the table's unit, from their mean over the held-out leg."
+    return Figures([lanes("cycle", plots, "Number of the mean", phases=legs, description=caption)], caption)
 
 
 def _gain(percent: float) -> Cell:

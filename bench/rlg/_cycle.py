@@ -20,14 +20,20 @@ _BLOCK = 25
 _STATIC = ("T", "T^2", "T^3")
 _DYNAMIC = (*_STATIC, "dT", "T*dT", "lag T")
 _LAG_BLOCKS = 12.0
+_TURN_K = 10.0
+"""A leg ends where temperature turns by more than this."""
+_SHORTEST = 10
+"""Means of a leg that can be fitted or judged."""
+_WORTH_PCT, _MOSTLY_PCT = 20.0, 80.0
 _OUTLIER = 8.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AxisGain:
     """One axis: 1 sigma of row means on the held-out part in the recording's unit, before and after.
 
-    `static`: temperature only; `dynamic`: with its rate and its past. `verdict` says it in words.
+    `static`: temperature only; `dynamic`: with its rate and its past. `verdict` says it in words. `means`,
+    `left_static`, `left_dynamic`, shape (m,): the means of the whole recording, and what the equations leave.
     """
 
     axis: str
@@ -37,6 +43,9 @@ class AxisGain:
     terms_static: tuple[str, ...]
     terms_dynamic: tuple[str, ...]
     verdict: str
+    means: Array
+    left_static: Array
+    left_dynamic: Array
 
     @property
     def static_pct(self) -> float:
@@ -48,13 +57,28 @@ class AxisGain:
         """Improvement by temperature, its rate and its past."""
         return 100.0 * (1.0 - self.after_dynamic / self.before)
 
+    @property
+    def best_pct(self) -> float:
+        """Improvement by the better of the two, which is known only after a look at the held-out leg."""
+        return max(self.static_pct, self.dynamic_pct)
 
-@dataclass(frozen=True)
+    @property
+    def gains(self) -> bool:
+        """Whether the better of the two is worth having."""
+        return self.best_pct >= _WORTH_PCT
+
+
+@dataclass(frozen=True, eq=False)
 class CycleStudy:
-    """What each axis gains on the held-out leg, and what was left out of the recording."""
+    """What each axis gains on the held-out leg, and what was left out of the recording.
+
+    `temp_c`, shape (m,): means of temperature; those after number `turn` were held out.
+    """
 
     axes: tuple[AxisGain, ...]
     remarks: tuple[str, ...]
+    temp_c: Array
+    turn: int
 
 
 def study_chamber_cycle(temp_c: Array, rates: dict[str, Array]) -> CycleStudy:
@@ -66,17 +90,23 @@ def study_chamber_cycle(temp_c: Array, rates: dict[str, Array]) -> CycleStudy:
     """
     use, remarks = _sound_rows(temp_c, rates)
     temp = _means(temp_c[use])
-    turn = int(np.argmin(temp) if temp[-1] > temp.min() + 10.0 else np.argmax(temp))
-    if not 10 <= turn <= len(temp) - 10:
+    turns = _turns(temp)
+    turn = turns[-1] if turns else 0
+    if not _SHORTEST <= turn <= len(temp) - _SHORTEST:
         raise RecordError(
             "the recording is no cycle",
-            found=f"{len(temp)} means, coldest or hottest at {turn}",
-            expected="a cooling leg and a warming leg",
+            found=f"{len(temp)} means of {_BLOCK} rows, the last turn of temperature at {turn}",
+            expected=f"a turn by more than {_TURN_K:g} degC with at least {_SHORTEST} means before and after it",
         )
     static, dynamic = _terms(temp)
     fitted = np.arange(len(temp)) <= turn
     covered = (temp >= temp[fitted].min()) & (temp <= temp[fitted].max())
     held_out = ~fitted & covered
+    if len(turns) == 1:
+        remarks.append(
+            "the fitted leg goes one way only: what depends on rate and past looks there as if it depended on "
+            "temperature"
+        )
     beyond = int((~fitted & ~covered).sum())
     if beyond:
         remarks.append(
@@ -85,7 +115,7 @@ def study_chamber_cycle(temp_c: Array, rates: dict[str, Array]) -> CycleStudy:
     gains = [
         _axis(axis, _means(values[use]), static, dynamic, fitted, held_out) for axis, values in rates.items()
     ]
-    return CycleStudy(tuple(gains), tuple(remarks))
+    return CycleStudy(tuple(gains), tuple(remarks), temp, turn)
 
 
 def load_chamber_cycle(path: Path) -> tuple[Array, dict[str, Array]]:
@@ -121,6 +151,22 @@ def _means(values: Array) -> Array:
     return np.asarray(values[: len(values) // _BLOCK * _BLOCK].reshape(-1, _BLOCK).mean(axis=1))
 
 
+def _turns(temp: Array) -> list[int]:
+    """Return where temperature turns by more than `_TURN_K`."""
+    turns, extreme, sign = [], 0, 0.0
+    for at, value in enumerate(temp):
+        if sign == 0.0:
+            moved = value - temp[0]
+            sign = float(np.sign(moved)) if abs(moved) > _TURN_K else 0.0
+            extreme = at
+        elif sign * (value - temp[extreme]) >= 0.0:
+            extreme = at
+        elif sign * (temp[extreme] - value) > _TURN_K:
+            turns.append(extreme)
+            extreme, sign = at, -sign
+    return turns
+
+
 def _terms(temp: Array) -> tuple[Array, Array]:
     rate = np.gradient(temp)
     lag, lagged = temp[0], np.empty_like(temp)
@@ -140,16 +186,19 @@ def _axis(
     held_out: NDArray[np.bool_],
 ) -> AxisGain:
     before = float(np.std(bias[held_out], ddof=1))
-    after, terms = [], []
+    left, terms = [], []
     for x, names in ((static, _STATIC), (dynamic, _DYNAMIC)):
         result = stepwise(x[fitted], bias[fitted], names=names, prewhiten=True)
-        after.append(float(np.std((bias - result.predict(x))[held_out], ddof=1)))
+        left.append(bias - result.predict(x))
         terms.append(result.selected)
-    best = 100.0 * (1.0 - min(after) / before)
-    if best < 20.0:
-        verdict = "hardly reproducible: compensate at your own risk"
-    elif after[0] <= 1.1 * after[1]:
-        verdict = "follows temperature; its past adds nothing on the held-out leg"
+    after = [float(np.std(values[held_out], ddof=1)) for values in left]
+    gain_pct = [100.0 * (1.0 - value / before) for value in after]
+    past = [name for name in terms[1] if name not in _STATIC]
+    if max(gain_pct) < _WORTH_PCT:
+        verdict = "hardly reproducible: leave it uncompensated"
+    elif past and gain_pct[1] > gain_pct[0] + 5.0:
+        verdict = f"depends on the temperature's past or rate ({', '.join(past)})"
     else:
-        verdict = "depends on the temperature's past or rate"
-    return AxisGain(axis, before, after[0], after[1], terms[0], terms[1], verdict)
+        part = "" if max(gain_pct) >= _MOSTLY_PCT else " in part"
+        verdict = f"follows temperature{part}; rate and past explain nothing more"
+    return AxisGain(axis, before, after[0], after[1], terms[0], terms[1], verdict, bias, left[0], left[1])

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import escape
 from scipy.signal import lfilter
+from typer.testing import CliRunner
 
+from bench.cli._app import app
 from bench.rlg import load_chamber_cycle, study_chamber_cycle
 from drivers.errors import RecordError
 
@@ -18,6 +21,12 @@ RECORDING = (
     / "data"
     / "mems_chamber_cycle"
     / "imu_raw_data_first_legs.csv"
+)
+
+
+ONE_WAY = (
+    "the fitted leg goes one way only: what depends on rate and past looks there as if it depended on "
+    "temperature"
 )
 
 
@@ -38,10 +47,24 @@ def test_a_static_a_hysteretic_and_a_wandering_axis_are_told_apart() -> None:
     temp, rates = made()
     study = study_chamber_cycle(temp, rates)
     x, y, z = study.axes
-    assert y.static_pct > 95.0 and "adds nothing" in y.verdict
-    assert x.dynamic_pct > x.static_pct + 20.0 and "past" in x.verdict
-    assert max(z.static_pct, z.dynamic_pct) < 50.0
-    assert study.remarks == ()  # the warming leg stays within the cooling leg
+    assert y.static_pct > 95.0 and y.verdict.startswith("follows temperature;")
+    assert x.dynamic_pct > x.static_pct + 20.0 and "rate (" in x.verdict and "lag T" in x.verdict
+    assert z.best_pct < 50.0
+    assert study.remarks == (ONE_WAY,)  # the warming leg stays within the cooling leg
+
+
+def test_the_leg_after_the_last_turn_is_held_out() -> None:
+    temp = np.concatenate([np.linspace(50, -20, 2000), np.linspace(-20, 70, 2000), np.linspace(70, 20, 2000)])
+    rng = np.random.default_rng(1)
+    # on the first two legs z is a function of temperature, on the last one of nothing
+    z = np.where(np.arange(6000) < 4025, 1e-4 * temp, 1e-3 * np.sin(np.arange(6000) / 150))
+    study = study_chamber_cycle(temp, {"z": z + rng.normal(0, 1e-4, 6000)})
+    assert study.turn == 4000 // 25 and study.remarks == ()
+    (axis,) = study.axes
+    last = axis.means[study.turn + 1 :]
+    assert axis.before == pytest.approx(np.std(last, ddof=1), rel=0.02)
+    assert not axis.gains and axis.terms_static == ("T",)
+    assert np.std(axis.left_static[: study.turn]) < 1e-4 < np.std(axis.left_static[study.turn :])
 
 
 def test_odd_rows_are_left_out_and_named() -> None:
@@ -52,6 +75,7 @@ def test_odd_rows_are_left_out_and_named() -> None:
     assert study.remarks == (
         "1 rows without a value left out",
         "1 outlying rows left out, the first at row 1",
+        ONE_WAY,
     )
     assert study.axes[1].static_pct > 95.0
 
@@ -64,12 +88,33 @@ def test_what_is_no_cycle_is_refused(tmp_path: Path) -> None:
         load_chamber_cycle(tmp_path / "other.csv")
 
 
+def test_the_command_writes_a_table_and_a_report(tmp_path: Path) -> None:
+    temp, rates = made()
+    table = np.column_stack([temp, rates["x"], rates["y"], rates["z"]])
+    heads = "imu.temperature\timu.gyro.x\timu.gyro.y\timu.gyro.z"
+    log, out = tmp_path / "cycle.csv", tmp_path / "cycle.html"
+    np.savetxt(log, table, delimiter="\t", header=heads, comments="")
+    result = CliRunner().invoke(app, ["fit", "chamber-cycle", str(log), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    study, page = study_chamber_cycle(temp, rates), out.read_text()
+    for axis in study.axes:
+        assert f"{axis.static_pct:.1f}" in result.output and axis.verdict in result.output.replace("\n", " ")
+        assert (
+            f"{axis.dynamic_pct:.1f}".replace("-", "\N{MINUS SIGN}") in page and escape(axis.verdict) in page
+        )
+    assert "held out" in page and "2 of 3 axes gain" in page and ONE_WAY in page
+    missing = CliRunner().invoke(app, ["fit", "chamber-cycle", str(tmp_path / "none.csv")])
+    assert isinstance(missing.exception, RecordError) and "no such recording" in str(missing.exception)
+
+
 @pytest.mark.skipif(not RECORDING.exists(), reason="the recording of a real chamber cycle is not there")
 def test_the_real_cycle_is_told_honestly() -> None:
     study = study_chamber_cycle(*load_chamber_cycle(RECORDING))
     x, y, z = study.axes
-    assert "row 0" in study.remarks[0]
-    # y is a clean function of temperature, x depends on its past, z does not come back.
-    assert y.static_pct > 85.0
+    assert "row 0" in study.remarks[0] and ONE_WAY in study.remarks
+    # y is a clean function of temperature, x depends on its past too, which one leg cannot show, z does not
+    # come back.
+    assert y.static_pct > 85.0 and y.verdict.startswith("follows temperature;")
     assert x.static_pct < 30.0 and x.dynamic_pct > x.static_pct + 15.0
+    assert x.verdict.startswith("follows temperature in part")
     assert z.static_pct < 0.0 and z.verdict.startswith("hardly reproducible")
