@@ -1,10 +1,11 @@
 """Where simulation and bench part, which effect is missing, and how much of the gap closes once it is in."""
 
+from bench.gap._causes import Cause
 from bench.gap._cells import BANDS
 from bench.gap._close import Shrinkage, closed_model, shrinkage
 from bench.gap._data import GapRun, Group, check_runs, group_runs
 from bench.gap._describe import UnknownPart
-from bench.gap._diagnose import Cause, Diagnosis, diagnose
+from bench.gap._diagnose import Diagnosis, diagnose
 from bench.gap._exam import Answer, Closed, Sealed, close, examined, make_case, nominal_model
 from bench.gap._examination import case_kinds, examine
 from bench.gap._fit import Floor

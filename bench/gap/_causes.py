@@ -1,0 +1,117 @@
+"""Causes: the members of the best set as fitted effects, with probability and what could stand in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.gap._evidence import SetPosterior
+from bench.gap._generic import PREFIX, absorbed
+from bench.gap._model_file import Model, Term
+from bench.gap._prepare import Prepared
+from bench.gap._unknown import CREDIBLE, credibility
+from bench.gap._which import Judged, set_weights
+from simulators.effects import Variant
+
+Array = NDArray[np.float64]
+AMBIGUOUS = 0.02
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that explains (part of) the gap, fitted; `alternatives` maps rivals to their probability.
+
+    `rivals` are the alternatives fitted in its place.
+    """
+
+    name: str
+    probability: float
+    term: Term
+    alternatives: Mapping[str, float]
+    credibility: float
+    meaning: str
+    rivals: Mapping[str, Term]
+
+
+def causes_of(
+    best: Judged,
+    judged: Sequence[Judged],
+    posterior: SetPosterior,
+    variants: Sequence[Variant],
+    data: Prepared,
+    variance: Array,
+    model: Model,
+) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    weights = set_weights(judged)
+    q = len(model.sigmas)
+    curves = [
+        variants[each].effect for each in best.members if posterior.candidates[each].effect.startswith(PREFIX)
+    ]
+    named: list[Cause] = []
+    doubtful: list[Cause] = []
+    for member in sorted(best.members):
+        candidate = posterior.candidates[member]
+        if candidate.effect.startswith(PREFIX):
+            continue
+        own = [column + q for column in candidate.columns]
+        alternatives = _rivals(candidate.effect, best.names, weights)
+        trust = credibility(data.cells, variance, best.solution, own, best.rest)
+        cause = Cause(
+            candidate.effect,
+            sum(sum(both) for names, both in weights.items() if candidate.effect in names),
+            _fitted(member, best, posterior, variants, q),
+            alternatives,
+            trust,
+            variants[member].effect.meaning,
+            _fitted_rivals(candidate.effect, alternatives, best, judged, posterior, variants, q),
+        )
+        doubt = best.unknown > 0.5 and trust < CREDIBLE
+        (doubtful if doubt or absorbed(variants[member].effect, curves) else named).append(cause)
+    return tuple(named), tuple(doubtful)
+
+
+def _fitted(
+    member: int, judged: Judged, posterior: SetPosterior, variants: Sequence[Variant], q: int
+) -> Term:
+    """Return a member of a judged set as a term with its fitted values."""
+    columns = [column + q for column in posterior.candidates[member].columns]
+    at = [int(np.flatnonzero(judged.solution.indices == column)[0]) for column in columns]
+    deviations = np.sqrt(np.diag(judged.solution.covariance)[at])
+    return Term(variants[member], tuple(judged.solution.values[at].tolist()), tuple(deviations.tolist()))
+
+
+def _fitted_rivals(
+    name: str,
+    rivals: Mapping[str, float],
+    best: Judged,
+    judged: Sequence[Judged],
+    posterior: SetPosterior,
+    variants: Sequence[Variant],
+    q: int,
+) -> dict[str, Term]:
+    """Return the alternatives to an effect, each fitted in its place."""
+    terms = {}
+    for rival in rivals:
+        wanted = (best.names - {name}) | {rival}
+        instead = next(each for each in judged if each.names == wanted)
+        member = next(each for each in instead.members if posterior.candidates[each].effect == rival)
+        terms[rival] = _fitted(member, instead, posterior, variants, q)
+    return terms
+
+
+def _rivals(
+    name: str, names: frozenset[str], weights: Mapping[frozenset[str], tuple[float, float]]
+) -> dict[str, float]:
+    """Return what could stand in an effect's place, the others kept, with probability among those places."""
+    others = names - {name}
+    places_ = {
+        next(iter(each - others)): sum(both)
+        for each, both in weights.items()
+        if others <= each and len(each) == len(names) and not next(iter(each - others)).startswith(PREFIX)
+    }
+    total = sum(places_.values())
+    rivals = {rival: value / total for rival, value in places_.items() if rival != name}
+    return {rival: value for rival, value in sorted(rivals.items(), key=lambda x: -x[1]) if value > AMBIGUOUS}

@@ -1,0 +1,182 @@
+"""Which effects: sets judged by evidence and by what they leave, over the grid and then between its points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from bench.gap._candidates import candidates_of, possible_candidates
+from bench.gap._evidence import SetPosterior, reduced, search
+from bench.gap._fit import (
+    DIRECTIONS,
+    MISFIT,
+    Solution,
+    energies,
+    nominal_energies,
+    solve,
+    tolerated,
+    weighted_gram,
+)
+from bench.gap._generic import PREFIX
+from bench.gap._lines import SpectralLine, strongest_line
+from bench.gap._model_file import Model
+from bench.gap._noise import spectrum
+from bench.gap._prepare import Prepared, gathered, narrowed, noise_beside
+from bench.gap._refine import best_of_each, between_grid_points, members_of_note
+from bench.gap._unknown import Remainder, remainder
+from simulators.effects import Variant
+
+Array = NDArray[np.float64]
+_UNKNOWN_PRIOR = 5.0
+_SHOWN = 12.0
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A set of effects, fitted; `left` (cells,) is the energy it leaves, `line` log evidence of a line."""
+
+    names: frozenset[str]
+    members: frozenset[int]
+    log_evidence: float
+    solution: Solution
+    left: Array
+    rest: Remainder
+    line: float = 0.0
+
+    @property
+    def curved(self) -> bool:
+        """Whether a free curve is a member."""
+        return any(name.startswith(PREFIX) for name in self.names)
+
+    @property
+    def unknown(self) -> float:
+        """Probability that something is missing beside the effects of this set."""
+        if self.curved:
+            return 1.0
+        return float(expit(self.rest.total + self.line - _UNKNOWN_PRIOR))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found: sets judged, the best of them, cells' energies before (cells,) and their tolerance.
+
+    `hidden` maps effects that these runs cannot show to the reason.
+    """
+
+    data: Prepared
+    before: Array
+    variance: Array
+    posterior: SetPosterior
+    judged: list[Judged]
+    best: Judged
+    hidden: dict[str, str]
+    line: SpectralLine | None
+
+
+def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tuple[list[Variant], Prepared]:
+    """Return the variants and data again: noise beside the best set, its effects between the grid's points."""
+    # what an effect does differently in each repeat is no noise
+    noise = noise_beside(found.data, found.best.solution, model)
+    posterior = found.posterior
+    known = [each for each in found.judged if not each.curved]
+    closest = max(known, key=lambda each: each.log_evidence)
+    kept = best_of_each(posterior)
+    note = members_of_note(posterior, (found.best.members, closest.members))
+    fresh = between_grid_points([variants[each] for each in note])
+    few, data = narrowed(found.data, model, variants, kept, fresh)
+    taken = Solution(*_renumbered(found, kept, len(model.sigmas)))
+    return few, gathered(data.groups, data.stacks, noise, model, taken)
+
+
+def _renumbered(found: Found, kept: Sequence[int], q: int) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return the best solution with its columns at their places among those kept."""
+    solution = found.best.solution
+    columns = [column + q for each in kept for column in found.posterior.candidates[each].columns]
+    places_ = {column: 1 + q + index for index, column in enumerate(columns)}
+    indices = np.array([places_.get(int(each), int(each)) for each in solution.indices], dtype=np.int64)
+    return indices, solution.values, solution.covariance
+
+
+def judged_sets(
+    data: Prepared, model: Model, variants: Sequence[Variant], hidden: dict[str, str] | None = None
+) -> Found:
+    sigmas, cells = model.sigmas, data.cells
+    before = nominal_energies(cells, sigmas)
+    variance = tolerated(cells, before)
+    gram = weighted_gram(cells, tolerated(cells, before, directions=DIRECTIONS))
+    system = reduced(gram, sigmas)
+    candidates = candidates_of(variants)
+    possible, reasons = possible_candidates(system, gram, candidates, variants, len(sigmas))
+    posterior = search(system, candidates, possible)
+    judged = _judge_sets(posterior, data, gram, before, sigmas)
+    best = max(judged, key=lambda each: each.log_evidence)
+    gaps = dict.fromkeys((cell.profile for cell in cells), 0.0)
+    for cell, own in zip(cells, before, strict=True):
+        gaps[cell.profile] += max(own - cell.count, 0.0) if cell.repeatable else 0.0
+    line = strongest_line(data.groups, left_of_runs(data, best.solution), data.noise.noise, gaps)
+    turning = any("a turn" in variants[each].effect.follows for each in best.members)
+    if line is not None and not (line.harmonic and turning):
+        # harmonics of a ripple that is named already are its waveform, no effect of their own
+        judged = [replace(each, line=line.log_evidence) for each in judged]
+        best = replace(best, line=line.log_evidence)
+    return Found(data, before, variance, posterior, judged, best, reasons if hidden is None else hidden, line)
+
+
+def _judge_sets(
+    posterior: SetPosterior, data: Prepared, gram: Array, before: Array, sigmas: Array
+) -> list[Judged]:
+    by_effects = posterior.by_effects()
+    highest = max(by_effects.values())
+    kept = [names for names, value in by_effects.items() if value > highest - _SHOWN or not names]
+    kept = sorted(kept, key=lambda names: -by_effects[names])[:60]
+    if frozenset() not in kept:
+        kept.append(frozenset())
+    strict = tolerated(data.cells, before, MISFIT)
+    judged = []
+    for names in kept:
+        members = posterior.best_variant(names)
+        columns = _columns(posterior, members, len(sigmas))
+        solution = solve(gram, sigmas, columns)
+        left = energies(data.cells, solution)
+        rest = remainder(data.cells, strict, before, left, data.floor)
+        judged.append(Judged(names, members, by_effects[names], solution, left, rest))
+    return _curves_that_matter(judged, before)
+
+
+def _curves_that_matter(judged: Sequence[Judged], before: Array) -> list[Judged]:
+    """Return the sets less those whose free curves take away no more than a formula's misfit would leave."""
+    known = [each for each in judged if not each.curved]
+    closest = max(known, key=lambda each: each.log_evidence)
+    left = float(closest.left.sum())
+    misfit = MISFIT**2 * (float(before.sum()) - left)
+    return [*known, *(each for each in judged if each.curved and left - float(each.left.sum()) > misfit)]
+
+
+def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:
+    """Return places of a set's columns in the full Gram matrix; those in `system` count without the nominal."""
+    return [column + q for each in sorted(members) for column in posterior.candidates[each].columns]
+
+
+def set_weights(judged: Sequence[Judged]) -> dict[frozenset[str], tuple[float, float]]:
+    """Return the probability of each set being all there is, and of it with something unknown beside it."""
+    highest = max(each.log_evidence for each in judged)
+    raw = {each.names: (math.exp(each.log_evidence - highest), each.unknown) for each in judged}
+    total = sum(weight for weight, _ in raw.values())
+    return {names: (weight / total * (1 - odd), weight / total * odd) for names, (weight, odd) in raw.items()}
+
+
+def left_of_runs(data: Prepared, solution: Solution) -> list[Array]:
+    """Return what a solution leaves of each run, whitened coefficients (runs, n - 1) by group."""
+    result = []
+    for group, stack in zip(data.groups, data.stacks, strict=True):
+        chosen = stack[:, solution.indices].astype(np.float64)
+        left = stack[:, 0] - np.tensordot(chosen, solution.values, axes=(1, 0))
+        n = left.shape[1] + 1
+        power = spectrum(data.noise.noise, np.arange(1, n) / n, group.runs[0][0].stimulus.period_s)
+        result.append(left / np.sqrt(power))
+    return result
