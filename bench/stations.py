@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.history import History
+from bench.stream_loss import StreamLoss
 from drivers.errors import LimitExceeded
 from drivers.instruments import (
     Chamber,
@@ -133,9 +134,7 @@ class StreamStation:
         self._blocks: deque[tuple[float, bytes]] = deque()
         self._lock = threading.Lock()
         self._pending_bytes = 0
-        self._counter: int | None = None
-        self.lost = 0
-        """Samples that never came, by the unit's own counter."""
+        self._loss: StreamLoss | None = None
         self.heard_s = math.nan
         """Bench time of the last bytes; of `listen` before there were any."""
         self.silent = False
@@ -148,6 +147,11 @@ class StreamStation:
         return 0 if self._decoder is None else self._decoder.counts.frames
 
     @property
+    def lost(self) -> int:
+        """Samples that never came, by the unit's own counter and the time they took."""
+        return 0 if self._loss is None else self._loss.lost
+
+    @property
     def rejected(self) -> dict[str, int]:
         """Frames rejected so far, by reason."""
         return {} if self._decoder is None else dict(self._decoder.counts.rejected)
@@ -156,6 +160,7 @@ class StreamStation:
         """Take everything that arrives from now on for the stream."""
         self.heard_s = now_s
         self._decoder = self._new_decoder()
+        self._loss = StreamLoss(self._decoder)
 
     def take(self, data: bytes, arrival_s: float) -> None:
         """Keep a block for the next update; with 256 KiB waiting, decode at once so that memory stays flat."""
@@ -184,7 +189,8 @@ class StreamStation:
         self._offset = int(ends[-1])
         if not len(batch):
             return
-        self._count_lost(decoder, np.asarray(batch.columns["counter"], dtype=np.int64))
+        if self._loss is not None:
+            self._loss.feed(np.asarray(batch.columns["counter"], dtype=np.int64), blocks[-1][0])
         first = np.searchsorted(batch.end_offset, np.concatenate(([0], ends[:-1])), side="right")
         last = np.append(first[1:], len(batch))
         values = [np.asarray(column, dtype=np.float64) for column in self._values(batch.columns)]
@@ -197,12 +203,6 @@ class StreamStation:
                 sums.append(_sums(np.where(known, column, 0.0), first, last) / _sums(known, first, last))
         arrival_s = np.array([time_s for time_s, _ in blocks])
         self.history.extend(np.column_stack([arrival_s, *sums])[samples > 0])
-
-    def _count_lost(self, decoder: StreamDecoder, counter: NDArray[np.int64]) -> None:
-        before = counter[0] - round(decoder.counter_step) if self._counter is None else self._counter
-        step = np.mod(np.diff(counter, prepend=before), decoder.counter_modulo)
-        self._counter = int(counter[-1])
-        self.lost += int(np.maximum(np.rint(step / decoder.counter_step) - 1.0, 0.0).sum())
 
 
 class GyroStation(StreamStation):

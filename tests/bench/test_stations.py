@@ -171,7 +171,7 @@ def test_a_chamber_demand_beyond_a_limit_is_never_sent(set_point, ramp):
 class Decoder:
     """Four bytes a sample: rate in mdeg/s, temperature in 0.1 degC, validity, counter."""
 
-    counter_modulo, counter_step = 256, 1.0
+    counter_modulo, counter_step, nominal_rate_hz = 256, 1.0, 100.0
 
     def __init__(self):
         self.counts, self.pending, self.offset = StreamCounts(), b"", 0
@@ -256,9 +256,9 @@ def test_lost_samples_are_those_missing_between_first_and_last(counters, cut):
     kept = kept[: next((i + 1 for i, gap in enumerate(gaps) if gap >= 256), len(kept))]  # less than a wrap
     gyro = station()
     data = b"".join(bytes([1, 1, 1, n % 256]) for n in kept)
-    gyro.take(data[:cut], 1.0)
+    gyro.take(data[:cut], kept[min(max(cut // 4, 1), len(kept)) - 1] / 100.0)
     gyro.update()
-    gyro.take(data[cut:], 2.0)
+    gyro.take(data[cut:], kept[-1] / 100.0)
     gyro.update()
     assert gyro.lost == kept[-1] - kept[0] + 1 - len(kept)
     assert gyro.rejected == {}

@@ -1,0 +1,71 @@
+"""How many samples of a stream never came, counted while it runs, by the unit's counter and the arrivals.
+
+A counter that begins anew after a power-on looks like a jump forward by nearly its whole range. Arrivals tell the
+difference: from then on they are earlier (or, after a long silence, later) than the count says, and stay so. The
+record's tables are made with more care afterwards (`bench.recording`); a gap of more than a wrap of the counter
+that lasts less than a quarter of a second shows only there.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.instruments import StreamDecoder
+
+_MOVED_S = 0.25
+"""Arrivals off by more than this from what the count says: a new count, whole wraps lost, or data held up."""
+_SETTLE_S = 2.0
+"""What is off for so long stays off: data that were held up have come by then."""
+_RECENT = 8
+
+
+class StreamLoss:
+    """Counts the samples that are missing between the first and the last one seen."""
+
+    def __init__(self, decoder: StreamDecoder) -> None:
+        self._modulo, self._step = decoder.counter_modulo, decoder.counter_step
+        self._rate_hz = decoder.nominal_rate_hz
+        self._last: int | None = None
+        self._span = 0.0
+        """Samples since the first one, those lost included."""
+        self._lost = 0
+        self._recent_s: deque[float] = deque(maxlen=_RECENT)
+        self._since_s: float | None = None
+        self._least_s = 0.0
+        self._shown = 0
+
+    @property
+    def lost(self) -> int:
+        """Samples lost; while it is open whether the unit began to count anew, those lost before."""
+        return self._lost if self._since_s is None else self._shown
+
+    def feed(self, counter: NDArray[np.int64], arrival_s: float) -> None:
+        """Take the counters of consecutive samples, int64 (n,), and the bench time at which the last one came."""
+        before = counter[0] - round(self._step) if self._last is None else self._last
+        samples = np.rint(np.mod(np.diff(counter, prepend=before), self._modulo) / self._step)
+        self._last = int(counter[-1])
+        self._span += float(samples.sum())
+        shown, self._lost = self._lost, self._lost + int(np.maximum(samples - 1.0, 0.0).sum())
+        late_s = arrival_s - self._span / self._rate_hz
+        moved_s = late_s - min(self._recent_s, default=late_s)
+        if abs(moved_s) < _MOVED_S:
+            self._since_s = None
+            self._recent_s.append(late_s)
+        elif self._since_s is None:
+            self._since_s, self._least_s, self._shown = arrival_s, moved_s, shown
+        elif arrival_s - self._since_s < _SETTLE_S:
+            self._least_s = min(self._least_s, moved_s)
+        else:
+            self._settle(min(self._least_s, moved_s), late_s)
+
+    def _settle(self, moved_s: float, late_s: float) -> None:
+        """Count what the clock says in place of what the counter said."""
+        self._since_s = None
+        samples = round(moved_s * self._rate_hz)
+        self._span += samples
+        self._lost = max(self._shown, self._lost + samples)
+        self._recent_s.clear()
+        self._recent_s.append(late_s - samples / self._rate_hz)
