@@ -139,7 +139,8 @@ def _drive(
     """Run the procedure; `unsafe` takes what did not confirm its safe state afterwards."""
     file = request.file
     _check_units(request)
-    bench = Bench(file, clock, record, request.operator, _display(request), request.live)
+    tests = request.procedure.tests
+    bench = Bench(file, clock, record, request.operator, _display(request), request.live, tests)
     watchdog = _watchdog(request, record, clock, stack)
     table = table_kind(file).open(table_settings(file), clock, record.tap("table"))
     stack.callback(table.link.close)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from bench.attendance import Attendance
 from bench.benchfile import BenchFile
@@ -69,6 +69,7 @@ class Bench:
         operator: Operator,
         display: Callable[[Progress], None] | None = None,
         steering: Steering | None = None,
+        tests: Literal["gyro", "platform"] = "gyro",
     ) -> None:
         self.file = file
         self.clock = clock
@@ -83,7 +84,7 @@ class Bench:
         self.chamber: ChamberStation
         self.phase_name = ""
         self._attendance = Attendance(
-            lambda unit, text: self.event("alarm", device=unit, text=text), self.invalidate
+            tests, lambda unit, text: self.event("alarm", device=unit, text=text), self.invalidate
         )
         self._watches_door = any(rule.door for rule in file.limits.forbid)
         self._record = record
@@ -147,6 +148,7 @@ class Bench:
         self.event("prompt", question=question)
         answered = self.operator.ask(Question(question, act))
         while (answer := answered()) is None:
+            self.excuse(1.0)
             self.wait(0.2, f"operator: {question}")
         self.event("answer", question=question, answer=answer, by=self.operator.name, **act)
         if answer.strip().lower() in ("no", "n", "abort"):
@@ -218,8 +220,20 @@ class Bench:
         return [*self.gyros.values(), *self.platforms.values()]
 
     def lose(self, unit: StreamStation, error: BenchError) -> None:
-        """Go on without a unit whose port went away; raises `error` if it was the last."""
-        self._attendance.lose(unit, self.units, error)
+        """Go on without a unit whose port went away; LinkLost if none is left that the procedure tests."""
+        self._attendance.lose(unit, self.units, self.clock.now(), error)
+
+    @property
+    def judge(self) -> GyroStation:
+        """The gyro that equilibrium and east are judged by: the first of the bench that still speaks.
+
+        When it is lost the next one takes its place, and the record says so: ask anew after every wait.
+        """
+        return self._attendance.judge(self.gyros.values())
+
+    def excuse(self, duration_s: float) -> None:
+        """Take the units' silence for so long for intended: hands are on them, or their power is off."""
+        self._attendance.excuse(self.clock.now() + duration_s)
 
     def check_alarms(self) -> None:
         """Ask both instruments for alarms; any goes to the record and raises RunAborted."""

@@ -6,7 +6,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,6 +122,8 @@ class StreamStation:
     values `values` makes of decoded columns, a (n,) array for each.
     """
 
+    role: ClassVar[Literal["gyro", "platform"]]
+
     def __init__(
         self, name: str, decoder: Callable[[], StreamDecoder], columns: tuple[str, ...], values: Values
     ) -> None:
@@ -208,6 +210,8 @@ class StreamStation:
 class GyroStation(StreamStation):
     """One gyro: mean rate about the axis under test at the nominal sample rate, and its own temperature."""
 
+    role = "gyro"
+
     def __init__(self, kind: GyroKind, settings: Settings) -> None:
         self.axis: str = settings["axis"]
         self.case_sensor: int | None = settings["case_sensor"]
@@ -229,6 +233,7 @@ class GyroStation(StreamStation):
 class PlatformStation(StreamStation):
     """One platform INS: position and temperature."""
 
+    role = "platform"
     device: Platform
 
     def __init__(self, kind: PlatformKind, settings: Settings) -> None:

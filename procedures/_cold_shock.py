@@ -56,7 +56,7 @@ def go_to_room(bench: Bench, p: ColdShockParameters) -> None:
     bench.chamber.start()
 
 
-def wait_for_equilibrium(bench: Bench, gyro: GyroStation, p: ColdShockParameters, *, phase: str) -> None:
+def wait_for_equilibrium(bench: Bench, p: ColdShockParameters, *, phase: str) -> None:
     """Wait for thermal equilibrium by a stated criterion.
 
     All three must hold: `warm_up_min` since power-on; the gyro's own temperature (1 min means) changed less than
@@ -66,7 +66,7 @@ def wait_for_equilibrium(bench: Bench, gyro: GyroStation, p: ColdShockParameters
     bench.phase(phase)
 
     def reached() -> bool:
-        now = bench.now_s
+        now, gyro = bench.now_s, bench.judge
         return (
             now >= 60.0 * p.warm_up_min
             and temperature_steady(gyro, now, p.drift_k_per_10min)
@@ -102,11 +102,12 @@ def bias_steady(gyro: GyroStation, now_s: float) -> bool:
     return bool(np.ptp(thirds.mean(axis=1)) <= 3.0 * np.sqrt(2.0) * standard_error)
 
 
-def reference_window(bench: Bench, gyro: GyroStation, p: ColdShockParameters) -> None:
+def reference_window(bench: Bench, p: ColdShockParameters) -> None:
     """Hold at equilibrium: the mean output and temperature here are what the run's drift is counted from."""
     bench.phase("reference")
     start = bench.now_s
     bench.wait(60.0 * p.hold_min, "reference window")
+    gyro = bench.judge
     rows = gyro.update().since(start)
     bench.measure("reference_output", 3600.0 * gyro.mean_rate_dps(start), "deg/h")
     bench.measure("reference_temperature", float(np.nanmean(rows["temp_c"])), "degC")
@@ -168,7 +169,7 @@ def shock_rate_k_per_min(
     return float(rate), float((air_c - ahead).max())
 
 
-def return_to_room(bench: Bench, gyro: GyroStation, p: ColdShockParameters) -> None:
+def return_to_room(bench: Bench, p: ColdShockParameters) -> None:
     """Back to room temperature and to equilibrium (S113)."""
     bench.phase("return")
     bench.chamber.go_to(p.room_c, p.ramp_k_per_min)
@@ -177,4 +178,4 @@ def return_to_room(bench: Bench, gyro: GyroStation, p: ColdShockParameters) -> N
         timeout_s=60.0 * (2.0 * abs(p.room_c - p.cold_c) / p.ramp_k_per_min + 60.0),
         what=f"return to {p.room_c:g} degC",
     )
-    wait_for_equilibrium(bench, gyro, p, phase="final_equilibrium")
+    wait_for_equilibrium(bench, p, phase="final_equilibrium")

@@ -39,13 +39,12 @@ class ConstantRotationParameters(Parameters):
 
 def run(bench: Bench, p: ConstantRotationParameters) -> None:
     """Run the test."""
-    gyro = next(iter(bench.gyros.values()))
 
     with bench.step("R1", "Mount, acquire at rest"):
         bench.phase("rest")
         bench.ask(
-            f"Mount {gyro.name} with z up along the table's axis and the cable through the slip ring, level "
-            "within 0.1 deg. Ready?",
+            f"Mount {bench.judge.name} with z up along the table's axis and the cable through the slip "
+            "ring, level within 0.1 deg. Ready?",
             act="mount",
             mounting="axis_horizontal",
         )
@@ -69,7 +68,7 @@ def run(bench: Bench, p: ConstantRotationParameters) -> None:
         bench.phase("rest")
         start = bench.now_s
         bench.wait(p.rest_s, "rest after")
-        bench.measure("output_at_rest", 3600.0 * gyro.mean_rate_dps(start), "deg/h")
+        bench.measure("output_at_rest", 3600.0 * bench.judge.mean_rate_dps(start), "deg/h")
 
 
 def _stretch_s(p: ConstantRotationParameters) -> float:

@@ -82,8 +82,9 @@ def run(bench: Bench, p: HeadingChangeParameters) -> None:
             bench.wait(3600.0 * p.warm_up_h, "warming up at the reference heading")
     with bench.step("H2", "Navigate, turn and stay"):
         for platform in bench.platforms.values():
-            bench.command(platform.name, "navigate")
-            platform.device.navigate()
+            if not platform.gone:
+                bench.command(platform.name, "navigate")
+                platform.device.navigate()
         for number, (heading, hours) in enumerate(plan):
             if number:
                 bench.table.point(p.table_deg(heading))

@@ -5,6 +5,8 @@ What a campaign does before it goes on after an interruption, since nobody knows
 
 from __future__ import annotations
 
+import math
+
 from bench.procedure import Demands, Parameters, Procedure, parameter
 from bench.session import Bench
 from procedures._cold_shock import temperature_steady
@@ -54,7 +56,9 @@ def run(bench: Bench, p: KnownStateParameters) -> None:
             now = bench.now_s
             near = abs(bench.chamber.history.last["air_temp_c"] - p.air_c) <= p.air_tolerance_k
             return near and all(
-                temperature_steady(gyro, now, p.drift_k_per_10min) for gyro in bench.gyros.values()
+                temperature_steady(gyro, now, p.drift_k_per_10min)
+                for gyro in bench.gyros.values()
+                if not gyro.gone
             )
 
         what = f"chamber and units to {p.air_c:g} degC"
@@ -64,7 +68,7 @@ def run(bench: Bench, p: KnownStateParameters) -> None:
         tolerance = p.air_tolerance_k
         bench.measure("air", last["air_temp_c"], "degC", low=p.air_c - tolerance, high=p.air_c + tolerance)
         for name, gyro in bench.gyros.items():
-            bench.measure(f"{name}_temperature", gyro.history.last["temp_c"], "degC")
+            bench.measure(f"{name}_temperature", gyro.history.last.get("temp_c", math.nan), "degC")
         bench.chamber.stop()
 
 

@@ -30,13 +30,11 @@ _SECTIONS = (("S122", +1.0), ("S124", -1.0), ("S126", 0.0))
 
 def run(bench: Bench, p: ScaleFactorParameters) -> None:
     """Run the test."""
-    gyro = next(iter(bench.gyros.values()))
-
     with bench.step("S121", "Axis vertical, power on, acquire"):
         bench.phase("warm_up")
         bench.ask(
-            f"Mount the units with the sensitive axis of {gyro.name} up along the table's axis and the cable "
-            "through the slip ring. Close the chamber. Ready?",
+            f"Mount the units with the sensitive axis of {bench.judge.name} up along the table's axis and the "
+            "cable through the slip ring. Close the chamber. Ready?",
             act="mount",
             mounting="axis_up",
         )
@@ -51,10 +49,10 @@ def run(bench: Bench, p: ScaleFactorParameters) -> None:
                     "section", group=repeat, rate_dps=rate_dps
                 )  # ends the last one before its rate goes
                 bench.table.spin(rate_dps)
-                wait_for_equilibrium(bench, gyro, p, phase="equilibrium")
-                reference_window(bench, gyro, p)
+                wait_for_equilibrium(bench, p, phase="equilibrium")
+                reference_window(bench, p)
                 shock(bench, p)
-                return_to_room(bench, gyro, p)
+                return_to_room(bench, p)
 
     with bench.step("S127", "Close"):
         bench.phase("close")

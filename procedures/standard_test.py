@@ -109,7 +109,7 @@ class StandardTestParameters(Parameters):
 
 def run(bench: Bench, p: StandardTestParameters) -> None:
     """Run the campaign."""
-    gyro, plan = next(iter(bench.gyros.values())), p.plan()
+    plan = p.plan()
     with bench.step("1", "Warm-up, axis east"):
         bench.phase("warm_up")
         _mount(bench, "axis_horizontal", f"horizontal, pointing east at table angle {p.azimuth_deg:g} deg")
@@ -118,7 +118,7 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
         bench.chamber.go_to(p.room_c)
         bench.chamber.start()
         _interval(bench, "warm_up", 60.0 * plan.warm_up_min)
-        find_east(bench, gyro, ZeroBiasParameters(azimuth_deg=p.azimuth_deg, east_dwell_s=plan.step_dwell_s))
+        find_east(bench, ZeroBiasParameters(azimuth_deg=p.azimuth_deg, east_dwell_s=plan.step_dwell_s))
     east = bench.measurements[-1]["value"]
 
     with bench.step("2", "Bias"):
@@ -159,7 +159,7 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
 
 def power_cycle(bench: Bench, which: str, off_s: float) -> None:
     """Have the units switched off and on, and wait until all of them stream again; the run is invalid if not."""
-    before = {name: gyro.frames for name, gyro in _updated(bench).items()}
+    before = {name: gyro.frames for name, gyro in _living(bench).items()}
     bench.ask(
         f"Switch the units off, wait {off_s:.0f} s, switch them on again ({which}). Done?",
         act="power_cycle",
@@ -168,27 +168,29 @@ def power_cycle(bench: Bench, which: str, off_s: float) -> None:
     asked_s = bench.now_s
 
     def back() -> bool:
-        gyros = _updated(bench)
+        bench.excuse(_STREAMS_S)
         return all(
-            gyros[name].frames > frames and bench.now_s - gyros[name].history.last["time_s"] < _STREAMS_S
-            for name, frames in before.items()
+            gyro.frames > before[name] and bench.now_s - gyro.history.last["time_s"] < _STREAMS_S
+            for name, gyro in _living(bench).items()
         )
 
     # An emulated unit goes off with the answer; a real one is on again by then.
+    bench.excuse(off_s + 2.0 * _STREAMS_S)
     bench.wait(min(off_s, 2.0 * _STREAMS_S), "power cycle")
     if not bench.wait_until(back, timeout_s=off_s + _BACK_S, what="units to stream again"):
         silent = [
-            n for n, g in _updated(bench).items() if bench.now_s - g.history.last["time_s"] >= _STREAMS_S
+            n for n, g in _living(bench).items() if bench.now_s - g.history.last["time_s"] >= _STREAMS_S
         ]
         bench.invalidate(
             f"{', '.join(silent)} did not stream again within {bench.now_s - asked_s:.0f} s of {which}"
         )
 
 
-def _updated(bench: Bench) -> Mapping[str, GyroStation]:
+def _living(bench: Bench) -> Mapping[str, GyroStation]:
+    """Return the gyros whose port is open, up to date."""
     for gyro in bench.gyros.values():
         gyro.update()
-    return bench.gyros
+    return {name: gyro for name, gyro in bench.gyros.items() if not gyro.gone}
 
 
 def small_steps(bench: Bench, test: str, angle_deg: float, plan: Grade) -> None:

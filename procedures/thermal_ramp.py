@@ -44,7 +44,6 @@ class ThermalRampParameters(Parameters):
 
 def run(bench: Bench, p: ThermalRampParameters) -> None:
     """Run the test."""
-    gyro = next(iter(bench.gyros.values()))
     first, second = p.ends()
 
     with bench.step("1", "Axes east, power on, acquire"):
@@ -61,7 +60,7 @@ def run(bench: Bench, p: ThermalRampParameters) -> None:
         bench.chamber.start()
         bench.wait(60.0 * p.warm_up_min - bench.now_s, "warming up")
         if p.search_east:
-            find_east(bench, gyro, ZeroBiasParameters(azimuth_deg=p.azimuth_deg, east_dwell_s=p.east_dwell_s))
+            find_east(bench, ZeroBiasParameters(azimuth_deg=p.azimuth_deg, east_dwell_s=p.east_dwell_s))
 
     with bench.step("2", f"Soak at {first:g} degC"):
         bench.phase("soak")

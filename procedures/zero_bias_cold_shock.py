@@ -10,7 +10,6 @@ import math
 
 from bench.procedure import Demands, Procedure, parameter
 from bench.session import Bench
-from bench.stations import GyroStation
 from procedures._cold_shock import (
     ColdShockParameters,
     go_to_room,
@@ -37,12 +36,10 @@ class ZeroBiasParameters(ColdShockParameters):
 
 def run(bench: Bench, p: ZeroBiasParameters) -> None:
     """Run the test."""
-    gyro = next(iter(bench.gyros.values()))
-
     with bench.step("S111", "Axis east, power on, acquire"):
         bench.phase("warm_up")
         bench.ask(
-            f"Mount the units with the sensitive axis of {gyro.name} horizontal, level within 0.02 deg, "
+            f"Mount the units with the sensitive axis of {bench.judge.name} horizontal, level within 0.02 deg, "
             f"pointing east at table angle {p.azimuth_deg:g} deg. Close the chamber. Ready?",
             act="mount",
             mounting="axis_horizontal",
@@ -51,37 +48,43 @@ def run(bench: Bench, p: ZeroBiasParameters) -> None:
         bench.table.point(p.azimuth_deg)
         go_to_room(bench, p)
         bench.wait(60.0 * p.east_after_min - bench.now_s, "warming up")
-        find_east(bench, gyro, p)
+        find_east(bench, p)
 
     for repeat in range(1, p.repeats + 1):
         with bench.step("S112", f"Equilibrium at room temperature, shock {repeat} of {p.repeats}"):
-            wait_for_equilibrium(bench, gyro, p, phase="equilibrium")
-            reference_window(bench, gyro, p)
+            wait_for_equilibrium(bench, p, phase="equilibrium")
+            reference_window(bench, p)
             shock(bench, p)
         with bench.step("S113", "Back to room temperature, equilibrium"):
-            return_to_room(bench, gyro, p)
+            return_to_room(bench, p)
 
     with bench.step("S114", "Close"):
         bench.phase("close")
         bench.chamber.stop()
 
 
-def find_east(bench: Bench, gyro: GyroStation, p: ZeroBiasParameters) -> None:
+def find_east(bench: Bench, p: ZeroBiasParameters) -> None:
     """Measure the axis' azimuth from the Earth rate at two opposite table angles, then turn it to east.
 
     Positions in the order east, west, west, east, so that a linear warm-up drift cancels. With azimuth
-    90 deg + e the output is b - W cos(L) sin(e) at east and b + W cos(L) sin(e) at west.
+    90 deg + e the output is b - W cos(L) sin(e) at east and b + W cos(L) sin(e) at west. All four means are of
+    one unit, the one that is judged by at the end.
     """
     bench.phase("axis_east")
     east, west = p.azimuth_deg, (p.azimuth_deg + 180.0) % 360.0
-    means: dict[float, list[float]] = {east: [], west: []}
+    dwells: dict[float, list[tuple[float, float]]] = {east: [], west: []}
     for angle in (east, west, west, east):
         bench.table.point(angle)
         start = bench.now_s
         bench.wait(p.east_dwell_s, f"Earth rate at {angle:g} deg")
-        means[angle].append(3600.0 * gyro.mean_rate_dps(start))
+        dwells[angle].append((start, bench.now_s))
+    gyro = bench.judge
+    means = {angle: [3600.0 * gyro.mean_rate_dps(*each) for each in stays] for angle, stays in dwells.items()}
     horizontal_dph = _EARTH_RATE_DPH * math.cos(math.radians(bench.file.bench.latitude_deg))
     difference = (sum(means[west]) - sum(means[east])) / 4.0
+    if math.isnan(difference):
+        bench.invalidate(f"east was not found: {gyro.name} had no valid output at one of the four positions")
+        difference = 0.0
     error_deg = math.degrees(math.asin(max(-1.0, min(1.0, difference / horizontal_dph))))
     limit = p.east_tolerance_deg
     if not bench.measure("azimuth_error", error_deg, "deg", low=-limit, high=limit):

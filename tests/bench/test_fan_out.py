@@ -133,7 +133,10 @@ def test_an_error_comes_back_as_it_was_raised(jobs: int) -> None:
     def refuse(number: int) -> int:
         raise RecordError("no such run", where=f"item {number}", remedy="look again")
 
-    with fan_out(jobs) as fan, pytest.raises(RecordError, match=r"item 0: no such run. Remedy: look again."):
+    with (
+        fan_out(jobs) as fan,
+        pytest.raises(RecordError, match=r"item \d: no such run\. Remedy: look again\."),
+    ):
         fan.map(refuse, range(3))
 
 

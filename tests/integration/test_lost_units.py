@@ -4,9 +4,12 @@ import json
 
 import pytest
 
-from bench.emulated import Plant, PlantFault
+from bench.emulated import EmulatedLab, Plant, PlantFault
+from bench.procedure import Demands, Parameters, Procedure, find_procedure
+from bench.questions import StageHand
 from bench.recording import read_manifest
 from drivers.errors import DeviceSilent, LinkLost
+from procedures.standard_test import power_cycle
 
 
 def plant(port, kind, at_s, duration_s):
@@ -60,3 +63,46 @@ def test_silence_of_one_is_told_and_of_all_ends_the_run(bench, both_file, fog_fi
         result = bench.drive(lab.file, tmp_path / "all", hold_s=600.0)
     assert result.outcome == "aborted" and isinstance(result.error, DeviceSilent)
     assert 80.0 < result.duration_s < 85.0
+
+
+def test_a_cold_shock_goes_on_by_the_other_gyro_when_the_first_is_unplugged(bench, both_file, tmp_path):
+    """It used to wait twice for its time-out of 4 h, and to turn 90 deg off east."""
+    procedure = find_procedure("zero-bias-cold-shock")
+    quick = {"soak_min": 1, "hold_min": 10, "warm_up_min": 0, "east_after_min": 0, "east_dwell_s": 60}
+    slow = [gyro.model_copy(update={"rate_hz": 10.0}) for gyro in both_file.gyro]
+    file = both_file.model_copy(update={"gyro": tuple(slow)})
+    with EmulatedLab(file, plant("fog_1", "vanish", 90.5, 1e6)) as lab:
+        result = bench.drive(
+            lab.file, tmp_path, procedure, StageHand(lab.perform), drift_k_per_10min=2, **quick
+        )
+    assert result.outcome == "invalid"
+    assert result.reason.startswith("fog_1 was lost at ") and "equilibrium" not in result.reason
+    assert result.duration_s < 3 * 3600.0
+    assert ("can_1", "is judged by from here on, in place of fog_1") in [
+        row[:2] for row in alarms(result.folder)
+    ]
+    measured = {row["name"]: row["value"] for row in read_manifest(result.folder).measurements}
+    assert abs(measured["azimuth_error"]) < 45.0 and measured["reference_temperature"] > 20.0
+
+
+@pytest.mark.parametrize("at_s", [10.0, 900.0])
+def test_a_cold_shock_ends_safe_at_once_when_its_only_gyro_is_unplugged(bench, fog_file, tmp_path, at_s):
+    procedure = find_procedure("zero-bias-cold-shock")
+    with EmulatedLab(fog_file, plant("fog_1", "vanish", at_s, 1e6)) as lab:
+        result = bench.drive(lab.file, tmp_path, procedure, StageHand(lab.perform))
+    assert result.outcome == "aborted" and "NOT CONFIRMED" not in result.reason
+    assert "no gyro is left to test" in result.reason and "start the run again" in result.reason
+    assert at_s <= result.duration_s < at_s + 60.0
+    assert bench.problems(result.folder) == []
+
+
+def test_units_switched_off_by_the_test_plan_are_not_taken_for_dead(bench, fog_file, tmp_path):
+    def cycle(bench, _):
+        power_cycle(bench, "cycle 1 of 1", 60.0)
+        bench.wait(20.0, "on again")
+
+    procedure = Procedure("cycle", "", "", Parameters, cycle, lambda _: 0.0, lambda _: Demands())
+    with EmulatedLab(fog_file, Plant(seed=5, delivery_s=1.0)) as lab:
+        result = bench.drive(lab.file, tmp_path, procedure, StageHand(lab.perform))
+    assert (result.outcome, result.reason) == ("completed", "")
+    assert alarms(result.folder) == []

@@ -130,8 +130,10 @@ class EarthBench:
 
     def __init__(self, latitude_deg, error_deg, bias_dph, drift_dph_per_s):
         self.file = SimpleNamespace(bench=SimpleNamespace(latitude_deg=latitude_deg))
-        self.table = self
+        self.table = self.judge = self
+        self.name = "fog_1"
         self.now_s, self.angle = 0.0, 0.0
+        self.turned = {}
         self.error_deg, self.bias, self.drift = error_deg, bias_dph, drift_dph_per_s
         self.pointed, self.rows, self.reasons = [], {}, []
 
@@ -143,15 +145,16 @@ class EarthBench:
         self.pointed.append(angle_deg)
 
     def wait(self, duration_s, doing):
+        self.turned[self.now_s, self.now_s + duration_s] = self.angle
         self.now_s += duration_s
 
-    def output_dph(self, time_s):
+    def output_dph(self, time_s, angle_deg=None):
         north_dph = math.degrees(7.292115e-5) * 3600.0 * math.cos(math.radians(self.file.bench.latitude_deg))
-        azimuth = math.radians(self.angle + self.error_deg)
+        azimuth = math.radians((self.angle if angle_deg is None else angle_deg) + self.error_deg)
         return self.bias + self.drift * time_s + north_dph * math.cos(azimuth)
 
-    def mean_rate_dps(self, start_s):
-        return self.output_dph(0.5 * (start_s + self.now_s)) / 3600.0
+    def mean_rate_dps(self, start_s, end_s):
+        return self.output_dph(0.5 * (start_s + end_s), self.turned[start_s, end_s]) / 3600.0
 
     measure = Record.measure
     invalidate = Record.invalidate
@@ -168,7 +171,7 @@ class EarthBench:
 def test_east_is_found_whatever_bias_and_drift(latitude, error, bias, drift, azimuth):
     bench = EarthBench(latitude, error, bias, drift)
     true_error = azimuth + error - 90.0
-    find_east(bench, bench, ZeroBiasParameters(azimuth_deg=azimuth, east_tolerance_deg=5.0))
+    find_east(bench, ZeroBiasParameters(azimuth_deg=azimuth, east_tolerance_deg=5.0))
     assert bench.rows["azimuth_error"] == pytest.approx(true_error, abs=1e-4)
     bench.drift = 0.0
     assert bench.output_dph(0.0) == pytest.approx(bias, abs=1e-4)
@@ -179,8 +182,15 @@ def test_east_is_found_whatever_bias_and_drift(latitude, error, bias, drift, azi
 @pytest.mark.parametrize("error", [2.5, -2.5])
 def test_a_mounting_beyond_tolerance_makes_the_run_invalid_with_the_angle(error):
     bench = EarthBench(39.1, error, 1.0, 0.0)
-    find_east(bench, bench, ZeroBiasParameters())
+    find_east(bench, ZeroBiasParameters())
     assert bench.reasons == [f"the axis is {error:+.2f} deg off east, accepted are 2 deg: mount it again"]
+
+
+def test_without_an_output_east_stays_where_it_was_said_to_be_and_the_run_is_invalid():
+    bench = EarthBench(39.1, 0.0, math.nan, 0.0)
+    find_east(bench, ZeroBiasParameters(azimuth_deg=91.0))
+    assert bench.pointed[-1] == 91.0
+    assert bench.reasons == ["east was not found: fog_1 had no valid output at one of the four positions"]
 
 
 @pytest.mark.parametrize("name", ["zero-bias-cold-shock", "scale-factor-cold-shock"])

@@ -13,7 +13,7 @@ class Bench:
 
     def __init__(self):
         self.order = []
-        self.gyros = {"fog_1": SimpleNamespace(name="fog_1")}
+        self.judge = SimpleNamespace(name="fog_1")
         self.table = SimpleNamespace(device=self, spin=self.spin, stop=lambda: self.spin("stop"))
         self.chamber = SimpleNamespace(stop=lambda: self.order.append("chamber stop"))
 

@@ -1,0 +1,76 @@
+"""Who speaks, who is lost, who is judged by, and when that ends a run."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from bench.attendance import ALL_SILENT_S, SILENT_S, Attendance
+from drivers.errors import DeviceSilent, LinkLost
+
+
+def unit(name, role="gyro", heard_s=0.0):
+    return SimpleNamespace(name=name, role=role, heard_s=heard_s, gone=False, silent=False)
+
+
+@pytest.fixture
+def watched():
+    told, invalid = [], []
+    return SimpleNamespace(
+        by=lambda tests: Attendance(tests, lambda *what: told.append(what), invalid.append),
+        told=told,
+        invalid=invalid,
+    )
+
+
+GONE = LinkLost("the port is gone", where="fog_1", found="end of stream")
+
+
+def test_a_unit_of_another_role_does_not_keep_a_run_alive(watched):
+    platform, monitor = unit("ins", "platform"), unit("fog_1")
+    attendance = watched.by("platform")
+    with pytest.raises(LinkLost, match="no platform is left") as lost:
+        attendance.lose(platform, [platform, monitor], 900.0, GONE)
+    assert "ins was lost at 900.0 s" in str(lost.value)
+    monitor.heard_s = platform.heard_s + ALL_SILENT_S
+    platform.gone = False
+    with pytest.raises(DeviceSilent, match="no platform"):
+        watched.by("platform").check([platform, monitor], ALL_SILENT_S)
+
+
+def test_the_last_loss_names_all_that_were_lost(watched):
+    first, second = unit("fog_1"), unit("can_1")
+    attendance = watched.by("gyro")
+    attendance.lose(first, [first, second], 10.0, GONE)
+    assert watched.invalid == [
+        "fog_1 was lost at 10.0 s (the port is gone: end of stream) and its record ends there"
+    ]
+    with pytest.raises(LinkLost) as lost:
+        attendance.lose(second, [first, second], 20.0, GONE)
+    assert "fog_1 was lost at 10.0 s" in str(lost.value) and "can_1 was lost at 20.0 s" in str(lost.value)
+
+
+def test_intended_silence_is_no_alarm_and_counts_from_its_end(watched):
+    gyro = unit("fog_1")
+    attendance = watched.by("gyro")
+    attendance.excuse(100.0)
+    attendance.check([gyro], 100.0 + SILENT_S - 0.1)
+    assert (watched.told, watched.invalid) == ([], [])
+    attendance.check([gyro], 100.0 + SILENT_S)
+    assert watched.invalid == ["fog_1 fell silent at 0.0 s"]
+    with pytest.raises(DeviceSilent):
+        attendance.check([gyro], 100.0 + ALL_SILENT_S)
+
+
+def test_the_judge_changes_when_it_is_lost_and_does_not_change_back(watched):
+    units = [unit("a"), unit("b"), unit("c")]
+    attendance = watched.by("gyro")
+    assert attendance.judge(units).name == "a"
+    units[0].silent = True
+    assert attendance.judge(units).name == "b"
+    units[0].silent = False
+    assert attendance.judge(units).name == "b"
+    units[1].gone = units[0].gone = True
+    assert attendance.judge(units).name == "c"
+    units[2].silent = True  # the only one that may speak again
+    assert attendance.judge(units).name == "c"
+    assert [name for name, _ in watched.told] == ["b", "c"]
