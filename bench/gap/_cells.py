@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct
 
-from bench.gap._data import GapRun, Group, bridged
+from bench.gap._data import Group
 from bench.gap._noise import Noise, spectrum
+from bench.gap._stack import Stack
 
 Array = NDArray[np.float64]
 BAND_EDGES_S = (3500.0, 1400.0, 560.0, 300.0, 150.0, 75.0, 38.0, 20.0, 10.0, 5.0)
@@ -40,9 +40,10 @@ _NEGLIGIBLE = 1e-5
 
 @dataclass(frozen=True)
 class Cell:
-    """Part of the data: `gram` (1 + p, 1 + p) of [data, columns] whitened, `count` coefficients.
+    """Part of the data: whitened products of [data, columns], `count` coefficients.
 
-    `power` is the noise's mean power per coefficient, (deg/h)^2, `samples` the number of samples of the runs.
+    `block` (a, a) holds the products of the data, 0, and of the columns that have something here, `at` (a,), of
+    1 + p `columns`. `power` is the noise's mean power per coefficient, (deg/h)^2, `samples` the runs' length.
     """
 
     profile: str
@@ -50,14 +51,21 @@ class Cell:
     repeatable: bool
     band: int
     count: int
-    gram: Array
+    columns: int
+    at: NDArray[np.int64]
+    block: Array
     power: float
     samples: int
 
-
-def transformed(run: GapRun, rows: Array) -> Array:
-    """Return the orthonormal DCT-II of rows (p, n) less coefficient 0, the run's free bias; (p, n - 1)."""
-    return np.asarray(dct(bridged(rows, np.isnan(run.output_dph)), norm="ortho", axis=-1)[:, 1:])
+    def products(self, columns: NDArray[np.int64]) -> Array:
+        """Return the products of some of [data, columns], (k, k); 0 is the data."""
+        places = np.full(self.columns, -1)
+        places[self.at] = np.arange(len(self.at))
+        own = places[columns]
+        here = own >= 0
+        result = np.zeros((len(columns),) * 2)
+        result[np.ix_(here, here)] = self.block[np.ix_(own[here], own[here])]
+        return result
 
 
 def mixing(group: Group) -> tuple[list[str], list[bool], Array]:
@@ -133,36 +141,44 @@ def _helmert(n: int) -> Array:
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
-def group_cells(group: Group, parity_runs: Array, noise: Noise) -> list[Cell]:
-    """Return the cells of a group from `mixed_whitened`'s parity runs, (runs, 1 + p, n - 1)."""
-    n, period_s = parity_runs.shape[2] + 1, group.runs[0][0].stimulus.period_s
-    names, repeatable, _ = mixing(group)
+def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
+    """Return the cells of a group from its runs' coefficients of [data, columns]."""
+    n, period_s = stack.full.shape[2] + 1, group.runs[0][0].stimulus.period_s
+    names, repeatable, mix = mixing(group)
     power = spectrum(noise, np.arange(1, n) / n, period_s)
     parts = band_slices(n, period_s)
-    by_band = np.array(
-        [np.einsum("rik,rik->ri", parity_runs[:, :, part], parity_runs[:, :, part]) for part in parts]
-    )
-    least = _NEGLIGIBLE * by_band.sum(axis=(0, 1))
+    flat = [part for part in parts if part.stop > part.start]
+    sizes = np.array([stack.energies(part) / power[part].mean() for part in flat])
+    least = _NEGLIGIBLE * sizes.sum(axis=0)
     cells = []
-    for index, name in enumerate(names):
-        for band, part in enumerate(parts):
-            if part.stop <= part.start:
-                continue
-            # most columns are smooth and have nothing in the fast bands, which hold most coefficients
-            at = np.flatnonzero(by_band[band, index] > least)
-            at = at if len(at) and at[0] == 0 else np.insert(at, 0, 0)
-            rows = parity_runs[index, at, part].astype(np.float64)
-            gram = np.zeros((parity_runs.shape[1],) * 2)
-            gram[np.ix_(at, at)] = rows @ rows.T
-            mean_power = float(power[part].mean())
-            count = part.stop - part.start
-            cells.append(Cell(group.profile, name, repeatable[index], band, count, gram, mean_power, n))
+    for index, part in enumerate(flat):
+        # most columns are smooth and have nothing in the fast bands, which hold most coefficients
+        at = np.flatnonzero(sizes[index] > least)
+        at = at if len(at) and at[0] == 0 else np.insert(at, 0, 0)
+        rows = stack.part(at, part) / np.sqrt(power[part])
+        rows = (mix @ rows.reshape(len(mix), -1)).reshape(rows.shape)
+        band, mean_power = parts.index(part), float(power[part].mean())
+        for name, same, own in zip(names, repeatable, rows, strict=True):
+            cells.append(
+                Cell(
+                    group.profile,
+                    name,
+                    same,
+                    band,
+                    own.shape[1],
+                    len(stack.place),
+                    at,
+                    own @ own.T,
+                    mean_power,
+                    n,
+                )
+            )
     return cells
 
 
 def rescaled(cells: Sequence[Cell], floor: Array) -> list[Cell]:
     """Return the cells with the noise's variance in each band multiplied by `floor` (bands,)."""
     return [
-        replace(cell, gram=cell.gram / floor[cell.band], power=cell.power * floor[cell.band])
+        replace(cell, block=cell.block / floor[cell.band], power=cell.power * floor[cell.band])
         for cell in cells
     ]

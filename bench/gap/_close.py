@@ -14,15 +14,14 @@ from bench.gap._cells import (
     Cell,
     band_slices,
     group_cells,
-    mixed_whitened,
     rescaled,
-    transformed,
 )
 from bench.gap._data import GapRun, check_runs, group_runs
 from bench.gap._diagnose import Diagnosis
 from bench.gap._fit import Floor, counts
 from bench.gap._model_file import Model
 from bench.gap._noise import spectrum
+from bench.gap._stack import stacked, transformed
 from bench.gap._where import in_time
 from drivers.errors import ConfigurationError
 
@@ -84,7 +83,7 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
         )
     cells = rescaled(judged_cells(before, after, runs), floor.ratio)
     number = counts(cells)
-    first, then = (np.array([cell.gram[k, k] for cell in cells]) for k in (0, 1))
+    first, then = (np.array([cell.products(np.array([k]))[0, 0] for cell in cells]) for k in (0, 1))
     bands = np.array([cell.band for cell in cells])
     deviation = np.sqrt(2.0 * number + (number * floor.sigma[bands]) ** 2)
     active = first - number > _ACTIVE * deviation
@@ -131,8 +130,8 @@ def _shares_by_phase(
     for group in group_runs(runs):
         for run in (run for each in group.runs for run in each):
             n, period_s = len(run.stimulus), run.stimulus.period_s
-            left = run.output_dph - np.stack([model.predict(run.stimulus) for model in (before, after)])
-            own = transformed(run, left) / np.sqrt(spectrum(after.noise, np.arange(1, n) / n, period_s))
+            power = spectrum(after.noise, np.arange(1, n) / n, period_s)
+            own = transformed(run, left_by(run, (before, after))[0]) / np.sqrt(power)
             for band in bands.get(group.profile, set()):
                 part = band_slices(n, period_s)[band]
                 expected = (part.stop - part.start) / n
@@ -152,17 +151,15 @@ def judged_cells(before: Model, after: Model, runs: Sequence[GapRun]) -> list[Ce
     """Return cells of what both models leave of runs, Gram (2, 2), in all but the two fastest bands."""
     cells = []
     for group in group_runs(runs):
-        stacked = np.stack(
-            [
-                transformed(
-                    run, run.output_dph - np.stack([model.predict(run.stimulus) for model in (before, after)])
-                )
-                for each in group.runs
-                for run in each
-            ]
-        )
-        cells += group_cells(group, mixed_whitened(group, stacked, after.noise), after.noise)
+        flat = [run for each in group.runs for run in each]
+        stack = stacked(flat, lambda run: left_by(run, (before, after)), [False])
+        cells += group_cells(group, stack, after.noise)
     return [cell for cell in cells if cell.band < len(BANDS) - 2]
+
+
+def left_by(run: GapRun, models: Sequence[Model]) -> list[Array]:
+    """Return what models leave of a run's output, one block (models, n)."""
+    return [run.output_dph - np.stack([model.predict(run.stimulus) for model in models])]
 
 
 def _share(first: Array, then: Array, number: Array, deviation: Array) -> tuple[float, float]:

@@ -55,10 +55,12 @@ class SetPosterior:
             gathered.setdefault(self.effects(members), []).append(value)
         return {names: _log_sum(values) for names, values in gathered.items()}
 
-    def best_variant(self, names: frozenset[str]) -> VariantSet:
-        """Return the best set of variants of these effects."""
-        own = [each for each in self.log_evidence if self.effects(each) == names]
-        return max(own, key=lambda each: self.log_evidence[each])
+    def best_variants(self) -> dict[frozenset[str], VariantSet]:
+        """Return the best set of variants for every set of effects."""
+        result: dict[frozenset[str], VariantSet] = {}
+        for members in sorted(self.log_evidence, key=lambda each: self.log_evidence[each]):
+            result[self.effects(members)] = members
+        return result
 
     def effects(self, members: VariantSet) -> frozenset[str]:
         """Return the names of a set's effects."""
@@ -130,14 +132,17 @@ class _Search:
         columns = [column for each in base for column in self.candidates[each].columns]
         left, base_gain = _without(self.system, columns)
         names = {self.candidates[each].effect for each in base}
+        fresh: dict[int, list[int]] = {}
         for each in self.usable:
             candidate = self.candidates[each]
-            members = base | {each}
-            if candidate.effect in names or members in self.found:
-                continue
-            gain = base_gain + _gain(left, self.system, candidate.columns)
-            k = len(columns) + len(candidate.columns)
-            self.found[members] = log_bayes(gain, k) + self._log_prior(members)
+            if candidate.effect not in names and base | {each} not in self.found:
+                fresh.setdefault(len(candidate.columns), []).append(each)
+        for k, own in fresh.items():
+            at = np.array([self.candidates[each].columns for each in own])
+            for each, gain in zip(own, _gains(left, self.system, at).tolist(), strict=True):
+                members = base | {each}
+                bayes = log_bayes(base_gain + gain, len(columns) + k)
+                self.found[members] = bayes + self._log_prior(members)
 
     def top(self, size: int) -> list[VariantSet]:
         """Return the best sets of a size, one of each combination of effects."""
@@ -173,13 +178,13 @@ def _without(system: Array, columns: Sequence[int]) -> tuple[Array, float]:
     return left, float(system[0, 0] - left[0, 0])
 
 
-def _gain(left: Array, system: Array, columns: tuple[int, ...]) -> float:
-    """Return by how much columns lower the cost; what is left of a column below 1e-6 of it is rounding."""
-    at = np.array(columns)
-    inner = left[np.ix_(at, at)]
+def _gains(left: Array, system: Array, at: NDArray[np.int64]) -> Array:
+    """Return by how much each group of columns, `at` (m, k), lowers the cost, (m,).
+
+    What is left of a column below 1e-6 of it is rounding.
+    """
     scale = np.sqrt(np.maximum(np.diag(system)[at], 1e-300))
-    inner = inner / np.outer(scale, scale) + 1e-6 * np.eye(len(at))
+    inner = left[at[:, :, None], at[:, None, :]] / (scale[:, :, None] * scale[:, None, :])
+    inner += 1e-6 * np.eye(at.shape[1])
     data = left[at, 0] / scale
-    if len(at) == 1:
-        return float(data[0] ** 2 / inner[0, 0])
-    return float(data @ np.linalg.solve(inner, data))
+    return np.asarray((data * np.linalg.solve(inner, data[:, :, None])[:, :, 0]).sum(axis=1))

@@ -11,14 +11,14 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.gap._cells import BANDS, group_cells, mixed_whitened
+from bench.gap._cells import BANDS, group_cells
 from bench.gap._close import Shrinkage, closed_model, judged_cells, shrinkage
 from bench.gap._data import GapRun, group_runs
 from bench.gap._diagnose import diagnose
 from bench.gap._fit import Floor, nominal_energies
 from bench.gap._model_file import Model, Term, model_text, parse_model
 from bench.gap._noise import Noise
-from bench.gap._signature import signature_norm, stacked
+from bench.gap._signature import signature_norm, with_nominal
 from simulators.effects import Effect, Stimulus, Variant, catalogue
 from simulators.exam import (
     LATITUDE_DEG,
@@ -173,7 +173,7 @@ def true_region(runs: Sequence[GapRun], model: Model) -> tuple[tuple[str, str, s
     """Return the repeatable cells with 80 % of the energy of outputs taken as a gap, nominal model out."""
     cells = []
     for group in group_runs(runs):
-        cells += group_cells(group, mixed_whitened(group, stacked(group, model), model.noise), model.noise)
+        cells += group_cells(group, with_nominal(group, model), model.noise)
     left = nominal_energies(cells, model.sigmas)
     energy = sorted(
         (
@@ -217,5 +217,5 @@ def close(handed: Answer, sealed_runs: Sequence[GapRun], clean: Sequence[Array])
     stated = shrinkage(before, after, sealed_runs, handed.floor)
     quiet = [replace(run, output_dph=own) for run, own in zip(sealed_runs, clean, strict=True)]
     cells = [cell for cell, on in zip(judged_cells(before, after, quiet), stated.active, strict=True) if on]
-    first, then = (sum(float(cell.gram[k, k]) for cell in cells) for k in (0, 1))
+    first, then = (sum(float(cell.products(np.array([k]))[0, 0]) for cell in cells) for k in (0, 1))
     return Closed(stated, 1.0 - then / first if first > 0.0 else math.nan)

@@ -35,10 +35,10 @@ class Solution:
 
 
 def weighted_gram(cells: Sequence[Cell], variance: Array) -> Array:
-    """Return the sum of the cells' Gram matrices over their variance (cells,)."""
-    total = np.zeros_like(cells[0].gram)
+    """Return the sum of the cells' Gram matrices of [data, columns] over their variance (cells,)."""
+    total = np.zeros((cells[0].columns,) * 2)
     for cell, each in zip(cells, variance, strict=True):
-        total += cell.gram / each
+        total[np.ix_(cell.at, cell.at)] += cell.block / each
     return total
 
 
@@ -56,19 +56,16 @@ def solve(gram: Array, prior_sigmas: Array, chosen: Sequence[int]) -> Solution:
     return Solution(indices, covariance @ gram[indices, 0], covariance)
 
 
-def energy(gram: Array, solution: Solution) -> float:
-    """Return the energy of the whitened data in one cell that a solution leaves."""
-    weights = np.zeros(len(gram))
-    weights[0] = 1.0
-    weights[solution.indices] = -solution.values
-    return float(weights @ gram @ weights)
-
-
 def energies(cells: Sequence[Cell], solution: Solution) -> Array:
-    """Return `energy` for all cells, (cells,)."""
-    at = np.concatenate(([0], solution.indices))
-    weights = np.concatenate(([1.0], -solution.values))
-    return np.array([weights @ cell.gram[np.ix_(at, at)] @ weights for cell in cells])
+    """Return the energy of the whitened data that a solution leaves in each cell, (cells,)."""
+    columns = np.concatenate(([0], solution.indices))
+    return left_energies(np.stack([cell.products(columns) for cell in cells]), solution.values)
+
+
+def left_energies(products: Array, values: Array) -> Array:
+    """Return the energy left, (cells,), of the cells' products (cells, 1 + k, 1 + k) of data and k columns."""
+    weights = np.concatenate(([1.0], -values))
+    return np.asarray(np.einsum("i,cij,j->c", weights, products, weights, optimize=True))
 
 
 def counts(cells: Sequence[Cell]) -> Array:

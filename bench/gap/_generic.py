@@ -25,6 +25,7 @@ _FINE = 18
 _LEAST_SPAN = {"T_in": 10.0, "dT_in/dt": 0.5, "T_in - T_out": 1.0}
 _HATS = {"T_in": 9, "dT_in/dt": 9, "T_in - T_out": 9}
 _TURNING_DPS = 1.0
+_STEADY_DPS = 0.01
 _INPUTS: dict[str, Callable[[Stimulus], Array]] = {
     "T_in": lambda s: s.warm_k,
     "dT_in/dt": lambda s: s.warming_k_per_min,
@@ -59,6 +60,14 @@ def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
     return [variant for effect in effects for variant in effect.variants()]
 
 
+def smooth(effect: Effect, runs: Sequence[GapRun]) -> bool:
+    """Return whether an effect's columns have nothing in the fast bands: curves over temperatures."""
+    if not effect.name.startswith(PREFIX) or effect.follows not in _INPUTS:
+        return False
+    steady = all(np.ptp(run.stimulus.axis_rate_dps) < _STEADY_DPS for run in runs)
+    return effect.name.startswith(PREFIX + "bias") or steady
+
+
 def absorbed(effect: Effect, curves: Sequence[Effect]) -> bool:
     """Return whether a free curve in the model is over the very input that an effect is a function of."""
     for curve in curves:
@@ -80,12 +89,24 @@ def _curve(
 ) -> Effect:
     def columns(s: Stimulus, shape: Shape) -> Array:
         values = s.lagged(of(s), shape["lag_s"])
-        hats = np.stack([np.interp(values, nodes, row) for row in np.eye(len(nodes))[1:]])
+        hats = _hats(values, nodes)
         return np.asarray(hats * 1e-6 * s.input_rate_dph if rate else hats)
 
     unit = "ppm" if rate else "dph"
     parameters = tuple(Parameter(f"{unit}_at_{node:.2f}", -_BOUND, _BOUND) for node in nodes[1:])
     return _effect(name, parameters, columns, follows, tuple({"lag_s": lag} for lag in lags_s))
+
+
+def _hats(values: Array, nodes: Array) -> Array:
+    """Return linear splines that are one at one of equidistant nodes but the first, (nodes - 1, n)."""
+    along = np.clip((values - nodes[0]) / (nodes[1] - nodes[0]), 0.0, len(nodes) - 1.0)
+    left = np.minimum(along.astype(np.int64), len(nodes) - 2)
+    part = along - left
+    hats = np.zeros((len(nodes), len(values)))
+    every = np.arange(len(values))
+    hats[left, every] = 1.0 - part
+    hats[left + 1, every] = part
+    return hats[1:]
 
 
 def _harmonics(name: str, *, rate: bool) -> Effect:

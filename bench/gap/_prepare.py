@@ -8,20 +8,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.gap._cells import Cell, group_cells, mixed_whitened, rescaled, transformed
+from bench.gap._cells import Cell, group_cells, rescaled
 from bench.gap._data import GapRun, Group, check_runs, group_runs
 from bench.gap._fit import Floor, Solution, floor_from_repeats
+from bench.gap._generic import smooth
 from bench.gap._model_file import Model
+from bench.gap._stack import Stack, stacked
 from bench.gap._stochastic import NoiseVerdict, floor_data, judge_noise
 from simulators.effects import Variant
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """Runs as coefficients by group, `stacks` (runs, 1 + p, n - 1) of [data - model, model's, variants']."""
+    """Runs as coefficients by group, `stacks` of [data - model, model's columns, variants' columns]."""
 
     groups: tuple[Group, ...]
-    stacks: tuple[NDArray[np.float32], ...]
+    stacks: tuple[Stack, ...]
     noise: NoiseVerdict
     cells: tuple[Cell, ...]
     floor: Floor
@@ -33,13 +37,14 @@ def prepare(runs: Sequence[GapRun], model: Model, variants: Sequence[Variant]) -
     groups = tuple(group_runs(runs))
     stacks = tuple(_stack(group, model, variants) for group in groups)
     own = 1 + len(model.sigmas)
-    spectra, source = floor_data(groups, [stack[:, :own] for stack in stacks], model.noise, model.sigmas)
+    nominal = [stack.chosen(range(own)) for stack in stacks]
+    spectra, source = floor_data(groups, nominal, model.noise, model.sigmas)
     return gathered(groups, stacks, judge_noise(spectra, model.noise, source), model, None)
 
 
 def gathered(
     groups: tuple[Group, ...],
-    stacks: tuple[NDArray[np.float32], ...],
+    stacks: tuple[Stack, ...],
     noise: NoiseVerdict,
     model: Model,
     solution: Solution | None,
@@ -47,7 +52,7 @@ def gathered(
     """Whiten with `noise` and cut into cells; `solution` is taken out of the differences of repeats."""
     cells: list[Cell] = []
     for group, stack in zip(groups, stacks, strict=True):
-        cells += group_cells(group, mixed_whitened(group, stack, noise.noise), noise.noise)
+        cells += group_cells(group, stack, noise.noise)
     floor = floor_from_repeats(cells, model.sigmas, solution)
     return Prepared(groups, stacks, noise, tuple(rescaled(cells, floor.ratio)), floor)
 
@@ -63,26 +68,25 @@ def narrowed(
     stacks = []
     for group, stack in zip(data.groups, data.stacks, strict=True):
         runs = [run for each in group.runs for run in each]
-        parts = [stack[:, at]]
         if fresh:
-            rows = [np.concatenate([each.columns(run.stimulus) for each in fresh]) for run in runs]
-            parts.append(
-                np.stack(
-                    [transformed(run, own).astype(np.float32) for run, own in zip(runs, rows, strict=True)]
-                )
+            rows = stacked(
+                runs, lambda run: [each.columns(run.stimulus) for each in fresh], [False] * len(fresh)
             )
-        stacks.append(np.concatenate(parts, axis=1))
+            stacks.append(stack.narrowed(at, rows.full))
+        else:
+            stacks.append(stack.narrowed(at, stack.full[:, :0]))
     return [*(variants[each] for each in kept), *fresh], replace(data, stacks=tuple(stacks))
 
 
-def _stack(group: Group, model: Model, variants: Sequence[Variant]) -> NDArray[np.float32]:
-    stacked = []
-    for run in (run for each in group.runs for run in each):
+def _stack(group: Group, model: Model, variants: Sequence[Variant]) -> Stack:
+    runs = [run for each in group.runs for run in each]
+
+    def rows(run: GapRun) -> list[Array]:
         s = run.stimulus
-        rows = [(run.output_dph - model.predict(s))[None, :], model.columns(s)]
-        rows += [variant.columns(s) for variant in variants]
-        stacked.append(transformed(run, np.concatenate(rows)).astype(np.float32))
-    return np.stack(stacked)
+        own = [(run.output_dph - model.predict(s))[None, :], model.columns(s)]
+        return own + [variant.columns(s) for variant in variants]
+
+    return stacked(runs, rows, [False, False, *(smooth(variant.effect, runs) for variant in variants)])
 
 
 def noise_beside(data: Prepared, solution: Solution, model: Model) -> NoiseVerdict:
@@ -93,8 +97,8 @@ def noise_beside(data: Prepared, solution: Solution, model: Model) -> NoiseVerdi
     extra, values = solution.indices[q:], solution.values[q:]
     kept = []
     for stack in data.stacks:
-        own = stack[:, : 1 + q].astype(np.float64)
-        own[:, 0] -= np.tensordot(stack[:, extra].astype(np.float64), values, axes=(1, 0))
+        own = stack.chosen(range(1 + q))
+        own[:, 0] -= np.tensordot(stack.chosen(extra), values, axes=(1, 0))
         kept.append(own)
     spectra, source = floor_data(data.groups, kept, model.noise, model.sigmas)
     return judge_noise(spectra, model.noise, source)

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.gap._cells import mixed_whitened, transformed
+from bench.gap._cells import mixed_whitened
 from bench.gap._data import GapRun, Group, group_runs
 from bench.gap._fit import solve
 from bench.gap._model_file import Model
+from bench.gap._stack import Stack, stacked
 
 Array = NDArray[np.float64]
 
@@ -20,18 +21,13 @@ def signature_norm(runs: Sequence[GapRun], model: Model) -> float:
     """Return the norm of the runs' outputs taken as a signature: whitened, nominal columns projected out."""
     gram = np.zeros((1 + len(model.sigmas),) * 2)
     for group in group_runs(runs):
-        rows = mixed_whitened(group, stacked(group, model), model.noise)
+        rows = mixed_whitened(group, with_nominal(group, model).full, model.noise)
         gram += np.einsum("rik,rjk->ij", rows, rows, optimize=True)
     solution = solve(gram, model.sigmas, ())
     return math.sqrt(max(float(gram[0, 0] - gram[solution.indices, 0] @ solution.values), 1e-30))
 
 
-def stacked(group: Group, model: Model) -> Array:
-    """Return coefficients of [output, nominal columns] of every run of a group, (runs, 1 + q, n - 1)."""
-    return np.stack(
-        [
-            transformed(run, np.concatenate((run.output_dph[None], model.columns(run.stimulus))))
-            for each in group.runs
-            for run in each
-        ]
-    )
+def with_nominal(group: Group, model: Model) -> Stack:
+    """Return coefficients of [output, nominal columns] of every run of a group."""
+    runs = [run for each in group.runs for run in each]
+    return stacked(runs, lambda run: [run.output_dph[None], model.columns(run.stimulus)], [False, False])

@@ -68,5 +68,5 @@ def credibility(
     """
     at = np.isin(solution.indices, columns)
     values, indices = solution.values[at], solution.indices[at]
-    action = np.array([values @ cell.gram[np.ix_(indices, indices)] @ values for cell in cells]) / variance
+    action = np.array([values @ cell.products(indices) @ values for cell in cells]) / variance
     return float(1.0 - (action * rest.share).sum() / max(float(action.sum()), 1e-12))

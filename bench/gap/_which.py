@@ -16,7 +16,7 @@ from bench.gap._fit import (
     DIRECTIONS,
     MISFIT,
     Solution,
-    energies,
+    left_energies,
     nominal_energies,
     solve,
     tolerated,
@@ -137,12 +137,15 @@ def _judge_sets(
     if frozenset() not in kept:
         kept.append(frozenset())
     strict = tolerated(data.cells, before, MISFIT)
+    best = posterior.best_variants()
+    solutions = {names: solve(gram, sigmas, _columns(posterior, best[names], len(sigmas))) for names in kept}
+    used = np.unique(np.concatenate([[0], *(each.indices for each in solutions.values())]))
+    products = np.stack([cell.products(used) for cell in data.cells])
     judged = []
     for names in kept:
-        members = posterior.best_variant(names)
-        columns = _columns(posterior, members, len(sigmas))
-        solution = solve(gram, sigmas, columns)
-        left = energies(data.cells, solution)
+        members, solution = best[names], solutions[names]
+        at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
+        left = left_energies(products[:, at[:, None], at], solution.values)
         rest = remainder(data.cells, strict, before, left, data.floor)
         judged.append(Judged(names, members, by_effects[names], solution, left, rest))
     return _curves_that_matter(judged, before)
@@ -174,8 +177,9 @@ def left_of_runs(data: Prepared, solution: Solution) -> list[Array]:
     """Return what a solution leaves of each run, whitened coefficients (runs, n - 1) by group."""
     result = []
     for group, stack in zip(data.groups, data.stacks, strict=True):
-        chosen = stack[:, solution.indices].astype(np.float64)
-        left = stack[:, 0] - np.tensordot(chosen, solution.values, axes=(1, 0))
+        left = stack.chosen([0])[:, 0] - np.tensordot(
+            stack.chosen(solution.indices), solution.values, axes=(1, 0)
+        )
         n = left.shape[1] + 1
         power = spectrum(data.noise.noise, np.arange(1, n) / n, group.runs[0][0].stimulus.period_s)
         result.append(left / np.sqrt(power))

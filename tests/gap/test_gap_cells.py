@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.gap import Model, check_runs, group_runs
-from bench.gap._cells import BANDS, band_slices, contrasts, group_cells, mixed_whitened, transformed
+from bench.gap._cells import BANDS, band_slices, contrasts, group_cells
 from bench.gap._data import bridged, good_length
+from bench.gap._stack import stacked, transformed
 from bench.gap._where import holm
 from drivers.errors import ConfigurationError
 from tests.gap.conftest import made_run, stimulus
@@ -66,17 +67,12 @@ def test_cells_of_noise_hold_one_unit_of_energy_a_coefficient(nominal: Model) ->
         for k in range(2)
     ]
     (group,) = group_runs(runs)
-    stack = np.stack(
-        [
-            transformed(run, (run.output_dph - nominal.predict(run.stimulus))[None])
-            for each in group.runs
-            for run in each
-        ]
-    )
-    cells = group_cells(group, mixed_whitened(group, stack, nominal.noise), nominal.noise)
+    flat = [run for each in group.runs for run in each]
+    stack = stacked(flat, lambda run: [(run.output_dph - nominal.predict(run.stimulus))[None]], [False])
+    cells = group_cells(group, stack, nominal.noise)
     number = sum(cell.count for cell in cells)
     assert number == 6 * (good_length(4000) - 1)
-    energy = sum(float(cell.gram[0, 0]) for cell in cells)
+    energy = sum(float(cell.block[0, 0]) for cell in cells)
     assert energy == pytest.approx(number, abs=4.0 * np.sqrt(2.0 * number))
 
 
