@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from bench.figure_limits import FIGURES, FURTHER, NO_LIMITS, Limit, Limits
-from bench.recording import Run, url_of, verify
+from bench.recording import Run, verify
 from bench.report import (
     CertificateContent,
     CertifiedFigure,
@@ -15,6 +15,7 @@ from bench.report import (
     allan_figure,
     run_content,
 )
+from bench.run_folder import url_of
 from bench.run_record import decode_run
 from bench.standards import Figure, StandardFigures, figures_over_runs, standard_figures
 from drivers.clock import utc_now

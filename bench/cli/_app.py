@@ -13,9 +13,11 @@ from bench.cli._campaigns import campaign_app
 from bench.cli._fits import fit_app, scheme_app
 from bench.cli._frames import frames_app
 from bench.cli._gaps import gap_app
+from bench.cli._options import TextCommand, TextGroup
 from drivers.errors import BenchError, RunAborted
 
 app = typer.Typer(
+    cls=TextGroup,
     name="gyrobench",
     help="Run gyro test procedures on a bench of turntable, thermal chamber and gyros - real or emulated.",
     no_args_is_help=True,
@@ -23,7 +25,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-runs_app = typer.Typer(help="Look at recorded runs.", no_args_is_help=True)
+runs_app = typer.Typer(cls=TextGroup, help="Look at recorded runs.", no_args_is_help=True)
 app.add_typer(runs_app, name="runs")
 app.add_typer(campaign_app, name="campaign")
 app.add_typer(fit_app, name="fit")
@@ -44,7 +46,7 @@ CatalogueUrl = Annotated[
     typer.Option(
         "--catalogue",
         envvar="GYROBENCH_CATALOGUE",
-        help="SQLAlchemy URL of a shared catalogue; default an SQLite file beside the runs",
+        help="URL of a shared catalogue: postgresql://... or sqlite:///FILE; default a file beside the runs",
     ),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="seed of the emulated lab")]
@@ -216,9 +218,9 @@ def ports(
         ports_command()
 
 
-@runs_app.command("list")
+@runs_app.command("list", cls=TextCommand)
 def runs_list(
-    runs: RunsFolder = DEFAULT_RUNS,
+    runs: Annotated[str, typer.Option("--runs", help="folder that holds the runs")] = str(DEFAULT_RUNS),
     unit: Annotated[str | None, typer.Option(help="of this unit under test")] = None,
     procedure: Annotated[str | None, typer.Option(help="of this procedure")] = None,
     outcome: Annotated[
@@ -228,15 +230,15 @@ def runs_list(
     until: Annotated[
         str | None, typer.Option(help="to the end of this year, month, day or time, UTC")
     ] = None,
-    limit: Annotated[int, typer.Option(min=1, help="show at most so many, newest first")] = 100,
+    limit: Annotated[str, typer.Option(metavar="COUNT", help="show at most so many, newest first")] = "100",
     catalogue: CatalogueUrl = None,
     json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
 ) -> None:
     """List the runs in a folder, or those of every bench with a shared catalogue."""
-    from bench.cli._runs import list_command
+    from bench.cli._runs_list import list_command
 
     wanted = {"unit": unit, "procedure": procedure, "outcome": outcome, "since": since, "until": until}
-    list_command(runs, catalogue, {**wanted, "limit": limit}, json)
+    list_command(Path(runs), catalogue, wanted, limit, json)
 
 
 @runs_app.command("index")
@@ -246,7 +248,7 @@ def runs_index(
     rebuild: Annotated[bool, typer.Option("--rebuild", help="read every run folder again")] = False,
 ) -> None:
     """Bring the catalogue of runs up to date with the folders, which are the truth."""
-    from bench.cli._runs import index_command
+    from bench.cli._runs_list import index_command
 
     index_command(runs, catalogue, rebuild)
 

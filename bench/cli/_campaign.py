@@ -28,8 +28,9 @@ from bench.campaign import (
     plan_campaign,
     rehearse_campaign,
 )
-from bench.cli._display import RunDisplay, duration, event_text, say_json, size
+from bench.cli._display import RunDisplay
 from bench.cli._run import console_for, console_operator, plant_with_seed, say_result
+from bench.cli._texts import duration, event_text, say_json, size
 from bench.emulated import Plant
 from bench.fan_out import ALONE, FanOut, fan_out
 from bench.lease import take_lease

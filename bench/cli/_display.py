@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -14,6 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from bench.cli._texts import duration, event_text, say_json
 from bench.progress import GyroProgress, Progress
 from drivers.clock import host_seconds
 
@@ -132,42 +132,3 @@ def _trouble(gyro: GyroProgress) -> str:
 
 def _alarm(alarm: Any) -> str:
     return f"{duration(float(alarm['time_s']))} {alarm['device']}: {alarm['text']}"
-
-
-def event_text(row: Any) -> str:
-    """Return a line of events.jsonl for reading."""
-    hidden = ("time_s", "kind", "utc")
-    said = ", ".join(
-        str(value) for key, value in row.items() if key not in hidden and value not in (None, "")
-    )
-    return f"{duration(float(row['time_s']))} {row['kind']}: {said}"
-
-
-def say_json(console: Console, kind: str, **fields: Any) -> None:
-    """Print one JSON object on a line; numbers that are not finite become null."""
-    text = json.dumps({"kind": kind} | _finite(fields), ensure_ascii=False, allow_nan=False, default=str)
-    console.file.write(text + "\n")
-    console.file.flush()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def duration(seconds: float) -> str:
-    """Return a duration as h:mm:ss."""
-    whole = round(seconds)
-    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
-
-
-def size(count: float) -> str:
-    """Return a number of bytes for reading."""
-    for unit in ("B", "kB", "MB", "GB"):
-        if count < 1000.0 or unit == "GB":
-            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
-        count /= 1000.0
-    raise AssertionError("unreachable")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.cli._display import size
+from bench.cli._texts import size
 from bench.exchange import export_run, import_log
 
 

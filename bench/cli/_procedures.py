@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from bench.cli._display import duration
+from bench.cli._texts import duration
 from bench.procedure import find_procedure, load_procedures, parameter_rows
 
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from bench.campaign import CampaignFolder
 from bench.certificate import certificate_content
 from bench.figure_limits import NO_LIMITS, Limits, load_limits
-from bench.recording import Run, url_of
+from bench.recording import Run
 from bench.report import (
     CertificateContent,
     render_certificate,
@@ -20,6 +20,7 @@ from bench.report import (
     write_pdf,
     write_report,
 )
+from bench.run_folder import url_of
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError
 

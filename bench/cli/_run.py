@@ -11,8 +11,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.benchfile import bench_file_text, load_bench_file
-from bench.cli._display import RunDisplay, duration, say_json, size
+from bench.cli._display import RunDisplay
 from bench.cli._settings import settings_of
+from bench.cli._texts import duration, say_json, size
 from bench.emulated import EmulatedLab, Plant, load_plant, save_truth
 from bench.live import Live
 from bench.procedure import find_procedure

@@ -36,7 +36,7 @@ from bench.calibration import (
     table_axes,
     table_type,
 )
-from bench.cli._display import duration
+from bench.cli._texts import duration
 from bench.fan_out import fan_out
 from bench.report import render_calibration, scheme_content, write_report
 from drivers.clock import utc_now

@@ -10,8 +10,9 @@ from typing import get_args
 from rich.console import Console
 from rich.table import Table
 
-from bench.recording import MANIFEST_FILE, Run, checksum
+from bench.recording import Run, checksum
 from bench.report import render_whirl, run_content, write_report
+from bench.run_folder import MANIFEST_FILE
 from bench.whirl import Gauge, WhirlStudy, load_turns, study_whirl
 from bench.whirl_report import whirl_content
 from drivers.errors import ConfigurationError

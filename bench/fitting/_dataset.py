@@ -13,7 +13,8 @@ import numpy as np
 
 from bench.fitting._scale_factor import RateRun, scale_factor_group
 from bench.fitting._types import Array, ThermalRun
-from bench.recording import MANIFEST_FILE, Phase, Run, checksum, second_rows, seconds
+from bench.recording import Phase, Run, checksum, second_rows, seconds
+from bench.run_folder import MANIFEST_FILE
 from drivers.errors import ConfigurationError
 
 EARTH_RATE_DPH = 15.041067

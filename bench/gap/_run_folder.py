@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.gap._data import GapRun
-from bench.recording import MANIFEST_FILE, Phase, Run, checksum, second_rows, seconds
+from bench.recording import Phase, Run, checksum, second_rows, seconds
+from bench.run_folder import MANIFEST_FILE
 from drivers.errors import ConfigurationError
 from simulators.effects import Stimulus
 

@@ -6,7 +6,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.recording import MANIFEST_FILE, Manifest, read_manifest
+from bench.recording import Manifest, read_manifest
+from bench.run_folder import MANIFEST_FILE
 from drivers.errors import BenchError
 
 _LISTED = 40

@@ -22,7 +22,7 @@ from bench.panel._access import LOCAL_NAMES, Access
 from bench.panel._folders import RunsFolder
 from bench.panel._page import build_page
 from bench.panel._watch import Watch
-from bench.recording import MANIFEST_FILE
+from bench.run_folder import MANIFEST_FILE
 from drivers.errors import ConfigurationError
 
 _TICK_S = 0.1

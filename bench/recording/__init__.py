@@ -12,7 +12,6 @@ from bench.recording._decode import (
 from bench.recording._events import EventLog, Events, read_events
 from bench.recording._journal import Journal, PortJournal
 from bench.recording._manifest import (
-    MANIFEST_FILE,
     DeviceEntry,
     EmulatedLab,
     FileEntry,
@@ -25,13 +24,12 @@ from bench.recording._manifest import (
 )
 from bench.recording._raw import can_frames, read_exchanges
 from bench.recording._read import Phase, Run, read_table, second_rows, seconds
-from bench.recording._remote import local_manifests, local_run, url_of
+from bench.recording._remote import local_manifests, local_run
 from bench.recording._tables import table_writer, unit_of
 from bench.recording._timing import StreamTimer, StreamTiming
 from bench.recording._verify import FileProblem, VerifyReport, verify
 
 __all__ = [
-    "MANIFEST_FILE",
     "DeviceEntry",
     "EmulatedLab",
     "EventLog",
@@ -67,7 +65,6 @@ __all__ = [
     "seconds",
     "table_writer",
     "unit_of",
-    "url_of",
     "verify",
     "write_manifest",
 ]

@@ -10,10 +10,9 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from bench.recording._append import record_error
+from bench.run_folder import MANIFEST_FILE
 from drivers.errors import RecordError
 from drivers.files import RECORD_BYTES, read_bounded
-
-MANIFEST_FILE = "manifest.json"
 
 Outcome = Literal["running", "completed", "invalid", "aborted"]
 

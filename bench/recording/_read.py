@@ -18,7 +18,8 @@ from bench.recording._arrow import from_arrow
 from bench.recording._decode import gyro_table
 from bench.recording._events import Event, Events, read_events
 from bench.recording._manifest import Manifest, read_manifest
-from bench.recording._remote import local_run, remote_file, url_of
+from bench.recording._remote import local_run, remote_file
+from bench.run_folder import url_of
 from drivers.errors import RecordError
 
 Table = dict[str, NDArray[Any]]

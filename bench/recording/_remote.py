@@ -10,23 +10,16 @@ import contextlib
 import hashlib
 import json
 import os
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from bench.recording._manifest import MANIFEST_FILE, checksum, read_manifest
+from bench.recording._manifest import checksum, read_manifest
+from bench.run_folder import MANIFEST_FILE, url_of
 from drivers.errors import BenchError, RecordError
 
 CACHE_VARIABLE = "GYROBENCH_CACHE"
-_URL = re.compile(r"^([a-z][a-z0-9+.-]+):/{1,2}(?=[^/])", re.IGNORECASE)
 _MIRROR = ".mirror.json"
-
-
-def url_of(place: Path | str) -> str:
-    """Return the URL if `place` is one, also after a Path took one of its slashes; empty for a local path."""
-    found = _URL.match(str(place))
-    return f"{found[1].lower()}://{str(place)[found.end() :].rstrip('/')}" if found else ""
 
 
 def local_run(place: Path | str, *, everything: bool = False) -> Path:

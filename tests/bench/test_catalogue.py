@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from datetime import datetime, timedelta
@@ -143,7 +144,9 @@ def test_an_unchanged_folder_is_not_read_again(
     os.utime(runs, ns=(10**18, 10**18))
     with Catalogue(url) as catalogue:
         assert catalogue.update(runs) == 1
-        monkeypatch.setattr("bench.catalogue._run_names", lambda runs: pytest.fail("the folder was read"))
+        monkeypatch.setattr(
+            "bench.catalogue._catalogue._run_names", lambda runs: pytest.fail("the folder was read")
+        )
         assert catalogue.update(runs) == 0
         assert names(catalogue, runs) == ["one"]
 
@@ -199,6 +202,8 @@ def test_periods_that_are_none(text: str) -> None:
     [
         ("nonsense", ConfigurationError),
         ("nosuch://x", ConfigurationError),
+        ("sqlite:///", ConfigurationError),
+        ("postgresql://u:secret@h/x?nosuch=1", ConfigurationError),
         ("sqlite:////no/such/folder/x.sqlite", RecordError),
         ("postgresql+psycopg://u:secret@/x?host=/no/such/folder", RecordError),
     ],
@@ -215,6 +220,68 @@ def test_a_file_that_is_no_catalogue_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="cannot be used"):
         Catalogue(f"sqlite:///{path}")
     assert path.read_bytes() == b"something else" * 100
+
+
+def test_a_list_loads_nothing_heavy(tmp_path: Path) -> None:
+    """Half of the list's 0.3 s would go into any one of these."""
+    make(tmp_path / "runs", "one")
+    code = f"""
+import sys
+from bench.cli import main
+sys.argv = ["gyrobench", "runs", "list", "--runs", {str(tmp_path / "runs")!r}, "--unit", "SN123", "--limit", "5"]
+try:
+    main()
+finally:
+    heavy = {{"pydantic", "numpy", "pyarrow", "rich.console", "sqlalchemy", "bench.recording"}}
+    assert not heavy & set(sys.modules), heavy & set(sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and "completed" in done.stdout, done.stderr
+
+
+def test_removing_a_run_does_not_read_the_whole_table(tmp_path: Path) -> None:
+    with Catalogue(f"sqlite:///{tmp_path / 'x.sqlite'}") as catalogue:
+        for table in ("gyrobench_runs", "gyrobench_run_units"):
+            plan = catalogue._database.rows(
+                f"EXPLAIN QUERY PLAN DELETE FROM {table} WHERE root = :root AND name = :name",
+                root="",
+                name="",
+            )
+            assert all("SEARCH" in row[3] for row in plan), plan
+
+
+def test_what_was_read_before_an_interruption_stays(
+    url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = tmp_path / "runs"
+    for number in range(6):
+        make(runs, f"run-{number}")
+    monkeypatch.setattr("bench.catalogue._catalogue._AT_ONCE", 2)
+
+    def stop(done: int, total: int) -> None:
+        if done == 4:
+            raise KeyboardInterrupt
+
+    with Catalogue(url) as catalogue:
+        with pytest.raises(KeyboardInterrupt):
+            catalogue.update(runs, stop)
+        assert len(names(catalogue, runs)) == 4
+        assert catalogue.update(runs) == 2 and len(names(catalogue, runs)) == 6
+
+
+def test_text_that_no_database_takes(url: str, tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    make(runs, "one", units={"x": "a\x00b", "y": "half \ud800"}, reason="\x00")
+    with Catalogue(url) as catalogue:
+        catalogue.update(runs)
+        (row,) = catalogue.find(root=root_name(runs))[0]
+        assert row.units == ("a\ufffdb", "half ?") and row.reason == "\ufffd"
+
+
+@pytest.mark.parametrize(("option", "value"), [("--limit", "0"), ("--limit", "x"), ("--outcome", "done")])
+def test_options_that_are_none(tmp_path: Path, option: str, value: str) -> None:
+    result = CliRunner().invoke(app, ["runs", "list", "--runs", str(tmp_path), option, value])
+    assert isinstance(result.exception, ConfigurationError) and value in str(result.exception)
 
 
 def test_the_command(tmp_path: Path) -> None:

@@ -18,10 +18,10 @@ from bench.recording import (
     decode_stream,
     read_table,
     seal,
-    url_of,
     verify,
     write_manifest,
 )
+from bench.run_folder import url_of
 from drivers.errors import RecordError
 
 fsspec = pytest.importorskip("fsspec")

@@ -1,0 +1,54 @@
+"""Values as text for reading, and as JSON for machines."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def event_text(row: Any) -> str:
+    """Return a line of events.jsonl for reading."""
+    hidden = ("time_s", "kind", "utc")
+    said = ", ".join(
+        str(value) for key, value in row.items() if key not in hidden and value not in (None, "")
+    )
+    return f"{duration(float(row['time_s']))} {row['kind']}: {said}"
+
+
+def say_json(console: Console, kind: str, **fields: Any) -> None:
+    """Print one JSON object on a line; numbers that are not finite become null."""
+    text = json.dumps({"kind": kind} | _finite(fields), ensure_ascii=False, allow_nan=False, default=str)
+    console.file.write(text + "\n")
+    console.file.flush()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as h:mm:ss."""
+    whole = round(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def size(count: float) -> str:
+    """Return a number of bytes for reading."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if count < 1000.0 or unit == "GB":
+            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
+        count /= 1000.0
+    raise AssertionError("unreachable")
+
+
+def printable(text: str) -> str:
+    """Return text without what a terminal would act on."""
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text)

@@ -1,0 +1,16 @@
+"""How a run folder is recognised and where runs may lie; loads nothing, so that a list of runs is quick."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+MANIFEST_FILE = "manifest.json"
+
+_URL = re.compile(r"^([a-z][a-z0-9+.-]+):/{1,2}(?=[^/])", re.IGNORECASE)
+
+
+def url_of(place: Path | str) -> str:
+    """Return the URL if `place` is one, also after a Path took one of its slashes; empty for a local path."""
+    found = _URL.match(str(place))
+    return f"{found[1].lower()}://{str(place)[found.end() :].rstrip('/')}" if found else ""
