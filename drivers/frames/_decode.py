@@ -151,9 +151,11 @@ class FrameDecoder:
         columns = parts[0]
         if len(parts) > 1:
             ends = np.concatenate([messages.end_offset for messages in found])
-            order = np.argsort(ends)
-            ends = ends[order]
-            columns = {name: np.concatenate([part[name] for part in parts])[order] for name in columns}
+            columns = {name: np.concatenate([part[name] for part in parts]) for name in columns}
+            if (ends[1:] < ends[:-1]).any():  # Frames of several lengths.
+                order = np.argsort(ends)
+                ends = ends[order]
+                columns = {name: column[order] for name, column in columns.items()}
         if "counter" not in columns:
             numbers = found[0].numbers
             counted = self._counted(ends, found[0].layout.length) if numbers is None else numbers

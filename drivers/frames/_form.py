@@ -23,7 +23,8 @@ from drivers.frames._model import (
     Variant,
 )
 from drivers.frames._read import FieldCodec
-from drivers.frames._split import Bytes, Ints, Kind, Pattern
+from drivers.frames._find import Bytes, Ints, Pattern
+from drivers.frames._split import Kind
 
 Array = NDArray[Any]
 

@@ -50,7 +50,8 @@ class FieldCodec:
             return stored.astype(stored.dtype.newbyteorder("="))
         if self.spec.type in ("u24", "i24"):
             word = stored.astype(np.int32 if self._signed else np.uint32)
-            number: Array = ((word << self._shift) >> 8).astype(np.int64)
+            word = word << self._shift if self._shift else word
+            number: Array = (word >> 8).astype(np.int64)
         elif self.spec.type == "u64":
             number = stored.astype(np.uint64)
         else:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.frames._find import Finder, Pattern
 from drivers.framing import Check, windows
 from drivers.instruments import StreamCounts
 
@@ -17,48 +18,7 @@ Read = Callable[[Bytes, Ints], Ints]
 """Stream (n,) and where frames begin in it (m,) -> the bytes that each says it has (m,)."""
 _ALIGNED = 512  # Rows looked at first while frames lie end to end; more from then on.
 _MORE = 8192
-_HEADS = 256  # Places looked at to tell which kind a stream is of.
-_CROWDED = (
-    1.5  # So many places look like the beginning of a frame, for one of the likely kind: worth sifting.
-)
-
-
-class Pattern:
-    """Bytes that a frame of a kind has at given offsets, under masks."""
-
-    def __init__(self, places: Sequence[tuple[int, int, int]], span: int) -> None:
-        """Take (offset, value, mask) triples; `span` bytes of a frame must be there to tell."""
-        whole = [place for place in places if place[2] == 0xFF]
-        self.anchor = (whole or list(places))[0]
-        self.places = tuple(places)
-        self.span = max(span, *(at + 1 for at, _, _ in places))
-        self.alone = False
-        """Whether what `anchors` finds is this pattern's anchor and nothing else."""
-        self._others = [place for place in places if place is not self.anchor]
-
-    def find(self, data: Bytes, anchored: Ints) -> Ints:
-        """Return every offset at which it is complete; `anchored`: where its anchor may be. Both in order."""
-        whole = int(np.searchsorted(anchored, len(data) - self.span, side="right"))
-        found = anchored[:whole]
-        offset, value, mask = self.anchor
-        if not self.alone:
-            byte = data[found + offset]
-            found = found[byte == value if mask == 0xFF else (byte & mask) == value]
-        for offset, value, mask in self._others:
-            byte = data[found + offset]
-            found = found[byte == value if mask == 0xFF else (byte & mask) == value]
-        return found
-
-    def heads(self, rows: Bytes) -> NDArray[np.bool_]:
-        """Return which rows have it."""
-        good = np.ones(len(rows), np.bool_)
-        for offset, value, mask in self.places:
-            good &= rows[:, offset] == value if mask == 0xFF else (rows[:, offset] & mask) == value
-        return good
-
-    def may_begin(self, data: Bytes) -> bool:
-        """Whether `data`, however short, can be the first bytes of a frame."""
-        return all(at >= len(data) or int(data[at]) & mask == value for at, value, mask in self.places)
+_HEAD = 1 << 16  # Bytes looked at to tell which kind a stream is of.
 
 
 @dataclass(frozen=True)
@@ -93,6 +53,16 @@ class _Group:
     rows: Bytes
     sound: NDArray[np.bool_]
 
+    def __post_init__(self) -> None:
+        self.good = self.starts[self.sound]
+
+    def sound_rows(self) -> Bytes:
+        """Return the rows of `good`."""
+        if len(self.good) == len(self.starts):
+            return self.rows
+        whole = self.rows.view(f"V{self.length}")[:, 0]  # Copied frame by frame, not byte by byte.
+        return whole[self.sound].view(np.uint8).reshape(-1, self.length)
+
 
 class StreamSplitter:
     """Cuts a byte stream into frames. No two kinds may begin alike.
@@ -111,7 +81,8 @@ class StreamSplitter:
         self._kinds = list(kinds)
         self._patterns = [(number, pattern) for number, kind in enumerate(kinds) for pattern in kind.patterns]
         self._span = max(pattern.span for _, pattern in self._patterns)
-        self._anchors = _anchors([pattern for _, pattern in self._patterns])
+        self._finder = Finder([pattern for _, pattern in self._patterns])
+        self._sifted: dict[int, tuple[Finder, Finder]] = {}  # Likely kind -> what finds it, and the others.
         self._pending = b""
         self._offset = 0  # In the stream, of the first pending byte.
         self._claimed = 0  # In the stream, end of the last frame taken.
@@ -203,58 +174,54 @@ class StreamSplitter:
         nothing when those frames are taken. Should one not be, everything is looked at.
         """
         claimed = self._claimed - base
-        for hide in (True, False):
-            groups, waiting, bad_length = self._candidates(stream, hide)
-            starts = _joined([group.starts[group.sound] for group in groups])
-            lengths = np.repeat([group.length for group in groups], [int(g.sound.sum()) for g in groups])
+        # With one anchor for all, finding the others costs no look of its own.
+        for sift in (True, False) if self._finder.anchors > 1 else (False,):
+            groups, waiting, bad_length = self._candidates(stream, sift)
+            starts = _joined([group.good for group in groups])
+            ends = _joined([group.good + group.length for group in groups])
             order = np.argsort(starts, kind="stable")
-            starts = starts[order]
-            ends = starts + lengths[order].astype(np.int64)
+            starts, ends = starts[order], ends[order]
             kept = _choose(starts, ends, claimed)
             if kept.all():
                 break
         keep, limit = self._limit(stream, waiting, starts[kept], ends[kept], claimed)
         kept &= starts < limit
         chosen, chosen_ends = starts[kept], ends[kept]
-        self._reject("checksum", groups, chosen, chosen_ends, claimed, keep)
-        self._reject("length", bad_length, chosen, chosen_ends, claimed, keep)
         in_order = np.empty(len(order), np.bool_)
         in_order[order] = kept
         pieces = []
         first = 0
         for group in groups:
-            count = int(group.sound.sum())
+            count = len(group.good)
             mine = in_order[first : first + count]
             first += count
             if mine.any():
-                rows = group.rows if group.sound.all() else group.rows[group.sound]
-                at = group.starts[group.sound]
+                rows, at = group.sound_rows(), group.good
                 if not mine.all():
                     rows, at = rows[mine], at[mine]
                 pieces.append(Piece(group.kind, rows, at + (base + group.length)))
+        covered = _covered(len(stream), pieces, base, chosen, chosen_ends, claimed)
+        self._reject("checksum", groups, covered[:keep])
+        self._reject("length", bad_length, covered[:keep])
         if len(chosen):
             before = np.concatenate(([claimed], chosen_ends[:-1]))
             fresh = int((chosen_ends - np.maximum(chosen, before)).sum())
             self._take(chosen_ends + base, [(piece.kind, len(piece.ends)) for piece in pieces], fresh)
         return pieces, keep
 
-    def _candidates(self, stream: Bytes, hide: bool) -> tuple[list[_Group], list[int], list[_Group]]:
+    def _candidates(self, stream: Bytes, sift: bool) -> tuple[list[_Group], list[int], list[_Group]]:
         """Return whole candidates, where unfinished ones begin (in order), and those of impossible length.
 
-        `hide`: leave out what begins inside of sound frames of the likely kind.
+        `sift`: leave out what begins inside of sound frames of the likely kind.
         """
         groups: list[_Group] = []
         bad: list[_Group] = []
         waiting: list[int] = []
         size = len(stream)
-        anchored = {offset: _places_of(stream[offset:], *which) for offset, which in self._anchors.items()}
-        likely = self._likely(stream, anchored)
-        for number in (likely, *(n for n in range(len(self._kinds)) if n != likely)):
-            kind = self._kinds[number]
-            starts = [pattern.find(stream, anchored[pattern.anchor[0]]) for pattern in kind.patterns]
-            at = starts[0] if len(starts) == 1 else np.sort(_joined(starts))
+        for number, at in self._beginnings(stream, groups) if sift else self._by_kind(stream):
             if not len(at):
                 continue
+            kind = self._kinds[number]
             if kind.read is None:
                 whole = int(np.searchsorted(at, size - kind.shortest, side="right"))
                 waiting += at[whole:].tolist()
@@ -272,24 +239,36 @@ class StreamSplitter:
             for length_here, where in sizes.items():
                 rows = windows(stream, where, length_here)
                 groups.append(_Group(number, length_here, where, rows, kind.check(length_here)(rows)))
-            if hide and number == likely and sum(map(len, anchored.values())) > _CROWDED * len(at):
-                hidden = _insides(size, groups)
-                anchored = {offset: starts[~hidden[starts]] for offset, starts in anchored.items()}
         for position in range(max(0, size - self._span + 1), size):
             tail = stream[position:]
             if any(len(tail) < p.span and p.may_begin(tail) for _, p in self._patterns):
                 waiting.append(position)
         return groups, sorted(waiting), bad
 
-    def _likely(self, stream: Bytes, anchored: dict[int, Ints]) -> int:
+    def _by_kind(self, stream: Bytes) -> Iterator[tuple[int, Ints]]:
+        """Yield each kind and where it begins."""
+        yield from _merged([number for number, _ in self._patterns], self._finder.find(stream))
+
+    def _beginnings(self, stream: Bytes, groups: list[_Group]) -> Iterator[tuple[int, Ints]]:
+        """Yield the likely kind first, then, once its frames are in `groups`, the others outside of those."""
+        likely = self._likely(stream)
+        mine = [pattern for number, pattern in self._patterns if number == likely]
+        others = [(number, pattern) for number, pattern in self._patterns if number != likely]
+        if likely not in self._sifted:
+            self._sifted[likely] = Finder(mine), Finder([pattern for _, pattern in others])
+        first, rest = self._sifted[likely]
+        yield from _merged([likely] * len(mine), first.find(stream))
+        hidden = _insides(len(stream), groups)
+        yield from _merged([number for number, _ in others], rest.find(stream, hidden))
+
+    def _likely(self, stream: Bytes) -> int:
         """Return the kind of most frames so far; before the first, the one whose head is seen most at first."""
         if self.counts.frames:
             return self.by_kind.index(max(self.by_kind))
-        seen = [
-            (len(pattern.find(stream, anchored[pattern.anchor[0]][:_HEADS])), -number)
-            for number, pattern in self._patterns
-        ]
-        return -max(seen)[1]
+        seen = [0] * len(self._kinds)
+        for number, at in self._by_kind(stream[:_HEAD]):
+            seen[number] += len(at)
+        return seen.index(max(seen))
 
     def _limit(
         self, stream: Bytes, waiting: list[int], starts: Ints, ends: Ints, claimed: int
@@ -309,19 +288,14 @@ class StreamSplitter:
             return (self._with_shared(stream, position) if position == end else position), position
         return len(stream), len(stream)
 
-    def _reject(
-        self, reason: str, groups: list[_Group], starts: Ints, ends: Ints, claimed: int, keep: int
-    ) -> None:
-        """Count the unsound candidates that no frame covers."""
-        points = _joined([group.starts[~group.sound] for group in groups])
-        points = points[points < keep]
-        if not len(points):
-            return
-        before = np.searchsorted(starts, points, side="right")
-        end = np.concatenate(([claimed], ends))[before]
-        follows = np.concatenate((starts, [-1]))[before] == end
-        outside = (points >= end) | ((points == end - 1) & ~follows)
-        if count := int(np.count_nonzero(outside)):
+    def _reject(self, reason: str, groups: list[_Group], covered: NDArray[np.bool_]) -> None:
+        """Count the unsound candidates among the places of `covered` that are not."""
+        count = 0
+        for group in groups:
+            points = group.starts[~group.sound]
+            points = points[: int(np.searchsorted(points, len(covered)))]
+            count += len(points) - int(np.count_nonzero(covered[points]))
+        if count:
             self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + count
 
     def _take(self, ends: Ints, kinds: list[tuple[int, int]], fresh: int) -> None:
@@ -333,41 +307,44 @@ class StreamSplitter:
             self.by_kind[number] += count
 
 
-def _anchors(patterns: list[Pattern]) -> dict[int, tuple[int, NDArray[np.bool_] | None]]:
-    """Return offset -> (byte, None) where all anchors there are one byte, else (0, which bytes are an anchor)."""
-    found: dict[int, tuple[int, NDArray[np.bool_] | None]] = {}
-    for offset in {pattern.anchor[0] for pattern in patterns}:
-        here = [pattern for pattern in patterns if pattern.anchor[0] == offset]
-        alike = len({pattern.anchor for pattern in here}) == 1
-        for pattern in here:
-            pattern.alone = alike
-        if alike and here[0].anchor[2] == 0xFF:
-            found[offset] = (here[0].anchor[1], None)
-        else:
-            bytes_ = np.arange(256)
-            table = np.zeros(256, np.bool_)
-            for pattern in here:
-                table |= bytes_ & pattern.anchor[2] == pattern.anchor[1]
-            found[offset] = (0, table)
-    return found
-
-
-def _places_of(data: Bytes, byte: int, table: NDArray[np.bool_] | None) -> Ints:
-    """Return where in `data` the byte is or, of several bytes, those that the table has."""
-    if table is None:
-        return np.flatnonzero(data == byte)
-    return np.flatnonzero(np.frombuffer(data.tobytes().translate(table.tobytes()), np.bool_))
+def _merged(numbers: list[int], found: list[Ints]) -> Iterator[tuple[int, Ints]]:
+    """Yield each kind once with where its patterns begin, in order; those of a kind are neighbours."""
+    for number in dict.fromkeys(numbers):
+        starts = [at for each, at in zip(numbers, found, strict=True) if each == number]
+        yield number, starts[0] if len(starts) == 1 else np.sort(_joined(starts))
 
 
 def _insides(size: int, groups: list[_Group]) -> NDArray[np.bool_]:
     """Return which of `size` places lie inside of sound frames; not the second, nor the last, of their bytes."""
     hidden = np.zeros(size, np.bool_)
     for group in groups:
-        inner = group.length - 3
-        if inner > 0 and group.sound.any():
-            spans = np.ndarray((size - inner + 1,), f"V{inner}", hidden, strides=(1,))
-            spans[group.starts[group.sound] + 2] = np.void(b"\1" * inner)
+        _mark(hidden, group.good + 2, group.length - 3)
     return hidden
+
+
+def _covered(
+    size: int, pieces: list[Piece], base: int, starts: Ints, ends: Ints, claimed: int
+) -> NDArray[np.bool_]:
+    """Return at which of `size` places no frame may begin any more, frames with these borders being taken.
+
+    The last byte of a frame may be the first of another, unless one follows it.
+    """
+    covered = np.zeros(size, np.bool_)
+    for piece in pieces:
+        length = piece.rows.shape[1]
+        _mark(covered, piece.ends - (base + length), length - 1)
+    ends = np.concatenate(([claimed], ends))
+    covered[: max(0, claimed - 1)] = True
+    shared = ends[:-1][starts == ends[:-1]] - 1
+    covered[shared[shared >= 0]] = True
+    return covered
+
+
+def _mark(places: NDArray[np.bool_], starts: Ints, length: int) -> None:
+    """Set `length` places from each of `starts` on."""
+    if length > 0 and len(starts):
+        spans = np.ndarray((len(places) - length + 1,), f"V{length}", places, strides=(1,))
+        spans[starts] = np.void(b"\1" * length)
 
 
 def _joined(arrays: list[Ints]) -> Ints:
@@ -380,6 +357,8 @@ def _choose(starts: Ints, ends: Ints, claimed: int) -> NDArray[np.bool_]:
     """Return which of the sound frames with these borders are taken when each claims its bytes, in order."""
     taken = np.ones(len(starts), np.bool_)
     if not len(starts):
+        return taken
+    if starts[0] >= claimed and bool((starts[1:] >= ends[:-1]).all()):
         return taken
     reached = np.maximum.accumulate(np.concatenate(([claimed], ends[:-1])))
     clash = starts < reached

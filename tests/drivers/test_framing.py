@@ -44,6 +44,19 @@ def test_positional_tables_agree_with_the_definition_on_random_messages() -> Non
         assert got.tolist() == [crc.of(b"\xa5\x5a" + row.tobytes()) for row in messages]
 
 
+@pytest.mark.parametrize("length", [1, 2, 5, 12])
+@pytest.mark.parametrize("padding", [0, 1, 2, 3])
+def test_many_messages_by_words_agree_with_the_definition(length: int, padding: int) -> None:
+    rng = np.random.default_rng(length)
+    odd = (Crc(24, 0x864CFB, 0xB704CE), Crc(24, 0x5D6DCB, 0xFEDCBA, True, 5), Crc(8, 0x9B, 0x12, True, 0x33))
+    # One pass and a part of one; every 400th is held against the definition.
+    messages = rng.integers(0, 256, (9000, length + 3), dtype=np.uint8)[:, 1 : 1 + length]
+    for crc in (*(crc for crc, _ in PUBLISHED.values()), *odd):
+        got = PositionalCrc(crc, b"\xa5", length, padding)(messages)
+        expected = [crc.of(b"\xa5" + row.tobytes() + bytes(padding)) for row in messages[::400]]
+        assert got[::400].tolist() == expected
+
+
 @given(st.lists(st.sampled_from([0xFE, 0x81, 0xFF, 0]), max_size=80).map(bytes))
 @settings(max_examples=100, deadline=None)
 def test_find_sync_finds_what_a_plain_search_finds(data: bytes) -> None:
