@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames._checks import Check, check_bytes
+from drivers.frames._find import Bytes, Ints, Pattern
 from drivers.frames._model import (
     GYRO_ROLES,
     Checksum,
@@ -23,7 +24,6 @@ from drivers.frames._model import (
     Variant,
 )
 from drivers.frames._read import FieldCodec
-from drivers.frames._find import Bytes, Ints, Pattern
 from drivers.frames._split import Kind
 
 Array = NDArray[Any]

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames._find import Finder, Pattern
+from drivers.frames._find import Bytes, Finder, Ints, Pattern
 from drivers.framing import Check, windows
 from drivers.instruments import StreamCounts
 
-Ints = NDArray[np.int64]
-Bytes = NDArray[np.uint8]
 Read = Callable[[Bytes, Ints], Ints]
 """Stream (n,) and where frames begin in it (m,) -> the bytes that each says it has (m,)."""
 _ALIGNED = 512  # Rows looked at first while frames lie end to end; more from then on.
