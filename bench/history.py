@@ -15,6 +15,8 @@ class History:
         self._names = ("time_s", *columns)
         self._rows = np.full((capacity, len(self._names)), np.nan)
         self._count = 0
+        self._last: dict[str, float] | None = {}
+        """The newest row, None when nobody has looked at it yet."""
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
@@ -25,6 +27,7 @@ class History:
         with self._lock:
             self._rows[self._count % len(self._rows)] = (time_s, *values)
             self._count += 1
+            self._last = None
 
     def extend(self, rows: NDArray[np.float64]) -> None:
         """Add rows (n, 1 + columns), each with its time first; of more than the capacity the last remain."""
@@ -33,14 +36,17 @@ class History:
             count = self._count + np.arange(len(rows))[-capacity:]
             self._rows[count % capacity] = rows[-capacity:]
             self._count += len(rows)
+            self._last = None
 
     @property
     def last(self) -> dict[str, float]:
-        """The newest row by column name; empty before the first."""
-        if not self._count:
-            return {}
-        row = self._rows[(self._count - 1) % len(self._rows)]
-        return dict(zip(self._names, row.tolist(), strict=True))
+        """The newest row by column name; empty before the first. Whoever wants to change it copies it."""
+        last = self._last
+        if last is None:
+            with self._lock:
+                row = self._rows[(self._count - 1) % len(self._rows)]
+                last = self._last = dict(zip(self._names, row.tolist(), strict=True))
+        return last
 
     def row_at(self, time_s: float) -> dict[str, float]:
         """Return the newest row at or before `time_s`; empty if there is none."""

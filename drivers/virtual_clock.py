@@ -26,7 +26,6 @@ import struct
 from collections import deque
 from dataclasses import dataclass
 from typing import Any
-from urllib.parse import urlsplit
 
 from drivers.clock import Interrupt, OnLoss, Readable
 from drivers.errors import BenchError, ConfigurationError, LinkLost
@@ -34,6 +33,7 @@ from drivers.errors import BenchError, ConfigurationError, LinkLost
 PROTOCOL = "gyrobench-clock"
 VERSION = 1
 NOT_OPEN = -1
+_SCHEME = "virtual://"
 FULL = struct.pack("<q", -2)
 _MARK = struct.Struct("<hqq")
 _ERROR = struct.Struct("<qI")
@@ -112,22 +112,23 @@ def share_cpu(cpu: int | None) -> set[int]:
 
 
 class VirtualClock:
-    """Bench time served by an emulated lab at `virtual://host:port`."""
+    """Bench time served by an emulated lab at `virtual://PATH`, a Unix socket."""
 
     def __init__(self, url: str) -> None:
         self.url = url
-        parts = urlsplit(url)
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket.settimeout(_WATCHDOG_S)
         try:
-            self._socket = socket.create_connection((parts.hostname, parts.port or 0), timeout=_WATCHDOG_S)
-        except (OSError, ValueError) as error:
+            self._socket.connect(url.removeprefix(_SCHEME))
+        except OSError as error:
+            self._socket.close()
             raise ConfigurationError(
                 "no emulated lab answers at the clock URL",
                 where=url,
                 found=str(error),
-                expected="virtual://host:port as printed by `gyrobench lab --virtual`",
+                expected="virtual:///... as printed by `gyrobench lab --virtual`",
                 remedy="start the lab first, or remove `clock` from the bench file to use the wall clock",
             ) from error
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
             greeting = self._greeting()
         except BaseException:

@@ -34,8 +34,8 @@ class BenchSection(_Section):
     )
     clock: str | None = Field(
         default=None,
-        pattern=r"^virtual://[^/:]+:\d{1,5}$",
-        description="'virtual://host:port' of an emulated lab; leave it out for the wall clock",
+        pattern=r"^virtual:///.+$",
+        description="'virtual:///...', the clock of an emulated lab; leave it out for the wall clock",
     )
 
 

@@ -8,8 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 EARTH_RATE_DPH = 15.041067
@@ -89,10 +87,14 @@ class Stimulus:
         """Return a first-order follower of `values`, (n,), settled at its first value; `values` for lag 0."""
         if lag_s <= 0.0:
             return values
+        from scipy.signal import lfilter  # here, because a lab that models no effect starts without it
+
         decay = math.exp(-self.period_s / lag_s)
         result, _ = lfilter([1.0 - decay], [1.0, -decay], values, zi=[decay * values[0]])
         return np.asarray(result)
 
     def _smooth(self, values: Array) -> Array:
+        from scipy.ndimage import uniform_filter1d
+
         width = max(1, round(SMOOTHING_S / self.period_s))
         return np.asarray(uniform_filter1d(values, width | 1, mode="nearest"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Protocol
 
 from drivers.errors import ConfigurationError
@@ -14,6 +14,7 @@ from simulators.lab._line import Line
 from simulators.lab._ports import Port
 
 _NEVER_NS = 1 << 62
+_NOBODY: frozenset[int] = frozenset()
 
 Mark = tuple[int, int, int]
 """(port index, bytes written to it so far, lab time in ns of the last of them)."""
@@ -91,22 +92,23 @@ class Lab:
             next_reply = self._replies[0][0] if self._replies else to_ns
             next_event = self._next_event_ns() if self._active else _NEVER_NS
             self.now_ns = max(self.now_ns, min(to_ns, next_delivery, next_reply, next_event))
-            self._plant.advance(self.now_ns / 1e9)
+            now_ns = self.now_ns
+            self._plant.advance(now_ns / 1e9)
             stop = False
-            if next_event <= self.now_ns:
+            if next_event <= now_ns:
                 stop = self._strike(marks)
-            if self.now_ns == next_delivery:
+            if now_ns == next_delivery:
                 for index, emulator in self._streams:
                     if self._deliver(index, emulator, marks):
                         stop = stop or index == stop_port
-            while self._replies and self._replies[0][0] <= self.now_ns:
+            while self._replies and self._replies[0][0] <= now_ns:
                 _, _, index, data = heapq.heappop(self._replies)
                 port = self.ports[index]
                 if port.is_open and index not in self._gone:
                     port.write(data)
-                    marks.append((index, port.written, self.now_ns))
+                    marks.append((index, port.written, now_ns))
                     stop = stop or index == stop_port
-            if stop or self.now_ns >= to_ns:
+            if stop or now_ns >= to_ns:
                 return marks
 
     def inject(self, fault: Fault) -> None:
@@ -134,11 +136,13 @@ class Lab:
         if name in self.lines:
             self.lines[name].device_faults.update(getattr(emulator, "faults", {}))
 
-    def settle(self) -> set[int]:
+    def settle(self) -> Set[int]:
         """Hang up the ports that vanished in the last step, now that the bench has read what came before.
 
         Returns the ports that nobody can have open at the moment, those hung up just now included.
         """
+        if not self._gone and not self._to_unplug:
+            return _NOBODY
         hung_up = set(self._to_unplug) | set(self._gone)
         for index in self._to_unplug:
             self.ports[index].unplug()

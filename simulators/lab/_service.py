@@ -4,18 +4,39 @@ from __future__ import annotations
 
 import json
 import select
+import shutil
 import socket
 import sys
+import tempfile
+from pathlib import Path
 from typing import Any
 
 from drivers.clock import WallClock
-from drivers.errors import BenchError
+from drivers.errors import BenchError, ConfigurationError
 from drivers.virtual_clock import FULL, NOT_OPEN, PROTOCOL, VERSION, Codec, Request, share_cpu
 from simulators.lab._core import Lab
 from simulators.lab._stagehand import StageDoor
 
 _TICK_S = 0.02
 """Wall-clock cadence of a lab on the wall clock; about an FTDI adapter's 16 ms latency timer."""
+
+
+def _listen(path: Path) -> socket.socket:
+    """Return a listening socket at `path`: half the cost of a turn over TCP, and closed to other users."""
+    listener = socket.socket(socket.AF_UNIX)
+    try:
+        listener.bind(str(path))
+    except OSError as error:
+        listener.close()
+        raise ConfigurationError(
+            "the lab's clock has no place to be reached at",
+            where=str(path),
+            found=str(error),
+            expected="a folder for temporary files with a name of less than 80 characters",
+            remedy="set TMPDIR to another one",
+        ) from error
+    listener.listen()
+    return listener
 
 
 class VirtualService:
@@ -27,19 +48,23 @@ class VirtualService:
         self._cpu = cpu
         self._said_full = False
         self._codec = Codec(len(lab.ports))
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.url = f"virtual://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._folder = Path(tempfile.mkdtemp(prefix="gyrobench-"))  # for this user only
+        self._listener = _listen(self._folder / "clock")
+        self.url = f"virtual://{self._folder}/clock"
 
     def run(self) -> None:
         """Serve benches until the stage door closes."""
         share_cpu(self._cpu)
-        while self._await_bench():
-            connection, _ = self._listener.accept()
-            with connection:
-                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._serve(connection)
-            for port in self._lab.ports:
-                port.shut()
+        try:
+            while self._await_bench():
+                connection, _ = self._listener.accept()
+                with connection:
+                    self._serve(connection)
+                for port in self._lab.ports:
+                    port.shut()
+        finally:
+            self._listener.close()
+            shutil.rmtree(self._folder, ignore_errors=True)
 
     def _await_bench(self) -> bool:
         while True:

@@ -17,9 +17,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from drivers.errors import ConfigurationError
+from simulators.plant.recursion import follow
 
 Array = NDArray[np.float64]
 _EARTH_RATE_RAD_S = 7.292115e-5
@@ -200,6 +200,6 @@ def _add_noise(angle: Array, velocity: Array, noise: ImuNoise, period_s: float, 
             keep = math.exp(-period_s / noise.wander_time_s)
             drive = rng.standard_normal(values.shape) * math.sqrt(1.0 - keep**2)
             drive[0] /= math.sqrt(1.0 - keep**2)  # stationary from the start
-            values += wander * period_s * lfilter([1.0], [1.0, -keep], drive, axis=0)
+            values += wander * period_s * follow(drive, keep)
     if noise.vibration_mps:
         velocity += np.diff(rng.standard_normal((len(velocity) + 1, 3)) * noise.vibration_mps, axis=0)

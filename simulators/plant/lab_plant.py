@@ -135,7 +135,9 @@ class LabPlant:
 
     def advance(self, to_s: float) -> None:
         """Move the lab to `to_s`: every tick up to the next integer second is computed."""
-        self.now_s = max(self.now_s, to_s)
+        if to_s <= self.now_s:
+            return
+        self.now_s = to_s
         last = math.ceil(to_s)
         while self._ticks < last:
             self._tick()

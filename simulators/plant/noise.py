@@ -14,7 +14,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
+
+from simulators.plant.recursion import follow
 
 BLOCK = 4096
 FLICKER_TIMES_S = tuple(3.0**power for power in range(9))
@@ -104,11 +105,7 @@ class TickNoise:
                 normals[index, 0] /= drive
             driven = drive * normals[index]
             driven[0] += decay * self._state[index]
-            # x[k] - decay x[k-1] = driven[k], bidiagonal; scipy.signal would cost a lab a second of start-up
-            bands = np.stack([np.ones(BLOCK), np.full(BLOCK, -decay)])
-            path = solve_banded(
-                (1, 0), bands, driven, overwrite_ab=True, overwrite_b=True, check_finite=False
-            )
+            path = follow(driven, decay)
             self._state[index] = float(path[-1])
             total += path
         self._values = (total * self._sigma).tolist()

@@ -15,9 +15,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from simulators.plant.platform_navigation import EARTH_RATE_RAD_S, SCHULER_RAD_S, PlatformNavigator
+from simulators.plant.recursion import follow
 
 Array = NDArray[np.float64]
 Navigation = Literal["linear", "nonlinear"]
@@ -270,10 +270,12 @@ class SpaceStablePlatform:
         tau_s = tau_h * _HOUR
         gain = self.step_s / (2.0 * tau_s + self.step_s)
         decay = (2.0 * tau_s - self.step_s) / (2.0 * tau_s + self.step_s)
-        state = self._lags.get(name, np.array([value[0] * (1.0 - gain)]))
-        lagged, self._lags[name] = lfilter([gain, gain], [1.0, -decay], value, zi=state)
-        result: Array = lagged
-        return result
+        driven = gain * value
+        driven[1:] += gain * value[:-1]
+        driven[0] += self._lags.get(name, value[0] * (1.0 - gain))
+        lagged = follow(driven, decay)
+        self._lags[name] = gain * value[-1] + decay * lagged[-1]
+        return lagged
 
     def _wander(self, name: str, stream: int, count: int, sigma: float, tau_h: float, axes: int = 0) -> Array:
         """Gauss-Markov noise of standard deviation `sigma`, stationary from the first sample."""
@@ -282,11 +284,12 @@ class SpaceStablePlatform:
         decay = math.exp(-self.step_s / (tau_h * _HOUR))
         state = self._lags.get(name)
         if state is None:
-            state = decay * random.standard_normal((1, width))
+            state = decay * random.standard_normal(width)
         white = math.sqrt(1.0 - decay**2) * random.standard_normal((count, width))
-        series, self._lags[name] = lfilter([1.0], [1.0, -decay], white, axis=0, zi=state)
-        result: Array = sigma * (series if axes else series[:, 0])
-        return result
+        white[0] += state
+        series = follow(white, decay)
+        self._lags[name] = decay * series[-1]
+        return sigma * (series if axes else series[:, 0])
 
     def _by_heading(self, heading_deg: Array, sigma: float, stream: int) -> Array:
         """A vector of its own for each heading (within 4 deg), zero at heading 0."""

@@ -2,8 +2,10 @@
 
 import json
 import os
+import shutil
 import socket
 import struct
+import tempfile
 import threading
 
 import pytest
@@ -94,8 +96,11 @@ class ScriptedLab:
         self.greeting = greeting or json.dumps(
             {"protocol": "gyrobench-clock", "version": 1, "ports": names, "now_ns": now_ns}
         )
-        self.server = socket.create_server(("127.0.0.1", 0))
-        self.url = f"virtual://127.0.0.1:{self.server.getsockname()[1]}"
+        self.folder = tempfile.mkdtemp()
+        self.server = socket.socket(socket.AF_UNIX)
+        self.server.bind(f"{self.folder}/clock")
+        self.server.listen()
+        self.url = f"virtual://{self.folder}/clock"
         self.thread = threading.Thread(target=self.serve, daemon=True)
         self.thread.start()
 
@@ -119,6 +124,7 @@ class ScriptedLab:
 
     def close(self):
         self.server.close()
+        shutil.rmtree(self.folder)
         self.thread.join(10.0)
         assert not self.thread.is_alive()
 
@@ -262,7 +268,9 @@ def test_something_else_at_the_clock_url_is_recognised(labs, greeting):
         VirtualClock(lab.url)
 
 
-@pytest.mark.parametrize("url", ["virtual://127.0.0.1:1", "virtual://127.0.0.1:99999", "virtual://"])
+@pytest.mark.parametrize(
+    "url", ["virtual:///nowhere/clock", "virtual:///dev/null", "virtual://", "virtual:///" + 200 * "x"]
+)
 def test_nobody_at_the_clock_url_is_a_configuration_error(url):
     with pytest.raises(ConfigurationError, match="no emulated lab answers"):
         VirtualClock(url)
