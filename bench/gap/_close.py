@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from bench.gap._cells import (
     BANDS,
@@ -22,14 +23,14 @@ from bench.gap._fit import Floor, counts
 from bench.gap._model_file import Model
 from bench.gap._noise import spectrum
 from bench.gap._stack import stacked, transformed
-from bench.gap._where import in_time
+from bench.gap._where import SIGNIFICANT, holm, in_time
 from drivers.errors import ConfigurationError
 
 Array = NDArray[np.float64]
-_ACTIVE = 3.0
-"""Standard deviations of energy above the floor from which a cell counts as part of the gap."""
-
-
+_CHANGED = 1.0
+"""Standard deviations of a cell's noise energy by which two models must differ for it to count."""
+_TWO_SIDED = 1.96
+_DIFFERENCE = (np.array([1.0, -1.0]), np.array([1.0, -1.0]))
 _LEAST_OF_GAP = 0.02
 """Part of the whole gap from which a phase has a share of its own."""
 
@@ -83,33 +84,73 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
         )
     cells = rescaled(judged_cells(before, after, runs), floor.ratio)
     number = counts(cells)
-    first, then = (np.array([cell.products(np.array([k]))[0, 0] for cell in cells]) for k in (0, 1))
+    products = np.stack([cell.products(np.arange(2)) for cell in cells])
+    first, then, changed = (
+        products[:, 0, 0],
+        products[:, 1, 1],
+        np.einsum("cij,i,j->c", products, *_DIFFERENCE),
+    )
     bands = np.array([cell.band for cell in cells])
     deviation = np.sqrt(2.0 * number + (number * floor.sigma[bands]) ** 2)
-    active = first - number > _ACTIVE * deviation
-    share, _ = _share(first[active], then[active], number[active], deviation[active])
-    sigma = _share_sigma(first[active], then[active], number[active], bands[active], floor)
+    # by what the models predict, so that no cell is chosen for its noise; and what is clear beside that
+    clear = holm(chi2.sf(first / (1.0 + 2.0 * floor.sigma[bands]), number)) < SIGNIFICANT
+    active = (changed > _CHANGED * deviation) | clear
+    share, low, high = _interval(
+        first[active], then[active], changed[active], number[active], bands[active], floor
+    )
     return Shrinkage(
         share,
-        share - 1.96 * sigma,
-        share + 1.96 * sigma,
+        low,
+        high,
         _rms(cells, first, active),
         _rms(cells, then, active),
-        _shares_by([cell.profile for cell in cells], active, first, then, number, deviation),
-        _shares_by([cell.parity for cell in cells], active, first, then, number, deviation),
+        _shares_by([cell.profile for cell in cells], active, first, then, number),
+        _shares_by([cell.parity for cell in cells], active, first, then, number),
         _shares_by_phase(before, after, runs, floor, cells, active),
         int(active.sum()),
         tuple(active.tolist()),
     )
 
 
+def _interval(
+    first: Array, then: Array, changed: Array, number: Array, bands: NDArray[np.int64], floor: Floor
+) -> tuple[float, float, float]:
+    """Return the share of the gap that is gone, gone / (gone + left), and its 95 % interval.
+
+    What is gone, `first - then`, has the noise of 2 e.d, d what the models differ by, `changed` = |d|^2; what is
+    left has each cell's noise and the floor's, which a band's cells share, and is not negative.
+    """
+    gone, left = float((first - then).sum()), float((then - number).sum())
+    if not len(first) or gone + max(left, 0.0) <= 0.0:
+        return math.nan, math.nan, math.nan
+    common = np.bincount(bands, number, len(BANDS)) * floor.sigma
+    own = float((2.0 * number + 4.0 * np.maximum(then - number, 0.0)).sum())
+    sigma_left = math.sqrt(own + float((common**2).sum()))
+    sigma_gone = 2.0 * math.sqrt(float(changed.sum()))
+
+    def share(gone: float, left: float) -> float:
+        return gone / max(gone + max(left, 0.0), 1e-12)
+
+    at = share(gone, left)
+    steps = [
+        math.hypot(
+            at - share(gone - sign * _TWO_SIDED * sigma_gone, left),
+            at - share(gone, left + sign * _TWO_SIDED * sigma_left),
+        )
+        for sign in (1.0, -1.0)
+    ]
+    return at, at - steps[0], min(at + steps[1], 1.0)
+
+
 def _shares_by(
-    of: Sequence[str], active: NDArray[np.bool_], first: Array, then: Array, number: Array, deviation: Array
+    of: Sequence[str], active: NDArray[np.bool_], first: Array, then: Array, number: Array
 ) -> dict[str, float]:
     shares = {}
     for name in dict.fromkeys(of):
         at = active & np.array([each == name for each in of])
-        shares[name] = _share(first[at], then[at], number[at], deviation[at])[0]
+        gone, left = float((first - then)[at].sum()), float((then - number)[at].sum())
+        whole = gone + max(left, 0.0)
+        shares[name] = gone / whole if whole > 0.0 else math.nan
     return shares
 
 
@@ -160,26 +201,6 @@ def judged_cells(before: Model, after: Model, runs: Sequence[GapRun]) -> list[Ce
 def left_by(run: GapRun, models: Sequence[Model]) -> list[Array]:
     """Return what models leave of a run's output, one block (models, n)."""
     return [run.output_dph - np.stack([model.predict(run.stimulus) for model in models])]
-
-
-def _share(first: Array, then: Array, number: Array, deviation: Array) -> tuple[float, float]:
-    """Return 1 - excess after / excess before and its standard deviation."""
-    reducible = float((first - number).sum())
-    if not len(first) or reducible <= 0.0:
-        return math.nan, math.nan
-    left = then - number
-    variance = deviation**2 + 4.0 * np.maximum(left, 0.0)
-    return 1.0 - float(left.sum()) / reducible, math.sqrt(float(variance.sum())) / reducible
-
-
-def _share_sigma(first: Array, then: Array, number: Array, bands: NDArray[np.int64], floor: Floor) -> float:
-    """Return the share's standard deviation: each cell's noise, and the floor's, which a band's cells share."""
-    reducible = float((first - number).sum())
-    if not len(first) or reducible <= 0.0:
-        return math.nan
-    own = float((2.0 * number + 4.0 * np.maximum(then - number, 0.0)).sum())
-    common = np.bincount(bands, number, len(BANDS)) * floor.sigma
-    return math.sqrt(own + float((common**2).sum())) / reducible
 
 
 def _rms(cells: Sequence[Cell], energy: Array, active: NDArray[np.bool_]) -> float:

@@ -18,7 +18,7 @@ TOLERANCE = 0.35
 """Part of an effect's amplitude that a catalogue's formula may miss of the real one."""
 MISFIT = 0.22
 """The same as far as it goes without another effect being suspected; the rest is for choosing between effects."""
-DIRECTIONS = 20.0
+DIRECTIONS = 8.0
 """Coefficients of one cell that a formula's misfit fills; it has a form and is not noise over all of them."""
 _LEAK = 0.4
 _FLOOR_PRIOR = 40.0

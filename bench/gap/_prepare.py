@@ -65,17 +65,20 @@ def narrowed(
     starts = np.cumsum([len(at), *(len(variant.effect.parameters) for variant in variants)])
     for each in kept:
         at += range(int(starts[each]), int(starts[each + 1]))
-    stacks = []
+    stacks = with_columns(data, at, fresh)
+    return [*(variants[each] for each in kept), *fresh], replace(data, stacks=tuple(stacks))
+
+
+def with_columns(data: Prepared, columns: Sequence[int], fresh: Sequence[Variant]) -> list[Stack]:
+    """Return some columns of the data's stacks, and after them those of `fresh` variants."""
+    if not fresh:
+        return [stack.narrowed(columns, stack.full[:, :0]) for stack in data.stacks]
+    result = []
     for group, stack in zip(data.groups, data.stacks, strict=True):
         runs = [run for each in group.runs for run in each]
-        if fresh:
-            rows = stacked(
-                runs, lambda run: [each.columns(run.stimulus) for each in fresh], [False] * len(fresh)
-            )
-            stacks.append(stack.narrowed(at, rows.full))
-        else:
-            stacks.append(stack.narrowed(at, stack.full[:, :0]))
-    return [*(variants[each] for each in kept), *fresh], replace(data, stacks=tuple(stacks))
+        rows = stacked(runs, lambda run: [each.columns(run.stimulus) for each in fresh], [False] * len(fresh))
+        result.append(stack.narrowed(columns, rows.full))
+    return result
 
 
 def _stack(group: Group, model: Model, variants: Sequence[Variant]) -> Stack:

@@ -1,19 +1,32 @@
-"""The second look: effects that matter between their grid's points, the others at their best points only."""
+"""The second look: effects that matter between their grid's points, the others at their best points only.
+
+Shapes (lags, thresholds) of a set's effects move together with all amplitudes by Gauss-Newton steps on the
+whitened data, with difference quotients: the separable least squares of Golub and Pereyra (SIAM J. Numer. Anal.
+10, 1973).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import product
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bench.gap._evidence import SetPosterior
 from bench.gap._generic import PREFIX
-from simulators.effects import Variant
+from simulators.effects import Effect, Variant
 
+Array = NDArray[np.float64]
 _KEPT = 3
 """Grid points of each effect that are kept for the second look."""
-_PARTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
-"""Steps between neighbouring grid points at which an effect is looked at again."""
-_MOST = 27
+_STEPS = 4
+_QUOTIENT = 0.05
+"""Part of the distance between grid points over which a slope is taken."""
+_BEYOND = 0.6
+"""Distances between grid points by which a shape may leave the grid."""
+_SHORTER = (1.0, 0.3)
+Gram = Callable[[Sequence[Variant]], Array]
+"""Weighted products of [data, nominal columns, variants' columns], nominal columns projected out."""
 
 
 def best_of_each(posterior: SetPosterior) -> list[int]:
@@ -28,35 +41,104 @@ def best_of_each(posterior: SetPosterior) -> list[int]:
     return sorted(index for each in by_effect.values() for index in each[:_KEPT])
 
 
-def members_of_note(posterior: SetPosterior, sets: Iterable[frozenset[int]]) -> list[int]:
-    """Return the catalogue's members of some sets, in order of appearance."""
-    members = dict.fromkeys(each for one in sets for each in sorted(one))
-    return [each for each in members if not posterior.candidates[each].effect.startswith(PREFIX)]
+def sets_of_note(posterior: SetPosterior, within: float, most: int) -> list[frozenset[int]]:
+    """Return the best sets of catalogue effects, each at its best shapes, with evidence close to the best."""
+    best = posterior.best_variants()
+    known = [names for names in best if names and not any(name.startswith(PREFIX) for name in names)]
+    ranked = sorted(known, key=lambda names: -posterior.log_evidence[best[names]])[:most]
+    highest = posterior.log_evidence[best[ranked[0]]] if ranked else 0.0
+    return [best[names] for names in ranked if posterior.log_evidence[best[names]] > highest - within]
 
 
-def between_grid_points(variants: Sequence[Variant]) -> list[Variant]:
-    """Return variants around each of `variants`, up to half a grid step away in every shape parameter."""
-    fresh: dict[tuple[str, tuple[float, ...]], Variant] = {}
-    for variant in variants:
-        grids = {key: sorted({float(shape[key]) for shape in variant.effect.shapes}) for key in variant.shape}
-        choices = [_around(float(variant.shape[key]), grid) for key, grid in grids.items()]
-        if len(grids) > 2:
-            choices = [each[::2] for each in choices]
-        for values in list(product(*choices))[:_MOST]:
-            shape = dict(zip(grids, values, strict=True))
-            if shape != dict(variant.shape):
-                fresh[variant.effect.name, values] = Variant(variant.effect, shape)
-    return list(fresh.values())
+def between_grid_points(variants: Sequence[Variant], gram: Gram) -> list[Variant]:
+    """Return the variants of one set moved to where their shapes fit best together."""
+    now = list(variants)
+    system = gram(now)
+    cost = _left(system, range(1, len(system)))
+    for _ in range(_STEPS):
+        moves = _moves(now, gram)
+        if not moves:
+            break
+        for part in _SHORTER:
+            moved = [_moved(each, move, part) for each, move in zip(now, moves, strict=True)]
+            system = gram(moved)
+            left = _left(system, range(1, len(system)))
+            if left < cost:
+                break
+        else:
+            break
+        gained, cost, now = cost - left, left, moved
+        if gained < 0.5:
+            break
+    return now
 
 
-def _around(value: float, grid: Sequence[float]) -> list[float]:
-    if len(grid) == 1:
-        return [value]
-    at = grid.index(value)
-    below = value - grid[at - 1] if at else 0.0
-    above = grid[at + 1] - value if at + 1 < len(grid) else 0.5 * (value - grid[at - 1])
-    return [
-        value + part * (above if part > 0.0 else below)
-        for part in _PARTS
-        if part == 0.0 or (above if part > 0 else below) > 0.0
+def _moves(now: Sequence[Variant], gram: Gram) -> list[Mapping[str, float]]:
+    """Return the Gauss-Newton step of every shape of every variant; nothing where none has a shape."""
+    steps = [_spacing(each) for each in now]
+    keys = [(k, key) for k, step in enumerate(steps) for key in step]
+    if not keys:
+        return []
+    shifted = [
+        _moved(now[k], {key: sign * _QUOTIENT * steps[k][key]}, 1.0)
+        for k, key in keys
+        for sign in (-1.0, 1.0)
     ]
+    system = gram([*now, *shifted])
+    sizes = [len(each.effect.parameters) for each in now]
+    starts = np.cumsum([1, *sizes])
+    values = _solved(system, range(1, int(starts[-1])))
+    # columns of slopes: (columns at + less columns at -) times the amplitudes
+    combine = np.zeros((int(starts[-1]) + len(keys), len(system)))
+    combine[: int(starts[-1]), : int(starts[-1])] = np.eye(int(starts[-1]))
+    at = int(starts[-1])
+    for index, (k, key) in enumerate(keys):
+        own = values[int(starts[k]) - 1 : int(starts[k]) - 1 + sizes[k]]
+        width = float(shifted[2 * index + 1].shape[key]) - float(shifted[2 * index].shape[key])
+        combine[int(starts[-1]) + index, at : at + sizes[k]] = -own / max(width, 1e-12)
+        combine[int(starts[-1]) + index, at + sizes[k] : at + 2 * sizes[k]] = own / max(width, 1e-12)
+        at += 2 * sizes[k]
+    found = _solved(combine @ system @ combine.T, range(1, len(combine)))[int(starts[-1]) - 1 :]
+    result: list[dict[str, float]] = [{} for _ in now]
+    for (k, key), move in zip(keys, found.tolist(), strict=True):
+        limit = steps[k][key]
+        result[k][key] = min(max(move, -limit), limit)
+    return list(result)
+
+
+def _spacing(variant: Variant) -> dict[str, float]:
+    """Return the distance between grid points about a variant, for every shape that has a grid."""
+    result = {}
+    for key, grid in _grids(variant.effect).items():
+        if len(grid) > 1:
+            near = int(np.argmin(np.abs(np.array(grid) - float(variant.shape[key]))))
+            result[key] = grid[min(near + 1, len(grid) - 1)] - grid[max(near - 1, 0)]
+            result[key] *= 0.5 if 0 < near < len(grid) - 1 else 1.0
+    return result
+
+
+def _grids(effect: Effect) -> dict[str, list[float]]:
+    return {key: sorted({float(shape[key]) for shape in effect.shapes}) for key in effect.shapes[0]}
+
+
+def _moved(variant: Variant, move: Mapping[str, float], part: float) -> Variant:
+    """Return a variant with its shapes moved, no further than a part of a step beyond the grid, signs kept."""
+    shape = {key: float(value) for key, value in variant.shape.items()}
+    for key, step in move.items():
+        grid = _grids(variant.effect)[key]
+        low = grid[0] - _BEYOND * (grid[1] - grid[0])
+        high = grid[-1] + _BEYOND * (grid[-1] - grid[-2])
+        low = max(low, 0.0 if grid[0] == 0.0 else 0.25 * grid[0]) if grid[0] >= 0.0 else low
+        shape[key] = min(max(shape[key] + part * step, low), high)
+    return Variant(variant.effect, shape)
+
+
+def _solved(system: Array, at: Sequence[int]) -> Array:
+    inner = system[np.ix_(at, at)]
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    normal = inner / np.outer(scale, scale) + 1e-6 * np.eye(len(scale))
+    return np.asarray(np.linalg.solve(normal, system[np.array(at), 0] / scale) / scale)
+
+
+def _left(system: Array, at: Sequence[int]) -> float:
+    return float(system[0, 0] - system[0, np.array(at)] @ _solved(system, at))

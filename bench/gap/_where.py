@@ -37,15 +37,20 @@ class Place:
 
 
 def places(cells: Sequence[Cell], left: Array, floor: Floor) -> list[Place]:
-    """Return the repeatable cells, largest gap first; `left` (cells,) are energies under the nominal model."""
+    """Return the repeatable cells, those clear of noise first, by size, then the others by significance.
+
+    `left` (cells,) are energies under the nominal model.
+    """
     number = counts(cells)
     band = np.array([cell.band for cell in cells])
-    p_value = holm(chi2.sf(left / (1.0 + 2.0 * floor.sigma[band]), number))
+    chance = chi2.sf(left / (1.0 + 2.0 * floor.sigma[band]), number)
+    p_value = holm(chance)
     gap = np.maximum(left - number, 0.0)
     counted = np.array([cell.repeatable for cell in cells])
     clear = p_value < SIGNIFICANT
     share = np.where(clear, gap, 0.0) / (float(gap[counted & clear].sum()) or 1.0)
-    order = [k for k in np.argsort(-gap).tolist() if cells[k].repeatable]
+    by_size = np.lexsort((-gap, np.where(clear, 0.0, chance)))
+    order = [k for k in by_size.tolist() if cells[k].repeatable]
     return [
         Place(
             cells[k].profile,

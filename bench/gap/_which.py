@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from bench.gap._candidates import candidates_of, possible_candidates
+from bench.gap._cells import Cell, group_cells, rescaled
 from bench.gap._evidence import SetPosterior, reduced, search
 from bench.gap._fit import (
     DIRECTIONS,
@@ -26,14 +27,16 @@ from bench.gap._generic import PREFIX
 from bench.gap._lines import SpectralLine, strongest_line
 from bench.gap._model_file import Model
 from bench.gap._noise import spectrum
-from bench.gap._prepare import Prepared, gathered, narrowed, noise_beside
-from bench.gap._refine import best_of_each, between_grid_points, members_of_note
+from bench.gap._prepare import Prepared, gathered, narrowed, noise_beside, with_columns
+from bench.gap._refine import best_of_each, between_grid_points, sets_of_note
 from bench.gap._unknown import Remainder, remainder
 from simulators.effects import Variant
 
 Array = NDArray[np.float64]
 _UNKNOWN_PRIOR = 5.0
 _SHOWN = 12.0
+_REFINED = 3
+"""Sets of catalogue effects whose shapes are looked at between the grid's points."""
 
 
 @dataclass(frozen=True)
@@ -83,14 +86,31 @@ def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tupl
     # what an effect does differently in each repeat is no noise
     noise = noise_beside(found.data, found.best.solution, model)
     posterior = found.posterior
-    known = [each for each in found.judged if not each.curved]
-    closest = max(known, key=lambda each: each.log_evidence)
     kept = best_of_each(posterior)
-    note = members_of_note(posterior, (found.best.members, closest.members))
-    fresh = between_grid_points([variants[each] for each in note])
-    few, data = narrowed(found.data, model, variants, kept, fresh)
+    gram = _gram_of(found, model)
+    fresh: dict[tuple[str, tuple[float, ...]], Variant] = {}
+    for members in sets_of_note(posterior, _SHOWN, _REFINED):
+        for each in between_grid_points([variants[index] for index in sorted(members)], gram):
+            fresh[each.effect.name, tuple(each.shape.values())] = each
+    for each in variants:
+        fresh.pop((each.effect.name, tuple(each.shape.values())), None)
+    few, data = narrowed(found.data, model, variants, kept, list(fresh.values()))
     taken = Solution(*_renumbered(found, kept, len(model.sigmas)))
     return few, gathered(data.groups, data.stacks, noise, model, taken)
+
+
+def _gram_of(found: Found, model: Model) -> Callable[[Sequence[Variant]], Array]:
+    """Return what gives the weighted products of [data, variants' columns], nominal columns projected out."""
+    data, nominal = found.data, range(1 + len(model.sigmas))
+    variance = tolerated(data.cells, found.before, directions=DIRECTIONS)
+
+    def gram(variants: Sequence[Variant]) -> Array:
+        cells: list[Cell] = []
+        for group, stack in zip(data.groups, with_columns(data, nominal, variants), strict=True):
+            cells += group_cells(group, stack, data.noise.noise)
+        return reduced(weighted_gram(rescaled(cells, data.floor.ratio), variance), model.sigmas)
+
+    return gram
 
 
 def _renumbered(found: Found, kept: Sequence[int], q: int) -> tuple[NDArray[np.int64], Array, Array]:

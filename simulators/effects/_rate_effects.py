@@ -50,12 +50,17 @@ def _heading(s: Stimulus, _: Shape) -> Array:
     return s.harmonic(1)
 
 
-def _wobble(order: int, s: Stimulus) -> Array:
+def _ripple(order: int, s: Stimulus) -> Array:
     """Mean over each sample of rate times cos and sin of the angle: exact differences of sin and -cos."""
     angle = np.radians(order * s.angle_deg)
     swing = np.stack((np.diff(np.sin(angle)), -np.diff(np.cos(angle))))
     per_rate = math.degrees(1.0) / order / s.period_s * 3600.0
     return np.asarray(1e-6 * per_rate * swing * np.sin(np.radians(s.elevation_deg)))
+
+
+def _wobble(order: int, s: Stimulus) -> Array:
+    """A ripple with its first odd overtone: bearings and encoders seldom give a pure sine."""
+    return np.concatenate((_ripple(order, s), _ripple(3 * order, s)))
 
 
 def _change(s: Stimulus, shape: Shape) -> Array:
@@ -167,7 +172,7 @@ RATE_EFFECTS = (
     ),
     Effect(
         "table_wobble_once",
-        _pair("ripple_ppm", 1e5),
+        (*_pair("ripple_ppm", 1e5), *_pair("overtone_ppm", 1e5)),
         lambda s, _: _wobble(1, s),
         "once a turn, proportional to rate",
         "table axis wobble and eccentric encoder",
@@ -175,7 +180,7 @@ RATE_EFFECTS = (
     ),
     Effect(
         "table_wobble_twice",
-        _pair("ripple_ppm", 1e5),
+        (*_pair("ripple_ppm", 1e5), *_pair("overtone_ppm", 1e5)),
         lambda s, _: _wobble(2, s),
         "twice a turn, proportional to rate",
         "oval encoder disc, bearing",
