@@ -40,6 +40,8 @@ FURTHER: Mapping[str, str] = {
     "rate random walk": "deg/h/sqrt(h)",
     "rate ramp": "deg/h/h",
 }
+OVER_RUNS = ("bias repeatability", "scale-factor repeatability between runs")
+"""Figures that two or more runs of a test give together."""
 
 
 class Limit(BaseModel):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -29,6 +29,10 @@ def parameter(default: Any, help_text: str, unit: str = "", **limits: Any) -> An
     return Field(default, description=help_text, json_schema_extra={"unit": unit}, **limits)
 
 
+def _no_figures(parameters: Any) -> Collection[str]:
+    return ()
+
+
 @dataclass(frozen=True)
 class Procedure:
     """A test an operator can run.
@@ -47,6 +51,8 @@ class Procedure:
     demands: Callable[[Any], Demands]
     tests: Literal["gyro", "platform"] = "gyro"
     """What kind of unit it tests; the bench must have at least one."""
+    figures: Callable[[Any], Collection[str]] = _no_figures
+    """Which figures of a certificate (`bench.figure_limits`) a run with these parameters measures."""
 
     def parse(self, values: Mapping[str, Any]) -> Parameters:
         """Return the parameters for `values`; ConfigurationError names every wrong one."""

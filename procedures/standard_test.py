@@ -26,6 +26,25 @@ _SETTLE_S = 20.0
 _STREAMS_S = 10.0
 """A unit whose last sample is older than this is silent."""
 _BACK_S = 300.0
+_ALWAYS = (
+    "bias",
+    "bias stability, 10 s averages",
+    "bias stability, 100 s averages",
+    "warm-up time to 3 s_100",
+    "threshold",
+    "resolution",
+    "input-axis misalignment, component along the table",
+    "scale factor",
+    "scale-factor nonlinearity",
+    "scale-factor asymmetry",
+    "scale-factor hysteresis, rising and falling",
+    "angle random walk",
+    "bias instability",
+    "quantisation",
+    "rate random walk",
+    "rate ramp",
+)
+"""Figures that every run of this test measures."""
 
 
 @dataclass(frozen=True)
@@ -275,6 +294,18 @@ def demands(p: StandardTestParameters) -> Demands:
     )
 
 
+def figures(p: StandardTestParameters) -> set[str]:
+    """Return the figures that such a run measures."""
+    found = set(_ALWAYS)
+    if p.plan().power_cycles > 0:
+        found.add("bias repeatability")
+    if p.sequences > 1:
+        found.add("scale-factor repeatability")
+    if p.temperatures:
+        found |= {"bias temperature sensitivity", "scale-factor temperature sensitivity"}
+    return found
+
+
 PROCEDURE = Procedure(
     name="standard-test",
     title="Test plan of the standards: bias, noise, threshold, scale factor, temperature",
@@ -283,4 +314,5 @@ PROCEDURE = Procedure(
     run=run,
     expected_duration_s=expected_duration_s,
     demands=demands,
+    figures=figures,
 )

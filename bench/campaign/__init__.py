@@ -14,9 +14,8 @@ from bench.campaign._places import EmulatedPlace, Place, RealPlace
 from bench.campaign._plan import (
     PlannedRun,
     PlannedStep,
-    check_disk,
     check_limits,
-    estimated_bytes,
+    not_measured,
     plan_campaign,
 )
 from bench.campaign._rehearse import rehearse_campaign
@@ -38,10 +37,9 @@ __all__ = [
     "RunState",
     "Unit",
     "bench_of",
-    "check_disk",
     "check_limits",
-    "estimated_bytes",
     "load_campaign",
+    "not_measured",
     "plan_campaign",
     "rehearse_campaign",
 ]

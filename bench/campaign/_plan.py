@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import json
-import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.benchfile import BenchFile
 from bench.campaign._file import Campaign, CampaignRun, bench_of
 from bench.campaign._rehearse import rehearse_run
+from bench.disk import estimated_bytes
 from bench.emulated import Plant
+from bench.figure_limits import OVER_RUNS
 from bench.procedure import Demands
 from bench.recording import read_events
 from drivers.errors import LimitExceeded
-
-_BYTES_A_SAMPLE = 60
-"""Raw frame, its place in time and its row of the decoded table, generously; a rehearsal knows better."""
-_BYTES_A_SECOND = 1000
-"""Telemetry of table and chamber, and the panel's history."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +32,8 @@ class PlannedStep:
 class PlannedRun:
     """A run in the schedule: `start_s` from the campaign's start, and what it takes.
 
-    `rehearsed` is the outcome of its rehearsal, empty without one; `steps` and `bytes` (of the run folder) come
-    from the rehearsal. `chamber_s`: time that the chamber conditions.
+    `rehearsed` is the outcome of its rehearsal, empty without one: times and `bytes` (of the run folder) are
+    estimates then, and there are no `steps`. `chamber_s`: time that the chamber conditions.
     """
 
     run: CampaignRun
@@ -45,7 +41,7 @@ class PlannedRun:
     start_s: float
     duration_s: float
     chamber_s: float
-    bytes: int | None = None
+    bytes: int
     steps: tuple[PlannedStep, ...] = ()
     questions: tuple[str, ...] = ()
     rehearsed: str = ""
@@ -72,27 +68,13 @@ def check_limits(campaign: Campaign, file: BenchFile) -> None:
         )
 
 
-def estimated_bytes(runs: Iterable[CampaignRun], file: BenchFile) -> int:
-    """Return about what these runs will take on the disk: every sample of every unit, raw and decoded."""
-    samples_per_s = sum(gyro.rate_hz for gyro in file.gyro)
-    seconds = sum(run.test.expected_duration_s(run.values) for run in runs)
-    return round(seconds * (samples_per_s * _BYTES_A_SAMPLE + _BYTES_A_SECOND))
-
-
-def check_disk(needed: int, folder: Path) -> None:
-    """Raise LimitExceeded if fewer than `needed` bytes are free where `folder` is or will be."""
-    place = folder.absolute()
-    while not place.exists():
-        place = place.parent
-    free = shutil.disk_usage(place).free
-    if needed > free:
-        raise LimitExceeded(
-            "the campaign does not fit on the disk",
-            where=str(folder),
-            found=f"{free / 1e9:.1f} GB free",
-            expected=f"{needed / 1e9:.1f} GB",
-            remedy="free space, or name a folder on another disk with --out",
-        )
+def not_measured(campaign: Campaign) -> list[str]:
+    """Return the figures with a limit that no run of the campaign measures: its certificate cannot say passed."""
+    runs = campaign.runs
+    measured = {figure for run in runs for figure in run.test.figures(run.values)}
+    if sum(bool(run.test.figures(run.values)) for run in runs) > 1:
+        measured.update(OVER_RUNS)
+    return [figure for figure in campaign.limits if figure not in measured]
 
 
 def plan_campaign(
@@ -102,7 +84,7 @@ def plan_campaign(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[PlannedRun]:
     """Return the schedule. With `plant` every run is rehearsed on an emulated lab, the same run only once;
-    without, durations are the procedures' own estimates and nothing is known of steps and bytes.
+    without, durations and bytes are estimates and nothing is known of steps.
 
     `progress` is told how many of how many rehearsals are done.
     """
@@ -113,7 +95,7 @@ def plan_campaign(
     for number, (key, run) in enumerate(different.items()):
         if progress is not None:
             progress(number, len(different))
-        known[key] = _estimated(run) if plant is None else _rehearsed(run, file, plant)
+        known[key] = _estimated(run, file) if plant is None else _rehearsed(run, file, plant)
     planned, start_s = [], 0.0
     for run in campaign.runs:
         planned.append(replace(known[_key(run)], run=run, start_s=start_s))
@@ -135,12 +117,13 @@ def _beyond(run: CampaignRun, file: BenchFile) -> Iterator[str]:
         yield f"{demands.max_rate_dps:g} deg/s"
 
 
-def _estimated(run: CampaignRun) -> PlannedRun:
+def _estimated(run: CampaignRun, file: BenchFile) -> PlannedRun:
     demands = run.test.demands(run.values)
     duration_s = run.test.expected_duration_s(run.values)
     usual = Demands()
     conditions = (demands.min_temp_c, demands.max_temp_c) != (usual.min_temp_c, usual.max_temp_c)
-    return PlannedRun(run, demands, 0.0, duration_s, duration_s if conditions else 0.0)
+    chamber_s = duration_s if conditions else 0.0
+    return PlannedRun(run, demands, 0.0, duration_s, chamber_s, estimated_bytes(duration_s, file))
 
 
 def _rehearsed(run: CampaignRun, file: BenchFile, plant: Plant) -> PlannedRun:

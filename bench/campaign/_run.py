@@ -169,10 +169,12 @@ class _Session:
     def _check_known_state(self, attempt: int) -> None:
         """Bring table and chamber to a known state before anything that an interruption left is trusted."""
         procedure = find_procedure(KNOWN_STATE)
-        safe_c = self._folder.file.safe.chamber_set_point_c
+        file = self._folder.file
         checks = self._folder.path / "checks"
         with self._place.open(0) as placed:
-            values = procedure.parse({"air_c": safe_c})
+            values = procedure.parse({"air_c": file.safe.chamber_set_point_c})
+            ramp = min(values.model_dump()["ramp_k_per_min"], file.limits.max_ramp_k_per_min)
+            values = values.model_copy(update={"ramp_k_per_min": ramp})
             result = self._procedure(procedure, values, placed, checks, f"{KNOWN_STATE}-{attempt}")
         where = result.folder.relative_to(self._folder.path).as_posix()
         self._folder.event("checked", folder=where, outcome=result.outcome, reason=result.reason)

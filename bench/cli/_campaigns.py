@@ -43,7 +43,7 @@ def plan(
     json: Json = False,
 ) -> None:
     """Print the schedule, chamber hours and bytes on disk; refuse what a limit forbids. Nothing moves."""
-    from bench.cli._campaign import plan_command
+    from bench.cli._campaign_plan import plan_command
 
     sys.exit(plan_command(campaign, bench, out, plant, seed, quick, json))
 
@@ -112,6 +112,6 @@ def rehearse(
     json: Json = False,
 ) -> None:
     """Run a whole campaign on emulated labs, fit the compensation and write the report."""
-    from bench.cli._campaign import rehearse_command
+    from bench.cli._campaign_rehearse import rehearse_command
 
     sys.exit(rehearse_command(campaign, bench, out, plant, seed, jobs, json, cluster))

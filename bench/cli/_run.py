@@ -14,6 +14,7 @@ from bench.benchfile import bench_file_text, load_bench_file
 from bench.cli._display import RunDisplay
 from bench.cli._settings import settings_of
 from bench.cli._texts import duration, say_json, size
+from bench.disk import check_disk, estimated_bytes
 from bench.emulated import EmulatedLab, Plant, load_plant, save_truth
 from bench.live import Live
 from bench.procedure import find_procedure
@@ -35,6 +36,7 @@ def run_command(
     parameters = procedure.parse(settings_of(procedure, pairs, options))
     file = load_bench_file(bench)
     expected_s = procedure.expected_duration_s(parameters)
+    check_disk(estimated_bytes(expected_s, file), runs, "the run", "--runs")
     with Live() as live, RunDisplay(console, name, expected_s, as_json=as_json) as display:
         human = live if as_json else live.beside(console_operator(console))
         operator = AssumeYes() if yes else human
@@ -61,6 +63,7 @@ def rehearse_command(
     file = load_bench_file(bench)
     started = host_seconds()
     expected_s = procedure.expected_duration_s(parameters)
+    check_disk(estimated_bytes(expected_s, file), runs, "the rehearsal", "--runs")
     with (
         EmulatedLab(file, plant) as lab,
         RunDisplay(console, f"rehearsal of {name}", expected_s, as_json=as_json) as display,

@@ -7,12 +7,12 @@ import pytest
 
 from bench.campaign import (
     bench_of,
-    check_disk,
     check_limits,
-    estimated_bytes,
     load_campaign,
+    not_measured,
     plan_campaign,
 )
+from bench.disk import check_disk, estimated_bytes
 from drivers.errors import ConfigurationError, LimitExceeded
 
 
@@ -110,7 +110,7 @@ def test_a_disk_that_is_too_small_is_the_one_of_the_folder_to_be(
     campaign_path, bench_file, tmp_path, monkeypatch
 ):
     campaign = load_campaign(campaign_path, bench_file)
-    needed = estimated_bytes(campaign.runs, bench_of(campaign, bench_file))
+    needed = estimated_bytes(campaign.expected_duration_s(), bench_of(campaign, bench_file))
     seconds = sum(run.test.expected_duration_s(run.values) for run in campaign.runs)
     raw = 36 * 20 * seconds  # two KVH 1750 at 10 Hz, frames of 36 bytes
     assert raw < needed < 10 * raw
@@ -122,6 +122,43 @@ def test_a_disk_that_is_too_small_is_the_one_of_the_folder_to_be(
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
     with pytest.raises(LimitExceeded, match="does not fit"):
-        check_disk(needed, tmp_path / "new" / "monday")
+        check_disk(needed, tmp_path / "new" / "monday", "the campaign", "--out")
     assert asked == [tmp_path]
-    check_disk(needed - 1, tmp_path)
+    check_disk(needed - 1, tmp_path, "the campaign", "--out")
+
+
+STANDARD = """
+[[run]]
+name = "figures"
+procedure = "standard-test"
+repeats = 1
+parameters = { power_cycles = 0, sequences = 1, temperatures = false }
+[limits."bias"]
+unit = "deg/h"
+high = 1.0
+[limits."bias repeatability"]
+unit = "deg/h"
+high = 1.0
+[limits."bias temperature sensitivity"]
+unit = "deg/h/degC"
+high = 1.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "missing"),
+    [
+        ("", "", ["bias repeatability", "bias temperature sensitivity"]),
+        ("temperatures = false", "temperatures = true", ["bias repeatability"]),
+        ("repeats = 1", "repeats = 2", ["bias temperature sensitivity"]),
+        ("power_cycles = 0", "power_cycles = 1", ["bias temperature sensitivity"]),
+        ('"standard-test"', '"zero-bias-cold-shock"', None),
+    ],
+)
+def test_limits_that_no_run_measures_are_told(campaign_path, bench_file, old, new, missing):
+    text = campaign_path.read_text() + STANDARD.replace(old, new)
+    if missing is None:
+        text = text.replace("{ power_cycles = 0, sequences = 1, temperatures = false }", "{}")
+    campaign_path.write_text(text)
+    campaign = load_campaign(campaign_path, bench_file)
+    assert not_measured(campaign) == (missing or list(campaign.limits))

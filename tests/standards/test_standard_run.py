@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.figure_limits import FIGURES, FURTHER, OVER_RUNS
 from bench.recording import Manifest, write_manifest
 from bench.recording._tables import table_writer
 from bench.report import render_standard_test
@@ -135,6 +136,20 @@ def test_repeatability_over_power_ons(tmp_path: Path, folder: Path) -> None:
     found = {figure.name: figure for figure in figures_over_runs(results)}
     assert found["bias repeatability"].value == pytest.approx(0.2 / np.sqrt(2), rel=0.1)
     assert found["scale-factor repeatability between runs"].value < 1.0
+
+
+def test_what_a_run_says_it_measures_is_what_its_figures_are(tmp_path: Path, folder: Path) -> None:
+    """Else `campaign plan` warns of limits without reason, or keeps silent where a unit can never pass."""
+    known = {**FIGURES, **FURTHER}
+    for temperatures in (True, False):
+        run = folder if temperatures else plan(temperatures=False).write(tmp_path / "short", seed=4)
+        values = PROCEDURE.parse({"temperatures": temperatures, "power_cycles": 0})
+        measured = {figure.name for figure in standard_figures(run).figures}
+        # this script turns neither for the misalignment nor long enough for a warm-up of its own
+        extra = {"input-axis misalignment, component along the table", "warm-up time to 3 s_100"}
+        assert set(PROCEDURE.figures(values)) - extra == measured - extra and measured <= known.keys()
+    assert set(PROCEDURE.figures(PROCEDURE.parse({}))) | set(OVER_RUNS) == known.keys()
+    assert {figure.name for figure in figures_over_runs([standard_figures(run)] * 2)} == set(OVER_RUNS)
 
 
 def test_the_plan_follows_the_grade_and_what_is_given() -> None:
