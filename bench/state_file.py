@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import RecordError
-from drivers.files import parse_json
+from drivers.files import parse_json, replace_file
 
 _JSON = "compensation.json"
 _MARK = "array"
@@ -26,17 +26,34 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def write_state(path: Path, state: Mapping[str, Any]) -> None:
-    """Write nested dicts and lists of JSON scalars and numpy arrays; the file appears whole or not at all."""
+    """Write nested dicts and lists of JSON scalars and numpy arrays; the file appears whole or not at all.
+
+    Raises RecordError.
+    """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     text = json.dumps(_without_arrays(state, "arrays", arrays), indent=1, sort_keys=True, allow_nan=False)
-    partial = path.with_name(path.name + ".partial")
-    with zipfile.ZipFile(partial, "w") as archive:
+    whole = BytesIO()
+    with zipfile.ZipFile(whole, "w") as archive:
         archive.writestr(_entry(_JSON), text)
         for name, value in arrays.items():
             buffer = BytesIO()
             np.lib.format.write_array(buffer, np.ascontiguousarray(value), allow_pickle=False)
             archive.writestr(_entry(name), buffer.getvalue())
-    partial.replace(path)
+    save_file(path, whole.getvalue())
+
+
+def save_file(path: Path, content: bytes | str) -> None:
+    """Save a result in one piece; RecordError if it cannot be, and then what was there before still is."""
+    try:
+        replace_file(path, content)
+    except OSError as error:
+        raise RecordError(
+            "the file could not be saved",
+            where=str(path),
+            found=error.strerror or str(error),
+            expected="a folder that can be written, with space on its disk",
+            remedy="free space or name another folder with --out; the runs are not affected",
+        ) from error
 
 
 def read_state(path: Path) -> dict[str, Any]:

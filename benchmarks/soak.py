@@ -1,6 +1,7 @@
 """Soak test: seeded runs on an emulated lab with faults, singly and in pairs; each must end well or stop safe.
 
-Run as `python -m benchmarks.soak [RUNS] [SEED]`; writes benchmarks/soak.md and fails if a run was not honest.
+Run as `python -m benchmarks.soak [RUNS] [SEED]`; writes its section of benchmarks/reliability.md and fails if a
+run was not honest.
 What is judged, by means the run itself has no part in: its folder is rebuilt from the raw bytes; the instruments
 are asked anew, after the run, whether they rest; every accepted frame of a gyro with a damaged line is looked up
 among those that the same lab sends without faults; what must not pass unnoticed is held against the outcome.
@@ -39,6 +40,7 @@ from bench.recording import read_manifest, verify
 from bench.run_record import decode_run
 from bench.runner import RunRequest, RunResult, run_procedure
 from bench.session import Bench
+from benchmarks._sections import write_section
 from drivers import clock as host
 from drivers.errors import BenchError, RunAborted
 from drivers.virtual_clock import VirtualClock
@@ -47,6 +49,7 @@ _GYROS = ("fog_1", "can_1")
 _PORTS = ("table", "chamber", *_GYROS)
 _LASTS_S = {"delay": (0.2, 4.0), "silence": (1.0, 20.0), "vanish": (1.0, 8.0)}
 _WIRE = ("drop", "repeat", "flip", "noise", "truncate", "bad_check", "double", "lose", *_LASTS_S)
+_TO_DEVICE = ("drop_command", "flip_command", "noise_command")
 _CHECKED = ("fog_1",)
 """Ports whose messages carry a check value: the protocols of table and chamber and slcan lines have none."""
 _HOLD_S = 60.0
@@ -97,6 +100,7 @@ def cases(count: int, seed: int) -> list[Case]:
     """Return `count` cases: the scenarios, every wire fault on every port, then pairs drawn from `seed`."""
     draw = random.Random(seed)
     singles = [(port, kind) for port in _PORTS for kind in _WIRE if kind != "bad_check" or port in _CHECKED]
+    singles += [(port, kind) for port in ("table", "chamber") for kind in _TO_DEVICE]
     found = [*_scenarios(), *(_wire_case(draw, [each]) for each in singles)]
     if count < len(found):
         quick = [case for case in found if case.scenario != "operator" and case.scenario != "disk"]
@@ -354,8 +358,16 @@ def table(verdicts: list[Verdict]) -> list[str]:
     return [f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows]]
 
 
+def _false_frames(verdicts: list[Verdict]) -> str:
+    totals = {name: sum(each.false_frames.get(name, 0) for each in verdicts) for name in _GYROS}
+    return "false frames accepted: " + ", ".join(
+        f"{count} of {name} ({'with' if name in _CHECKED else 'no'} check value)"
+        for name, count in totals.items()
+    )
+
+
 def main() -> int:
-    """Run the soak test and write benchmarks/soak.md; 1 if a run was not honest."""
+    """Run the soak test and write its section; 1 if a run was not honest."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
 
@@ -365,16 +377,14 @@ def main() -> int:
     verdicts = soak(count, seed, say)
     bad = [verdict for verdict in verdicts if verdict.problems]
     lines = [
-        f"Written by `python -m benchmarks.soak {count} {seed}`: {count} runs, {len(bad)} with a problem.",
+        f"{count} runs, {len(bad)} with a problem; {_false_frames(verdicts)}.",
         "A pair of faults counts under both.",
         "",
         *table(verdicts),
         "",
         *(f"- {verdict.case.name}: {'; '.join(verdict.problems)}" for verdict in bad),
     ]
-    text = "\n".join(lines).rstrip() + "\n"
-    (Path(__file__).parent / "soak.md").write_text(text, encoding="utf-8")
-    print(text)
+    print(write_section("Soak", f"python -m benchmarks.soak {count} {seed}", lines))
     return 1 if bad else 0
 
 

@@ -1,7 +1,8 @@
-"""Files from strangers, read within bounds: no pipe or device, no more bytes than needed, no deep nesting.
+"""Files from strangers, read within bounds, and our own, written whole or not at all.
 
-Nothing is executed: TOML and JSON become plain values. What is refused is an OSError or ValueError as any other
-file that cannot be read, so that the caller's own error says which file it was.
+No pipe or device is read, no more bytes than needed, no deep nesting. Nothing is executed: TOML and JSON become
+plain values. What is refused is an OSError or ValueError as any other file that cannot be read, so that the
+caller's own error says which file it was.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import json
 import os
 import stat
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,25 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
         return bytes(content)
     finally:
         os.close(descriptor)
+
+
+def replace_file(path: Path, content: bytes | str, *, sync: bool = True) -> None:
+    """Write a file in one piece: whatever happens, a reader finds the old one or the new one. Raises OSError.
+
+    With `sync` the new one is on the disk before it takes the old one's place: a power cut leaves no empty one.
+    """
+    part = path.with_name(f"{path.name}.part")
+    try:
+        with part.open("wb") as file:
+            file.write(content.encode("utf-8") if isinstance(content, str) else content)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        part.replace(path)
+    except OSError:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
 
 
 def parse_json(content: bytes | str) -> Any:

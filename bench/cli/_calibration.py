@@ -34,6 +34,7 @@ from bench.calibration import (
     load_scheme,
 )
 from bench.report import CalibrationContent, calibration_content, render_calibration, write_report
+from bench.state_file import save_file
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError, RecordError
 
@@ -88,7 +89,7 @@ def calibrate_command(
     )
     out.mkdir(parents=True, exist_ok=True)
     compensation.save(out / "compensation.gyrocomp")
-    (out / "calibration.json").write_text(json.dumps(compensation.describe(), indent=2), encoding="utf-8")
+    save_file(out / "calibration.json", json.dumps(compensation.describe(), indent=2))
     write_report(out / "report.html", render_calibration(content))
     _print(console, found, content)
     console.print(f"{out}/compensation.gyrocomp, calibration.json, report.html", highlight=False)

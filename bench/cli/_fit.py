@@ -14,6 +14,7 @@ from bench.fitting import Compensation, LstmModel, Study, load_runs, run_study
 from bench.fitting_report import study_content
 from bench.recording import Run
 from bench.report import render_campaign, write_report
+from bench.state_file import save_file
 
 REPORT_FILE = "report.html"
 
@@ -49,10 +50,10 @@ def write_study(study: Study, folders: Sequence[Path], out: Path, *, title: str)
     path = out / "compensation.gyrocomp"
     study.compensation.save(path)
     saved = Compensation.load(path)
-    (out / "compensation.h").write_text(c_header(saved), encoding="utf-8")
+    save_file(out / "compensation.h", c_header(saved))
     network = study.models.get(LstmModel.name)
     if isinstance(network, LstmModel):
-        (out / "lstm.onnx").write_bytes(lstm_to_onnx(network))
+        save_file(out / "lstm.onnx", lstm_to_onnx(network))
     content = study_content(study, [Run.open(folder) for folder in folders], path, title)
     write_report(out / REPORT_FILE, render_campaign(content))
 

@@ -28,6 +28,7 @@ from bench.gap import (
     suggest,
 )
 from bench.report import GapContent, render_gap
+from bench.state_file import save_file
 from drivers.clock import utc_now
 
 _SIGNIFICANT = 0.01
@@ -55,7 +56,7 @@ def gap_diagnose_command(
         shown = differences(kept or given, before, closed_model(found))
         content = GapContent(found, shrunk, shown, bool(kept), utc_now(), model.name, following)
         report.parent.mkdir(parents=True, exist_ok=True)
-        report.write_text(render_gap(content), encoding="utf-8")
+        save_file(report, render_gap(content))
     if as_json:
         console.print_json(json.dumps(_facts(found, shrunk, following)))
         return
@@ -80,7 +81,7 @@ def gap_close_command(runs: Sequence[Path], model: Path, gyro: str | None, out: 
         console.print(f"{found.verdict}: there is no effect to put into the model", style="yellow")
         return
     path = out or model.with_name(f"{model.stem}+{names}.toml")
-    path.write_text(model_text(closed), encoding="utf-8")
+    save_file(path, model_text(closed))
     console.print(f"{path}", highlight=False)
 
 

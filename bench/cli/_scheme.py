@@ -39,6 +39,7 @@ from bench.calibration import (
 from bench.cli._texts import duration
 from bench.fan_out import fan_out
 from bench.report import render_calibration, scheme_content, write_report
+from bench.state_file import save_file
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError
 
@@ -149,7 +150,7 @@ def scheme_search_command(
     console.print(result.statement, highlight=False)
     if out is not None:
         named = result.schedule.with_(name=out.stem, source="gyrobench scheme search", notes=result.statement)
-        out.write_text(scheme_file(named), encoding="utf-8")
+        save_file(out, scheme_file(named))
         console.print(f"{out}", highlight=False)
 
 

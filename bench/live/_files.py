@@ -165,13 +165,6 @@ def clear(session: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def replace_file(path: Path, text: str) -> None:
-    """Write a file in one piece: a reader finds the old one or the new one. Raises OSError."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
-
-
 def _answer_path(session: Path, prompt_id: int) -> Path:
     return live_folder(session) / "answers" / f"{int(prompt_id)}.json"
 

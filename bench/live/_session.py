@@ -21,13 +21,13 @@ from bench.live._files import (
     drop_answer,
     live_folder,
     read_answer,
-    replace_file,
     take_requests,
 )
 from bench.progress import Progress
 from bench.questions import Operator, Question
 from drivers.clock import Interrupt, epoch_seconds, host_seconds, utc_now
 from drivers.errors import BenchError
+from drivers.files import replace_file
 
 _EVERY_S = 0.1
 _HISTORY_S = 1.0
@@ -235,7 +235,7 @@ class Live:
             return
         try:
             text = json.dumps(_finite(self._now()), ensure_ascii=False, allow_nan=False)
-            replace_file(live_folder(self._session) / NOW_FILE, text)
+            replace_file(live_folder(self._session) / NOW_FILE, text, sync=False)
             self._write_history()
             self.problem = ""
         except OSError as error:

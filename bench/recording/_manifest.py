@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from bench.recording._append import record_error
 from bench.run_folder import MANIFEST_FILE
 from drivers.errors import RecordError
-from drivers.files import RECORD_BYTES, read_bounded
+from drivers.files import RECORD_BYTES, read_bounded, replace_file
 
 Outcome = Literal["running", "completed", "invalid", "aborted"]
 
@@ -109,13 +109,8 @@ class Manifest(_Part):
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write manifest.json in one piece: a reader finds the old one or the new one. Raises RecordError."""
     path = folder / MANIFEST_FILE
-    part = folder / f"{MANIFEST_FILE}.part"
     try:
-        with part.open("w", encoding="utf-8") as file:
-            file.write(manifest.model_dump_json(indent=2) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
+        replace_file(path, manifest.model_dump_json(indent=2) + "\n")
         _sync_folder(folder)
     except OSError as error:
         raise record_error(path, error) from error

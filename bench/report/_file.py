@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 
 from drivers.errors import ConfigurationError, RecordError
+from drivers.files import replace_file
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _PRINT_TIMEOUT_S = 120.0
@@ -20,17 +20,11 @@ def write_report(path: Path, html: str) -> Path:
     A page that is there already is removed first: a save that fails leaves no report rather than an old one,
     which may say "passed" of something else.
     """
-    part = path.with_name(f"{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)
-        with part.open("w", encoding="utf-8") as file:
-            file.write(html)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
+        replace_file(path, html)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise RecordError(
             "the report could not be saved: there is none",
             where=str(path),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bench.rlg._rows import RampRun
 from bench.rlg._variables import candidate_matrix
+from bench.state_file import save_file
 from drivers.errors import ConfigurationError, RecordError
 from drivers.files import SETTINGS_BYTES, parse_json, read_bounded
 
@@ -70,9 +71,7 @@ class RlgCompensation:
     def save(self, path: Path) -> None:
         """Write the file: readable JSON that carries the SHA-256 of its own content."""
         content = _plain(self)
-        path.write_text(
-            json.dumps({"format": FORMAT, "sha256": _digest(content), **content}, indent=2), encoding="utf-8"
-        )
+        save_file(path, json.dumps({"format": FORMAT, "sha256": _digest(content), **content}, indent=2))
 
     @classmethod
     def load(cls, path: Path) -> RlgCompensation:

@@ -1,0 +1,52 @@
+"""benchmarks/reliability.md, a section a command: each rewrites its own and leaves the others."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from drivers.clock import utc_now
+from drivers.files import replace_file
+
+PAGE = Path(__file__).with_name("reliability.md")
+_HEAD = (
+    "# Reliability\n\nEvery section is written by the command that it names, with what that command found.\n"
+)
+_ORDER = (
+    "Kills",
+    "Soak",
+    "Time to the safe state",
+    "Fuzzed decoders",
+    "Branch coverage",
+    "Repeats",
+)
+
+
+def write_section(title: str, command: str, lines: Sequence[str], page: Path = PAGE) -> str:
+    """Put a section into the page in place of the one that was there; return its text."""
+    text = page.read_text(encoding="utf-8") if page.exists() else ""
+    sections = dict(_split(text))
+    stamp = (
+        f"`{command}`, {utc_now()[:10]}, commit {_commit()}, {os.cpu_count()} processors, "
+        f"load {os.getloadavg()[0]:.1f}, Python {platform.python_version()}."
+    )
+    sections[title] = "\n".join([f"## {title}", "", stamp, "", *lines]).rstrip() + "\n"
+    known = [name for name in _ORDER if name in sections]
+    rest = sorted(set(sections) - set(known))
+    replace_file(page, "\n".join([_HEAD, *(sections[name] for name in [*known, *rest])]))
+    return sections[title]
+
+
+def _split(text: str) -> list[tuple[str, str]]:
+    parts = text.split("\n## ")[1:]
+    return [(part.partition("\n")[0].strip(), f"## {part.rstrip()}\n") for part in parts]
+
+
+def _commit() -> str:
+    found = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=PAGE.parent, capture_output=True, text=True, check=False
+    )
+    return found.stdout.strip() or "unknown"
