@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
+from bench.cli._gap_channels import channel_facts, diagnosed_channels, print_channels
 from bench.gap import (
     Cause,
     Diagnosis,
@@ -26,6 +28,7 @@ from bench.gap import (
     read_model,
     shrinkage,
     suggest,
+    with_channels,
 )
 from bench.report import GapContent, render_gap
 from bench.state_file import save_file
@@ -51,16 +54,19 @@ def gap_diagnose_command(
         found = diagnose(given, nominal)
         shrunk = _judged(found, kept, nominal) if kept else None
         following = suggest(found, given[0].stimulus.latitude_deg)
+        channels = diagnosed_channels(runs, held_out, gyro, nominal)
     if report is not None:
         before = Model(nominal.name, found.model.terms, found.model.noise)
         shown = differences(kept or given, before, closed_model(found))
-        content = GapContent(found, shrunk, shown, bool(kept), utc_now(), model.name, following)
+        content = GapContent(found, shrunk, shown, bool(kept), utc_now(), model.name, following, channels)
         report.parent.mkdir(parents=True, exist_ok=True)
         save_file(report, render_gap(content))
     if as_json:
-        console.print_json(json.dumps(_facts(found, shrunk, following)))
+        facts = _facts(found, shrunk, following) | {"channels": [channel_facts(each) for each in channels]}
+        console.print_json(json.dumps(facts))
         return
     _print(console, found, shrunk)
+    print_channels(console, channels)
     for each in following[:2]:
         console.print(
             f"  next: {each.procedure} ({each.parameters}, {each.hours:g} h): {each.decides}, "
@@ -74,12 +80,16 @@ def gap_diagnose_command(
 def gap_close_command(runs: Sequence[Path], model: Path, gyro: str | None, out: Path | None) -> None:
     """Write the nominal model with the effects that the runs show: fitted parameters, uncertainties, runs."""
     console = Console()
-    found = diagnose(_load(runs, gyro), read_model(model))
-    closed = closed_model(found)
-    names = "+".join(cause.name for cause in found.causes)
+    nominal = read_model(model)
+    found = diagnose(_load(runs, gyro), nominal)
+    channels = diagnosed_channels(runs, (), gyro, nominal)
+    beside = [cause.effect.name for each in channels for cause in each.causes]
+    names = "+".join([*(cause.name for cause in found.causes), *beside])
     if not names:
         console.print(f"{found.verdict}: there is no effect to put into the model", style="yellow")
         return
+    own = replace(closed_model(found), channel_terms=nominal.channel_terms, accuracy=nominal.accuracy)
+    closed = replace(with_channels(own, channels), name=f"{nominal.name}+{names}")
     path = out or model.with_name(f"{model.stem}+{names}.toml")
     save_file(path, model_text(closed))
     console.print(f"{path}", highlight=False)

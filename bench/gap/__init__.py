@@ -2,6 +2,17 @@
 
 from bench.gap._causes import Cause
 from bench.gap._cells import BANDS
+from bench.gap._channel_data import ChannelSeries, load_channels
+from bench.gap._channels import (
+    ChannelCause,
+    ChannelCurve,
+    ChannelDiagnosis,
+    ChannelPlace,
+    ChannelShrinkage,
+    channel_bands,
+    diagnose_channels,
+    with_channels,
+)
 from bench.gap._close import Shrinkage, closed_model, shrinkage
 from bench.gap._data import GapRun, Group, check_runs, group_runs
 from bench.gap._describe import UnknownPart
@@ -10,7 +21,7 @@ from bench.gap._exam import Answer, Closed, Sealed, close, examined, make_case, 
 from bench.gap._examination import case_kinds, examine
 from bench.gap._fit import Floor
 from bench.gap._import import read_mapped_runs
-from bench.gap._model_file import Model, Term, model_text, parse_model, read_model
+from bench.gap._model_file import ChannelTerm, Model, Term, model_text, parse_model, read_model
 from bench.gap._noise import Noise
 from bench.gap._run_folder import load_gap_runs
 from bench.gap._score import Line, Marked, Reliability, reliability, shrinkage_quantiles, table
@@ -23,6 +34,13 @@ __all__ = [
     "SIGNIFICANT",
     "Answer",
     "Cause",
+    "ChannelCause",
+    "ChannelCurve",
+    "ChannelDiagnosis",
+    "ChannelPlace",
+    "ChannelSeries",
+    "ChannelShrinkage",
+    "ChannelTerm",
     "Closed",
     "Diagnosis",
     "Difference",
@@ -43,14 +61,17 @@ __all__ = [
     "Term",
     "UnknownPart",
     "case_kinds",
+    "channel_bands",
     "check_runs",
     "close",
     "closed_model",
     "diagnose",
+    "diagnose_channels",
     "differences",
     "examine",
     "examined",
     "group_runs",
+    "load_channels",
     "load_gap_runs",
     "make_case",
     "model_text",
@@ -63,4 +84,5 @@ __all__ = [
     "shrinkage_quantiles",
     "suggest",
     "table",
+    "with_channels",
 ]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.gap._noise import NAMES, Noise
 from drivers.errors import ConfigurationError
 from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
-from simulators.effects import Effect, Stimulus, Variant, catalogue
+from simulators.effects import CHANNEL_UNITS, ChannelEffect, Effect, Stimulus, Variant, catalogue
 
 FORMAT = 1
 
@@ -34,13 +34,33 @@ class Term:
 
 
 @dataclass(frozen=True)
+class ChannelTerm:
+    """An effect of another channel in a model: values of its parameters and their uncertainties (1 sigma)."""
+
+    effect: ChannelEffect
+    values: tuple[float, ...]
+    sigmas: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.effect.name
+
+
+@dataclass(frozen=True)
 class Model:
-    """A nominal model; `fitted_on` maps run ids to checksums if a diagnosis wrote it."""
+    """A nominal model; `fitted_on` maps run ids to checksums if a diagnosis wrote it.
+
+    `channel_terms` are of the channels beside the gyro's rate; `accuracy` (channel's name to its unit) is how far
+    the model of a channel may be off without anybody minding.
+    """
 
     name: str
     terms: tuple[Term, ...]
     noise: Noise
     fitted_on: Mapping[str, str] = field(default_factory=dict)
+    channel_terms: tuple[ChannelTerm, ...] = ()
+    accuracy: Mapping[str, float] = field(default_factory=dict)
 
     def predict(self, stimulus: Stimulus) -> NDArray[np.float64]:
         """Return the output in deg/h that the model expects, without noise, (n,)."""
@@ -87,10 +107,28 @@ def parse_model(text: str, where: str) -> Model:
             expected=f"format = {FORMAT}",
         )
     effects = catalogue()
-    terms = tuple(_term(each, effects, where) for each in data.get("effect", []))
+    terms = [_term(each, effects, where) for each in data.get("effect", [])]
     return Model(
-        str(data.get("name", "nominal")), terms, _noise(data, where), dict(data.get("fitted_on", {}))
+        str(data.get("name", "nominal")),
+        tuple(term for term in terms if isinstance(term, Term)),
+        _noise(data, where),
+        dict(data.get("fitted_on", {})),
+        tuple(term for term in terms if isinstance(term, ChannelTerm)),
+        _accuracy(data.get("accuracy", {}), where),
     )
+
+
+def _accuracy(table: Mapping[str, Any], where: str) -> dict[str, float]:
+    wrong = sorted(set(table) - set(CHANNEL_UNITS))
+    wrong += [name for name, value in table.items() if name not in wrong and not float(value) >= 0.0]
+    if wrong:
+        raise ConfigurationError(
+            "the model's [accuracy] cannot be used",
+            where=where,
+            found=", ".join(f"{name} = {table[name]}" for name in wrong),
+            expected="numbers from 0 up for " + ", ".join(f"{k} ({v})" for k, v in CHANNEL_UNITS.items()),
+        )
+    return {name: float(value) for name, value in table.items()}
 
 
 def _noise(data: Mapping[str, Any], where: str) -> Noise:
@@ -107,26 +145,27 @@ def _noise(data: Mapping[str, Any], where: str) -> Noise:
     return Noise(**{name: float(value) for name, value in table.items()})
 
 
-def _term(table: Mapping[str, Any], effects: Mapping[str, object], where: str) -> Term:
+def _term(table: Mapping[str, Any], effects: Mapping[str, object], where: str) -> Term | ChannelTerm:
     name = table.get("name")
     effect = effects.get(str(name))
-    if not isinstance(effect, Effect):
-        known = sorted(key for key, value in effects.items() if isinstance(value, Effect))
+    if not isinstance(effect, (Effect, ChannelEffect)):
+        known = sorted(key for key, value in effects.items() if isinstance(value, (Effect, ChannelEffect)))
         raise ConfigurationError(
             "the model has an effect that the catalogue lacks",
             where=where,
             found=str(name),
             expected=", ".join(known),
         )
-    shape = table.get("shape", dict(effect.shapes[0]))
+    shapes: Mapping[str, float] = effect.shapes[0] if isinstance(effect, Effect) else {}
+    shape = table.get("shape", dict(shapes))
     given, sigma = table.get("parameters", {}), table.get("sigma", {})
     wanted = {parameter.name for parameter in effect.parameters}
-    if set(given) != wanted or set(sigma) != wanted or set(shape) != set(effect.shapes[0]):
+    if set(given) != wanted or set(sigma) != wanted or set(shape) != set(shapes):
         raise ConfigurationError(
             "an effect's parameters are not complete",
             where=f"{where}: {name}",
             found=f"parameters {sorted(given)}, sigma {sorted(sigma)}, shape {sorted(shape)}",
-            expected=f"parameters and sigma {sorted(wanted)}, shape {sorted(effect.shapes[0])}",
+            expected=f"parameters and sigma {sorted(wanted)}, shape {sorted(shapes)}",
         )
     for parameter in effect.parameters:
         value = float(given[parameter.name])
@@ -139,6 +178,8 @@ def _term(table: Mapping[str, Any], effects: Mapping[str, object], where: str) -
             )
     values = tuple(float(given[parameter.name]) for parameter in effect.parameters)
     sigmas = tuple(float(sigma[parameter.name]) for parameter in effect.parameters)
+    if isinstance(effect, ChannelEffect):
+        return ChannelTerm(effect, values, sigmas)
     return Term(Variant(effect, {key: float(value) for key, value in shape.items()}), values, sigmas)
 
 
@@ -146,12 +187,16 @@ def model_text(model: Model) -> str:
     """Return a model as the text of its file; `read_model` reads it back to the last bit."""
     lines = [f"format = {FORMAT}", f"name = {json.dumps(model.name)}", "", "[noise]"]
     lines += [f"{name} = {getattr(model.noise, name)!r}" for name in NAMES]
-    for term in model.terms:
+    if model.accuracy:
+        lines += ["", "[accuracy]", *(f"{name} = {value!r}" for name, value in model.accuracy.items())]
+    terms: tuple[Term | ChannelTerm, ...] = (*model.terms, *model.channel_terms)
+    for term in terms:
+        effect = term.variant.effect if isinstance(term, Term) else term.effect
         lines += ["", "[[effect]]", f"name = {json.dumps(term.name)}"]
-        names = [parameter.name for parameter in term.variant.effect.parameters]
+        names = [parameter.name for parameter in effect.parameters]
         lines.append(_inline("parameters", dict(zip(names, term.values, strict=True))))
         lines.append(_inline("sigma", dict(zip(names, term.sigmas, strict=True))))
-        if term.variant.shape:
+        if isinstance(term, Term) and term.variant.shape:
             lines.append(_inline("shape", term.variant.shape))
     if model.fitted_on:
         lines += ["", "[fitted_on]"]

@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bench.report._figures import Curve, Lane, Panel, lanes, limits, panels
+from bench.report._gap_channels import channel_blocks
 from bench.report._heat_map import HeatCell, heat_map
 from bench.report._layout import render_page
 from bench.report._numbers import DASH, fixed, moment, significant
@@ -35,7 +36,17 @@ from bench.report._palette import AFTER, BEFORE, PURPLE
 from bench.report._tables import checksum_table
 
 if TYPE_CHECKING:
-    from bench.gap import Cause, Diagnosis, Difference, PhasePlace, Place, Shrinkage, Suggestion, UnknownPart
+    from bench.gap import (
+        Cause,
+        ChannelDiagnosis,
+        Diagnosis,
+        Difference,
+        PhasePlace,
+        Place,
+        Shrinkage,
+        Suggestion,
+        UnknownPart,
+    )
 
 _HOUR_S = 3600.0
 _TONES: dict[str, Tone] = {
@@ -83,6 +94,7 @@ class GapContent:
     created_utc: str = ""
     model_file: str = ""
     suggestions: Sequence[Suggestion] = field(default=())
+    channels: Sequence[ChannelDiagnosis] = field(default=())
 
 
 def render_gap(content: GapContent) -> str:
@@ -105,6 +117,7 @@ def render_gap(content: GapContent) -> str:
             Section("Which", [*_causes(found), *_unknown(found.unknown_parts)]),
             Section("How far", _how_far(content)),
             Section("What is left", _left(found)),
+            Section("Other channels", channel_blocks(content.channels)),
             Section("What next", _next(content.suggestions)),
             Section("Not to be seen in these runs", _hidden(found)),
             Section("Provenance", checksum_table(found.run_checksums, "Runs diagnosed, by checksum.")),

@@ -1,17 +1,26 @@
 """The catalogue of effects: what a gyro's output can depend on, as columns of a linear model of the stimulus."""
 
-from simulators.effects._catalogue import CATALOGUE, catalogue
+from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue
+from simulators.effects._channel import CHANNEL_UNITS, Channel, ChannelEffect, ChannelInputs, Demand
+from simulators.effects._channel_effects import simulate
 from simulators.effects._effect import Effect, NoiseEffect, Parameter, Variant
 from simulators.effects._stimulus import EARTH_RATE_DPH, REFERENCE_C, Stimulus
 
 __all__ = [
     "CATALOGUE",
+    "CHANNEL_UNITS",
     "EARTH_RATE_DPH",
     "REFERENCE_C",
+    "AnyEffect",
+    "Channel",
+    "ChannelEffect",
+    "ChannelInputs",
+    "Demand",
     "Effect",
     "NoiseEffect",
     "Parameter",
     "Stimulus",
     "Variant",
     "catalogue",
+    "simulate",
 ]

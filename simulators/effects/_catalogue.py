@@ -5,22 +5,26 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 
 from drivers.errors import ConfigurationError
+from simulators.effects._channel import ChannelEffect
+from simulators.effects._channel_effects import CHANNEL_EFFECTS
 from simulators.effects._effect import Effect, NoiseEffect
 from simulators.effects._noise_effects import NOISE_EFFECTS
 from simulators.effects._rate_effects import RATE_EFFECTS
 from simulators.effects._temperature_effects import TEMPERATURE_EFFECTS
 
 GROUP = "gyrobench.effects"
-CATALOGUE: tuple[Effect | NoiseEffect, ...] = (*TEMPERATURE_EFFECTS, *RATE_EFFECTS, *NOISE_EFFECTS)
+AnyEffect = Effect | NoiseEffect | ChannelEffect
+CATALOGUE: tuple[AnyEffect, ...] = (*TEMPERATURE_EFFECTS, *RATE_EFFECTS, *NOISE_EFFECTS, *CHANNEL_EFFECTS)
 
 
-def catalogue() -> dict[str, Effect | NoiseEffect]:
+def catalogue() -> dict[str, AnyEffect]:
     """Return the effects by name: this package's, then those of the entry point group `gyrobench.effects`.
 
-    An entry point names an `Effect`, a `NoiseEffect` or a sequence of them. ConfigurationError for a name that is
+    An entry point names an `Effect`, a `NoiseEffect`, a `ChannelEffect` or a sequence of them.
+    ConfigurationError for a name that is
     there twice or an entry point that is something else.
     """
-    found = {effect.name: effect for effect in CATALOGUE}
+    found: dict[str, AnyEffect] = {effect.name: effect for effect in CATALOGUE}
     for point in entry_points(group=GROUP):
         loaded = point.load()
         for effect in loaded if isinstance(loaded, (tuple, list)) else (loaded,):
@@ -29,13 +33,20 @@ def catalogue() -> dict[str, Effect | NoiseEffect]:
     return found
 
 
-def _check(effect: object, where: str, found: dict[str, Effect | NoiseEffect]) -> None:
-    if not isinstance(effect, (Effect, NoiseEffect)):
+def _check(effect: object, where: str, found: dict[str, AnyEffect]) -> None:
+    if not isinstance(effect, (Effect, NoiseEffect, ChannelEffect)):
         raise ConfigurationError(
             "an entry point of gyrobench.effects is no effect",
             where=where,
             found=type(effect).__name__,
-            expected="Effect, NoiseEffect or a sequence of them",
+            expected="Effect, NoiseEffect, ChannelEffect or a sequence of them",
+        )
+    if isinstance(effect, ChannelEffect) and effect.apply is None:
+        raise ConfigurationError(
+            "an effect of a channel says nothing about the signal",
+            where=where,
+            found=f"{effect.name} without apply",
+            expected="apply(inputs, signal, values) that returns the changed signal",
         )
     if effect.name in found:
         raise ConfigurationError("two effects of one name", where=where, found=effect.name)

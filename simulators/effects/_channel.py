@@ -1,0 +1,80 @@
+"""Effects on what is beside the gyro's rate: chamber air, temperatures, table, sample times.
+
+A channel is a recorded signal with a small simulator of its own: what the channel should have done, given what
+was demanded of it or what acted on it (recorded as well). An effect of a channel is a set of the simulator's
+parameters, or a function of another package that changes the simulated signal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.effects._effect import Parameter
+
+Array = NDArray[np.float64]
+Channel = Literal[
+    "chamber_air", "case_temperature", "gyro_temperature", "table_angle", "table_rate", "time_stamps"
+]
+CHANNEL_UNITS: Mapping[Channel, str] = {
+    "chamber_air": "K",
+    "case_temperature": "K",
+    "gyro_temperature": "K",
+    "table_angle": "arcsec",
+    "table_rate": "deg/s",
+    "time_stamps": "ms",
+}
+
+
+@dataclass(frozen=True)
+class Demand:
+    """A target in force from `time_s` on; `ramp_per_s` is the rate asked for (always > 0; inf: at once)."""
+
+    time_s: float
+    target: float
+    ramp_per_s: float
+
+
+@dataclass(frozen=True)
+class ChannelInputs:
+    """What acted on a channel in one run, at equal steps: all (n,) float64, the channel's unit unless said.
+
+    `drive` is what the channel should follow: the air for the case, the case for the gyro, the demand for the
+    table; for the air `demands` says it and `drive` is the target. `start` is the channel's own first value.
+    `angle_deg` is the table's angle. `period_s` is the step.
+    """
+
+    time_s: Array
+    drive: Array
+    start: float
+    period_s: float
+    demands: tuple[Demand, ...] = ()
+    angle_deg: Array = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class ChannelEffect:
+    """One way in which a channel can differ: parameters with their `neutral` values, at which it is absent.
+
+    `apply(inputs, signal, values)` returns the changed signal (n,); None for parameters that the channel's own
+    simulator has. A third party's effect needs `apply`. `needed` says that the channel has no simulation without
+    values for it in the model (a heat capacity has no neutral value). `known` ones are fitted within their
+    uncertainty and never called a cause (a mass is weighed). `starts` are values from which a fit begins as well,
+    where the signal is far from linear in them.
+    """
+
+    name: str
+    channel: Channel
+    parameters: tuple[Parameter, ...]
+    neutral: tuple[float, ...]
+    follows: str
+    source: str
+    meaning: str
+    apply: Callable[[ChannelInputs, Array, tuple[float, ...]], Array] | None = None
+    needed: bool = False
+    known: bool = False
+    starts: tuple[tuple[float, ...], ...] = ()
