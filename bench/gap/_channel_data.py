@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.recording import MANIFEST_FILE, Phase, Run, checksum, seconds
+from bench.recording import Phase, Run, checksum, seconds
+from bench.run_folder import MANIFEST_FILE
 from simulators.effects import Channel, ChannelInputs, Demand
 
 Array = NDArray[np.float64]
