@@ -1,0 +1,206 @@
+"""Emulated ring lasers through their bytes: ramps, regression, its equation on other runs; the standards."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from bench.benchfile import load_bench_file
+from bench.cli._app import app
+from bench.compensations import load_compensation
+from bench.emulated import Plant, unit_seed
+from bench.procedure import find_procedure
+from bench.progress import Progress
+from bench.questions import StageHand
+from bench.recording import read_manifest
+from bench.rlg import RampRun, RlgCompensation, load_ramp_runs
+from bench.runner import RunRequest, run_procedure
+from bench.standards import standard_figures
+from drivers.errors import ConfigurationError
+from simulators.plant.rlg import RLG_NOISE, rlg_coefficients
+
+BENCH = """
+[bench]
+name = "ring lasers"
+latitude_deg = 39.1
+[table]
+driver = "acutrol3000"
+port = "/dev/ttyUSB0"
+[chamber]
+driver = "weiss"
+port = "/dev/ttyUSB9"
+"""
+GYRO = """
+[[gyro]]
+name = "rlg_{n}"
+driver = "rlg2t"
+port = "/dev/ttyUSB{n}"
+baudrate = 115200
+rate_hz = 2
+axes = "x"
+axis = "x"
+unit = "RLG-00{n}"
+"""
+UNITS = ("RLG-001", "RLG-002")
+PROFILE = {"low_c": "15", "high_c": "45", "ramp_k_per_min": "1.5", "dwell_min": "8", "warm_up_min": "0"}
+RAMPS = {
+    "train": {"east_dwell_s": "60"},
+    "repeat": {},
+    "reverse": {"downwards": "true"},
+    "faster": {"ramp_k_per_min": "3"},
+    "partial": {"low_c": "20", "high_c": "40"},
+}
+VARIABLES = ("T1", "T2", "dT1", "T1*dT1", "dT1^2", "T1-T2")
+
+
+def record(
+    bench: SimpleNamespace,
+    home: Path,
+    name: str,
+    gyros: int,
+    seed: int,
+    settings: dict[str, str],
+    display=None,
+) -> Path:
+    """Run a procedure on an emulated lab of so many ring lasers and return its folder, truth beside it."""
+    path = home / f"{gyros}.toml"
+    path.write_text(BENCH + "".join(GYRO.format(n=n) for n in range(1, gyros + 1)))
+    procedure = find_procedure(name)
+    with (
+        bench.thread_lab(load_bench_file(path), Plant(seed=seed)) as lab,
+        os.fdopen(lab.answers, closefd=False) as door,
+    ):
+
+        def perform(act):
+            os.write(lab.door_write, json.dumps(act).encode() + b"\n")
+            answer = json.loads(door.readline())
+            assert answer["ok"], answer
+            return answer
+
+        def keep_truth(folder):
+            for n in range(1, gyros + 1):
+                perform({"act": "truth", "unit": f"rlg_{n}", "path": str(folder / f"truth_rlg_{n}.npz")})
+
+        request = RunRequest(
+            procedure,
+            procedure.parse(settings),
+            lab.file,
+            home,
+            StageHand(perform),
+            display,
+            run_id=f"{name}-{seed}",
+            before_close=keep_truth,
+        )
+        result = run_procedure(request)
+    assert result.outcome == "completed", result.reason
+    return result.folder
+
+
+@pytest.fixture(scope="module")
+def ramps(bench: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Run folders by kind, each with noise, turn-on and settling of its own."""
+    home = tmp_path_factory.mktemp("ramps")
+    quick = {"search_east": "false"}
+    return {
+        kind: record(
+            bench, home, "thermal-ramp", 2, seed, PROFILE | (changed if kind == "train" else changed | quick)
+        )
+        for seed, (kind, changed) in enumerate(RAMPS.items(), start=1)
+    }
+
+
+@pytest.fixture(scope="module")
+def fitted(ramps: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("fit")
+    tests = [part for kind in ("repeat", "reverse", "faster", "partial") for part in ("--test", ramps[kind])]
+    words = ["fit", "stepwise", ramps["train"], *tests, "--out", out, "--variables", ",".join(VARIABLES)]
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == 0, f"{result.output}\n{result.exception}"
+    assert all(f"unit {unit}" in result.output for unit in UNITS)
+    return out
+
+
+def by_unit(folder: Path) -> dict[str, RampRun]:
+    return {run.unit_id: run for run in load_ramp_runs(folder)}
+
+
+def test_the_rows_hold_what_the_plant_did(ramps: dict[str, Path]) -> None:
+    for unit, run in by_unit(ramps["train"]).items():
+        assert run.unit_id == unit and run.remarks == () and (run.segment == 0).all()
+        # 30 K at 1.5 K/min twice, 8 min twice; the ramps end when the air is within a degree
+        assert len(run.time_s) == pytest.approx((2 * 30 / 1.5 + 16) * 60 / 100, abs=2)
+        noise = run.bias_dph - run.true_bias_dph
+        # white noise of 6 N in means of 100 s, and an angle quantum of 0.3 arcsec read at both ends of them
+        floor = np.hypot(6.0 * RLG_NOISE.arw_deg_per_sqrt_h, RLG_NOISE.quantum_arcsec / np.sqrt(6.0) / 100.0)
+        assert np.std(noise, ddof=1) == pytest.approx(floor, rel=0.5)
+        # east is known to about 0.3 min of arc after four dwells of a minute
+        assert abs(noise.mean()) < 5e-3
+        assert np.ptp(run.case_c) > 15.0 and run.case_rate.max() > 0.8 and run.case_rate.min() < -0.8
+        # 2 W into a block of 350 J/K, 0.30 W/K from it to the case
+        assert np.allclose(run.block_c - run.case_c, (2.0 - 350.0 * run.block_rate / 60.0) / 0.30, atol=0.3)
+    runs = by_unit(ramps["train"])
+    assert not np.array_equal(runs[UNITS[0]].bias_dph, runs[UNITS[1]].bias_dph)
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("kind", ["repeat", "reverse", "faster", "partial"])
+def test_the_equation_of_one_run_takes_the_drift_off_another(
+    ramps: dict[str, Path], fitted: Path, unit: str, kind: str
+) -> None:
+    path = fitted / unit / "compensation.json"
+    said = json.loads(path.read_text())
+    run = by_unit(ramps[kind])[unit]
+    t1, t2, rate = run.case_c, run.block_c, run.case_rate
+    terms = dict(zip(VARIABLES, (t1, t2, rate, t1 * rate, rate**2, t1 - t2), strict=True))
+    pairs = zip(said["variables"], said["coefficients"], strict=True)
+    drift = said["intercept_dph"] + sum(value * terms[name] for name, value in pairs)
+    compensation = load_compensation(path)
+    assert isinstance(compensation, RlgCompensation)
+    assert np.allclose(compensation.drift_dph(run), drift, rtol=0, atol=1e-12)
+    before, after = np.std(run.bias_dph, ddof=1), np.std(run.bias_dph - drift, ddof=1)
+    assert 1.0 - after / before > 0.65  # the paper's figure
+    page = (fitted / unit / "report.html").read_text()
+    assert f"{before:.5f}" in page and f"{after:.5f}" in page
+    other = UNITS[1 - UNITS.index(unit)]
+    with pytest.raises(ConfigurationError, match="another gyro"):
+        compensation.drift_dph(by_unit(ramps[kind])[other])
+
+
+STANDARD = {
+    "grade": "rlg",
+    "warm_up_min": "10",
+    "bias_min": "10",
+    "power_cycles": "1",
+    "noise_h": "0.5",
+    "step_dwell_s": "60",
+    "smallest_step_dph": "0.3",
+    "rates_per_sign": "2",
+    "sequences": "1",
+    "rate_dwell_s": "10",
+    "temperatures": "false",
+}
+
+
+def test_a_ring_laser_through_the_test_plan_of_the_standards(bench: SimpleNamespace, tmp_path: Path) -> None:
+    shown: list[Progress] = []
+    folder = record(bench, tmp_path, "standard-test", 1, 5, STANDARD, shown.append)
+    figures = standard_figures(folder)
+    assert [what for what, _ in figures.missing] == ["temperature sensitivity"]
+    assert figures.unit_id == "RLG-001"
+    unit = rlg_coefficients(unit_seed("RLG-001"), 5)
+    n = RLG_NOISE.arw_deg_per_sqrt_h
+    assert figures.value("scale factor") == pytest.approx(1.0 + 1e-6 * unit.sf_offset_ppm, abs=3e-6)
+    assert figures.value("threshold") == figures.value("resolution") == pytest.approx(0.3)
+    walk = next(figure for figure in figures.figures if figure.name == "angle random walk")
+    assert walk.low <= n <= walk.high
+    # While it ran, the power cycle was no loss of nearly 65 536 samples; afterwards the table says the same.
+    lost = read_manifest(folder).stream["rlg_1"]["lost"]
+    assert lost == pytest.approx(2 * 60, abs=10)
+    assert shown[-1].gyros["rlg_1"].lost == pytest.approx(lost, abs=5)
+    assert max(progress.gyros["rlg_1"].lost for progress in shown) <= lost + 5
