@@ -240,6 +240,19 @@ class StreamCounts:
     rejected: dict[str, int] = field(default_factory=dict)
 
 
+LossSide = Literal["before", "after"]
+
+
+def loss_taints(decoder: StreamDecoder) -> frozenset[LossSide]:
+    """Return which samples beside lost ones may be made up of two samples' messages.
+
+    The one before the loss, the one after it, or neither: that of a decoder without the attribute `loss_taints`,
+    whose samples are one message each.
+    """
+    found: frozenset[LossSide] = getattr(decoder, "loss_taints", frozenset())
+    return found
+
+
 class StreamDecoder(Protocol):
     """Incremental decoder: any chunking of the same bytes gives the same frames; never raises on bytes."""
 

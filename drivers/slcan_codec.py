@@ -38,11 +38,12 @@ FRAME_DTYPE = np.dtype(
         ("length", np.uint8),
         ("data", np.uint8, (8,)),
         ("end_offset", np.int64),
-        ("rejected_before", np.int64),
+        ("others_before", np.int64),
     ]
 )
 """`length`: data bytes present (0 in a remote frame), the rest of `data` is zero. `end_offset`: offset in the
-stream just past the line. `rejected_before`: lines rejected in the stream before this one."""
+stream just past the line. `others_before`: lines in the stream before this one that are no frame and may have
+been."""
 
 MAX_STANDARD_ID = 0x7FF
 MAX_EXTENDED_ID = 0x1FFF_FFFF
@@ -50,6 +51,7 @@ MAX_LINE = 30
 """Characters of the longest legal line without its end: T, 8 + 1 digits, 8 bytes, time."""
 
 _TIME_DIGITS = 4
+_SHORTEST = 5  # Characters of the shortest frame.
 _NOT_HEX = 0xFF
 
 
@@ -88,7 +90,7 @@ class SlcanParser:
         self.bytes_received = 0
         self._tail = b""
         self._line_start = 0
-        self._rejected = 0
+        self._others = 0
 
     def feed(self, data: bytes) -> NDArray[np.void]:
         """Return the frames whose lines end in `data`, shape (n,) of `FRAME_DTYPE`."""
@@ -117,14 +119,16 @@ class SlcanParser:
         line_start, self._line_start = self._line_start, int(lines["end_offset"][-1])
         frames = lines if not verdict.any() else lines[verdict == _FRAME]
         self.counts.frames += len(frames)
-        bad = verdict > _ANSWER
-        if not bad.any():
-            frames["rejected_before"] = self._rejected
+        if not verdict.any():
+            frames["others_before"] = self._others
             return frames
-        so_far = self._rejected + np.cumsum(bad)
-        frames["rejected_before"] = so_far[verdict == _FRAME]
-        self._rejected = int(so_far[-1])
-        self.counts.bytes_skipped += int(np.diff(lines["end_offset"], prepend=line_start)[bad].sum())
+        size = np.diff(lines["end_offset"], prepend=line_start)
+        bad = verdict > _ANSWER
+        # An answer as long as a frame may be one in which damage turned the first letter into V or N.
+        so_far = self._others + np.cumsum(bad | ((verdict == _ANSWER) & (size > _SHORTEST)))
+        frames["others_before"] = so_far[verdict == _FRAME]
+        self._others = int(so_far[-1])
+        self.counts.bytes_skipped += int(size[bad].sum())
         for code, times in enumerate(np.bincount(verdict).tolist()):
             if code > _ANSWER and times:
                 reason = _REASONS[code]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bench.recording._raw import raw_path, read_blocks, read_exchanges, read_marks
 from bench.recording._tables import table_writer
 from bench.recording._timing import StreamTimer, StreamTiming, Unwrapper
-from drivers.instruments import Exchange, FrameBatch, StreamDecoder
+from drivers.instruments import Exchange, FrameBatch, LossSide, StreamDecoder, loss_taints
 
 Columns = Mapping[str, NDArray[Any]]
 Rates = Callable[[Columns, float], Mapping[str, NDArray[Any]]]
@@ -203,28 +203,31 @@ def _write_table(
     frames = lost = duplicates = invalid = 0
     last: int | None = None
     with table_writer(target, source.description) as writer:
+        rows = _Rows(loss_taints(decoder))
         for batch in _batches(path, source, decoder):
             count = timing.corrected(unwrap.feed(batch.columns["counter"])[0], frames)
             before = int(count[0] - timing.counter_step) if last is None else last
             step = np.diff(count, prepend=before)
             lost_before = (np.rint(step / timing.counter_step) - 1.0).clip(0, _MOST_LOST).astype(np.int32)
             again = step == 0
-            valid = batch.columns["valid"] & ~again
-            writer.write(
+            table = rows.judged(
                 {
                     "time_ns": timing.time_ns(count),
                     "counter": count,
                     "lost_before": lost_before,
                     "status": batch.columns["status"],
-                    "valid": valid,
+                    "valid": batch.columns["valid"] & ~again,
                     **source.values(batch.columns, timing.sample_rate_hz),
                 }
             )
+            writer.write(table)
             last = int(count[-1])
             frames += len(batch)
             lost += int(lost_before.sum())
             duplicates += int(again.sum())
-            invalid += int((~valid).sum())
+            invalid += int((~table["valid"]).sum())
+        writer.write(rows.kept)
+        invalid += int((~rows.kept["valid"]).sum())
     return _with(
         report,
         lost=lost,
@@ -235,6 +238,32 @@ def _write_table(
         residual_s=timing.residual_s,
         warnings=timing.warnings,
     )
+
+
+class _Rows:
+    """Rows of a table, each given when it is known whether samples were lost behind it.
+
+    A sample beside lost ones whose messages may be of two samples is not valid: nothing tells which are.
+    """
+
+    def __init__(self, taints: frozenset[LossSide]) -> None:
+        self._taints = taints
+        self.kept: dict[str, NDArray[Any]] = {}
+        """The last row, whose successor has not come."""
+
+    def judged(self, columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Take the next rows (one at least); return those before the last of them, and the one kept."""
+        if self.kept:
+            columns = {name: np.concatenate((self.kept[name], columns[name])) for name in columns}
+        gap = columns["lost_before"] > 0
+        good = columns["valid"].copy()
+        if "after" in self._taints:
+            good &= ~gap
+        if "before" in self._taints:
+            good[:-1] &= ~gap[1:]
+        columns["valid"] = good
+        self.kept = {name: column[-1:] for name, column in columns.items()}
+        return {name: column[:-1] for name, column in columns.items()}
 
 
 def decode_instrument(

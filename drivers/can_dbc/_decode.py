@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.can_dbc._layout import CanLayout, SignalUse, Slot, ValidRule, outer_multiplexer
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
 from drivers.errors import ConfigurationError
-from drivers.instruments import FrameBatch, StreamCounts
+from drivers.instruments import FrameBatch, LossSide, StreamCounts
 from drivers.slcan_codec import FRAME_DTYPE, SlcanParser
 
 _ROWS = 1 << 62
@@ -32,7 +32,11 @@ class CanDecoder:
     `counts.frames` are rows; `counts.rejected` has slcan lines by `SlcanParser`'s reasons, and messages by
     `short_message` (DLC below the message's length; a longer one is read as far as it is known), `unpaired` (the
     last frame of a sample without the others just before it) and `unknown_id` (no message of the DBC file). A
-    damaged line between the frames of a sample parts them, since it may have been one of them.
+    line that is no frame between the frames of a sample parts them, since it may have been one of them.
+
+    Frames that were lost whole can leave the first frames of one sample and the last of a later one side by side.
+    Nothing in them tells, but the counter skips: behind such a sample if its first frame has the counter, before
+    it if its last has (`loss_taints`). Without a counter nothing does.
     """
 
     def __init__(
@@ -62,6 +66,12 @@ class CanDecoder:
         self.counter_step = self._counter.step if self._counter else 1.0
         if self._counter is not None and self._counter.role == "time":
             self.counter_step = 1.0 / self._counter.factor / rate_hz
+        slot = None if self._counter is None else layout.slot_of(self._counter)
+        self.loss_taints = frozenset[LossSide]()
+        if slot is not None:
+            last = len(self._slots) - 1
+            self.loss_taints |= {"before"} if slot < last else set()
+            self.loss_taints |= {"after"} if slot > 0 else set()
         used: list[SignalUse | ValidRule] = [*layout.uses, *layout.valid]
         self._held = {use.message: np.empty(0, FRAME_DTYPE) for use in used if layout.slot_of(use) is None}
         self._lines = SlcanParser()
@@ -148,7 +158,7 @@ class CanDecoder:
             frames = np.concatenate((self._waiting, frames))
             kind = np.concatenate((self._waiting_kind, kind))
             new = frames["length"] >= self._least[kind]
-        whole, damage = new, frames["rejected_before"]
+        whole, others = new, frames["others_before"]
         last = (kind == count - 1) & whole
         complete = last[count - 1 :].copy()
         if not len(complete):
@@ -159,7 +169,7 @@ class CanDecoder:
             at = slice(count - 1 - back, len(frames) - back)
             complete &= (kind[at] == count - 1 - back) & whole[at]
         if count > 1 and len(complete):
-            complete &= damage[count - 1 :] == damage[: len(frames) - count + 1]
+            complete &= others[count - 1 :] == others[: len(frames) - count + 1]
         starts = np.flatnonzero(complete)
         self._reject("unpaired", np.count_nonzero(last) - len(starts))
         self._keep(frames, kind)

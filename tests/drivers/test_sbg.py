@@ -11,10 +11,12 @@ from pathlib import Path
 
 import cantools
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.recording import GyroSource, PortJournal, decode_stream
 from drivers.clock import WallClock
 from drivers.errors import ConfigurationError, DeviceSilent, WrongDevice
 from drivers.sbg import (
@@ -204,6 +206,9 @@ def test_valid_by_status_bits(axes: str, cleared: int, valid: bool) -> None:
         (info(1) + b"r1226\r" + GYRO, [], {"short_message": 1, "unpaired": 1}),
         (info(1) + b"\xff\r" + GYRO + info(2) + GYRO, [2], {"unknown": 1, "unpaired": 1}),
         (info(1) + b"\r\x07z\rF00\r" + GYRO, [1], {}),
+        # A bit of a T or t, and a frame reads like an answer: no less lost than if it did not.
+        (info(1) + b"V" + GYRO[1:] + info(2)[:-1] + b"\xff\r" + GYRO, [], {"text": 1, "unpaired": 1}),
+        (info(1) + b"N" + GYRO[1:] + b"V" + info(2)[1:] + GYRO + info(3) + GYRO, [3], {"unpaired": 1}),
     ],
 )
 def test_pairing(stream: bytes, counters: list[int], rejected: dict[str, int]) -> None:
@@ -213,6 +218,34 @@ def test_pairing(stream: bytes, counters: list[int], rejected: dict[str, int]) -
         assert [int(c) for batch in batches for c in batch.columns["counter"]] == counters
         assert decoder.counts.rejected == rejected
         assert decoder.counts.frames == len(counters)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_valid_row_of_a_record_with_lost_frames_was_never_sent(tmp_path: Path, seed: int) -> None:
+    """Whole lines lost at random, runs of them too: what is left side by side may be of two samples."""
+    rng = np.random.default_rng(seed)
+    count = 400
+    lines = [line for k in range(count) for line in (info(10_000 * k), gyro(k, -k))]
+    lost = rng.random(2 * count) < 0.04
+    lost |= np.roll(lost, 1) & (rng.random(2 * count) < 0.8)
+    port = PortJournal(tmp_path, "imu")
+    for at, line in enumerate(lines):
+        if not lost[at]:
+            port.received(line, 1.0 + 0.01 * (at // 2 + 1))
+    port.flush(sync=False)
+    source = GyroSource(
+        "imu", lambda: SbgDecoder(100.0), lambda columns, _: {"x": columns["rate_x_dps"]}, "x"
+    )
+    report = decode_stream(tmp_path, source)
+    table = pq.read_table(tmp_path / "gyro_imu.parquet")
+    numbers = np.rint(table["rate_dps"].to_numpy() / DEG * 1000.0).astype(int)
+    valid, sent = table["valid"].to_numpy(), table["counter"].to_numpy() // 10_000
+    assert (numbers[valid] == sent[valid]).all()
+    assert (numbers != sent).any()  # there were some to be found
+    whole = ~(lost[0::2] | lost[1::2])
+    beside = whole[:-1] & ~whole[1:]
+    assert report.lost > 0 and valid.sum() >= whole.sum() - beside.sum() - 1
+    assert report.invalid == (~valid).sum()
 
 
 @settings(deadline=None, max_examples=60)

@@ -146,7 +146,7 @@ def test_every_byte_is_accounted_for(items: list) -> None:
     assert as_tuples(parsed) == [frame for frame, _ in items]
     assert parser.counts.bytes_skipped == skipped
     assert sum(parser.counts.rejected.values()) == rejected
-    assert parsed["rejected_before"].tolist() == list(range(len(items)))
+    assert parsed["others_before"].tolist() == list(range(len(items)))
 
 
 @pytest.mark.parametrize(
