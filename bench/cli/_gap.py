@@ -126,6 +126,8 @@ def _print(console: Console, found: Diagnosis, shrunk: Shrinkage | None) -> None
     if any(p.p_value < _SIGNIFICANT for p in found.left_places):
         console.print(_map("left", [p for p in found.left_places if p.p_value < _SIGNIFICANT][:_SHOWN]))
     console.print(_closing(shrunk), highlight=False)
+    if shrunk is not None and shrunk.caution and found.causes:
+        console.print(f"  {shrunk.caution}", style="bold red", highlight=False)
     for warning in found.warnings:
         console.print(f"  {warning}", style="yellow", highlight=False)
     if found.unidentifiable:
@@ -213,6 +215,7 @@ def _cause_facts(cause: Cause) -> dict[str, Any]:
 def _shrinkage_facts(shrunk: Shrinkage) -> dict[str, Any]:
     return {
         "share": shrunk.share,
+        "caution": shrunk.caution,
         "interval_95": [shrunk.low, shrunk.high],
         "rms_before_dph": shrunk.rms_before_dph,
         "rms_after_dph": shrunk.rms_after_dph,

@@ -39,15 +39,24 @@ def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:
 
 
 def possible_candidates(
-    system: Array, gram: Array, candidates: Sequence[Candidate], variants: Sequence[Variant], q: int
+    system: Array,
+    gram: Array,
+    candidates: Sequence[Candidate],
+    variants: Sequence[Variant],
+    q: int,
+    coarseness: float,
 ) -> tuple[list[int], dict[str, str]]:
-    """Return candidates that could show in these runs, and for effects without any the reason."""
+    """Return candidates that could show in these runs, and for effects without any the reason.
+
+    `coarseness`: the gyro's, see `Noise`.
+    """
     possible: list[int] = []
     reasons: dict[str, str] = {}
     for index, candidate in enumerate(candidates):
         at = np.array(candidate.columns)
         apart, whole = np.diag(system)[at], np.diag(gram)[at + q]
-        bounds = np.array([max(-p.low, p.high) for p in variants[index].effect.parameters])
+        both = [parameter.bounds(coarseness) for parameter in variants[index].effect.parameters]
+        bounds = np.array([max(-low, high) for low, high in both])
         if whole.max() <= 0.0 or (bounds * np.sqrt(np.maximum(apart, 0.0))).max() < _LEAST_DETECTABLE:
             reasons[candidate.effect] = f"{variants[index].effect.follows} does not change within any run"
         elif (apart / np.maximum(whole, 1e-300)).max() < 1e-6:

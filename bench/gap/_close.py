@@ -55,6 +55,21 @@ class Shrinkage:
     cells: int
     active: tuple[bool, ...]
 
+    @property
+    def caution(self) -> str:
+        """What must be said when the model, fitted to some runs, does not hold on others; empty when it does."""
+        if not self.cells or self.low > 0.5:
+            return ""
+        if self.high <= 0.0:
+            return (
+                "the held-out runs come no nearer with what was found: it belongs to the diagnosed runs alone; "
+                "do not close the model with it"
+            )
+        return (
+            "half of the gap or more may stay on held-out runs: what was found changes from run to run, "
+            "or more is missing"
+        )
+
 
 def closed_model(diagnosis: Diagnosis, *, resembling: bool = False) -> Model:
     """Return the nominal model with the causes in it, fitted, and the runs that they were fitted on.

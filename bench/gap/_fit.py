@@ -50,7 +50,8 @@ def solve(gram: Array, prior_sigmas: Array, chosen: Sequence[int]) -> Solution:
         return Solution(indices, np.zeros(0), np.zeros((0, 0)))
     normal = gram[np.ix_(indices, indices)].copy()
     normal[np.arange(q), np.arange(q)] += 1.0 / prior_sigmas**2
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    power = np.diag(normal)
+    scale = np.sqrt(np.where(power > 0.0, power, 1.0))  # a column that is zero in these runs gets zero
     normal = normal / np.outer(scale, scale) + _JITTER * np.eye(len(scale))
     covariance = np.linalg.inv(normal) / np.outer(scale, scale)
     return Solution(indices, covariance @ gram[indices, 0], covariance)

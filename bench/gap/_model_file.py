@@ -107,11 +107,12 @@ def parse_model(text: str, where: str) -> Model:
             expected=f"format = {FORMAT}",
         )
     effects = catalogue()
-    terms = [_term(each, effects, where) for each in data.get("effect", [])]
+    noise = _noise(data, where)
+    terms = [_term(each, effects, noise.coarseness, where) for each in data.get("effect", [])]
     return Model(
         str(data.get("name", "nominal")),
         tuple(term for term in terms if isinstance(term, Term)),
-        _noise(data, where),
+        noise,
         dict(data.get("fitted_on", {})),
         tuple(term for term in terms if isinstance(term, ChannelTerm)),
         _accuracy(data.get("accuracy", {}), where),
@@ -145,7 +146,9 @@ def _noise(data: Mapping[str, Any], where: str) -> Noise:
     return Noise(**{name: float(value) for name, value in table.items()})
 
 
-def _term(table: Mapping[str, Any], effects: Mapping[str, object], where: str) -> Term | ChannelTerm:
+def _term(
+    table: Mapping[str, Any], effects: Mapping[str, object], coarseness: float, where: str
+) -> Term | ChannelTerm:
     name = table.get("name")
     effect = effects.get(str(name))
     if not isinstance(effect, (Effect, ChannelEffect)):
@@ -169,12 +172,13 @@ def _term(table: Mapping[str, Any], effects: Mapping[str, object], where: str) -
         )
     for parameter in effect.parameters:
         value = float(given[parameter.name])
-        if not parameter.low <= value <= parameter.high or not float(sigma[parameter.name]) > 0.0:
+        low, high = parameter.bounds(coarseness)
+        if not low <= value <= high or not float(sigma[parameter.name]) > 0.0:
             raise ConfigurationError(
                 "a parameter is out of bounds",
                 where=f"{where}: {name}.{parameter.name}",
                 found=f"{value} +- {sigma[parameter.name]}",
-                expected=f"{parameter.low} to {parameter.high}, sigma > 0",
+                expected=f"{low:g} to {high:g}, sigma > 0",
             )
     values = tuple(float(given[parameter.name]) for parameter in effect.parameters)
     sigmas = tuple(float(sigma[parameter.name]) for parameter in effect.parameters)

@@ -29,6 +29,14 @@ class Noise:
     rate_random_walk_dph_per_sqrt_h: float = 0.0
     quantum_arcsec: float = 0.0
 
+    @property
+    def coarseness(self) -> float:
+        """How many times coarser than 0.02 deg/sqrt(h) and 0.1 deg/h the gyro is, 1 for a better one.
+
+        The catalogue's bounds on biases hold for optical gyros; a MEMS gyro is noisier and drifts more, alike.
+        """
+        return max(1.0, self.arw_deg_per_sqrt_h / 0.02, self.bias_instability_dph / 0.1)
+
 
 NAMES = tuple(field.name for field in fields(Noise))
 

@@ -131,7 +131,9 @@ def judged_sets(
     gram = weighted_gram(cells, tolerated(cells, before, directions=DIRECTIONS))
     system = reduced(gram, sigmas)
     candidates = candidates_of(variants)
-    possible, reasons = possible_candidates(system, gram, candidates, variants, len(sigmas))
+    possible, reasons = possible_candidates(
+        system, gram, candidates, variants, len(sigmas), model.noise.coarseness
+    )
     posterior = search(system, candidates, possible)
     judged = _judge_sets(posterior, data, gram, before, sigmas)
     best = max(judged, key=lambda each: each.log_evidence)

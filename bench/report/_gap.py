@@ -133,6 +133,8 @@ def _verdict(content: GapContent) -> Verdict:
     sentences = [f"{_plain(cause.name).capitalize()}: {cause.meaning}" for cause in found.causes]
     sentences += [f"Noise: {_plain(name)}." for name in found.stochastic]
     sentences += [part.sentence for part in found.unknown_parts]
+    if shrunk is not None and shrunk.caution and found.causes:
+        sentences.append(f"But {shrunk.caution}.")
     if not sentences:
         sentences = ["The runs agree with the nominal model, its parameters fitted within their uncertainty."]
         if found.verdict == "nothing to identify":
@@ -154,7 +156,9 @@ def _verdict(content: GapContent) -> Verdict:
                 f"({fixed(100 * shrunk.low, 1)} to {fixed(100 * shrunk.high, 1)} %)",
             )
         )
-    return Verdict(_WORDS[found.verdict], _TONES[found.verdict], sentences, headlines)
+    doubtful = shrunk is not None and shrunk.caution and found.causes
+    tone = "doubt" if doubtful else _TONES[found.verdict]
+    return Verdict(_WORDS[found.verdict], tone, sentences, headlines)
 
 
 def _plain(name: str) -> str:

@@ -24,6 +24,11 @@ class Parameter:
     low: float
     high: float
 
+    def bounds(self, coarseness: float) -> tuple[float, float]:
+        """Return the bounds for a gyro that is so many times coarser than an optical one, biases and all."""
+        factor = coarseness if "_dph" in self.name else 1.0
+        return factor * self.low, factor * self.high
+
 
 @dataclass(frozen=True)
 class Variant:
