@@ -137,9 +137,11 @@ class VirtualClock:
         self.interrupt = Interrupt()
         self._names: list[str] = list(greeting["ports"])
         self._affinity = share_cpu(greeting.get("cpu"))
-        self._now_ns: int = int(greeting["now_ns"])
-        self._lab_ns = self._now_ns
-        """Where the lab is: behind bench time while the bench idles."""
+        self._origin_ns = int(greeting["now_ns"])
+        """Lab time at which this bench came; its own time begins at 0, however long the lab has been served."""
+        self._now_ns = 0
+        self._lab_ns = 0
+        """Bench time that the lab has reached: behind while the bench idles."""
         self._codec = Codec(len(self._names))
         self._ports: list[Readable | None] = [None] * len(self._names)
         self._pending: list[bytearray] = [bytearray() for _ in self._names]
@@ -266,7 +268,8 @@ class VirtualClock:
         self._released.clear()
         sent = [NOT_OPEN if port is None else port.bytes_sent for port in self._ports]
         try:
-            self._socket.send(self._codec.pack_request(self._now_ns, to_ns, stop_port, sent))
+            at_ns = self._now_ns + self._origin_ns
+            self._socket.send(self._codec.pack_request(at_ns, to_ns + self._origin_ns, stop_port, sent))
         except OSError as error:
             raise self._lost(error) from error
         now_ns, written, marks = self._collect()
@@ -278,7 +281,7 @@ class VirtualClock:
                 self._take(index)  # meets the end of it: LinkLost, once this step is over
                 if port is self._ports[index]:
                     raise self._lost(f"it says that port {port.name} is gone, which still reads")
-        self._now_ns = self._lab_ns = now_ns
+        self._now_ns = self._lab_ns = now_ns - self._origin_ns
         self._hand_over(marks)
         while self._failures:
             failure, lost = self._failures.popleft()
@@ -349,7 +352,7 @@ class VirtualClock:
             if count > 0:
                 data = bytes(pending[:count])
                 del pending[:count]
-                port.deliver(data, time_ns / 1e9)
+                port.deliver(data, (time_ns - self._origin_ns) / 1e9)
         for port, rest in self._left.values():
             port.deliver(bytes(rest), self.now())
         self._left.clear()

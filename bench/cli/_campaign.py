@@ -98,7 +98,7 @@ def status_command(path: Path, as_json: bool) -> int:
     going = str(((now or {}).get("run") or {}).get("run_id", "")) if now and now["alive"] else ""
     for each in states:
         doing = bool(going) and each.folder is not None and each.folder.name == going
-        state = "running" if doing else each.outcome if each.state == "done" else "to do"
+        state = str(now["state"]) if now and doing else each.outcome if each.state == "done" else "to do"
         length = "" if each.duration_s is None else duration(each.duration_s)
         reason = "" if doing else each.reason
         table.add_row(each.run.name, each.run.procedure, state, length, str(each.attempts), reason)
@@ -123,7 +123,7 @@ def _print_now(
             console.print(f"`gyrobench campaign resume {path}` goes on", highlight=False)
         return
     console.print(
-        f"{now['state']}: {now['step']} {now['doing']}; "
+        f"{now['state']}: {now['step']}: {'an operator is asked' if now['prompts'] else now['doing']}; "
         f"{duration(now['left_s'] or 0.0)} left of this run, process {now['pid']}",
         highlight=False,
         markup=False,

@@ -113,6 +113,7 @@ def lab_command(
         console.print(table)
         if lab.clock_url:
             console.print(f"clock: {lab.clock_url}")
+            console.print("Every run begins at bench time 0; the lab goes on where the run before left it.")
         if write is not None:
             write.write_text(bench_file_text(lab.file), encoding="utf-8")
             console.print(f"bench file for these ports: {write}", highlight=False)

@@ -28,6 +28,14 @@ class Banner:
         return asdict(self)
 
 
+NOT_HERE = Banner(
+    "plain",
+    "Not here",
+    "There is no session of that name in this runs folder.",
+    press="Open the panel without ?session=.",
+)
+
+
 def banner(now: Mapping[str, Any] | None, lines: Sequence[Mapping[str, Any]], age_s: float) -> Banner:
     """Return the banner of a session: `now` as read, the run's last events, how long `now` stands still."""
     if now is None:

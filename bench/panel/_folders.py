@@ -63,6 +63,11 @@ class RunsFolder:
                 continue
         return [folder for _, folder in sorted(found, reverse=True)]
 
+    def session(self, name: str) -> Path | None:
+        """Return the session folder of that name ("." is the runs folder itself), None if there is none."""
+        folder = self.root if name == "." else self.inside(name)
+        return folder if folder is not None and (folder / NOW).is_file() else None
+
     def history(self) -> list[Entry]:
         """Return the newest runs, newest first; manifests are read again only when they have changed."""
         folders: list[Path] = []

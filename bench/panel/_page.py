@@ -12,7 +12,7 @@ from bench.live import Action, drop_answer, drop_request
 from bench.panel._folders import Entry
 from bench.panel._static import first_paint, style_sheet
 from bench.panel._texts import duration
-from bench.panel._watch import LEVELS, Watch
+from bench.panel._watch import LEVELS, Session, Watch
 from drivers.errors import BenchError
 
 _CONTROL_S = 0.25
@@ -33,6 +33,7 @@ def build_page(watch: Watch) -> None:
     with ui.element("header").classes("bar"):
         ui.element("div").classes("names").props('data-place="names"')
         controls.header(dark)
+    controls.others()
     ui.element("div").props('data-place="banner"')
     controls.questions()
     ui.element("div").props('data-place="cards"')
@@ -70,6 +71,7 @@ class Controls:
         self._client = ui.context.client
         self._asked: list[int] = []
         self._answered: set[int] = set()
+        self._beside: list[Session] = []
 
     def header(self, dark: ui.dark_mode) -> None:
         """Build name, pause, resume, abort and the switch between light and dark."""
@@ -96,6 +98,11 @@ class Controls:
                     'no-caps unelevated data-testid="abort-now"'
                 )
 
+    def others(self) -> None:
+        """Make the place of the links to sessions that are at work beside the one shown."""
+        self._links = ui.element("nav").classes("others").props('data-testid="others"')
+        self._links.set_visibility(False)
+
     def questions(self) -> None:
         """Make the place where questions appear."""
         self._place = ui.element("section").classes("questions")
@@ -110,6 +117,14 @@ class Controls:
         for button in (self._pause, self._resume, self._abort):
             if button.enabled != steerable:
                 button.set_enabled(steerable)
+        if watch.others != self._beside:
+            self._beside = watch.others
+            self._links.clear()
+            self._links.set_visibility(bool(self._beside))
+            with self._links:
+                ui.label("Also at work here:")
+                for other in self._beside:
+                    ui.link(other.text, f"/?session={quote(other.name, safe='')}")
         prompts = [prompt for prompt in watch.prompts if prompt["id"] not in self._answered]
         ids = [prompt["id"] for prompt in prompts]
         if ids != self._asked:

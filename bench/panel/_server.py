@@ -30,6 +30,8 @@ _REPORT_TIMEOUT_S = 300.0
 _WAITING = 8
 """Ticks a slow browser may be behind before it is given everything anew."""
 _SHORTEST_TOKEN = 16
+_IDLE_HUBS = 4
+"""Sessions that nobody looks at any more and that are kept all the same: a page comes back within seconds."""
 _NO_SCRIPTS = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:",
     "X-Content-Type-Options": "nosniff",
@@ -93,18 +95,15 @@ def serve(settings: PanelSettings) -> None:
     """Serve the panel until Ctrl-C; raises ConfigurationError for settings that cannot be used."""
     settings.check()
     folder = RunsFolder(settings.runs)
-    watch = Watch(folder)
-    hub = Hub(watch)
+    hubs = Hubs(folder)
     app.add_middleware(Access, token=settings.token)
-    app.websocket("/panel/live")(hub.attend)
-    app.timer(_TICK_S, hub.tick)
+    app.websocket("/panel/live")(hubs.attend)
+    app.timer(_TICK_S, hubs.tick)
     scratch = tempfile.TemporaryDirectory(prefix="gyrobench-panel-")
     reports = Reports(folder, Path(scratch.name))
     app.get("/report/{name:path}")(reports.get)
     app.add_static_files("/panel/assets", Path(__file__).parent / "assets")
-    ui.page("/", title="gyrobench panel", favicon=Path(__file__).parent / "assets" / "icon.svg")(
-        lambda: build_page(watch)
-    )
+    ui.page("/", title="gyrobench panel", favicon=Path(__file__).parent / "assets" / "icon.svg")(hubs.page)
     try:
         ui.run(
             host=settings.host,
@@ -122,11 +121,42 @@ def serve(settings: PanelSettings) -> None:
         scratch.cleanup()
 
 
+class Hubs:
+    """A hub for every session that pages look at, by its name; "" is the one the panel chooses itself."""
+
+    def __init__(self, folder: RunsFolder) -> None:
+        self._folder = folder
+        self._hubs = {"": Hub(Watch(folder))}
+
+    def page(self, session: str = "") -> None:
+        """Build the page of one browser."""
+        hub = self._of(session)
+        hub.tick()
+        build_page(hub.watch)
+
+    async def attend(self, page: WebSocket, session: str = "") -> None:
+        """Send to one page until it goes."""
+        await self._of(session).attend(page)
+
+    def tick(self) -> None:
+        """Send news to all pages; what nobody looks at is not read."""
+        for name, hub in list(self._hubs.items()):
+            if hub.watched or not name:
+                hub.tick()
+
+    def _of(self, session: str) -> Hub:
+        if session not in self._hubs:
+            for name in [name for name, hub in self._hubs.items() if name and not hub.watched][_IDLE_HUBS:]:
+                del self._hubs[name]
+            self._hubs[session] = Hub(Watch(self._folder, session))
+        return self._hubs[session]
+
+
 class Hub:
-    """Sends every open page what is new. One reading of the files serves all of them."""
+    """Sends every page that looks at a session what is new. One reading of the files serves all of them."""
 
     def __init__(self, watch: Watch) -> None:
-        self._watch = watch
+        self.watch = watch
         self._name = secrets.token_hex(8)
         self._pages: dict[WebSocket, asyncio.Queue[str]] = {}
         self._values: dict[str, str] = {}
@@ -134,9 +164,14 @@ class Hub:
         self._tails: dict[str, Any] = {}
         self._versions: tuple[int, ...] = ()
 
+    @property
+    def watched(self) -> bool:
+        """Whether a page looks at it."""
+        return bool(self._pages)
+
     def tick(self) -> None:
         """Read, and hand every page what has changed since the last tick."""
-        watch = self._watch
+        watch = self.watch
         watch.update()
         values, news, tails = watch.values(), watch.news(), watch.tails()
         message: dict[str, Any] = {}
@@ -179,7 +214,7 @@ class Hub:
 
     def _begin(self, page: WebSocket) -> None:
         queue: asyncio.Queue[str] = asyncio.Queue(_WAITING)
-        everything = {"values": self._values, "news": self._news, "curves": self._watch.snapshot()}
+        everything = {"values": self._values, "news": self._news, "curves": self.watch.snapshot()}
         queue.put_nowait(_encoded({"panel": self._name} | everything))
         old = self._pages.get(page)
         if old is None:

@@ -4,26 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from bench.live import read_now
-from bench.panel._advice import banner, sentence
-from bench.panel._folders import Entry, RunsFolder
+from bench.panel._advice import NOT_HERE, banner, sentence
+from bench.panel._folders import NOW, Entry, RunsFolder
 from bench.panel._series import MinMax, Row
 from bench.panel._tails import EventTail, HistoryTail
 from bench.panel._texts import texts
-from drivers.clock import host_seconds
+from drivers.clock import epoch_seconds, host_seconds
 from drivers.errors import BenchError
 
 _BUCKETS = 480
 LEVELS = {"5 min": 300.0, "1 h": 3600.0, "run": 0.0}
 """Stretches that can be shown, in s; 0: the whole run."""
 _LOOK_EVERY_S = 2.0
+_LATELY_S = 60.0
+_SESSIONS = 12
 _LINES_SHOWN = 60
 _FIRST_WIDTH_S = 1.0
+
+
+@dataclass(frozen=True)
+class Session:
+    """A session that is at work: `name` is its folder's relative to the runs folder, `text` says what it does."""
+
+    name: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -37,10 +48,15 @@ class Column:
 
 
 class Watch:
-    """Follows the session that runs, or the last one that did; stays with it as long as its process lives."""
+    """Follows one session: that of `name` if one is given, else the one that runs or the last one that did.
 
-    def __init__(self, folder: RunsFolder) -> None:
+    It stays with a session as long as its process lives; `others` are those at work beside it.
+    """
+
+    def __init__(self, folder: RunsFolder, name: str = "") -> None:
         self.folder = folder
+        self.name = name
+        self.others: list[Session] = []
         self.session: Path | None = None
         self.now: dict[str, Any] | None = None
         self.problem = ""
@@ -95,6 +111,8 @@ class Watch:
         lines = list(self._events.lines) if self._events is not None else []
         now = self.now or {}
         head = banner(self.now, lines, self.age_s if self.steerable else 0.0)
+        if self.name and self.session is None:
+            head = NOT_HERE
         return {
             "banner": head.as_dict(),
             "log": [_shown(line) for line in lines[-_LINES_SHOWN:]][::-1],
@@ -125,12 +143,27 @@ class Watch:
         return (self.epoch, *(level.version for level in self.levels.values()))
 
     def _choose(self) -> None:
-        """Take the session written to last, unless the one shown still lives."""
-        if self.session is not None and self.steerable:
-            return
+        """Take the session written to last, unless the one shown still lives or one was asked for by name."""
         found = self.folder.sessions()
-        if found and found[0] != self.session:
+        if self.name:
+            found = [each for each in (self.folder.session(self.name),) if each is not None]
+        if found and found[0] != self.session and not (self.session is not None and self.steerable):
             self.session, self._stamp = found[0], ""
+        self.others = self._at_work()
+
+    def _at_work(self) -> list[Session]:
+        """Return the sessions beside the one shown whose process lives and has written lately."""
+        lately_ns = (epoch_seconds() - _LATELY_S) * 1e9
+        found = []
+        for folder in self.folder.sessions()[:_SESSIONS]:
+            with suppress(BenchError, OSError):
+                if folder == self.session or (folder / NOW).stat().st_mtime_ns < lately_ns:
+                    continue
+                now = read_now(folder)
+                if now is not None and now["alive"] and now.get("state") != "ended":
+                    name = str(folder.relative_to(self.folder.root))
+                    found.append(Session(name, _what(now, name)))
+        return sorted(found, key=lambda each: each.name)
 
     def _read(self) -> None:
         assert self.session is not None
@@ -196,6 +229,15 @@ class Watch:
             level.add(float(time_s), numbers)
 
 
+def _what(now: Mapping[str, Any], name: str) -> str:
+    """Return what a session does: the campaign's title and the run, or the run alone, and its units."""
+    campaign, run = now.get("campaign") or {}, now.get("run") or {}
+    units = ", ".join(str(unit) for unit in (run.get("units") or {}).values())
+    what = str(campaign.get("title") or run.get("procedure") or name)
+    asking = ", waits for an answer" if now.get("prompts") else ""
+    return f"{what} ({units or name}){asking}"
+
+
 def _columns(gyros: tuple[str, ...]) -> tuple[Column, ...]:
     fixed = (
         Column("air", "temperature", "air", "°C"),
@@ -227,8 +269,6 @@ def _shown(line: Mapping[str, Any]) -> list[Any]:
 
 def _seconds_since(utc: str) -> float:
     """Return how long ago a time stamp was; 0 for one that is not one."""
-    from drivers.clock import epoch_seconds
-
     try:
         return max(0.0, epoch_seconds() - datetime.fromisoformat(utc).timestamp())
     except ValueError:

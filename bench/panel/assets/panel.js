@@ -249,7 +249,9 @@
   let panel = "";
 
   function connect() {
-    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/panel/live`);
+    const session = encodeURIComponent(new URLSearchParams(location.search).get("session") || "");
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/panel/live?session=${session}`);
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data);
       if (message.panel) {
