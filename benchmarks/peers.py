@@ -1,35 +1,48 @@
-"""Daily work against what people would write or install instead: `python -m benchmarks.peers`.
+"""Calibration and simulation against what people would write or install instead: `python -m benchmarks peers`.
 
-Both do the same work in turns; figures are medians of wall time. A missing peer is named and skipped.
+Both do the same work in turns; figures are medians of processor time. A missing peer is named and skipped;
+gnss-ins-sim is on no package index and takes part where `gnss_ins_sim` can be imported (PYTHONPATH).
 """
 
 from __future__ import annotations
 
-import statistics
+import contextlib
+import io
+import math
 import tempfile
-from collections.abc import Callable, Iterator
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
-from bench.calibration import Noise, Site, Task
+from bench.calibration import (
+    Effort,
+    Noise,
+    Schedule,
+    Site,
+    Task,
+    covariance,
+    fold,
+    load_scheme,
+    schedule_segments,
+    search,
+)
+from bench.calibration._model import dwell_transitions, process_noise, turn_transitions
 from bench.calibration._observability import observability
-from bench.recording import PortJournal
-from drivers.clock import host_seconds
-from drivers.kvh import encode_frames
+from benchmarks._measure import Row, in_turns, row
+from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
 
-Row = dict[str, object]
-_TURNS = 3
+_TASK = Task()
 
 
 def rows() -> list[Row]:
-    """Return a row for every peer that is installed."""
+    """Return the rows of every peer that is installed."""
     table: list[Row] = []
-    for work in (observing, logging):
+    for work in (observing, filtering, searching, imu_data):
         try:
             table += work()
-        except (ImportError, PackageNotFoundError) as missing:
+        except ImportError as missing:
             print(f"skipped: {work.__name__}: {missing}")
     return table
 
@@ -45,66 +58,119 @@ def observing() -> Iterator[Row]:
         return 1.0 / np.array(norms)
 
     np.testing.assert_allclose(observability(q, task).normalised, peer(), rtol=1e-6)
-    fast, slow = _turns(lambda: observability(q, task), peer)
-    yield _row(
-        "observability degrees, 30 states, 600 rows", fast, slow, f"numpy {version('numpy')} lstsq a state"
+    pair = in_turns(lambda: observability(q, task), peer)
+    name = f"numpy {version('numpy')} lstsq a state"
+    yield row("observability degrees, 30 states, 600 rows", pair, name, per=1e3, unit="ms")
+
+
+def filtering() -> Iterator[Row]:
+    """Covariance of a 23-position calibration: a chain of segments, or a filter that goes second by second."""
+    schedule = load_scheme("23-position").with_(profile="constant")
+    scale, steps = _TASK.prior_sigma, _transitions(schedule)
+
+    def ours() -> np.ndarray:
+        end = fold(schedule_segments(_TASK, schedule))
+        return np.asarray(np.sqrt(np.diag(covariance(end))) * scale)
+
+    def peer() -> np.ndarray:
+        return _plain(steps)
+
+    np.testing.assert_allclose(ours(), peer(), rtol=1e-6)
+    pair = in_turns(ours, peer, turns=3)
+    title = f"covariance of 23 positions, 30 states, {len(steps):,} seconds and turns"
+    yield row(title, pair, f"filterpy {version('filterpy')} KalmanFilter", per=1e3, unit="ms")
+
+
+def _plain(steps: list[tuple[np.ndarray, np.ndarray, bool]]) -> np.ndarray:
+    """Return posterior sigma (30,) by filterpy, one prediction and one update a step."""
+    from filterpy.kalman import KalmanFilter
+
+    scale = _TASK.prior_sigma
+    kalman = KalmanFilter(dim_x=30, dim_z=3)
+    kalman.P = np.eye(30)
+    kalman.H = np.eye(30)[3:6]
+    kalman.R = np.eye(3) * (_TASK.noise.velocity_mps / scale[3]) ** 2
+    for transition, noise, updates in steps:
+        kalman.predict(F=transition, Q=noise)
+        if updates:
+            kalman.update(np.zeros(3))
+    return np.asarray(np.sqrt(np.diag(kalman.P)) * scale)
+
+
+def _transitions(schedule: Schedule) -> list[tuple[np.ndarray, np.ndarray, bool]]:
+    """Return (transition, process noise, whether velocities follow) of every second and turn, prior-scaled."""
+    scale = _TASK.prior_sigma
+    attitudes = schedule.attitudes()
+    seconds = dwell_transitions(_TASK.site, attitudes, np.array([1.0]))[:, 0]
+    turns = turn_transitions(_TASK.site, attitudes[:-1], schedule.moves, schedule.rate_dps, schedule.profile)
+    rest, moving = (_noise(duration_s) for duration_s in (1.0, 90.0 / schedule.rate_dps))
+    steps = []
+    for number, second in enumerate(seconds):
+        steps += [(_whole(second, scale), rest, True)] * round(schedule.dwell_s)
+        if number < len(turns):
+            steps.append((_whole(turns[number], scale), moving, False))
+    return steps
+
+
+def _noise(duration_s: float) -> np.ndarray:
+    noise = np.zeros((30, 30))
+    noise[:6, :6] = process_noise(_TASK.site, _TASK.noise, duration_s)
+    return noise / np.outer(_TASK.prior_sigma, _TASK.prior_sigma)
+
+
+def _whole(rows_of_navigation: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    matrix = np.eye(30)
+    matrix[:6] = rows_of_navigation
+    return np.asarray(matrix / scale[:, None] * scale)
+
+
+def searching() -> Iterator[Row]:
+    """What a schedule costs in the scheme search, and in a filter that goes second by second."""
+    pattern = Schedule("", (), np.eye(3), 60.0)
+    effort = Effort(4, 40, 1)
+    result = search(_TASK, "two-axis-horizontal", 14, pattern, effort=effort)
+    steps = _transitions(result.schedule.with_(profile="constant"))
+    pair = in_turns(
+        lambda: search(_TASK, "two-axis-horizontal", 14, pattern, effort=effort),
+        lambda: _plain(steps),
+        turns=3,
     )
-
-
-def logging() -> Iterator[Row]:
-    """100,000 samples onto the disk as they come: raw bytes with arrival times, or a CSV line each."""
-    from pymeasure.experiment import FloatParameter, Procedure
-    from pymeasure.experiment.results import CSVFormatter
-
-    class Gyro(Procedure):  # type: ignore[misc]  # PyMeasure has no types
-        rate_hz = FloatParameter("rate", default=100.0)
-        DATA_COLUMNS = ["time_s", "rate_dps", "temp_c"]  # noqa: RUF012
-
-    count = 100_000
-    frame = encode_frames("A", np.zeros((1, 3)), counter=np.zeros(1, np.int64), temp_c=25.0)
-    formatter = CSVFormatter(columns=Gyro.DATA_COLUMNS)
-    with tempfile.TemporaryDirectory() as folder:
-
-        def peer() -> None:
-            with (Path(folder) / "peer.csv").open("w", encoding="utf-8") as file:
-                for number in range(count):
-                    row = {"time_s": number * 0.01, "rate_dps": 1e-3, "temp_c": 25.0}
-                    file.write(formatter.format(row) + "\n")
-
-        def ours() -> None:
-            with tempfile.TemporaryDirectory(dir=folder) as own:
-                journal = PortJournal(Path(own), "fog")
-                for number in range(count):
-                    journal.received(frame, number * 0.01)
-                    if number % 100 == 0:
-                        journal.flush(False)
-                journal.flush(False)
-
-        fast, slow = _turns(ours, peer)
-    yield _row("logging 100,000 samples", fast, slow, f"PyMeasure {version('pymeasure')} CSVFormatter")
-
-
-def _turns(one: Callable[[], object], other: Callable[[], object]) -> tuple[float, float]:
-    """Return the median wall time of each in s, run in turns."""
-    times = [(_seconds(one), _seconds(other)) for _ in range(_TURNS)]
-    return statistics.median(a for a, _ in times), statistics.median(b for _, b in times)
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    begin = host_seconds()
-    work()
-    return host_seconds() - begin
-
-
-def _row(benchmark: str, ours: float, peer: float, name: str) -> Row:
-    return {
-        "benchmark": benchmark,
-        "ours": 1e3 * ours,
-        "yardstick": 1e3 * peer,
-        "yardstick_name": name,
-        "unit": "ms",
-        "ratio": peer / ours,
+    yield {
+        "benchmark": f"scheme search, one of {result.evaluated:,} schedules of 14 turns",
+        "ours": 1e6 * pair.ours_s / result.evaluated,
+        "yardstick": 1e6 * pair.other_s,
+        "yardstick_name": f"filterpy {version('filterpy')} KalmanFilter",
+        "unit": "us",
+        "ratio": pair.ratio * result.evaluated,
     }
+
+
+def imu_data() -> Iterator[Row]:
+    """Ten minutes of an IMU at 100 Hz with a turn every minute."""
+    from gnss_ins_sim.sim import imu_model, ins_sim
+
+    legs: list[Rest | Turn] = [Rest(50.0), Turn(np.array([0.0, 0.0, 1.0]), math.radians(90.0), 10.0)] * 10
+    noise = ImuNoise(1e-6, 1e-4, 1e-7, 1e-5, 100.0)
+
+    def ours() -> int:
+        made = measure_motion(np.eye(3), legs, ImuErrors(), noise, latitude_deg=32.0, gravity_mps2=9.79)
+        return len(made.angle_rad)
+
+    lines = ["ini", "32,120,0,0,0,0,0,0,0", "command", *["1,0,0,0,0,0,0,50,0", "1,9,0,0,0,0,0,10,0"] * 10]
+    with tempfile.TemporaryDirectory(prefix="gyrobench-imu-") as scratch:
+        motion = Path(scratch) / "motion.csv"
+        motion.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+        def peer() -> int:
+            imu = imu_model.IMU(accuracy="mid-accuracy", axis=6, gps=False)
+            with contextlib.redirect_stdout(io.StringIO()):
+                made = ins_sim.Sim([100.0, 0.0, 0.0], str(motion), ref_frame=1, imu=imu)
+                made.run(1)
+            return len(made.dmgr.gyro.data[0])
+
+        assert abs(ours() - peer()) <= 20
+        pair = in_turns(ours, peer, turns=3)
+    yield row("IMU data, 60,000 samples of 6 axes", pair, "gnss-ins-sim 3.0.0_alpha", per=1e3, unit="ms")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Training of the LSTM: stateful truncated back-propagation over whole runs, in torch, on one thread.
+"""Training of the LSTM: stateful truncated back-propagation over whole runs side by side, in torch, on one thread
+of the processor or on a CUDA device (`bench.device`).
 
 torch keeps its thread count, denormal mode and random state per process; all are as found when the fit is over.
 Random numbers come from a numpy generator of our own.
@@ -14,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from bench.device import compute_device
 from bench.fitting._lstm import TARGETS, FitError, LstmSettings, LstmWeights, input_matrix
 from bench.fitting._regression import in_reference
 from bench.fitting._types import Array, FeatureRun
@@ -31,21 +33,31 @@ class _Batch:
     mask: torch.Tensor
     reference: torch.Tensor
 
+    def to(self, device: str) -> _Batch:
+        """Return the batch on `device`."""
+        parts = (self.inputs, self.targets, self.mask, self.reference)
+        return _Batch(*(part.to(device) for part in parts))
+
 
 def train_lstm(
-    train: Sequence[FeatureRun], validation: Sequence[FeatureRun], settings: LstmSettings
+    train: Sequence[FeatureRun],
+    validation: Sequence[FeatureRun],
+    settings: LstmSettings,
+    device: str | None = None,
 ) -> LstmWeights:
     """Return the weights after the epoch that is best on `validation` (on `train` if that is empty).
 
-    Raises `FitError` if no training run has a usable sample.
+    `device` is torch's name of one, default `compute_device()`. Raises `FitError` if no training run has a usable
+    sample.
     """
+    device = compute_device() if device is None else device
     low, high = _input_range(train)
     mid, scale = _target_range(train)
     blank = _initial_weights(settings, low, high, mid, scale)
     with _quiet_torch():
-        network, head = _network(blank)
-        learning = _batch(train, blank, settings)
-        judging = _batch(validation, blank, settings) if validation else learning
+        network, head = (part.to(device) for part in _network(blank))
+        learning = _batch(train, blank, settings).to(device)
+        judging = _batch(validation, blank, settings).to(device) if validation else learning
         _descend(network, head, learning, judging, settings)
         return _read_weights(network, head, blank)
 
@@ -128,7 +140,7 @@ def _network(weights: LstmWeights) -> tuple[torch.nn.LSTM, torch.nn.Linear]:
 
 def _read_weights(network: torch.nn.LSTM, head: torch.nn.Linear, blank: LstmWeights) -> LstmWeights:
     def value(parameter: torch.Tensor) -> Array:
-        return np.asarray(parameter.detach().numpy(), dtype=np.float64)
+        return np.asarray(parameter.detach().cpu().numpy(), dtype=np.float64)
 
     return LstmWeights(
         input_low=blank.input_low,
@@ -176,17 +188,22 @@ def _hold(rows: Array) -> Array:
 def _descend(
     network: torch.nn.LSTM, head: torch.nn.Linear, learning: _Batch, judging: _Batch, settings: LstmSettings
 ) -> None:
-    """Run the epochs and leave the best parameters in `network` and `head`."""
+    """Run the epochs until `patience` of them brought nothing, and leave the best parameters in the modules."""
     parameters = [*network.parameters(), *head.parameters()]
-    optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay)
-    best_loss, best = np.inf, [parameter.detach().clone() for parameter in parameters]
+    optimiser = torch.optim.Adam(
+        parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
+    )
+    best_loss, best, best_epoch = np.inf, [parameter.detach().clone() for parameter in parameters], 0
     for epoch in range(settings.epochs):
+        if epoch - best_epoch > settings.patience:
+            break
         for group in optimiser.param_groups:
             group["lr"] = _cosine(settings, epoch)
         _epoch(network, head, learning, optimiser, settings)
         loss = _loss_of(network, head, judging)
         if loss < best_loss:
-            best_loss, best = loss, [parameter.detach().clone() for parameter in parameters]
+            best_loss, best_epoch = loss, epoch
+            best = [parameter.detach().clone() for parameter in parameters]
     with torch.no_grad():
         for parameter, value in zip(parameters, best, strict=True):
             parameter.copy_(value)

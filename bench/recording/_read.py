@@ -179,10 +179,13 @@ def _stretch(
         )
     low = -(1 << 62) if start_s is None else round(start_s * 1e9)
     high = 1 << 62 if end_s is None else round(end_s * 1e9)
-    groups = _overlapping(file, low, high)
+    groups, inside = _overlapping(file, low, high)
     _check_room(where, sum(file.metadata.row_group(group).num_rows for group in groups), len(wanted) + 1)
-    table = file.read_row_groups(groups, columns=list(dict.fromkeys(["time_ns", *wanted])), use_threads=False)
+    read = wanted if inside else ["time_ns", *wanted]
+    table = file.read_row_groups(groups, columns=list(dict.fromkeys(read)), use_threads=False)
     data = {name: from_arrow(table[name]) for name in table.column_names}
+    if inside:
+        return {name: data[name] for name in wanted}
     keep = (data["time_ns"] >= low) & (data["time_ns"] < high)
     return {name: data[name] if keep.all() else data[name][keep] for name in wanted}
 
@@ -199,14 +202,16 @@ def _check_room(where: str, rows: int, columns: int) -> None:
         )
 
 
-def _overlapping(file: pq.ParquetFile, low: int, high: int) -> list[int]:
+def _overlapping(file: pq.ParquetFile, low: int, high: int) -> tuple[list[int], bool]:
+    """Return the row groups that may have rows with low <= time < high, and whether they have no others."""
     at = file.schema_arrow.names.index("time_ns")
-    groups = []
+    groups, inside = [], True
     for group in range(file.metadata.num_row_groups):
         statistics = file.metadata.row_group(group).column(at).statistics
         if statistics is None or (statistics.max >= low and statistics.min < high):
             groups.append(group)
-    return groups
+            inside &= statistics is not None and low <= statistics.min and statistics.max < high
+    return groups, inside
 
 
 def seconds(table: Table) -> NDArray[np.float64]:

@@ -16,9 +16,11 @@ from bench.recording import (
     Run,
     decode_stream,
     read_manifest,
+    read_table,
     seal,
     second_rows,
     seconds,
+    table_writer,
     verify,
     write_manifest,
 )
@@ -206,15 +208,39 @@ def test_only_overlapping_row_groups_are_read(tmp_path):
     import pyarrow.parquet as pq
 
     from bench.recording._read import _overlapping
-    from bench.recording._tables import table_writer
 
     with table_writer(tmp_path / "t.parquet", "t") as writer:
         writer.write({"time_ns": np.arange(300_000) * 10_000_000})
     file = pq.ParquetFile(tmp_path / "t.parquet")
     edge = 65536 * 10_000_000
-    assert _overlapping(file, 0, edge) == [0]
-    assert _overlapping(file, edge, edge + 1) == [1]
-    assert _overlapping(file, edge - 1, 3 * edge + 1) == [1, 2, 3]
+    assert _overlapping(file, 0, edge) == ([0], True)
+    assert _overlapping(file, 0, edge - 10_000_000) == ([0], False)
+    assert _overlapping(file, 1, edge) == ([0], False)
+    assert _overlapping(file, edge, edge + 1) == ([1], False)
+    assert _overlapping(file, edge - 10_000_000, 3 * edge + 1) == ([0, 1, 2, 3], False)
+    assert _overlapping(file, edge - 9_999_999, 3 * edge) == ([1, 2], True)
+
+
+def test_a_stretch_is_the_whole_cut_at_its_ends(tmp_path):
+    path = tmp_path / "t.parquet"
+    times = np.arange(200_000, dtype=np.int64) * 10_000_000
+    with table_writer(path, "t") as writer:
+        writer.write({"time_ns": times, "x": np.arange(200_000, dtype=np.float64)})
+    edge_s = 655.36
+    for start_s, end_s in (
+        (None, None),
+        (0.0, edge_s),
+        (0.0, 5e-9),
+        (edge_s, None),
+        (3.005, 2 * edge_s),
+        (1e4, None),
+    ):
+        low, high = (
+            (-np.inf if start_s is None else start_s * 1e9),
+            (np.inf if end_s is None else end_s * 1e9),
+        )
+        expected = np.flatnonzero((times >= low) & (times < high))
+        np.testing.assert_array_equal(read_table(path, ["x"], start_s, end_s)["x"], expected)
 
 
 def test_decoding_and_reading_a_run_load_neither_pandas_nor_torch(run):

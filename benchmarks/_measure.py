@@ -1,0 +1,96 @@
+"""Two ways of doing the same work timed in turns, and what a row of a table is.
+
+Processor time of this process (`process_time`) is hardly moved by what else the machine does, and of two works
+that follow each other both are slowed alike: the ratio is the median of the ratios of neighbours.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import process_time
+from typing import Any
+
+from drivers.clock import host_seconds
+
+Row = dict[str, object]
+Work = Callable[[], object]
+Timer = Callable[[], float]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Median seconds of ours and of the other, and the median of the other's over ours."""
+
+    ours_s: float
+    other_s: float
+    ratio: float
+
+
+def in_turns(ours: Work, other: Work, *, turns: int = 5, least_s: float = 0.02, wall: bool = False) -> Pair:
+    """Time both `turns` times, one after the other, each often enough for `least_s`; first once to warm up."""
+    timer: Timer = host_seconds if wall else process_time
+    repeats = [max(1, round(least_s / max(1e-7, _seconds(work, 1, timer)))) for work in (ours, other)]
+    times = [(_seconds(ours, repeats[0], timer), _seconds(other, repeats[1], timer)) for _ in range(turns)]
+    return Pair(
+        statistics.median(mine for mine, _ in times),
+        statistics.median(its for _, its in times),
+        statistics.median(its / max(mine, 1e-9) for mine, its in times),
+    )
+
+
+def _seconds(work: Work, repeats: int, timer: Timer) -> float:
+    begin = timer()
+    for _ in range(repeats):
+        work()
+    return (timer() - begin) / repeats
+
+
+def row(benchmark: str, pair: Pair, yardstick_name: str, *, per: float = 1.0, unit: str = "s") -> Row:
+    """Return the row of two times; `per` units make a second (1e3 for ms), the ratio is how many times faster."""
+    return {
+        "benchmark": benchmark,
+        "ours": per * pair.ours_s,
+        "yardstick": per * pair.other_s,
+        "yardstick_name": yardstick_name,
+        "unit": unit,
+        "ratio": pair.ratio,
+    }
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Processor seconds of a work and by how much it raised the peak of its process's memory, MiB."""
+
+    cpu_s: float
+    memory_mib: float
+
+
+def cost(work: Work) -> Cost:
+    """Do `work` in a forked process of its own and return what it cost; what it raises is raised here."""
+    receiver, sender = multiprocessing.get_context("fork").Pipe(duplex=False)
+    process = multiprocessing.get_context("fork").Process(target=_report, args=(work, sender))
+    process.start()
+    sender.close()
+    try:
+        found = receiver.recv()
+    except EOFError:
+        found = RuntimeError("the process that did the work was killed")
+    process.join()
+    if isinstance(found, BaseException):
+        raise found
+    return Cost(*found)
+
+
+def _report(work: Work, sender: Any) -> None:
+    try:
+        before = resource.getrusage(resource.RUSAGE_SELF)
+        work()
+        after = resource.getrusage(resource.RUSAGE_SELF)
+        cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        sender.send((cpu_s, (after.ru_maxrss - before.ru_maxrss) / 1024.0))
+    except BaseException as error:
+        sender.send(error)
