@@ -28,16 +28,24 @@ def centred_mean(values: Array, count: int) -> Array:
 
 def _window_mean(values: Array, before: int, after: int, least: int) -> Array:
     finite = np.isfinite(values)
-    origin = (
-        values[finite][0] if finite.any() else 0.0
-    )  # keeps the running sum small, so differences keep digits
-    total = np.concatenate(([0.0], np.cumsum(np.where(finite, values - origin, 0.0))))
-    number = np.concatenate(([0], np.cumsum(finite)))
-    index = np.arange(len(values))
-    low, high = np.maximum(index - before, 0), np.minimum(index + after + 1, len(values))
-    count = number[high] - number[low]
-    mean = origin + (total[high] - total[low]) / np.maximum(count, 1)
-    return np.where((count > 0) & (count >= np.minimum(least, (high - low + 1) // 2)), mean, np.nan)
+    whole = bool(finite.all())
+    # Counted from the first value the running sum stays small, so differences keep digits.
+    origin = float(values[np.argmax(finite)]) if finite.any() else 0.0
+    summed = values - origin if whole else np.where(finite, values - origin, 0.0)
+    window = _window_sum(np.ones(len(values)), before, after)
+    count = window if whole else _window_sum(finite.astype(np.float64), before, after)
+    mean = origin + _window_sum(summed, before, after) / np.maximum(count, 1.0)
+    if whole:
+        return np.asarray(mean)
+    return np.where((count > 0) & (count >= np.minimum(least, (window + 1) // 2)), mean, np.nan)
+
+
+def _window_sum(values: Array, before: int, after: int) -> Array:
+    """Sum of each value, `before` before and `after` after it, as far as there are so many; shape (n,)."""
+    total = np.zeros(before + len(values) + after + 1)
+    np.cumsum(values, out=total[before + 1 : before + 1 + len(values)])
+    total[before + 1 + len(values) :] = total[before + len(values)]
+    return np.asarray(total[before + 1 + after :] - total[: len(values)])
 
 
 def change_per_minute(temp_c: Array, over_s: int = 60) -> Array:

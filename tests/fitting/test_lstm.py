@@ -212,3 +212,29 @@ def test_refusals(model: LstmModel, runs: dict[str, list[FeatureRun]]) -> None:
     state = model.to_state()
     with pytest.raises(FitError, match="do not fit together"):
         LstmModel.from_state({**state, "weights": {**state["weights"], "bias": np.zeros(3)}})
+
+
+def test_training_ends_when_nothing_gets_better(runs: dict[str, list[FeatureRun]]) -> None:
+    """With a learning rate of zero the first epoch stays the best one: `patience` more are made, not all."""
+    from bench.fitting import _lstm_training
+
+    epochs = []
+    settings = replace(QUICK, learning_rate=0.0, final_learning_rate=0.0, patience=3)
+    with pytest.MonkeyPatch.context() as patch:
+        inner = _lstm_training._epoch
+        patch.setattr(_lstm_training, "_epoch", lambda *args: (epochs.append(1), inner(*args)))
+        _lstm_training.train_lstm(runs["train"], runs["validation"], settings)
+    assert len(epochs) == 4
+
+
+def test_a_device_by_name_gives_what_the_default_gives(runs: dict[str, list[FeatureRun]]) -> None:
+    """Also the promise for CUDA, which this machine may not have; see `make bench-gpu`."""
+    import torch
+
+    from bench.fitting._lstm_training import train_lstm
+
+    settings = replace(QUICK, epochs=2)
+    plain = train_lstm(runs["train"], runs["validation"], settings, "cpu")
+    for device in ("cpu", *(["cuda"] if torch.cuda.is_available() else [])):
+        other = train_lstm(runs["train"], runs["validation"], settings, device)
+        np.testing.assert_allclose(other.w_hidden, plain.w_hidden, atol=1e-3)
