@@ -62,7 +62,8 @@ class ChannelSeries:
 def load_channels(folder: Path, gyro: str | None = None) -> tuple[list[ChannelSeries], dict[str, str]]:
     """Return the channels of a run folder, and for those that it cannot show the reason by channel."""
     run = Run.open(folder)
-    name = gyro or next(iter(run.manifest.units))
+    units = [each for each in run.manifest.units if run.manifest.devices[each].role == "gyro"]
+    name = gyro or next(iter(units), "")
     found: list[ChannelSeries] = []
     missing: dict[str, str] = {}
     readers: dict[str, Callable[[], ChannelSeries | str]] = {
@@ -150,7 +151,7 @@ def _quiet_from(demands: list[Demand], time_s: Array) -> Array:
 
 
 def _case(run: Run, gyro: str) -> ChannelSeries | str:
-    sensor = run.manifest.devices[gyro].case_sensor
+    sensor = run.manifest.devices[gyro].case_sensor if gyro else None
     if sensor is None or not (run.folder / "chamber.parquet").exists():
         return "no sensor on the unit's case (case_sensor in the bench file)"
     table = run.chamber(("time_ns", "air_temp_c", f"aux_{sensor}_temp_c"))
@@ -165,7 +166,7 @@ def _case(run: Run, gyro: str) -> ChannelSeries | str:
 
 
 def _inside(run: Run, gyro: str) -> ChannelSeries | str:
-    sensor = run.manifest.devices[gyro].case_sensor
+    sensor = run.manifest.devices[gyro].case_sensor if gyro else None
     if sensor is None or not (run.folder / "chamber.parquet").exists():
         return "no sensor on the unit's case that the gyro's temperature could follow"
     around = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.calibration import load_calibration_run
 from bench.gap._data import GapRun
 from bench.recording import Phase, Run, checksum, second_rows, seconds
 from bench.run_folder import MANIFEST_FILE
@@ -18,6 +19,9 @@ from simulators.effects import Stimulus
 Array = NDArray[np.float64]
 _HOUR_S = 3600.0
 _TURNING_DPS = 0.05
+_SETTLING_S = 5
+AXES = "xyz"
+CALIBRATION = "system-calibration"
 
 
 def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
@@ -28,14 +32,26 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
     folder lacks.
     """
     run = Run.open(folder)
-    name = gyro or next(iter(run.manifest.units))
-    if name not in run.manifest.units:
+    units = [each for each in run.manifest.units if run.manifest.devices[each].role == "gyro"]
+    if not units:
+        raise ConfigurationError(
+            "the run has no gyro",
+            where=str(folder),
+            found=f"{run.manifest.procedure} of "
+            + (", ".join(f"{n} ({each.role})" for n, each in run.manifest.devices.items()) or "no device"),
+            expected="a run with a gyro: the gap is looked for in its rate",
+            remedy="the drift of a platform over heading is fitted by `gyrobench fit heading-effect`",
+        )
+    name = gyro or units[0]
+    if name not in units:
         raise ConfigurationError(
             "the run has no such gyro",
             where=str(folder),
             found=name,
-            expected=", ".join(run.manifest.units),
+            expected=", ".join(units),
         )
+    if run.manifest.procedure == CALIBRATION:
+        return [_positions(run, name)]
     sections = [float(event["time_s"]) for event in run.events if event["kind"] == "section"]
     phases = run.phases()
     if not phases:
@@ -59,18 +75,20 @@ def _stretch(run: Run, gyro: str, start_s: float, end_s: float, suffix: str) -> 
     edges = np.arange(float(start), end + 1.0)
     angle = _table_angle(run, edges) + _azimuth_error_deg(run)
     turning = float(np.median(np.diff(angle)))
-    upright = run.manifest.mounting == "axis_up" or abs(turning) > _TURNING_DPS
+    upright = _upright(run, gyro, abs(turning) > _TURNING_DPS)
     elevation = np.full(end - start, 90.0 if upright else 0.0)
     stimulus = Stimulus(
         edges[1:],
         _filled(temp_c, run, "the gyro's temperature"),
-        _case_temp(run, gyro, edges[:-1] + 0.5),
+        _case_temp(run, gyro, edges[:-1] + 0.5, temp_c),
         angle,
         elevation,
         float(run.manifest.bench["bench"]["latitude_deg"]),
     )
     phases = [phase for phase in run.phases() if phase.end_s > start and phase.start_s < end]
-    condition = f"{round(turning):+d}" if upright else f"{round(float(np.median(angle))) % 360} deg"
+    condition = f"{round(float(np.median(angle))) % 360} deg"
+    if upright or abs(turning) > _TURNING_DPS:
+        condition = f"{round(turning):+d}"
     return GapRun(
         run.manifest.run_id + suffix,
         run.manifest.units[gyro],
@@ -81,6 +99,62 @@ def _stretch(run: Run, gyro: str, start_s: float, end_s: float, suffix: str) -> 
         _phase_names(phases, edges[1:]),
         checksum(run.folder / MANIFEST_FILE).sha256,
         lost,
+    )
+
+
+def _upright(run: Run, gyro: str, turning: bool) -> bool:
+    """Return whether the axis under test is up. "axis_horizontal" lays a unit's x axis level: then z is up."""
+    mounting, axis = run.manifest.mounting, run.manifest.devices[gyro].axis
+    if mounting == "axis_horizontal":
+        return turning and axis == "z"
+    return mounting == "axis_up" or turning
+
+
+def _positions(run: Run, gyro: str) -> GapRun:
+    """Return the dwells of a system calibration, one behind the other, each at its attitude, without turns."""
+    schedule = load_calibration_run(run.folder, gyro).schedule
+    axis = AXES.index(str(run.manifest.devices[gyro].axis or "x"))
+    parts = []
+    dwells = [phase for phase in run.phases() if phase.name == "dwell"]
+    for number, (phase, attitude) in enumerate(zip(dwells, schedule.attitudes(), strict=True), 1):
+        start, end = math.ceil(phase.start_s) + _SETTLING_S, math.floor(phase.end_s)
+        output, temp_c, lost = _second_means(run, gyro, start, end)
+        output[-1] = np.nan  # in it the angle jumps to that of the next position
+        east, north, up = attitude[:, axis]
+        full = np.full(end - start, 1.0)
+        parts.append(
+            (
+                np.arange(start + 1.0, end + 1.0),
+                output,
+                temp_c,
+                _case_temp(run, gyro, np.arange(start, end) + 0.5, temp_c),
+                math.degrees(math.atan2(-east, north)) * full,
+                math.degrees(math.asin(max(min(up, 1.0), -1.0))) * full,
+                np.full(end - start, f"position {number}"),
+                lost * full,
+            )
+        )
+    times, output, temp_c, case_c, angle, elevation, phases, losses = (
+        np.concatenate(each) for each in zip(*parts, strict=True)
+    )
+    stimulus = Stimulus(
+        times,
+        _filled(temp_c, run, "the gyro's temperature"),
+        _filled(case_c, run, "the case's temperature"),
+        np.append(angle, angle[-1:]),
+        elevation,
+        float(run.manifest.bench["bench"]["latitude_deg"]),
+    )
+    return GapRun(
+        run.manifest.run_id,
+        run.manifest.units[gyro],
+        run.manifest.procedure,
+        schedule.name,
+        stimulus,
+        3600.0 * output,
+        phases,
+        checksum(run.folder / MANIFEST_FILE).sha256,
+        float(losses.mean()),
     )
 
 
@@ -129,16 +203,11 @@ def _azimuth_error_deg(run: Run) -> float:
     return float(next(found, 0.0))
 
 
-def _case_temp(run: Run, gyro: str, times_s: Array) -> Array:
+def _case_temp(run: Run, gyro: str, times_s: Array, inside_c: Array) -> Array:
+    """Return the case's temperature; without a sensor there that inside, so that no difference can be seen."""
     sensor = run.manifest.devices[gyro].case_sensor
-    if sensor is None:
-        raise ConfigurationError(
-            "the gyro has no case temperature sensor",
-            where=str(run.folder),
-            found=f"{gyro}: case_sensor is not set in the bench file",
-            expected="the number of the chamber's auxiliary sensor on the unit's case",
-            remedy="without it effects of temperature differences cannot be told",
-        )
+    if sensor is None or not (run.folder / "chamber.parquet").exists():
+        return inside_c
     table = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))
     return np.asarray(np.interp(times_s, seconds(table), table[f"aux_{sensor}_temp_c"]))
 

@@ -7,6 +7,7 @@ import pytest
 
 from bench.benchfile import load_bench_file
 from bench.emulated import EmulatedLab, Plant, unit_seed
+from bench.gap import load_gap_runs
 from bench.heading import SIDEREAL_DAY_S, load_log, site_of_run, stays
 from bench.procedure import find_procedure
 from bench.questions import AssumeYes
@@ -130,3 +131,8 @@ def test_a_procedure_for_what_the_bench_has_not_is_refused(
     result = bench.drive(request.getfixturevalue(file), tmp_path, find_procedure(procedure))
     assert isinstance(result.error, ConfigurationError)
     assert has in result.error.found and f"[[{needs}]]" in result.error.expected
+
+
+def test_a_gap_diagnosis_says_that_a_platform_has_no_gyro(heading_run):
+    with pytest.raises(ConfigurationError, match="the run has no gyro"):
+        load_gap_runs(heading_run)

@@ -24,6 +24,7 @@ from bench.calibration import (
 )
 from bench.cli._app import app
 from bench.cli._calibration import calibrate_command
+from bench.gap import load_gap_runs
 from bench.recording import Run
 from drivers.errors import ConfigurationError, RecordError
 
@@ -65,6 +66,17 @@ def test_the_run_holds_the_scheme_turned_by_the_table(run):
         assert (table[column][at] - turn["to_deg"] + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=0.002)
     turned = np.abs(table["outer_rate_dps"]).max(), np.abs(table["rate_dps"]).max()
     assert turned == pytest.approx((20.0, 20.0), rel=1e-3)
+
+
+def test_a_gap_diagnosis_sees_each_position_at_its_attitude(run):
+    (seen,) = load_gap_runs(run)
+    still = ~np.isnan(seen.output_dph)
+    earth = seen.stimulus.input_rate_dph[still]
+    assert np.ptp(earth) > 15.0
+    assert len(set(seen.phase.tolist())) == load_scheme(SCHEME).positions
+    # what is left is the unit's bias and the lean of its axes, up to 0.1 deg of 15 deg/h
+    slope, _ = np.polyfit(earth, seen.output_dph[still], 1)
+    assert slope == pytest.approx(1.0, abs=0.02)
 
 
 def test_the_fit_finds_the_units_errors_within_their_sigma(run, tmp_path, capsys):
