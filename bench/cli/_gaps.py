@@ -50,6 +50,24 @@ def gap_close(
     gap_close_command(runs, model, gyro, out)
 
 
+@gap_app.command("rehearse")
+def gap_rehearse(
+    run: Annotated[Path, typer.Argument(help="run folder, held out from the fit")],
+    model: Model,
+    closed: Annotated[Path, typer.Option(help="model with the effects in it, as `gap close` writes it")],
+    runs: Annotated[Path, typer.Option(help="folder for the rehearsals")] = Path("runs"),
+    gyro: GyroName = None,
+    plant: Annotated[Path | None, typer.Option(help="plant file (TOML) of the emulated bench")] = None,
+    seed: Annotated[int, typer.Option(help="seed of the emulated bench")] = 1,
+    json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
+    report: Annotated[Path | None, typer.Option(help="HTML report to write, with the curves")] = None,
+) -> None:
+    """Show the shrinkage in a log: the run's procedure on the emulated bench with both models."""
+    from bench.cli._gap_rehearse import gap_rehearse_command
+
+    gap_rehearse_command(run, model, closed, runs, gyro, plant, seed, json, report)
+
+
 @gap_app.command("exam")
 def gap_exam(
     seed: Annotated[

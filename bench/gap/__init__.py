@@ -23,6 +23,7 @@ from bench.gap._fit import Floor
 from bench.gap._import import read_mapped_runs
 from bench.gap._model_file import ChannelTerm, Model, Term, model_text, parse_model, read_model
 from bench.gap._noise import Noise
+from bench.gap._rehearsal import LogCurve, LogGap, log_gaps
 from bench.gap._run_folder import load_gap_runs
 from bench.gap._score import Line, Marked, Reliability, reliability, shrinkage_quantiles, table
 from bench.gap._series import Difference, differences
@@ -48,6 +49,8 @@ __all__ = [
     "GapRun",
     "Group",
     "Line",
+    "LogCurve",
+    "LogGap",
     "Marked",
     "Model",
     "Noise",
@@ -73,6 +76,7 @@ __all__ = [
     "group_runs",
     "load_channels",
     "load_gap_runs",
+    "log_gaps",
     "make_case",
     "model_text",
     "nominal_model",

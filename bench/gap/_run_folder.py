@@ -127,7 +127,7 @@ def _positions(run: Run, gyro: str) -> GapRun:
                 np.arange(start + 1.0, end + 1.0),
                 output,
                 temp_c,
-                _case_temp(run, gyro, np.arange(start, end) + 0.5, temp_c),
+                _case_temp(run, gyro, np.arange(float(start), float(end)) + 0.5, temp_c),
                 math.degrees(math.atan2(-east, north)) * full,
                 math.degrees(math.asin(max(min(up, 1.0), -1.0))) * full,
                 np.full(end - start, f"position {number}"),

@@ -25,6 +25,7 @@ from bench.report._content import (
 from bench.report._cycle import render_chamber_cycle
 from bench.report._file import find_browser, write_pdf, write_report
 from bench.report._gap import GapContent, render_gap
+from bench.report._gap_rehearsal import render_log_gaps
 from bench.report._heading import HeadingContent, mixed_text, render_heading
 from bench.report._rlg import render_rlg_study
 from bench.report._run import render_run
@@ -64,6 +65,7 @@ __all__ = [
     "render_chamber_cycle",
     "render_gap",
     "render_heading",
+    "render_log_gaps",
     "render_rlg_study",
     "render_run",
     "render_standard_test",

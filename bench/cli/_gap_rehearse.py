@@ -1,0 +1,128 @@
+"""`gyrobench gap rehearse`: the run's procedure on the emulated bench with the nominal and the closed model."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.benchfile import bench_file_from
+from bench.cli._display import RunDisplay
+from bench.cli._run import console_for
+from bench.emulated import EmulatedLab, Plant, load_plant, save_truth
+from bench.gap import LogGap, load_gap_runs, log_gaps, read_model
+from bench.procedure import find_procedure
+from bench.questions import StageHand
+from bench.recording import Run
+from bench.report import render_log_gaps
+from bench.runner import RunRequest, run_procedure
+from drivers.clock import utc_now
+from drivers.errors import BenchError, ConfigurationError
+
+
+def gap_rehearse_command(
+    run: Path,
+    model: Path,
+    closed: Path,
+    runs: Path,
+    gyro: str | None,
+    plant_file: Path | None,
+    seed: int,
+    as_json: bool,
+    report: Path | None,
+) -> None:
+    """Rehearse a run's procedure with both models, and print what its log differs by from theirs."""
+    console = console_for(as_json)
+    real = load_gap_runs(run, gyro)
+    recorded = Run.open(run)
+    _check_model(run, closed)
+    plant = load_plant(plant_file)
+    unit = real[0].unit_id
+    folders, stretches = [], []
+    for what, file, number in (
+        ("nominal model", model, seed),
+        ("closed model", closed, seed),
+        ("closed model, other noise", closed, seed + 1),
+    ):
+        own = plant.model_copy(
+            update={"seed": number, "gap_model": {**plant.gap_model, unit: file.resolve()}}
+        )
+        folders.append(rehearsed(recorded, own, runs, console, what, as_json))
+        stretches.append(load_gap_runs(folders[-1], gyro))
+    gaps, curves = log_gaps(real, *stretches)
+    if report is not None:
+        report.parent.mkdir(parents=True, exist_ok=True)
+        names = (model.name, closed.name)
+        report.write_text(
+            render_log_gaps(recorded.manifest.run_id, unit, names, gaps, curves, utc_now()), "utf-8"
+        )
+    if as_json:
+        facts = {"run": recorded.manifest.run_id, "rehearsals": [str(each) for each in folders]}
+        console.print_json(json.dumps({**facts, "gaps": [vars(each) for each in gaps]}))
+        return
+    console.print(_table(gaps))
+    if report is not None:
+        console.print(f"report: {report}", highlight=False, soft_wrap=True)
+
+
+def _check_model(run: Path, closed: Path) -> None:
+    name = Run.open(run).manifest.run_id
+    if name in {each.split(" ")[0] for each in read_model(closed).fitted_on}:
+        raise ConfigurationError(
+            "a run that the model was fitted on cannot judge it",
+            where=str(closed),
+            found=name,
+            expected="a held-out run",
+        )
+
+
+def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, what: str, as_json: bool) -> Path:
+    """Run a recorded run's procedure with its parameters on its bench, emulated; return the new run's folder."""
+    manifest = recorded.manifest
+    if not manifest.bench:
+        raise ConfigurationError(
+            "the run does not say on which bench it was made",
+            where=str(recorded.folder),
+            expected="a run folder of this project; an imported recording has no procedure to repeat",
+        )
+    procedure = find_procedure(manifest.procedure)
+    parameters = procedure.parse(dict(manifest.parameters))
+    file = bench_file_from(manifest.bench)
+    expected_s = procedure.expected_duration_s(parameters)
+    with (
+        EmulatedLab(file, plant) as lab,
+        RunDisplay(console, f"rehearsal with the {what}", expected_s, as_json=as_json) as display,
+    ):
+        result = run_procedure(
+            RunRequest(
+                procedure,
+                parameters,
+                lab.file,
+                runs,
+                StageHand(lab.perform),
+                display,
+                emulated={"seed": plant.seed, "model": plant.summary(file)},
+                before_close=lambda folder: save_truth(lab, folder),
+            )
+        )
+    if result.outcome == "aborted":
+        raise BenchError(f"the rehearsal with the {what} was aborted: {result.reason}")
+    return result.folder
+
+
+def _table(gaps: Sequence[LogGap]) -> Table:
+    table = Table(
+        "phase", "nominal", "closed", "floor", "gone %", title="run less rehearsal, rms deg/h of 100 s means"
+    )
+    for each in gaps:
+        table.add_row(
+            each.phase.replace("_", " "),
+            f"{each.rms_nominal_dph:.4f}",
+            f"{each.rms_closed_dph:.4f}",
+            f"{each.rms_floor_dph:.4f}",
+            f"{100.0 * each.share:.1f}" if each.share == each.share else "",
+        )
+    return table

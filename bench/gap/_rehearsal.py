@@ -1,0 +1,109 @@
+"""The shrinkage in a log: a run against rehearsals of its procedure, with the nominal and the closed model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.gap._data import GapRun
+from drivers.errors import ConfigurationError
+
+Array = NDArray[np.float64]
+_MEAN_S = 100
+
+
+@dataclass(frozen=True)
+class LogGap:
+    """What a run's output differs by from rehearsals, in one phase or in all: rms of 100 s means in deg/h.
+
+    `rms_floor_dph` is what two rehearsals of one model differ by: noise only. `share` is the part of the
+    reducible gap (energy above the floor) that the closed model takes away, NaN where there is none.
+    """
+
+    phase: str
+    rms_nominal_dph: float
+    rms_closed_dph: float
+    rms_floor_dph: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class LogCurve:
+    """Run less rehearsal over time since power-on, 100 s means in deg/h, (m,) each."""
+
+    run_id: str
+    time_s: Array
+    nominal_dph: Array
+    closed_dph: Array
+    floor_dph: Array
+
+
+def log_gaps(
+    run: Sequence[GapRun], nominal: Sequence[GapRun], closed: Sequence[GapRun], again: Sequence[GapRun]
+) -> tuple[list[LogGap], list[LogCurve]]:
+    """Return the gaps by phase, all of them first, and the curves of every stretch.
+
+    `again` is rehearsed with the closed model and another seed. Phases are laid on each other at their begins,
+    since a wait for equilibrium takes its own time in every run; each stretch's mean is taken out.
+    ConfigurationError if the rehearsals went through other phases.
+    """
+    curves, names = [], []
+    for stretches in zip(run, nominal, closed, again, strict=False):
+        blocks = [_blocks(each) for each in stretches]
+        orders = [[name for name, _ in each] for each in blocks]
+        if any(order != orders[0] for order in orders[1:]) or len(run) != len(nominal):
+            raise ConfigurationError(
+                "the rehearsal went through other phases than the run",
+                where=stretches[0].run_id,
+                found=", ".join(orders[1]),
+                expected=", ".join(orders[0]),
+                remedy="the run's procedure may have changed since, or the run was cut short",
+            )
+        rows, phases = [], []
+        for number, (name, _) in enumerate(blocks[0]):
+            parts = [each[number][1] for each in blocks]
+            count = min(part.stop - part.start for part in parts) // _MEAN_S
+            taken = [slice(part.start, part.start + count * _MEAN_S) for part in parts]
+            means = [_means(each.output_dph[at]) for each, at in zip(stretches, taken, strict=True)]
+            rows.append(np.stack((_means(stretches[0].stimulus.time_s[taken[0]]), *means)))
+            phases += [name] * count
+        time_s, real, first, then, other = np.concatenate(rows, axis=1)
+        apart = np.stack((real - first, real - then, then - other))
+        apart -= np.nanmean(apart, axis=1, keepdims=True)
+        curves.append(LogCurve(stretches[0].run_id, time_s, *apart))
+        names.append(np.array(phases))
+    phase = np.concatenate(names)
+    values = np.stack(
+        [
+            np.concatenate([getattr(each, key) for each in curves])
+            for key in ("nominal_dph", "closed_dph", "floor_dph")
+        ]
+    )
+    gaps = [_gap("all", values)]
+    return gaps + [_gap(name, values[:, phase == name]) for name in dict.fromkeys(phase.tolist())], curves
+
+
+def _blocks(run: GapRun) -> list[tuple[str, slice]]:
+    result, at = [], 0
+    for name, members in groupby(run.phase.tolist()):
+        size = len(list(members))
+        result.append((str(name), slice(at, at + size)))
+        at += size
+    return result
+
+
+def _means(values: Array) -> Array:
+    rows = values.reshape(-1, _MEAN_S)
+    return np.asarray(np.nanmean(rows, axis=1)) if len(rows) else np.zeros(0)
+
+
+def _gap(name: str, values: Array) -> LogGap:
+    nominal, closed, floor = (np.nanmean(values**2, axis=1)).tolist()
+    reducible = nominal - floor
+    share = 1.0 - (closed - floor) / reducible if reducible > 0.0 else math.nan
+    return LogGap(name, math.sqrt(nominal), math.sqrt(closed), math.sqrt(floor), share)
