@@ -18,6 +18,8 @@ from simulators.effects import Variant
 
 Array = NDArray[np.float64]
 AMBIGUOUS = 0.02
+_SURE = 0.8
+"""Probability that a cause beside something unknown needs: the unknown often resembles several effects a bit."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def causes_of(
             variants[member].effect.meaning,
             _fitted_rivals(candidate.effect, alternatives, best, judged, posterior, variants, q),
         )
-        doubt = best.unknown > 0.5 and trust < CREDIBLE
+        doubt = best.unknown > 0.5 and (trust < CREDIBLE or cause.probability < _SURE)
         (doubtful if doubt or absorbed(variants[member].effect, curves) else named).append(cause)
     return tuple(named), tuple(doubtful)
 

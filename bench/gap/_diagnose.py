@@ -14,7 +14,7 @@ from bench.gap._causes import Cause, causes_of
 from bench.gap._cells import BANDS, mixing
 from bench.gap._data import GapRun, Group, check_runs
 from bench.gap._describe import UnknownPart, curve_part, line_part, remaining_part
-from bench.gap._fit import Floor, Solution, solve, weighted_gram
+from bench.gap._fit import Floor, Solution, nominal_solution
 from bench.gap._generic import PREFIX
 from bench.gap._model_file import Model, Term
 from bench.gap._noise import Noise
@@ -25,6 +25,8 @@ from bench.gap._which import Found, judged_sets, left_of_runs, second_look, set_
 from simulators.effects import Variant
 
 Array = NDArray[np.float64]
+_DOUBTED = 0.1
+"""Probability of no gap from which on no cause is named, however probable one is beside it."""
 _LONG_S = 3600.0
 _LOST_FRACTION = 1e-4
 
@@ -88,6 +90,9 @@ def _reported(
     causes, resembles = causes_of(best, judged, found.posterior, variants, data, found.variance, model)
     weights = set_weights(judged)
     unknown = sum(both[1] for both in weights.values())
+    null = weights.get(frozenset(), (0.0, 0.0))[0]
+    if null > _DOUBTED:
+        causes, resembles = (), ()
     stochastic = _stochastic(data.noise, runs) if unknown < 0.5 else {}
     where = places(cells, found.before, data.floor)
     active: dict[str, set[int]] = {}
@@ -96,14 +101,14 @@ def _reported(
             active.setdefault(place.profile, set()).add(BANDS.index(place.band))
     left_places = places(cells, best.left, data.floor)
     noise = data.noise.noise
-    nominal = left_of_runs(data, solve(weighted_gram(cells, np.ones(len(cells))), model.sigmas, ()))
+    nominal = left_of_runs(data, nominal_solution(cells, model.sigmas))
     return Diagnosis(
         runs[0].unit_id,
         _corrected(model, best.solution, data.noise.noise),
         causes,
         resembles,
         unknown,
-        weights.get(frozenset(), (0.0, 0.0))[0],
+        null,
         {names: both[0] + both[1] for names, both in weights.items() if sum(both) > 1e-4},
         stochastic,
         data.noise,

@@ -10,16 +10,18 @@ from __future__ import annotations
 import hashlib
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from functools import partial
+from functools import lru_cache, partial
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.fan_out import ALONE, FanOut
 from bench.gap._case_folder import write_case
+from bench.gap._data import GapRun
 from bench.gap._exam import Answer, Closed, Sealed, close, examined, make_case, nominal_model
 from bench.gap._import import read_mapped_runs
 from bench.gap._model_file import model_text
@@ -36,6 +38,8 @@ SHARES = {
     "stochastic": 0.07,
 }
 _WAITING = 8
+_KEPT = 32
+"""Cases that the plant's process keeps, 15 MB each."""
 
 
 def case_kinds(cases: int, seed: int) -> list[str]:
@@ -90,9 +94,15 @@ def _content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@lru_cache(maxsize=_KEPT)
+def _case(seed: int, kind: str) -> tuple[Sealed, list[GapRun], list[GapRun], list[NDArray[np.float64]]]:
+    """In the plant's process: the case, kept from its sealing to its opening."""
+    return make_case(seed, kind)
+
+
 def _seal(seed: int, kind: str, name: str, folder: str) -> str:
     """In the plant's process: write the case's runs and the sealed answer; return the seal's hash."""
-    sealed, given, _, _ = make_case(seed, kind)
+    sealed, given, _, _ = _case(seed, kind)
     write_case(Path(folder) / "cases" / name, given)
     apart = Path(folder) / "sealed"
     apart.mkdir(parents=True, exist_ok=True)
@@ -112,7 +122,7 @@ def _diagnosed(nominal: str, given: Mapping[str, bytes]) -> tuple[Answer, float]
 
 def _judged(seed: int, kind: str, name: str, folder: str, answer: Answer) -> tuple[Sealed, Closed]:
     """In the plant's process: the sealed answer, checked against its file, and the closing on the sealed runs."""
-    sealed, _, kept, clean = make_case(seed, kind)
+    sealed, _, kept, clean = _case(seed, kind)
     written = (Path(folder) / "sealed" / f"{name}.json").read_text(encoding="utf-8")
     if hashlib.sha256(written.encode()).hexdigest() != sealed.sha256:
         raise BenchError(f"the sealed answer of {name} was changed after it was sealed")

@@ -24,6 +24,12 @@ _FINE = 18
 """Nodes of a curve over temperature that shows lines and ripples some kelvins wide."""
 _LEAST_SPAN = {"T_in": 10.0, "dT_in/dt": 0.5, "T_in - T_out": 1.0}
 _HATS = {"T_in": 9, "dT_in/dt": 9, "T_in - T_out": 9}
+_ANGLE = "table angle"
+_ANGLES = {
+    PREFIX + "rate over table angle": "a turn, proportional to rate",
+    PREFIX + "bias over table angle": _ANGLE,
+}
+"""How effects that such a curve can stand for say what they follow."""
 _TURNING_DPS = 1.0
 _STEADY_DPS = 0.01
 _INPUTS: dict[str, Callable[[Stimulus], Array]] = {
@@ -71,6 +77,8 @@ def smooth(effect: Effect, runs: Sequence[GapRun]) -> bool:
 def absorbed(effect: Effect, curves: Sequence[Effect]) -> bool:
     """Return whether a free curve in the model is over the very input that an effect is a function of."""
     for curve in curves:
+        if curve.follows == _ANGLE and effect.follows.endswith(_ANGLES[curve.name]):
+            return True
         rate = curve.name.startswith(PREFIX + "scale factor")
         wanted = f"rate times {curve.follows}" if rate else curve.follows
         if effect.follows == wanted or effect.follows.startswith((f"{wanted} crossing", f"{wanted} below")):
@@ -119,7 +127,7 @@ def _harmonics(name: str, *, rate: bool) -> Effect:
     parameters = tuple(
         Parameter(f"{part}_{order}", -_BOUND, _BOUND) for order in orders for part in ("cos", "sin")
     )
-    return _effect(name, parameters, columns, "table angle", ({},))
+    return _effect(name, parameters, columns, _ANGLE, ({},))
 
 
 def _effect(

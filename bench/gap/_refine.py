@@ -22,8 +22,6 @@ _KEPT = 3
 _STEPS = 4
 _QUOTIENT = 0.05
 """Part of the distance between grid points over which a slope is taken."""
-_BEYOND = 0.6
-"""Distances between grid points by which a shape may leave the grid."""
 _SHORTER = (1.0, 0.3)
 Gram = Callable[[Sequence[Variant]], Array]
 """Weighted products of [data, nominal columns, variants' columns], nominal columns projected out."""
@@ -122,14 +120,11 @@ def _grids(effect: Effect) -> dict[str, list[float]]:
 
 
 def _moved(variant: Variant, move: Mapping[str, float], part: float) -> Variant:
-    """Return a variant with its shapes moved, no further than a part of a step beyond the grid, signs kept."""
+    """Return a variant with its shapes moved by a part of a step, inside the grid."""
     shape = {key: float(value) for key, value in variant.shape.items()}
     for key, step in move.items():
         grid = _grids(variant.effect)[key]
-        low = grid[0] - _BEYOND * (grid[1] - grid[0])
-        high = grid[-1] + _BEYOND * (grid[-1] - grid[-2])
-        low = max(low, 0.0 if grid[0] == 0.0 else 0.25 * grid[0]) if grid[0] >= 0.0 else low
-        shape[key] = min(max(shape[key] + part * step, low), high)
+        shape[key] = min(max(shape[key] + part * step, grid[0]), grid[-1])
     return Variant(variant.effect, shape)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from bench.gap._evidence import SetPosterior, reduced, search
 from bench.gap._fit import (
     DIRECTIONS,
     MISFIT,
+    TOLERANCE,
     Solution,
     left_energies,
     nominal_energies,
@@ -23,17 +24,19 @@ from bench.gap._fit import (
     tolerated,
     weighted_gram,
 )
-from bench.gap._generic import PREFIX
+from bench.gap._generic import PREFIX, absorbed
 from bench.gap._lines import SpectralLine, strongest_line
 from bench.gap._model_file import Model
 from bench.gap._noise import spectrum
 from bench.gap._prepare import Prepared, gathered, narrowed, noise_beside, with_columns
 from bench.gap._refine import best_of_each, between_grid_points, sets_of_note
 from bench.gap._unknown import Remainder, remainder
-from simulators.effects import Variant
+from simulators.effects import Effect, Variant
 
 Array = NDArray[np.float64]
 _UNKNOWN_PRIOR = 5.0
+_UNSEEN = 0.03
+"""Probability of something unknown where nothing of it was found: too small to be seen."""
 _SHOWN = 12.0
 _REFINED = 3
 """Sets of catalogue effects whose shapes are looked at between the grid's points."""
@@ -135,7 +138,7 @@ def judged_sets(
         system, gram, candidates, variants, len(sigmas), model.noise.coarseness
     )
     posterior = search(system, candidates, possible)
-    judged = _judge_sets(posterior, data, gram, before, sigmas)
+    judged = _judge_sets(posterior, variants, data, gram, before, sigmas)
     best = max(judged, key=lambda each: each.log_evidence)
     gaps = dict.fromkeys((cell.profile for cell in cells), 0.0)
     for cell, own in zip(cells, before, strict=True):
@@ -150,7 +153,12 @@ def judged_sets(
 
 
 def _judge_sets(
-    posterior: SetPosterior, data: Prepared, gram: Array, before: Array, sigmas: Array
+    posterior: SetPosterior,
+    variants: Sequence[Variant],
+    data: Prepared,
+    gram: Array,
+    before: Array,
+    sigmas: Array,
 ) -> list[Judged]:
     by_effects = posterior.by_effects()
     highest = max(by_effects.values())
@@ -170,16 +178,41 @@ def _judge_sets(
         left = left_energies(products[:, at[:, None], at], solution.values)
         rest = remainder(data.cells, strict, before, left, data.floor)
         judged.append(Judged(names, members, by_effects[names], solution, left, rest))
-    return _curves_that_matter(judged, before)
+
+    def left_without(one: Judged, names: frozenset[str]) -> float:
+        rest = frozenset(each for each in one.members if posterior.candidates[each].effect not in names)
+        solution = solve(gram, sigmas, _columns(posterior, rest, len(sigmas)))
+        at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
+        return float(left_energies(products[:, at[:, None], at], solution.values).sum())
+
+    effects = {candidate.effect: variants[candidate.variant].effect for candidate in posterior.candidates}
+    return _curves_that_matter(judged, left_without, effects)
 
 
-def _curves_that_matter(judged: Sequence[Judged], before: Array) -> list[Judged]:
-    """Return the sets less those whose free curves take away no more than a formula's misfit would leave."""
+def _curves_that_matter(
+    judged: Sequence[Judged],
+    left_without: Callable[[Judged, frozenset[str]], float],
+    effects: Mapping[str, Effect],
+) -> list[Judged]:
+    """Return the sets less those whose free curves take away no more than a formula's misfit would leave.
+
+    What counts is the part of the effects that the curves stand for; curves over the very input of such an effect
+    may be its real form, and the larger tolerance holds.
+    """
     known = [each for each in judged if not each.curved]
     closest = max(known, key=lambda each: each.log_evidence)
     left = float(closest.left.sum())
-    misfit = MISFIT**2 * (float(before.sum()) - left)
-    return [*known, *(each for each in judged if each.curved and left - float(each.left.sum()) > misfit)]
+    matter = []
+    for each in judged:
+        if not each.curved:
+            continue
+        curves = [effects[name] for name in each.names if name.startswith(PREFIX)]
+        replaced = closest.names - each.names
+        theirs = left_without(closest, replaced or closest.names) - left
+        same = bool(replaced) and all(absorbed(effects[name], curves) for name in replaced)
+        if left - float(each.left.sum()) > (TOLERANCE if same else MISFIT) ** 2 * theirs:
+            matter.append(each)
+    return [*known, *matter]
 
 
 def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:
@@ -190,7 +223,10 @@ def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[i
 def set_weights(judged: Sequence[Judged]) -> dict[frozenset[str], tuple[float, float]]:
     """Return the probability of each set being all there is, and of it with something unknown beside it."""
     highest = max(each.log_evidence for each in judged)
-    raw = {each.names: (math.exp(each.log_evidence - highest), each.unknown) for each in judged}
+    raw = {
+        each.names: (math.exp(each.log_evidence - highest), _UNSEEN + (1.0 - _UNSEEN) * each.unknown)
+        for each in judged
+    }
     total = sum(weight for weight, _ in raw.values())
     return {names: (weight / total * (1 - odd), weight / total * odd) for names, (weight, odd) in raw.items()}
 

@@ -59,9 +59,20 @@ class Stimulus:
 
         The integral over the sample is exact for a constant rate in it: sin(m d/2)/(m d/2) at the middle angle.
         """
-        middle = np.radians(order * 0.5 * (self.angle_deg[1:] + self.angle_deg[:-1]))
-        half_turns = order * np.diff(self.angle_deg) / 360.0
-        return np.asarray(np.sinc(half_turns) * np.stack((np.cos(middle), np.sin(middle))))
+        if order not in self._harmonics:
+            middle = np.radians(order * 0.5 * (self.angle_deg[1:] + self.angle_deg[:-1]))
+            half_turns = order * np.diff(self.angle_deg) / 360.0
+            waves = np.sinc(half_turns) * np.stack((np.cos(middle), np.sin(middle)))
+            self._harmonics[order] = np.asarray(waves)
+        return self._harmonics[order]
+
+    @cached_property
+    def _harmonics(self) -> dict[int, Array]:
+        return {}
+
+    @cached_property
+    def _followers(self) -> dict[tuple[int, float], tuple[Array, Array]]:
+        return {}
 
     @cached_property
     def warm_k(self) -> Array:
@@ -89,9 +100,13 @@ class Stimulus:
             return values
         from scipy.signal import lfilter  # here, because a lab that models no effect starts without it
 
-        decay = math.exp(-self.period_s / lag_s)
-        result, _ = lfilter([1.0 - decay], [1.0, -decay], values, zi=[decay * values[0]])
-        return np.asarray(result)
+        key = id(values), lag_s
+        if key not in self._followers:
+            decay = math.exp(-self.period_s / lag_s)
+            result, _ = lfilter([1.0 - decay], [1.0, -decay], values, zi=[decay * values[0]])
+            # kept with its input, whose id stays its own so long
+            self._followers[key] = values, np.asarray(result)
+        return self._followers[key][1]
 
     def _smooth(self, values: Array) -> Array:
         from scipy.ndimage import uniform_filter1d

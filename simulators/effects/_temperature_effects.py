@@ -29,7 +29,11 @@ def _one(column: Callable[[Stimulus, Shape], Array]) -> Callable[[Stimulus, Shap
 
 
 def _power(order: int) -> Callable[[Stimulus, Shape], Array]:
-    return _one(lambda s, shape: (s.lagged(s.warm_k, shape.get("lag_s", 0.0)) / _SPAN_K) ** order)
+    def column(s: Stimulus, shape: Shape) -> Array:
+        relative = s.lagged(s.warm_k, shape.get("lag_s", 0.0)) / _SPAN_K
+        return np.asarray(np.prod([relative] * order, axis=0))
+
+    return _one(column)
 
 
 def _shupe(s: Stimulus, shape: Shape) -> Array:
