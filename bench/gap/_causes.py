@@ -49,6 +49,7 @@ def causes_of(
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     weights = set_weights(judged)
     q = len(model.sigmas)
+    unknown = sum(both[1] for both in weights.values())
     curves = [
         variants[each].effect for each in best.members if posterior.candidates[each].effect.startswith(PREFIX)
     ]
@@ -70,7 +71,7 @@ def causes_of(
             variants[member].effect.meaning,
             _fitted_rivals(candidate.effect, alternatives, best, judged, posterior, variants, q),
         )
-        doubt = best.unknown > 0.5 and (trust < CREDIBLE or cause.probability < _SURE)
+        doubt = unknown > 0.5 and (trust < CREDIBLE or cause.probability < _SURE)
         (doubtful if doubt or absorbed(variants[member].effect, curves) else named).append(cause)
     return tuple(named), tuple(doubtful)
 

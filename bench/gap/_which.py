@@ -131,7 +131,9 @@ def judged_sets(
     sigmas, cells = model.sigmas, data.cells
     before = nominal_energies(cells, sigmas)
     variance = tolerated(cells, before)
-    gram = weighted_gram(cells, tolerated(cells, before, directions=DIRECTIONS))
+    # formulas between their grid's points come closer
+    tolerance = TOLERANCE if hidden is None else MISFIT
+    gram = weighted_gram(cells, tolerated(cells, before, tolerance, DIRECTIONS))
     system = reduced(gram, sigmas)
     candidates = candidates_of(variants)
     possible, reasons = possible_candidates(
@@ -194,25 +196,34 @@ def _curves_that_matter(
     left_without: Callable[[Judged, frozenset[str]], float],
     effects: Mapping[str, Effect],
 ) -> list[Judged]:
-    """Return the sets less those whose free curves take away no more than a formula's misfit would leave.
+    """Return the sets less those with a free curve that is no better than a formula's misfit lets it be.
 
-    What counts is the part of the effects that the curves stand for; curves over the very input of such an effect
-    may be its real form, and the larger tolerance holds.
+    Compared are sets with a catalogue effect in the curve's place, or nothing. What counts is what that effect
+    takes away (with nothing there, all); a curve over its very input may be its real form: more is tolerated.
     """
-    known = [each for each in judged if not each.curved]
-    closest = max(known, key=lambda each: each.log_evidence)
-    left = float(closest.left.sum())
+
+    def enough(curved: Judged, curve: str, other: Judged) -> bool:
+        instead = other.names - curved.names
+        theirs = left_without(other, instead or other.names) - float(other.left.sum())
+        same = all(absorbed(effects[name], [effects[curve]]) for name in instead) and bool(instead)
+        gained = float(other.left.sum()) - float(curved.left.sum())
+        return gained > (TOLERANCE if same else MISFIT) ** 2 * theirs
+
     matter = []
     for each in judged:
-        if not each.curved:
-            continue
-        curves = [effects[name] for name in each.names if name.startswith(PREFIX)]
-        replaced = closest.names - each.names
-        theirs = left_without(closest, replaced or closest.names) - left
-        same = bool(replaced) and all(absorbed(effects[name], curves) for name in replaced)
-        if left - float(each.left.sum()) > (TOLERANCE if same else MISFIT) ** 2 * theirs:
+        curves = [name for name in each.names if name.startswith(PREFIX)]
+        pairs = [
+            (curve, other)
+            for curve in curves
+            for other in judged
+            if each.names - {curve} <= other.names
+            and len(other.names) <= len(each.names)
+            and not any(name.startswith(PREFIX) for name in other.names - each.names)
+            and curve not in other.names
+        ]
+        if all(enough(each, *pair) for pair in pairs):
             matter.append(each)
-    return [*known, *matter]
+    return matter
 
 
 def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:
