@@ -31,26 +31,26 @@ def _seeds(kind: str, low: float, count: int) -> list[int]:
 
 
 def test_null_cases_raise_no_alarm() -> None:
-    marked = [_mark(seed, "null") for seed in range(5100, 5103)]
+    marked = [_mark(seed, "null") for seed in range(5100, 5102)]
     assert not any(each.named or each.called_unknown or each.stochastic_named for each in marked)
 
 
 def test_strong_single_effects_are_named_and_close_the_gap() -> None:
-    marked = [_mark(seed, "single") for seed in _seeds("single", 3.0, 5)]
-    assert sum(each.first for each in marked) >= 4
-    assert sum(each.in_set for each in marked) >= 4
+    marked = [_mark(seed, "single") for seed in _seeds("single", 3.0, 3)]
+    assert sum(each.first for each in marked) >= 2
+    assert all(each.in_set for each in marked)
     closed = [each.true_share for each in marked if np.isfinite(each.stated_share[0])]
     assert np.median(closed) > 0.95
 
 
 def test_effects_outside_the_catalogue_are_called_unknown() -> None:
-    marked = [_mark(seed, "unknown") for seed in _seeds("unknown", 10.0, 4)]
-    assert sum(each.called_unknown for each in marked) >= 3
+    marked = [_mark(seed, "unknown") for seed in _seeds("unknown", 10.0, 2)]
+    assert all(each.called_unknown for each in marked)
 
 
 def test_stochastic_effects_are_named() -> None:
-    marked = [_mark(seed, "stochastic") for seed in range(5200, 5203)]
-    assert sum(each.stochastic_named == (each.stochastic,) for each in marked) >= 2
+    marked = [_mark(seed, "stochastic") for seed in range(5200, 5202)]
+    assert all(each.stochastic_named == (each.stochastic,) for each in marked)
 
 
 def test_a_seal_changes_with_its_answer() -> None:
