@@ -90,7 +90,7 @@ class Plant(BaseModel):
         """Return the name of the physics behind a gyro on a table of so many axes; on several it is an IMU."""
         if axes > 1:
             return self.models.get(gyro.unit, "imu")
-        usual = "mems" if gyro.driver == "frames" and len(gyro.axes) > 1 else "fog_mid"
+        usual = "mems" if gyro.driver in ("frames", "stim300") and len(gyro.axes) > 1 else "fog_mid"
         return self.models.get(gyro.unit, _MODELS.get(gyro.driver, usual))
 
     def summary(self, file: BenchFile) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 from bench.benchfile._drivers import ROLES, known_drivers, one_of
 from bench.benchfile._model import LimitsSection, SafeSection
+from drivers.stim300 import DATAGRAMS, RATES
 
 _RESERVED_NAMES = ("table", "turntable", "chamber", "manifest", "events")
 """Words that name other files and ports of a run folder."""
@@ -99,6 +100,12 @@ def _formats(devices: _Devices) -> Iterator[Mistake]:
         frame_format = section.get("frame_format")
         if section.get("driver") == "kvh1750" and frame_format not in (None, "A", "B", "C"):
             yield Mistake(f"{key}.frame_format", repr(frame_format), "'A', 'B' or 'C'")
+        if section.get("driver") == "stim300":
+            if frame_format is not None and frame_format not in DATAGRAMS:
+                yield Mistake(f"{key}.frame_format", repr(frame_format), "one of " + ", ".join(DATAGRAMS))
+            if section.get("rate_hz") not in RATES:
+                found = section.get("rate_hz", "nothing")
+                yield Mistake(f"{key}.rate_hz", str(found), "one of " + ", ".join(map(str, RATES)))
 
 
 def _connections(devices: _Devices) -> Iterator[Mistake]:

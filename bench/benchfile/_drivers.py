@@ -26,6 +26,7 @@ _BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "sbg_ellipse": "drivers.sbg:SbgEllipse",
         "rlg2t": "drivers.rlg:Rlg2t",
         "frames": "drivers.frames:Frames",
+        "stim300": "drivers.stim300:Stim300",
     },
     "platform": {"platform_ins": "drivers.platform:PINS"},
 }

@@ -28,9 +28,10 @@ class CasePlant(GyroPlant, Protocol):
 class FrameEmulator:
     """One unit (`simulators.interfaces.StreamingEmulator`).
 
-    Its clock is fast by `clock_error_ppm`: sample k is complete at (k + 1) / rate / (1 + clock_error_ppm * 1e-6),
-    and its frame is out one transmission time later. Gyro channels, accelerations, temperatures, counter and time
-    are filled from the plant; every other field has its usual value. Axes the plant does not have stand still.
+    Its clock is fast by `clock_error_ppm`: sample k is complete (k + 1) / rate / (1 + clock_error_ppm * 1e-6)
+    after `start_s`, and its frame is out one transmission time later. Gyro channels, accelerations,
+    temperatures, counter and time are filled from the plant; every other field has its usual value. Axes the
+    plant does not have stand still.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class FrameEmulator:
         baudrate: int,
         message: str | None = None,
         clock_error_ppm: float = 0.0,
+        start_s: float = 0.0,
     ) -> None:
         """Raise ConfigurationError for a rate the line cannot carry, and axes that the plant does not have."""
         if isinstance(family.description, LineDescription):
@@ -62,6 +64,7 @@ class FrameEmulator:
         self._length = self._encoder.layout.length
         self._send_s = self._length * bits_a_byte(family) / baudrate
         self._samples_per_mark = max(1, int(rate_hz / _MARKS_PER_S))
+        self._start_s = start_s
         self._sent = 0
         self._turned: dict[str, float] = {}
         channels(family, self._form, axes)
@@ -84,6 +87,11 @@ class FrameEmulator:
             )
 
     @property
+    def send_s(self) -> float:
+        """How long a frame is on the line."""
+        return self._send_s
+
+    @property
     def wire(self) -> WireShape:
         """How a frame looks from outside."""
         checks = [check for check in self._form.checksums if check.at < 0]
@@ -98,12 +106,12 @@ class FrameEmulator:
     def stream(self, until_s: float) -> StreamBlock | None:
         """Return the frames whose last byte is out by `until_s`; None if there are none."""
         first = self._sent
-        due = max(0, math.floor((until_s - self._send_s + 1e-9) / self._period_s))
+        due = max(0, math.floor((until_s - self._start_s - self._send_s + 1e-9) / self._period_s))
         count = due - first
         if count <= 0:
             return None
         self._sent = due
-        signal = self._plant.measure(first * self._period_s, count, self._period_s)
+        signal = self._plant.measure(self._start_s + first * self._period_s, count, self._period_s)
         numbers = np.arange(first + 1, due + 1)
         return StreamBlock(
             self._encoder.encode(count, self._values(signal, numbers)), self._marks(first, due)
@@ -137,7 +145,7 @@ class FrameEmulator:
                 values[spec.name] = _TEMPERATURES[spec.unit](signal.temp_c)
             elif spec.role == "case_temp" and spec.unit in _TEMPERATURES:
                 # Read just before the sample ends, so that a sample that ends on a tick is not rounded past it.
-                times = numbers * self._period_s - 1e-6
+                times = self._start_s + numbers * self._period_s - 1e-6
                 case = np.array([self._plant.case_reading_c(time_s) for time_s in times.tolist()])
                 values[spec.name] = _TEMPERATURES[spec.unit](case)
         return values
@@ -147,7 +155,7 @@ class FrameEmulator:
         ends = np.append(np.arange((first // step + 1) * step, due, step), due)
         marks = np.empty((len(ends), 2), np.int64)
         marks[:, 0] = (ends - first) * self._length
-        marks[:, 1] = np.rint((ends * self._period_s + self._send_s) * 1e9)
+        marks[:, 1] = np.rint((self._start_s + ends * self._period_s + self._send_s) * 1e9)
         return marks
 
 

@@ -210,7 +210,14 @@ def _f4t(device: DeviceConfig, plant: LabPlant) -> Emulator:
 
 def _gyro(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None = None) -> StreamingEmulator:
     """Return a unit's emulator; `before`: what it was until it was switched off, for what outlasts that."""
-    emulators = {"kvh1750": _kvh, "sbg_ellipse": _can, "can_dbc": _can, "rlg2t": _rlg, "frames": _frames}
+    emulators = {
+        "kvh1750": _kvh,
+        "sbg_ellipse": _can,
+        "can_dbc": _can,
+        "rlg2t": _rlg,
+        "frames": _frames,
+        "stim300": _stim300,
+    }
     if other := _of_others("gyro", gyro.driver, emulators):
         return cast(StreamingEmulator, other(gyro.settings, unit))
     return _known("gyro", gyro.driver, emulators)(gyro, unit, before)
@@ -285,6 +292,19 @@ def _frames(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | No
 
 def _platform(platform: PlatformConfig, config: LabConfig, plant: LabPlant) -> StreamingEmulator:
     return _known("platform", platform.driver, {"platform_ins": _pins})(platform, config, plant)
+
+
+def _stim300(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None) -> StreamingEmulator:
+    from simulators.emulators.stim300 import Stim300Emulator
+
+    return Stim300Emulator(
+        unit,
+        serial_number=gyro.settings["unit"],
+        axes=gyro.settings["axes"],
+        baudrate=gyro.settings["baudrate"],
+        clock_error_ppm=gyro.clock_error_ppm,
+        settings=before.settings if isinstance(before, Stim300Emulator) else None,
+    )
 
 
 def _pins(platform: PlatformConfig, config: LabConfig, plant: LabPlant) -> StreamingEmulator:

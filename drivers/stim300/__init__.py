@@ -1,0 +1,21 @@
+"""Sensonor STIM300 configured in its Service Mode: codec of the commands, and driver.
+
+Source: Sensonor TS1524 rev. 31 (February 2024), sections 7.5, 8.7 and 9. The datagrams are those of the frame
+description `stim300`.
+"""
+
+from drivers.stim300._commands import BANNER, DATAGRAMS, RATES, SETTINGS, bits_per_s, datagram_words
+from drivers.stim300._driver import Stim300Gyro
+from drivers.stim300._kind import Stim300, family
+
+__all__ = [
+    "BANNER",
+    "DATAGRAMS",
+    "RATES",
+    "SETTINGS",
+    "Stim300",
+    "Stim300Gyro",
+    "bits_per_s",
+    "datagram_words",
+    "family",
+]
