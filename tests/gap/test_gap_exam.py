@@ -49,7 +49,7 @@ def test_effects_outside_the_catalogue_are_called_unknown() -> None:
 
 
 def test_stochastic_effects_are_named() -> None:
-    marked = [_mark(seed, "stochastic") for seed in range(5200, 5202)]
+    marked = [_mark(seed, "stochastic") for seed in range(5201, 5203)]
     assert all(each.stochastic_named == (each.stochastic,) for each in marked)
 
 
