@@ -68,6 +68,8 @@ class RunResult:
     duration_s: float
     error: BaseException | None = None
     warnings: list[str] = field(default_factory=list)
+    safe: list[str] = field(default_factory=list)
+    """What table and chamber read back when they had been made safe; empty if nothing was opened yet."""
 
 
 def run_procedure(request: RunRequest) -> RunResult:
@@ -102,6 +104,7 @@ def _run(request: RunRequest) -> RunResult:
     outcome, reason, duration_s = "aborted", "", 0.0
     error: BaseException | None = None
     unsafe: list[str] = []
+    safe: list[str] = []
     try:
         with ExitStack() as stack:
             clock = open_clock(request.file.bench.clock)
@@ -111,7 +114,7 @@ def _run(request: RunRequest) -> RunResult:
                 paced = request.file.bench.clock is not None
                 stack.enter_context(request.live.steering(clock.interrupt, paced=paced))
             try:
-                bench = _drive(request, record, clock, stack, unsafe)
+                bench = _drive(request, record, clock, stack, safe, unsafe)
             finally:
                 duration_s = clock.now()
         outcome = "invalid" if bench.invalid_reasons else "completed"
@@ -130,13 +133,20 @@ def _run(request: RunRequest) -> RunResult:
         ending = record.close(outcome, reason, duration_s)
         if request.live is not None:
             request.live.end(ending.outcome, ending.reason)
-    return RunResult(record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings))
+    return RunResult(
+        record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings), safe
+    )
 
 
 def _drive(
-    request: RunRequest, record: RunRecord, clock: Clock, stack: ExitStack, unsafe: list[str]
+    request: RunRequest,
+    record: RunRecord,
+    clock: Clock,
+    stack: ExitStack,
+    safe: list[str],
+    unsafe: list[str],
 ) -> Bench:
-    """Run the procedure; `unsafe` takes what did not confirm its safe state afterwards."""
+    """Run the procedure; `safe` and `unsafe` take what did and did not confirm its safe state afterwards."""
     file = request.file
     _check_units(request)
     tests = request.procedure.tests
@@ -154,6 +164,8 @@ def _drive(
     streams += [_open_platform(bench, record, clock, section, stack) for section in file.platform]
     if watchdog is not None:
         stack.callback(watchdog.dismiss)  # before the ports are closed, which may take its time
+    stack.callback(lambda: safe.extend(bench.confirmed))
+    stack.callback(lambda: unsafe.extend(bench.unconfirmed))
     try:
         for device, station in streams:
             device.start()
@@ -167,10 +179,8 @@ def _drive(
         request.procedure.run(bench, request.parameters)
     except BaseException as problem:
         bench.make_safe(str(problem) if isinstance(problem, BenchError) else type(problem).__name__)
-        unsafe += bench.unconfirmed
         raise
     bench.make_safe("end of the run")
-    unsafe += bench.unconfirmed
     for device, station in streams:
         if not station.gone:
             device.stop()

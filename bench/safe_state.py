@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from typing import TypeVar
 
 from drivers.clock import Clock
 from drivers.errors import BenchError, DeviceRefused, DeviceSilent, LinkLost, ProtocolError
@@ -14,7 +15,12 @@ REST_TIMEOUT_S = 60.0
 
 _AGAIN_S = 0.2
 _TRIES = 3
+_OTHERS = 16
+"""Ports that may go away one after the other while one device is being stopped."""
 _TELL_AGAIN_S = 5.0
+
+
+_T = TypeVar("_T")
 
 
 def bring_to_rest(
@@ -27,7 +33,8 @@ def bring_to_rest(
     """Stop every device, wait for its word and read back that it is at rest; return what was not confirmed.
 
     The stop commands of all leave first, before any answer is awaited or anything written down. A device that
-    does not answer does not keep the others from being told. `say(name, text)` gets what each one reads back.
+    does not answer, or a port that goes away meanwhile, does not keep the others from being told and read back.
+    `say(name, text)` gets what each one reads back.
     """
     for device in devices.values():
         with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
@@ -36,10 +43,10 @@ def bring_to_rest(
     untold = list(devices)
     for attempt in range(_TRIES):  # a refusal or a lost answer is no reason to leave a device
         if attempt and untold:
-            clock.sleep(_AGAIN_S)
+            _pause(clock, _AGAIN_S)
         for name in list(untold):
             try:
-                devices[name].make_safe()
+                _in_spite_of_others(devices[name], devices[name].make_safe)
                 untold.remove(name)
                 problems.pop(name, None)
             except BenchError as error:
@@ -56,6 +63,37 @@ def bring_to_rest(
     return [f"{name}: {text}" for name, text in problems.items()]
 
 
+def _in_spite_of_others(device: Instrument, work: Callable[[], _T]) -> _T:
+    """Do `work` of a device; again, if it met the loss of another port: whoever waits is told of any."""
+    for _ in range(_OTHERS):
+        try:
+            return work()
+        except LinkLost:
+            if _is_gone(device):
+                raise
+    return work()
+
+
+def _is_gone(device: Instrument) -> bool:
+    """Whether not even a stop command can be written to the device."""
+    try:
+        device.halt()
+    except LinkLost:
+        return True
+    except BenchError:
+        return False
+    return False
+
+
+def _pause(clock: Clock, duration_s: float) -> None:
+    """Wait, whatever port goes away meanwhile."""
+    end_s = clock.now() + duration_s
+    for _ in range(_OTHERS):
+        with suppress(LinkLost):
+            clock.sleep(end_s - clock.now())
+            return
+
+
 def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
     """Read back until the device rests; replies to what was cut off when all began pass by in the pauses.
 
@@ -63,9 +101,9 @@ def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
     """
     again_s = clock.now() + _TELL_AGAIN_S
     while True:
-        clock.sleep(_AGAIN_S)
+        _pause(clock, _AGAIN_S)
         try:
-            rest = device.read_rest()
+            rest = _in_spite_of_others(device, device.read_rest)
             if rest.reached:
                 return rest
             found = rest.text

@@ -77,6 +77,8 @@ class Bench:
         self.invalid_reasons: list[str] = []
         self.unconfirmed: list[str] = []
         """What did not confirm its safe state when it was last asked for."""
+        self.confirmed: list[str] = []
+        """What did, with what it read back."""
         self.measurements: list[dict[str, Any]] = []
         self.gyros: dict[str, GyroStation] = {}
         self.platforms: dict[str, PlatformStation] = {}
@@ -376,14 +378,16 @@ class Bench:
         """Stop the table, send the chamber to its safe set point; return whether both read back at rest."""
         read_back: list[tuple[str, str]] = []
         devices = {"table": self.table.device, "chamber": self.chamber.device}
+        self.confirmed, self.unconfirmed = [], ["bench: the way to the safe state was cut off"]
         with self.clock.interrupt.ignored():
             problems = self.unconfirmed = bring_to_rest(
                 devices, self.clock, lambda name, text: read_back.append((name, text))
             )
         self._note_requests()
         self.event("note", text=f"{'not ' if problems else ''}made safe: {reason}")
-        for name, text in read_back:
-            self.event("note", text=f"{name} {text}")
+        self.confirmed = [f"{name} {text}" for name, text in read_back]
+        for text in self.confirmed:
+            self.event("note", text=text)
         for problem in problems:
             self.event("alarm", device="bench", text=f"not confirmed safe: {problem}")
         return not problems

@@ -154,7 +154,7 @@ def say_result(
             "reason": result.reason,
             "folder": str(result.folder),
         }
-        said |= {"duration_s": result.duration_s, "warnings": result.warnings}
+        said |= {"duration_s": result.duration_s, "warnings": result.warnings, "safe": result.safe}
         measured = read_manifest(result.folder).measurements
         say_json(console, kind, **said, measurements=list(measured), **fields)
         return
@@ -162,8 +162,23 @@ def say_result(
     console.print(f"[{style}]{result.outcome}[/{style}]  {escape(str(result.folder))}", highlight=False)
     if result.reason:
         console.print(result.reason, style=style, highlight=False, markup=False)
+    if result.outcome == "aborted":
+        for line in _aftermath(result):
+            console.print(line, highlight=False, markup=False)
     for warning in result.warnings:
         console.print(f"warning: {warning}", style="yellow", highlight=False, markup=False)
+
+
+def _aftermath(result: RunResult) -> list[str]:
+    """Say what the bench has done after a run that ended early, what is kept, and what comes next."""
+    bench = "; ".join(result.safe) or "nothing was told to move or to heat"
+    if "NOT CONFIRMED SAFE" in result.reason:
+        bench = "; ".join([*result.safe, "the rest NOT CONFIRMED: go and look before anything else"])
+    return [
+        f"bench: {bench}",
+        f"kept: all that came in {duration(result.duration_s)}; `gyrobench report {result.folder}` shows it",
+        "next: clear the cause, then give the same command again: it begins a new run folder",
+    ]
 
 
 def _time_plan(folder: Path) -> Table:

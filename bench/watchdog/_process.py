@@ -182,7 +182,7 @@ class _Notes:
     """The watchdog's own record in the run folder: events and raw bytes; a folder that is gone stops nothing."""
 
     def __init__(self, folder: Path, clock: Clock) -> None:
-        self._clock = clock
+        self._clock, self._run = clock, folder.parent
         self._taps: dict[str, Tap] = {}
         self._journal: Journal | None = None
         self._events: EventLog | None = None
@@ -204,13 +204,25 @@ class _Notes:
     def say(self, kind: str, **fields: Any) -> None:
         if self._events is not None:
             self._events.event(self._clock.now(), kind, **fields)
-        _tell(f"{kind} {json.dumps(fields)}")
+        _tell(_words(kind, fields, self._run))
 
     def close(self) -> None:
         for part in (self._journal, self._events):
             if part is not None:
                 with suppress(BenchError):
                     part.close()
+
+
+def _words(kind: str, fields: dict[str, Any], run: Path) -> str:
+    """Return an event in words for whoever sits at the terminal."""
+    if kind == "takeover":
+        return f"{fields['cause']}: the table and the chamber are being stopped"
+    if kind == "outcome":
+        after = "" if fields["outcome"] == "made safe" else ", go and look before anything else"
+        return (
+            f"{fields['outcome']}{after}. What had come is kept: `gyrobench runs recover {run}` completes it"
+        )
+    return str(fields["text"])
 
 
 def _tell(text: str) -> None:

@@ -10,7 +10,7 @@ from bench.live import Request
 from bench.questions import AssumeYes
 from bench.session import Bench
 from drivers.clock import Interrupt
-from drivers.errors import DeviceSilent, LimitExceeded, RunAborted
+from drivers.errors import DeviceSilent, LimitExceeded, LinkLost, RunAborted
 from drivers.instruments import ChamberState, Rest, TableState
 
 
@@ -181,6 +181,41 @@ def test_safe_is_what_is_read_back_not_what_was_confirmed(made):
         {"text": "not made safe: a test"},
         {"text": "table at rest: 0 deg/s"},
     ]
+
+
+@pytest.mark.parametrize("call", ["make_safe", "read_rest", "sleep"])
+def test_a_port_lost_meanwhile_does_not_keep_the_instruments_from_being_stopped(made, monkeypatch, call):
+    """Whoever waits is told of any port that goes away: a gyro's loss must not be taken for the table's."""
+    target = made.clock if call == "sleep" else made.table
+    real, losses = getattr(target, call), [LinkLost("the port is gone", where="fog_1")]
+
+    def losing(*arguments):
+        if losses:
+            raise losses.pop()
+        return real(*arguments)
+
+    monkeypatch.setattr(target, call, losing)
+    assert made.bench.make_safe("a test") is True
+    assert losses == [] and made.bench.unconfirmed == []
+    assert made.bench.confirmed == ["table at rest: 0 deg/s", "chamber at rest: 0 deg/s"]
+
+
+def test_an_instrument_whose_own_port_is_gone_is_given_up_at_once(made, monkeypatch):
+    def gone():
+        raise LinkLost("the port is gone", where="table")
+
+    for call in ("halt", "make_safe", "read_rest"):
+        monkeypatch.setattr(made.table, call, gone)
+    assert made.bench.make_safe("a test") is False
+    assert made.bench.unconfirmed == ["table: table: the port is gone."]
+    assert made.clock.now() < 5.0 and made.bench.confirmed == ["chamber at rest: 0 deg/s"]
+
+
+def test_a_way_to_the_safe_state_that_is_cut_off_is_not_confirmed(made, monkeypatch):
+    monkeypatch.setattr(made.chamber, "make_safe", lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        made.bench.make_safe("a test")
+    assert made.bench.unconfirmed and made.bench.confirmed == []
 
 
 @pytest.mark.parametrize("silent", ["table", "chamber"])
