@@ -127,7 +127,7 @@ class EmulatedLab:
         self._answers = self._process.stdout
         cpu = _cpu_of(os.getpid() if lane is None else lane)
         try:
-            self.perform_raw({**_lab_config(file, plant, clock), "cpu": cpu})
+            self.perform_raw({**lab_config(file, plant, clock), "cpu": cpu})
             ready = self._read()
             if "refused" in ready:
                 raise ConfigurationError(**ready["refused"])
@@ -229,7 +229,8 @@ def _transport(port: str | None) -> str:
     return "tcp" if port is not None and port.startswith("socket://") else "pty"
 
 
-def _lab_config(file: BenchFile, plant: Plant, clock: str) -> dict[str, Any]:
+def lab_config(file: BenchFile, plant: Plant, clock: str = "virtual") -> dict[str, Any]:
+    """Return what a lab's process is told to be: devices and units of the bench file, physics of the plant."""
     return {
         "clock": clock,
         "seed": plant.seed,

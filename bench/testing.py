@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.benchfile import BenchFile, bench_file_from, load_bench_file
-from bench.emulated import EmulatedLab, Plant, save_truth
+from bench.emulated import EmulatedLab, Plant, lab_config, save_truth
 from bench.nursery import LabNursery
 from bench.procedure import Demands, Parameters, Procedure, find_procedure
 from bench.questions import AssumeYes, Operator, Question, StageHand
@@ -197,7 +197,7 @@ class LabPool:
 
     def __init__(self, file: BenchFile) -> None:
         self._file = file
-        self._nursery = LabNursery()
+        self._nursery = LabNursery(lab_config(file, Plant()))
 
     def __enter__(self) -> LabPool:
         return self

@@ -1,4 +1,4 @@
-"""Start-up against its limits: `gyrobench --help` and `import bench`."""
+"""Start-up against its limits: `gyrobench --help`, `import bench`, an emulated bench of the pytest plug-in."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from bench.emulated import Plant
+from bench.testing import LabPool, usual_bench
 from drivers.clock import host_seconds
 
 _TURNS = 5
@@ -19,6 +21,9 @@ def rows() -> list[dict[str, object]]:
         "gyrobench --help": (_wall([str(Path(python).with_name("gyrobench")), "--help"]), 0.4),
         "import bench": (_wall([python, "-c", "import bench"]), 0.3),
     }
+    ready_s, gone_s = _bench_ready()
+    found["emulated_bench, ready, median of 9 after the first"] = (ready_s, 1.0)
+    found["emulated_bench, gone again"] = (gone_s, 1.0)
     return [
         {
             "benchmark": name,
@@ -30,6 +35,19 @@ def rows() -> list[dict[str, object]]:
         }
         for name, (seconds, limit) in found.items()
     ]
+
+
+def _bench_ready() -> tuple[float, float]:
+    """Return the median times to a lab that answers and to its end, of nine after the first, s."""
+    ready, gone = [], []
+    with LabPool(usual_bench(None)) as pool:
+        for _ in range(10):
+            begin = host_seconds()
+            with pool.lab(Plant()):
+                there = host_seconds()
+            ready.append(there - begin)
+            gone.append(host_seconds() - there)
+    return statistics.median(ready[1:]), statistics.median(gone[1:])
 
 
 def _wall(command: list[str]) -> float:

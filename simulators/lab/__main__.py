@@ -2,7 +2,8 @@
 no such lab) on the first of standard output, then the stage door until standard input ends.
 
 With `--nursery N` it forks such labs instead: every message on the Unix socket that is descriptor N carries a new
-lab's standard input and output, and is answered with its process id (int32, big-endian).
+lab's standard input and output, and is answered with its process id (int32, big-endian). A configuration on its
+own standard input says what these labs will be like, so that it loads what they need once.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import signal
 import socket
 import struct
 import sys
+from contextlib import suppress
 from typing import Any
 
 from drivers.errors import BenchError
@@ -49,6 +51,10 @@ def nursery(descriptor: int) -> int:
     """Fork a lab for every pair of descriptors that arrives, until the socket is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel buries the labs
+    if like := _first_line():
+        with suppress(BenchError):  # a lab that cannot be is told by the lab itself
+            for port in build_lab(LabConfig.from_json(json.loads(like)))[0].ports:
+                port.close()
     with socket.socket(fileno=descriptor) as door:
         while True:
             message, descriptors, _, _ = socket.recv_fds(door, 1, 2)
@@ -61,7 +67,11 @@ def nursery(descriptor: int) -> int:
                 for place, given in enumerate(descriptors):
                     os.dup2(given, place)
                     os.close(given)
-                return main()
+                code = main()
+                sys.stdout.flush()
+                os._exit(
+                    code
+                )  # an interpreter that takes itself apart takes longer than the lab took to start
             for given in descriptors:
                 os.close(given)
             door.sendall(struct.pack("!i", pid))

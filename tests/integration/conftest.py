@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from bench.benchfile import BenchFile, load_bench_file
-from bench.emulated import EmulatedLab, Plant, _lab_config, _with_ports
+from bench.emulated import EmulatedLab, Plant, _with_ports, lab_config
 from bench.procedure import Demands, Parameters, Procedure, find_procedure, parameter
 from bench.questions import AssumeYes, StageHand
 from bench.recording import read_manifest, verify
@@ -98,7 +98,7 @@ class ThreadLab:
 @contextmanager
 def thread_lab(file: BenchFile, plant: Plant, swap: Mapping[str, Callable] | None = None):
     """Serve a lab whose emulator on port p is `swap[p](emulator, lab, index)`."""
-    config = LabConfig.from_json(_lab_config(file, plant, "virtual"))
+    config = LabConfig.from_json(lab_config(file, plant, "virtual"))
     lab, acts = build_lab(config)
     for index, port in enumerate(lab.ports):
         if swap and port.name in swap:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.benchfile import load_bench_file
-from bench.emulated import Plant, _lab_config
+from bench.emulated import Plant, lab_config
 from drivers.errors import ConfigurationError
 from drivers.rlg import RlgDecoder
 from simulators.emulators.rlg import RlgEmulator
@@ -94,7 +94,7 @@ def test_a_unit_without_power_cools() -> None:
 def test_the_act_says_what_it_cannot_do(tmp_path) -> None:
     path = tmp_path / "b.toml"
     path.write_text(BENCH)
-    lab, acts = build_lab(LabConfig.from_json(_lab_config(load_bench_file(path), Plant(), "virtual")))
+    lab, acts = build_lab(LabConfig.from_json(lab_config(load_bench_file(path), Plant(), "virtual")))
     try:
         with pytest.raises(ConfigurationError, match="no gyro 'h'"):
             acts["power_cycle"]({"unit": "h"})
