@@ -113,7 +113,8 @@ def _print(console: Console, found: Diagnosis, shrunk: Shrinkage | None) -> None
     for cause in found.causes:
         console.print(f"  {_sentence(cause)}", highlight=False)
     for name, probability in found.stochastic.items():
-        console.print(f"  {name} ({100 * probability:.0f} %)", highlight=False)
+        parts = [f"  {name} ({100 * probability:.0f} %)", found.noise.risen(name)]
+        console.print(": ".join(filter(None, parts)), highlight=False)
     if found.unknown_probability > 0.5:
         near = ", ".join(cause.name for cause in found.resembles) or "nothing in the catalogue"
         chance = f"{100 * found.unknown_probability:.0f} %"
@@ -181,6 +182,9 @@ def _facts(
         "causes": [_cause_facts(cause) for cause in found.causes],
         "resembles": [_cause_facts(cause) for cause in found.resembles],
         "stochastic": dict(found.stochastic),
+        "stochastic_coefficients": {
+            name: found.noise.rises[name] for name in found.stochastic if name in found.noise.rises
+        },
         "unknown_probability": found.unknown_probability,
         "no_gap_probability": found.null_probability,
         "sets": {" + ".join(sorted(names)): value for names, value in found.set_probabilities.items()},

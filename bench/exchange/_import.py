@@ -169,7 +169,7 @@ def _write_gyro(path: Path, gyro: str, time_s: NDArray[np.float64], data: Log) -
                 "status": np.zeros(len(time_s), np.uint8),
                 "valid": valid,
                 "rate_dps": rate.astype(np.float32),
-                "temp_c": data.columns["t_in"].astype(np.float32),
+                "temp_c": data.columns.get("t_in", np.full(len(time_s), np.nan)).astype(np.float32),
             }
         )
     return StreamReport(

@@ -35,7 +35,7 @@ class Columns(_Part):
 
     time: Column | None = None
     output: Column
-    t_in: Column
+    t_in: Column | None = None
     t_out: Column | None = None
     angle: Column | None = None
     elevation: Column | None = None
@@ -120,5 +120,5 @@ def read_mapping(path: Path) -> Mapping:
             else "the mapping file has keys that cannot be used",
             where=str(path),
             found="; ".join([*(["without " + ", ".join(missing)] if missing else []), *wrong]),
-            expected=f"format = {FORMAT}, unit_id, latitude_deg, columns time, output, t_in (docs/exchange.md)",
+            expected=f"format = {FORMAT}, unit_id, latitude_deg, columns time, output (docs/exchange.md)",
         ) from error

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
-from simulators.effects import Stimulus
+from simulators.effects import REFERENCE_C, Stimulus
 
 Array = NDArray[np.float64]
 _COPY = 0.8
@@ -98,6 +98,32 @@ def _check_run(run: GapRun) -> None:
             where=run.run_id,
             expected="T_in, T_out and table angle without gaps; without them their effects cannot be told",
         )
+
+
+def stand_ins(t_in_c: Array | None, t_out_c: Array | None, count: int) -> tuple[Array, Array]:
+    """Return T_in and T_out, (count,), where one that was not measured is the other, and none are 25 degC.
+
+    What cannot be seen then drops out by itself: columns of T_in - T_out, or of any temperature, are zero.
+    """
+    if t_in_c is None and t_out_c is None:
+        t_in_c = np.full(count, REFERENCE_C)
+    t_in_c = t_out_c if t_in_c is None else t_in_c
+    t_out_c = t_in_c if t_out_c is None else t_out_c
+    assert t_in_c is not None
+    assert t_out_c is not None
+    return t_in_c, t_out_c
+
+
+def unseen(s: Stimulus) -> str:
+    """Return what a run's temperatures cannot show, because one or both were not measured; empty if both were."""
+    if not np.array_equal(s.t_in_c, s.t_out_c):
+        return ""
+    if not np.ptp(s.t_in_c):
+        return "no temperature was recorded: no effect of temperature can be seen, nor that there is none"
+    return (
+        "one temperature only, of the gyro or of its case: effects of the difference between them (gradient, "
+        "part of Shupe's) cannot be seen"
+    )
 
 
 def cut(run: GapRun, count: int) -> GapRun:

@@ -12,7 +12,7 @@ from bench.gap._align import aligned
 from bench.gap._candidates import candidate_variants
 from bench.gap._causes import Cause, causes_of
 from bench.gap._cells import BANDS, mixing
-from bench.gap._data import GapRun, Group, check_runs
+from bench.gap._data import GapRun, Group, check_runs, unseen
 from bench.gap._describe import UnknownPart, curve_part, line_part, remaining_part
 from bench.gap._fit import Floor, Solution, nominal_solution
 from bench.gap._generic import PREFIX
@@ -188,7 +188,10 @@ def _warnings(data: Prepared) -> tuple[str, ...]:
         notes.append("no repeated runs: the noise floor rests on " + data.noise.source)
     if data.noise.source == "data sheet":
         notes.append("no repeats and no quiet run: a wrong data sheet would look like a gap")
-    if all(np.ptp(run.stimulus.warm_k) < 2.0 for group in data.groups for each in group.runs for run in each):
+    runs = [run for group in data.groups for each in group.runs for run in each]
+    hidden = {text for run in runs if (text := unseen(run.stimulus))}
+    notes += sorted(hidden)
+    if not hidden and all(np.ptp(run.stimulus.warm_k) < 2.0 for run in runs):
         notes.append("temperature hardly changes in these runs: no effect of temperature can be seen")
     longest = max(len(each.runs[0][0].stimulus) * each.runs[0][0].stimulus.period_s for each in data.groups)
     if longest < _LONG_S:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.exchange import LogEntry, Mapping, read_log, read_mapping
-from bench.gap._data import GapRun
+from bench.gap._data import GapRun, stand_ins
 from simulators.effects import Stimulus
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ _DPH = 3600.0
 def read_mapped_runs(path: Path) -> list[GapRun]:
     """Return the runs that a mapping file lists (see `bench.exchange.read_mapping`), as 1 s means.
 
-    Without `t_out` it is taken to equal `t_in`: effects of temperature differences are then not seen.
+    A temperature that is not recorded is taken to equal the other one: the diagnosis says what is then not seen.
     ConfigurationError says what a mapping or file lacks.
     """
     mapping = read_mapping(path)
@@ -35,8 +35,8 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
     def means(key: str) -> Array:
         return _second_means(log.columns[key], row, count)
 
-    t_in = _bridged(means("t_in"))
-    t_out = _bridged(means("t_out")) if "t_out" in log.columns else t_in
+    t_in, t_out = (_bridged(means(key)) if key in log.columns else None for key in ("t_in", "t_out"))
+    t_in, t_out = stand_ins(t_in, t_out, count)
     edges = np.arange(count + 1.0)
     angle = np.full(count + 1, entry.angle_deg or 0.0)
     if "angle" in log.columns:

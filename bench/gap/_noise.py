@@ -18,6 +18,8 @@ from scipy.optimize import minimize
 Array = NDArray[np.float64]
 _FLICKER_TIMES_S = 3.0 ** np.arange(9)
 _LEAST = 1e-9
+_FARTHEST = 30.0
+"""In the logarithm of a coefficient, from the data sheet's."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,8 @@ def fit_noise(data: Sequence[Periodogram], sheet: Noise, widths: dict[str, float
         gradient = (slope * unit[at] * values[at][:, None] ** 2 / power).sum(axis=1) + away / width
         return float(value), gradient
 
-    found = minimize(cost, centre, jac=True, method="L-BFGS-B")
+    # a step of the search into where nobody looks would leave the range of numbers
+    bounds = np.stack([centre - _FARTHEST, centre + _FARTHEST], axis=1)
+    found = minimize(cost, centre, jac=True, method="L-BFGS-B", bounds=bounds)
     fitted = dict(zip(free, np.exp(found.x).tolist(), strict=True))
     return NoiseFit(replace(sheet, **fitted), float(found.fun))

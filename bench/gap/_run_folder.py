@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.calibration import load_calibration_run
-from bench.gap._data import GapRun
+from bench.gap._data import GapRun, stand_ins
 from bench.recording import Phase, Run, checksum, second_rows, seconds
 from bench.run_folder import MANIFEST_FILE
 from drivers.errors import ConfigurationError
@@ -77,10 +77,11 @@ def _stretch(run: Run, gyro: str, start_s: float, end_s: float, suffix: str) -> 
     turning = float(np.median(np.diff(angle)))
     upright = _upright(run, gyro, abs(turning) > _TURNING_DPS)
     elevation = np.full(end - start, 90.0 if upright else 0.0)
+    t_in, t_out = _temperatures(run, temp_c, _case_temp(run, gyro, edges[:-1] + 0.5))
     stimulus = Stimulus(
         edges[1:],
-        _filled(temp_c, run, "the gyro's temperature"),
-        _case_temp(run, gyro, edges[:-1] + 0.5, temp_c),
+        t_in,
+        t_out,
         angle,
         elevation,
         float(run.manifest.bench["bench"]["latitude_deg"]),
@@ -127,7 +128,7 @@ def _positions(run: Run, gyro: str) -> GapRun:
                 np.arange(start + 1.0, end + 1.0),
                 output,
                 temp_c,
-                _case_temp(run, gyro, np.arange(float(start), float(end)) + 0.5, temp_c),
+                _case_temp(run, gyro, np.arange(float(start), float(end)) + 0.5),
                 math.degrees(math.atan2(-east, north)) * full,
                 math.degrees(math.asin(max(min(up, 1.0), -1.0))) * full,
                 np.full(end - start, f"position {number}"),
@@ -137,10 +138,11 @@ def _positions(run: Run, gyro: str) -> GapRun:
     times, output, temp_c, case_c, angle, elevation, phases, losses = (
         np.concatenate(each) for each in zip(*parts, strict=True)
     )
+    t_in, t_out = _temperatures(run, temp_c, case_c)
     stimulus = Stimulus(
         times,
-        _filled(temp_c, run, "the gyro's temperature"),
-        _filled(case_c, run, "the case's temperature"),
+        t_in,
+        t_out,
         np.append(angle, angle[-1:]),
         elevation,
         float(run.manifest.bench["bench"]["latitude_deg"]),
@@ -178,9 +180,11 @@ def _second_means(run: Run, gyro: str, start: int, end: int) -> tuple[Array, Arr
     return means[0], means[1], lost / max(frames + lost, 1)
 
 
-def _filled(values: Array, run: Run, what: str) -> Array:
-    """Bridge single missing seconds; ConfigurationError if a fifth or more is missing."""
+def _filled(values: Array, run: Run, what: str) -> Array | None:
+    """Bridge single missing seconds; None if there is no value, ConfigurationError if a fifth is missing."""
     known = ~np.isnan(values)
+    if not known.any():
+        return None
     if known.mean() < 0.8:
         raise ConfigurationError(
             f"{what} is missing",
@@ -203,11 +207,16 @@ def _azimuth_error_deg(run: Run) -> float:
     return float(next(found, 0.0))
 
 
-def _case_temp(run: Run, gyro: str, times_s: Array, inside_c: Array) -> Array:
-    """Return the case's temperature; without a sensor there that inside, so that no difference can be seen."""
+def _temperatures(run: Run, temp_c: Array, case_c: Array) -> tuple[Array, Array]:
+    inside = _filled(temp_c, run, "the gyro's temperature")
+    return stand_ins(inside, _filled(case_c, run, "the case's temperature"), len(temp_c))
+
+
+def _case_temp(run: Run, gyro: str, times_s: Array) -> Array:
+    """Return the case temperature, NaN without a sensor on it."""
     sensor = run.manifest.devices[gyro].case_sensor
     if sensor is None or not (run.folder / "chamber.parquet").exists():
-        return inside_c
+        return np.full(len(times_s), np.nan)
     table = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))
     return np.asarray(np.interp(times_s, seconds(table), table[f"aux_{sensor}_temp_c"]))
 

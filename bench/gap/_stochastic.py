@@ -37,6 +37,14 @@ class NoiseVerdict:
     probabilities: Mapping[str, float]
     source: str
     rises: Mapping[str, float]
+    sheet: Noise
+
+    def risen(self, effect: str) -> str:
+        """Return in words which coefficient a stochastic effect raised, from what to what; empty for others."""
+        name = next((name for name, own in EFFECT_OF.items() if own == effect), "")
+        if effect not in self.rises or not name:
+            return ""
+        return f"{name} = {self.rises[effect]:.3g}, the model has {getattr(self.sheet, name):.3g}"
 
     @property
     def named(self) -> str:
@@ -47,7 +55,7 @@ class NoiseVerdict:
 def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> NoiseVerdict:
     """Fit the noise with the sheet's values, and with each coefficient set free in turn, and compare."""
     if not data:
-        return NoiseVerdict(sheet, {"": 1.0}, "data sheet", {})
+        return NoiseVerdict(sheet, {"": 1.0}, "data sheet", {}, sheet)
     widths = {name: width for name, width in _SHEET_WIDTHS.items() if getattr(sheet, name) > 0.0}
     base = fit_noise(data, sheet, widths)
     fits = {"": base}
@@ -65,7 +73,7 @@ def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> Noise
     probabilities = dict(zip(scores, weights.tolist(), strict=True))
     chosen = max(probabilities, key=lambda name: probabilities[name])
     rises = {EFFECT_OF[name]: float(getattr(fits[chosen].noise, name)) for name in NAMES}
-    return NoiseVerdict(fits[chosen].noise, probabilities, source, rises)
+    return NoiseVerdict(fits[chosen].noise, probabilities, source, rises, sheet)
 
 
 def _starts(sheet: Noise, name: str) -> list[float]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench.gap import read_mapped_runs
+from bench.gap import Model, Noise, diagnose, read_mapped_runs
 from drivers.errors import ConfigurationError
+from tests.gap.conftest import made_run, stimulus
 
 MAPPING = """
 format = 1
@@ -73,3 +75,37 @@ def test_columns_units_and_gaps(tmp_path: Path) -> None:
 def test_mistakes_are_named(tmp_path: Path, change: tuple[str, str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         read_mapped_runs(_write(tmp_path, MAPPING.replace(*change)))
+
+
+def test_a_temperature_that_was_not_recorded_is_stood_in_for(tmp_path: Path) -> None:
+    without = MAPPING.replace('[columns.t_in]\nname = "temp_K"\nunit = "K"\n', "")
+    (run,) = read_mapped_runs(_write(tmp_path, without))
+    assert run.stimulus.t_in_c == pytest.approx(np.full(59, 25.0))
+    case_only = MAPPING.replace("[columns.t_in]", "[columns.t_out]")
+    (run,) = read_mapped_runs(_write(tmp_path, case_only))
+    assert run.stimulus.t_in_c == pytest.approx(np.full(59, 26.85))
+    assert np.array_equal(run.stimulus.t_in_c, run.stimulus.t_out_c)
+
+
+def test_the_diagnosis_says_what_missing_temperatures_hide() -> None:
+    s = stimulus(2000)
+    warm = replace(s, t_out_c=s.t_in_c)
+    rng = np.random.default_rng(5)
+    model = Model("nominal", (), Noise(0.004))
+    one = diagnose([made_run(name, warm, rng) for name in "ab"], model)
+    assert any("one temperature only" in text for text in one.warnings)
+    assert "gradient" in one.unidentifiable
+    flat = replace(s, t_in_c=np.full(2000, 25.0), t_out_c=np.full(2000, 25.0))
+    turning = replace(flat, angle_deg=np.concatenate((np.zeros(1001), 10.0 * np.arange(1.0, 1001.0))))
+    none = diagnose([made_run(name, turning, rng) for name in "ab"], model)
+    assert any("no temperature was recorded" in text for text in none.warnings)
+
+
+def test_noise_that_is_higher_than_the_data_sheet_is_named_with_its_size() -> None:
+    still = stimulus(3000, cold=False)
+    rng = np.random.default_rng(6)
+    found = diagnose([made_run(name, still, rng) for name in "ab"], Model("nominal", (), Noise(0.001)))
+    assert set(found.stochastic) == {"noise_level"}
+    text = found.noise.risen("noise_level")  # the runs have 0.004
+    assert text.startswith("arw_deg_per_sqrt_h = 0.00") and text.endswith("the model has 0.001")
+    assert found.noise.rises["noise_level"] == pytest.approx(0.004, rel=0.05)
