@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from bench.cli._campaigns import campaign_app
+from bench.cli._can import can_app
 from bench.cli._fits import fit_app, scheme_app
 from bench.cli._frames import frames_app
 from bench.cli._gaps import gap_app
@@ -32,6 +33,7 @@ app.add_typer(fit_app, name="fit")
 app.add_typer(scheme_app, name="scheme")
 app.add_typer(gap_app, name="gap")
 app.add_typer(frames_app, name="frames")
+app.add_typer(can_app, name="can")
 
 Bench = Annotated[Path, typer.Option("--bench", help="bench file (TOML)", show_default=True)]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="folder that holds the runs")]
