@@ -14,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # uv reads its own variable for local wheel folders, not pip's.
 export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
 
-.PHONY: setup demo test lint audit coverage bench fuzz clean
+.PHONY: setup demo test lint audit coverage bench bench-gpu fuzz clean
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
@@ -50,6 +50,10 @@ coverage: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
+
+# LSTM training and gap fits on a CUDA device against the processor; says so where torch sees none.
+bench-gpu: $(STAMP)
+	$(BIN)/python -m benchmarks.gpu
 
 fuzz: $(STAMP)
 	$(BIN)/python -m benchmarks.fuzz $(BYTES)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 FILE = Path(__file__).with_name("ratios.json")
@@ -25,6 +25,18 @@ def lost(
     return texts
 
 
+def better(
+    rows: Sequence[Mapping[str, object]], again: Sequence[Mapping[str, object]]
+) -> list[Mapping[str, object]]:
+    """Return of two measurements of the same rows, row by row, the one with the higher ratio."""
+    chosen = []
+    for first, second in zip(rows, again, strict=True):
+        one, other = first["ratio"], second["ratio"]
+        higher = isinstance(one, float) and isinstance(other, float) and other > one
+        chosen.append(second if higher else first)
+    return chosen
+
+
 def keep(module: str, rows: Iterable[Mapping[str, object]], file: Path = FILE) -> None:
     """Write the ratios of `module` into the file in place of those kept."""
     kept = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
@@ -33,9 +45,12 @@ def keep(module: str, rows: Iterable[Mapping[str, object]], file: Path = FILE) -
 
 
 def ratios(rows: Iterable[Mapping[str, object]]) -> dict[str, float]:
-    """Return the ratios by benchmark and what it is measured against, less its version."""
+    """Return the ratios by benchmark and what it is measured against, less its version.
+
+    Rows with `kept` False are left out: what the disk, the network or the hour decides says nothing of a change.
+    """
     return {
         f"{row['benchmark']} / {' '.join(w for w in str(row['yardstick_name']).split() if w[0].isalpha())}": ratio
         for row in rows
-        if isinstance(ratio := row["ratio"], float)
+        if isinstance(ratio := row["ratio"], float) and row.get("kept", True)
     }

@@ -1,0 +1,52 @@
+"""What a CUDA device brings: `make bench-gpu`. LSTM training and the gap's Gram matrices on it and on the processor.
+
+Skips where torch sees no device. Results must agree: the network's weights after two epochs to 1e-3, the matrices to
+1e-9 of their largest entry.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import torch
+
+from bench.fitting import LstmSettings, prepare
+from bench.fitting._lstm_training import train_lstm
+from bench.gap import band_grams
+from benchmarks._measure import Row, in_turns, row
+from benchmarks.fitting import thermal_run
+
+
+def compared(device: str) -> list[Row]:
+    """Return the rows of `device` against the processor, wall time."""
+    runs = [prepare(thermal_run(seed=seed)) for seed in range(65)]
+    table = []
+    for count in (6, 64):
+        train = partial(train_lstm, runs[:count], runs[64:], LstmSettings(epochs=2))
+        one, other = train(device=device), train(device="cpu")
+        np.testing.assert_allclose(one.w_hidden, other.w_hidden, atol=1e-3)
+        pair = in_turns(partial(train, device=device), partial(train, device="cpu"), turns=3, wall=True)
+        table.append(row(f"LSTM training, two epochs of {count} runs, {device}", pair, "the processor"))
+    rows = np.random.default_rng(0).standard_normal((12, 60, 14_000))
+    parts = [slice(0, 500), slice(500, 4000), slice(4000, 14_000)]
+    grams = partial(band_grams, rows, parts)
+    for one_band, other_band in zip(grams(device=device), grams(device="cpu"), strict=True):
+        np.testing.assert_allclose(one_band, other_band, atol=1e-9 * np.abs(other_band).max())
+    pair = in_turns(partial(grams, device=device), partial(grams, device="cpu"), turns=3, wall=True)
+    return [*table, row(f"gap: Gram matrices of 12 runs of 14,000 samples, {device}", pair, "the processor")]
+
+
+def main() -> None:
+    """Print the table, or that there is nothing to measure."""
+    if not torch.cuda.is_available():
+        print(f"skipped: torch {torch.__version__} sees no CUDA device")
+        return
+    from benchmarks.__main__ import show
+
+    print(f"{torch.cuda.get_device_name()}, torch {torch.__version__}")
+    show(compared("cuda"))
+
+
+if __name__ == "__main__":
+    main()

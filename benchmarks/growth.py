@@ -1,0 +1,268 @@
+"""How cost grows with the work: `python -m benchmarks growth`.
+
+Every main path with 1, 10 and 100 times the work, each time in a process of its own: processor time and by how
+much memory rose at its peak. The exponent is that of the last factor of ten: 1 is in proportion, 2 quadratic.
+`python -m benchmarks.growth` also writes the table and the figure into docs/scale.md.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from bench.calibration import Effort, Schedule, Task, search
+from bench.catalogue import Catalogue, root_name
+from bench.fitting import (
+    LaggedRidgeModel,
+    LstmModel,
+    LstmSettings,
+    allan_deviation,
+    prepare,
+    stepwise,
+)
+from bench.gap import diagnose
+from bench.gap._exam import make_case, nominal_model
+from bench.recording import GyroSource, Journal, PortJournal, decode_stream, read_table
+from benchmarks._measure import Cost, Row, Work, cost
+from benchmarks.catalogue import make_runs
+from benchmarks.fitting import thermal_run
+from benchmarks.recording import day, write
+from drivers.kvh import KvhDecoder, encode_frames, rate_dps
+
+TIMES = (1, 10, 100)
+_DOCS = Path(__file__).parents[1] / "docs"
+_FRAMES = 60_000
+_SECOND = 100
+
+
+@dataclass(frozen=True)
+class Route:
+    """A path: its name, what one times the work is, and what makes `times` of it ready in a folder."""
+
+    name: str
+    unit: str
+    ready: Callable[[Path, int], Work]
+    times: tuple[int, ...] = TIMES
+
+
+def _journal(folder: Path, times: int, ports: bool) -> Work:
+    """Record `times` ports for 10 s at 100 Hz, or one for `times` minutes."""
+    frame = encode_frames("A", np.zeros((1, 3)), counter=np.zeros(1, np.int64), temp_c=25.0)
+
+    def work() -> None:
+        journal = Journal(folder, 1.0)
+        gyros = [journal.port(f"gyro_{k}") for k in range(times if ports else 1)]
+        for sample in range(1000 if ports else 6000 * times):
+            for gyro in gyros:
+                gyro.received(frame, 0.01 * sample)
+            if sample % _SECOND == 0:
+                journal.check()
+        journal.close()
+
+    return work
+
+
+def _raw(folder: Path, times: int) -> Work:
+    """Decode a gyro's raw bytes into its table."""
+    port = PortJournal(folder, "fog")
+    block = np.arange(_FRAMES)
+    data = encode_frames("A", np.full((_FRAMES, 3), 1e-6), counter=block % 128, temp_c=25.0)
+    size = len(data) // _FRAMES * _SECOND
+    for repeat in range(times):
+        first = repeat * _FRAMES
+        # The counter runs modulo 128, which a block of 60,000 is no multiple of.
+        data = encode_frames("A", np.full((_FRAMES, 3), 1e-6), counter=(block + first) % 128, temp_c=25.0)
+        for at in range(0, len(data), size):
+            port.received(data[at : at + size], 0.01 * (first + (at // size + 1) * _SECOND))
+        port.flush(False)
+    source = GyroSource(
+        "fog",
+        lambda: KvhDecoder(nominal_rate_hz=100.0, axes="xyz"),
+        lambda columns, rate_hz: {"x": rate_dps(columns["rot_x"], "delta", "RAD", rate_hz)},
+        "x",
+    )
+    return lambda: decode_stream(folder, source)
+
+
+def _opened(folder: Path, times: int) -> Work:
+    """Ten minutes of one column out of `times` quarters of an hour."""
+    path = folder / "t.parquet"
+    write(path, day(90_000 * times))
+    return lambda: read_table(path, ["rate_dps"], 100.0, 700.0)
+
+
+def _features(folder: Path, times: int) -> Work:
+    return partial(prepare, thermal_run(3600 * times))
+
+
+def _allan(folder: Path, times: int) -> Work:
+    return partial(allan_deviation, np.random.default_rng(0).standard_normal(100_000 * times), 100.0)
+
+
+def _stepwise(folder: Path, times: int) -> Work:
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((5000, 4 * times))
+    y = x[:, :4] @ np.arange(1.0, 5.0) + rng.standard_normal(5000)
+    return partial(stepwise, x, y, p_enter=1e-6)
+
+
+def _ridge(folder: Path, times: int) -> Work:
+    runs = [prepare(thermal_run(seed=seed)) for seed in range(times + 1)]
+    return lambda: LaggedRidgeModel().fit(runs[:-1], runs[-1:])
+
+
+def _lstm(folder: Path, times: int) -> Work:
+    runs = [prepare(thermal_run(seed=seed)) for seed in range(times + 1)]
+    import torch
+
+    torch.set_num_threads(1)
+    model = LstmModel(LstmSettings(epochs=2))
+    LstmModel(LstmSettings(epochs=1)).fit(runs[:1], [])  # torch loads its parts when they are first used
+    return lambda: model.fit(runs[:-1], runs[-1:])
+
+
+def _search(folder: Path, times: int) -> Work:
+    """Beam and annealing `times` as wide."""
+    pattern = Schedule("", (), np.eye(3), 60.0)
+    effort = Effort(2 * times, 10 * times, 1)
+    return lambda: search(Task(), "two-axis-horizontal", 14, pattern, effort=effort)
+
+
+def _gap(folder: Path, times: int) -> Work:
+    """Diagnose 4 `times` runs of a case with two effects."""
+    runs = make_case(31, "pair")[1][: 4 * times]
+    return lambda: diagnose(runs, nominal_model())
+
+
+def _catalogue(folder: Path, times: int) -> Work:
+    """Index `times` hundred runs and ask once."""
+    runs = folder / "runs"
+    runs.mkdir()
+    make_runs(runs, 100 * times)
+
+    def work() -> None:
+        with Catalogue(f"sqlite:///{folder}/runs.sqlite") as catalogue:
+            catalogue.rebuild(runs)
+            catalogue.find(root=root_name(runs), unit="SN12")
+
+    return work
+
+
+PATHS = (
+    Route("recording, samples", "6,000 samples of a port", partial(_journal, ports=False)),
+    Route("recording, gyros", "1 port at 100 Hz for 10 s", partial(_journal, ports=True)),
+    Route("decoding to a table, samples", "60,000 frames", _raw),
+    Route("opening ten minutes of a run", "90,000 rows", _opened),
+    Route("features, samples", "an hour of 1 s means", _features),
+    Route("Allan deviation, samples", "100,000 samples", _allan),
+    Route("stepwise, candidates", "4 of 5,000 rows", _stepwise),
+    Route("lagged ridge, runs", "1 run of 14,000 s", _ridge),
+    Route("LSTM, two epochs, runs", "1 run of 14,000 s", _lstm),
+    Route("scheme search, candidates", "a beam of 2, 10 steps", _search),
+    Route("gap diagnosis, runs", "4 runs of 14,000 s", _gap, (1, 2, 4)),
+    Route("catalogue, runs", "100 run folders", _catalogue),
+)
+
+
+def measure(path: Route) -> list[Cost]:
+    """Return the cost at each of the path's multiples."""
+    found = []
+    for times in path.times:
+        with tempfile.TemporaryDirectory(prefix="gyrobench-growth-") as folder:
+            found.append(cost(partial(path.ready, Path(folder), times)))
+    return found
+
+
+def exponent(times: Sequence[int], values: Sequence[float]) -> float:
+    """Return the slope of log(value) on log(times) over the last step."""
+    low, high = (max(value, 1e-9) for value in values[-2:])
+    return math.log(high / low) / math.log(times[-1] / times[-2])
+
+
+def rows() -> list[Row]:
+    """Return for every path the seconds at the most work; the ratio is proportional growth over the found one."""
+    return [_row(path, costs) for path, costs in _measured()]
+
+
+def _measured() -> list[tuple[Route, list[Cost]]]:
+    found = []
+    print("| path | once is | times | processor s | exponent | memory MiB |\n|---|---|---|---|---|---|")
+    for path in PATHS:
+        costs = measure(path)
+        print(line(path, costs), flush=True)
+        found.append((path, costs))
+    print()
+    return found
+
+
+def line(path: Route, costs: Sequence[Cost]) -> str:
+    """Return a path's line of the table."""
+    power = exponent(path.times, [each.cpu_s for each in costs])
+    seconds = ", ".join(f"{each.cpu_s:.2g}" for each in costs)
+    memory = ", ".join(f"{each.memory_mib:.0f}" for each in costs)
+    times = ", ".join(str(each) for each in path.times)
+    return f"| {path.name} | {path.unit} | {times} | {seconds} | {power:.2f} | {memory} |"
+
+
+def _row(path: Route, costs: Sequence[Cost]) -> Row:
+    factor = path.times[-1] / path.times[-2]
+    ours = costs[-1].cpu_s / max(costs[-2].cpu_s, 1e-9)
+    return {
+        "benchmark": f"growth: {path.name}, last {factor:g} times the work",
+        "ours": ours,
+        "yardstick": factor,
+        "yardstick_name": "in proportion",
+        "unit": "times the time",
+        "ratio": factor / ours,
+        "kept": False,
+    }
+
+
+def plot(found: Sequence[tuple[Route, Sequence[Cost]]], file: Path) -> None:
+    """Draw time and memory of every path over the multiple of the work, each against proportional growth."""
+    import matplotlib.pyplot as plt
+
+    colours = plt.get_cmap("tab20")
+    figure, axes = plt.subplots(1, 2, figsize=(11.0, 4.8), layout="constrained")
+    for number, (path, costs) in enumerate(found):
+        style = {"marker": "o", "markersize": 4, "linewidth": 1.4, "color": colours(number)}
+        axes[0].plot(path.times, [each.cpu_s for each in costs], label=path.name, **style)
+        axes[1].plot(path.times, [max(each.memory_mib, 0.1) for each in costs], **style)
+    axes[0].plot((1, 100), (2e-4, 2e-2), "k--", linewidth=0.8)
+    axes[0].annotate("in proportion", (11, 2.1e-3), rotation=24, fontsize=8, va="top")
+    axes[1].plot((1, 100), (0.15, 15.0), "k--", linewidth=0.8)
+    axes[0].set_ylabel("processor time, s")
+    axes[1].set_ylabel("memory above the start, MiB")
+    for each in axes:
+        each.set(xscale="log", yscale="log", xlabel="times the work")
+        each.grid(alpha=0.3)
+    figure.legend(loc="outside right upper", fontsize=8, frameon=False)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Measure all, draw the figure and put the table into docs/scale.md."""
+    found = _measured()
+    plot(found, _DOCS / "images" / "growth.png")
+    page = _DOCS / "scale.md"
+    head = "| path | once is | times | processor s | exponent | memory MiB |\n|---|---|---|---|---|---|\n"
+    table = head + "".join(f"{line(path, costs)}\n" for path, costs in found)
+    text = page.read_text(encoding="utf-8")
+    new, count = re.subn(
+        r"(<!-- growth -->\n).*?(<!-- /growth -->)", lambda m: m[1] + table + m[2], text, flags=re.DOTALL
+    )
+    if count != 1:
+        raise ValueError(f"{page}: no place for the table, expected one pair of growth marks")
+    page.write_text(new, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
