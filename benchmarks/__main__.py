@@ -1,7 +1,7 @@
 """Runs the benchmarks and prints their tables: `python -m benchmarks [--keep] [NAME ...]`; `--list` names them.
 
 Everything is in one table at the end, which is written to latest.md too. Ratios are compared with those kept in
-ratios.json: a loss of more than a quarter that a second measurement confirms is reported and ends with exit code 1.
+ratios.json: a loss of more than a quarter that a second measurement confirms is reported, and the exit code is 1.
 `--keep` keeps the ratios found of what is named instead. A benchmark that fails is reported, the others go on.
 """
 
@@ -23,8 +23,8 @@ from drivers.clock import host_seconds, utc_now
 
 LATEST = Path(__file__).with_name("latest.md")
 _SOFTWARE = (
-    "gyrobench", "numpy", "scipy", "pandas", "pyarrow", "torch", "pyserial", "python-can", "cantools", "allantools",
-    "statsmodels", "filterpy", "asammdf", "pymeasure", "tickit",
+    "gyrobench", "numpy", "scipy", "pandas", "pyarrow", "torch", "pyserial", "python-can", "cantools",
+    "allantools", "statsmodels", "filterpy", "asammdf", "pymeasure", "tickit",
 )  # fmt: skip
 
 

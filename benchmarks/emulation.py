@@ -1,7 +1,7 @@
 """How fast emulated time goes: `python -m benchmarks emulation`.
 
-Ours is the run of `end_to_end`: a gyro at 100 Hz over a pty, table and chamber, recorded and decoded. tickit is asked
-for a device that wakes 100 times a second at a million times real time: no bytes, no chamber, nothing recorded.
+Ours is the run of `end_to_end`: a gyro at 100 Hz over a pty, table and chamber, recorded and decoded. tickit is
+asked for a device that wakes 100 times a second at a million times real time, without bytes, chamber or record.
 """
 
 from __future__ import annotations

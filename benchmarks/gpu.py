@@ -1,7 +1,7 @@
-"""What a CUDA device brings: `make bench-gpu`. LSTM training and the gap's Gram matrices on it and on the processor.
+"""What a CUDA device brings: `make bench-gpu`. LSTM training and the gap's Gram matrices on both.
 
-Skips where torch sees no device. Results must agree: the network's weights after two epochs to 1e-3, the matrices to
-1e-9 of their largest entry.
+Skips where torch sees no device. Results must agree: the network's weights after two epochs to 1e-3, the matrices
+to 1e-9 of their largest entry.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import torch
 
 from bench.fitting import LstmSettings, prepare
 from bench.fitting._lstm_training import train_lstm
-from bench.gap import band_grams
+from bench.gap._grams import gram_blocks
 from benchmarks._measure import Row, in_turns, row
 from benchmarks.fitting import thermal_run
 
@@ -29,10 +29,9 @@ def compared(device: str) -> list[Row]:
         pair = in_turns(partial(train, device=device), partial(train, device="cpu"), turns=3, wall=True)
         table.append(row(f"LSTM training, two epochs of {count} runs, {device}", pair, "the processor"))
     rows = np.random.default_rng(0).standard_normal((12, 60, 14_000))
-    parts = [slice(0, 500), slice(500, 4000), slice(4000, 14_000)]
-    grams = partial(band_grams, rows, parts)
-    for one_band, other_band in zip(grams(device=device), grams(device="cpu"), strict=True):
-        np.testing.assert_allclose(one_band, other_band, atol=1e-9 * np.abs(other_band).max())
+    grams = partial(gram_blocks, rows)
+    for one_run, other_run in zip(grams(device=device), grams(device="cpu"), strict=True):
+        np.testing.assert_allclose(one_run, other_run, atol=1e-9 * np.abs(other_run).max())
     pair = in_turns(partial(grams, device=device), partial(grams, device="cpu"), turns=3, wall=True)
     return [*table, row(f"gap: Gram matrices of 12 runs of 14,000 samples, {device}", pair, "the processor")]
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.gap._data import Group
+from bench.gap._grams import gram_blocks
 from bench.gap._noise import Noise, spectrum
 from bench.gap._stack import Stack
 
@@ -158,17 +159,17 @@ def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
         rows = stack.part(at, part) / np.sqrt(power[part])
         rows = (mix @ rows.reshape(len(mix), -1)).reshape(rows.shape)
         band, mean_power = parts.index(part), float(power[part].mean())
-        for name, same, own in zip(names, repeatable, rows, strict=True):
+        for name, same, block in zip(names, repeatable, gram_blocks(rows), strict=True):
             cells.append(
                 Cell(
                     group.profile,
                     name,
                     same,
                     band,
-                    own.shape[1],
+                    part.stop - part.start,
                     len(stack.place),
                     at,
-                    own @ own.T,
+                    block,
                     mean_power,
                     n,
                 )
