@@ -6,7 +6,7 @@ import platform
 import re
 import shutil
 import tempfile
-from datetime import datetime
+from datetime import datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
 
@@ -98,7 +98,7 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
         outcome="completed",
         reason="imported",
         started_utc=started,
-        ended_utc=started,
+        ended_utc=_later(started, duration_s),
         duration_s=duration_s,
         bench={
             "bench": {"name": mapping.bench, "latitude_deg": mapping.latitude_deg},
@@ -124,6 +124,10 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
         measurements=({**azimuth, "low": None, "high": None, "passed": None},),
     )
     seal(folder, manifest)
+
+
+def _later(utc: str, seconds: float) -> str:
+    return (datetime.fromisoformat(utc) + timedelta(seconds=seconds)).isoformat(timespec="milliseconds")
 
 
 def _write_tables(out: Path, mapping: Mapping, entry: LogEntry, data: Log) -> dict[str, StreamReport]:

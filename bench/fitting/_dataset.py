@@ -157,12 +157,15 @@ def _case_temp(run: Run, gyro: str, start: int, end: int) -> Array:
     """Return the case temperature at the middle of every second, shape (end - start,)."""
     sensor = run.manifest.devices[gyro].case_sensor
     if sensor is None:
+        imported = run.manifest.imported is not None
         raise ConfigurationError(
             "the gyro has no case temperature sensor",
             where=str(run.folder),
-            found=f"{gyro}: case_sensor is not set in the bench file",
-            expected="the number of the chamber's auxiliary sensor on the unit's case",
-            remedy="set case_sensor for this gyro and auxiliary for the chamber, and run again",
+            found=f"{gyro}: no column t_out" if imported else f"{gyro}: no case_sensor in the bench file",
+            expected="a record of the temperature on the unit's case",
+            remedy="map a column to t_out and import the log again"
+            if imported
+            else "set case_sensor for this gyro and auxiliary for the chamber, and run again",
         )
     table = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))
     middle = np.arange(start + 0.5, end)

@@ -154,7 +154,9 @@ def _case(run: Run, gyro: str) -> ChannelSeries | str:
     sensor = run.manifest.devices[gyro].case_sensor if gyro else None
     if sensor is None or not (run.folder / "chamber.parquet").exists():
         return "no sensor on the unit's case (case_sensor in the bench file)"
-    table = run.chamber(("time_ns", "air_temp_c", f"aux_{sensor}_temp_c"))
+    table = run.chamber()
+    if "air_temp_c" not in table:
+        return "no record of the air that the case could follow"
     raw = table[f"aux_{sensor}_temp_c"].astype(np.float64)
     time_s, case = _stepped(seconds(table), raw)
     _, air = _stepped(seconds(table), table["air_temp_c"].astype(np.float64))

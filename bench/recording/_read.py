@@ -172,10 +172,9 @@ def _stretch(
     wanted = list(names if columns is None else columns)
     if unknown := [name for name in wanted if name not in names]:
         raise RecordError(
-            "the table has no such column",
+            f"the table has no column {', '.join(unknown)}",
             where=where,
-            found=", ".join(unknown),
-            expected=", ".join(names),
+            found=", ".join(names),
         )
     low = -(1 << 62) if start_s is None else round(start_s * 1e9)
     high = 1 << 62 if end_s is None else round(end_s * 1e9)

@@ -15,7 +15,7 @@ from asammdf import MDF, Signal
 
 from bench.exchange import export_run, import_log
 from bench.fitting import load_runs
-from bench.gap import load_gap_runs, read_mapped_runs
+from bench.gap import load_channels, load_gap_runs, read_mapped_runs
 from bench.recording import Run, checksum, read_manifest, verify, write_manifest
 from bench.report import render_run, run_content
 from bench.run_record import decode_run
@@ -97,6 +97,7 @@ def test_a_foreign_log_becomes_a_run(tmp_path: Path, kind: str) -> None:
     assert table["valid"].all() and table["lost_before"].sum() == 10
     assert manifest.stream["fog"]["lost"] == 10
     assert manifest.stream["fog"]["sample_rate_hz"] == pytest.approx(5.0)
+    assert manifest.ended_utc == "2026-10-05T08:10:00.000+00:00"
     chamber = run.chamber()
     at = chamber["time_ns"] * 1e-9
     np.testing.assert_allclose(chamber["aux_1_temp_c"], 20.0 - 0.06 * at, atol=1e-6)
@@ -109,6 +110,20 @@ def test_a_foreign_log_becomes_a_run(tmp_path: Path, kind: str) -> None:
     report = verify(folder, decode_run)
     assert report.passed and report.tables == 3
     assert (folder / "raw" / log.name).read_bytes() == log.read_bytes()
+
+
+def test_a_log_without_air_or_case_temperature(tmp_path: Path) -> None:
+    """The gap's channels name what cannot be seen; a fit says which column is missing, not what to wire up."""
+    text = MAPPING.replace('air = { name = "air", unit = "degC" }', "")
+    folder = import_log(*write(tmp_path, "csv", frame(), text), tmp_path / "runs")
+    found, missing = load_channels(folder)
+    assert "no record of the air" in missing["case_temperature"]
+    assert "gyro_temperature" in {series.channel for series in found} | missing.keys()
+    text = text.replace('t_out = { name = "case", unit = "degF" }', "").replace("log.*", "other.*")
+    log, mapping = write(tmp_path, "csv", frame(), text)
+    folder = import_log(log.rename(tmp_path / "other.csv"), mapping, tmp_path / "runs")
+    with pytest.raises(ConfigurationError, match=r"no column t_out.*map a column to t_out"):
+        load_runs([folder])
 
 
 def test_methods_work_on_an_imported_run(tmp_path: Path) -> None:
