@@ -43,7 +43,9 @@ def stepwise_command(
     for unit, runs in training.items():
         study = run_rlg_study(runs, tests.get(unit, []), names, p_enter=p_enter, p_remove=p_remove)
         write_rlg_study(study, out / _file_name(unit), bench_name, warnings)
-        console.print(_table(study))
+        console.print(_equations(study))
+        if study.tests:
+            console.print(_judged(study))
         console.print(f"{study.chosen.name}: {study.chosen.compensation.equation()}", highlight=False)
         for name, why in study.left_out:
             console.print(f"{name} left out: {why}", style="yellow", highlight=False, markup=False)
@@ -80,8 +82,8 @@ def _by_unit(
     return found
 
 
-def _table(study: RlgStudy) -> Table:
-    table = Table("equation", "terms", "R²", "RMSE deg/h", "before deg/h", "after deg/h", "improvement %",
+def _equations(study: RlgStudy) -> Table:
+    table = Table("equation", "terms", "R²", "RMSE deg/h", "before deg/h", "after deg/h", "less by %",
                   title=f"unit {study.unit_id}")  # fmt: skip
     for variant in study.variants:
         rows = variant.judged
@@ -94,6 +96,16 @@ def _table(study: RlgStudy) -> Table:
         table.add_row(
             variant.name, ", ".join(variant.result.selected), f"{final.r2:.4f}", f"{final.rmse:.5f}", *means
         )
+    return table
+
+
+def _judged(study: RlgStudy) -> Table:
+    table = Table("run", "differs by", "before", *(variant.name for variant in study.variants),
+                  title="stability of 100 s means before, deg/h, and less by %")  # fmt: skip
+    table.columns[0].overflow = "fold"
+    for n, row in enumerate(study.chosen.judged):
+        less = [f"{variant.judged[n].improvement_pct:.1f}" for variant in study.variants]
+        table.add_row(row.run_id, row.differs, f"{row.before_dph:.5f}", *less)
     return table
 
 

@@ -19,6 +19,8 @@ from drivers.errors import ConfigurationError
 
 PIVOT_TOLERANCE = 1e-10
 """A term cannot enter when the terms in leave less than this fraction of its variance unexplained."""
+_TIE = 1e-6
+"""Probabilities as close as this part are equal but for rounding."""
 
 
 @dataclass(frozen=True)
@@ -131,12 +133,13 @@ def stepwise(
 
 
 def _next_move(step: StepwiseStep, p_enter: float, p_remove: float) -> tuple[str, int] | None:
+    """Return what happens next; of terms that are as good as equal (collinear ones) the first one moves."""
     outside = np.where(step.included | np.isnan(step.p_value), np.inf, step.p_value)
     if len(outside) and outside.min() < p_enter:
-        return "enter", int(np.argmin(outside))
+        return "enter", int(np.argmax(outside <= (1.0 + _TIE) * outside.min()))
     within = np.where(step.included, step.p_value, -np.inf)
     if len(within) and within.max() > p_remove:
-        return "remove", int(np.argmax(within))
+        return "remove", int(np.argmax(within >= (1.0 - _TIE) * within.max()))
     return None
 
 

@@ -28,6 +28,7 @@ from bench.report._page import (
     Verdict,
 )
 from bench.report._palette import BLUE, ORANGE
+from bench.report._rlg_judged import judged_blocks
 from bench.report._tables import checksum_table
 
 if TYPE_CHECKING:
@@ -38,9 +39,15 @@ _TINIEST = 1e-300
 """A probability below this is printed as this."""
 _TERMS = [
     ("Stability", "Sample standard deviation of 100 s means of the bias over the whole run, 1σ, °/h."),
-    ("F, p", "F test of the term that moved; p holds if residuals of neighbouring rows are independent."),
     (
-        "Corrected",
+        "Differs by",
+        "How a run differs from those fitted, by its own case temperatures: direction of the first ramp, rate, "
+        "range; another day if by none of them.",
+    ),
+    ("F, p", "F test of the term that moved; p holds if residuals of neighbouring rows are independent."),
+    ("Five terms", "The paper's equation: T1, dT1, T1·dT1, dT1² and T1 − T2, all of them in."),
+    (
+        "Stepwise, corrected",
         "A lag-1 correlation of the residuals is taken off the rows first (Cochrane and Orcutt); without it "
         "smooth terms that mean nothing are kept far more often than p says.",
     ),
@@ -75,11 +82,11 @@ def render_rlg_study(
         verdict=_verdict(study, best),
         sections=[
             parts.warnings([*warnings, *remarks]),
-            Section("Bias before and after", _before_after(study)),
+            Section("Bias before and after", judged_blocks(study)),
             Section("Held-out runs", _courses(study, best)),
             Section("Final equations", [_statistics(study), *_equations(study)]),
+            Section("Tests of the variables", [*_left_out(study), _tests(study)]),
             *(Section(f"Steps: {variant.name}", [_steps(variant)]) for variant in study.variants[:2]),
-            Section("Variables", _left_out(study)),
             Section(
                 "Provenance",
                 checksum_table(
@@ -123,41 +130,6 @@ def _verdict(study: RlgStudy, best: StepwiseVariant) -> Verdict:
 
 def _runs(number: int) -> str:
     return "one run" if number == 1 else f"{number} runs"
-
-
-def _before_after(study: RlgStudy) -> list[Block]:
-    blocks: list[Block] = []
-    for variant in study.variants:
-        rows = [
-            parts.named(
-                row.run_id,
-                row.kind or DASH,
-                fixed(row.before_dph, 5),
-                fixed(row.after_dph, 5),
-                Cell(fixed(row.improvement_pct, 1), "plain" if row.improvement_pct >= 0 else "bad"),
-                fixed(row.oracle_dph, 5),
-                fixed(None if row.attained is None else 100.0 * row.attained, 1),
-                Cell(str(row.outside_rows), "doubt" if row.outside_rows else "plain"),
-            )
-            for row in variant.judged
-        ]
-        heads = [
-            Column("Run"),
-            Column("Profile"),
-            Column("Before", "°/h", number=True),
-            Column("After", "°/h", number=True),
-            Column("Improvement", "%", number=True),
-            Column("True drift off", "°/h", number=True),
-            Column("Attained", "%", number=True),
-            Column("Rows outside", number=True),
-        ]
-        caption = (
-            f"{variant.name}: stability on runs it was not fitted on, 1σ of 100 s means. Rows outside lie beyond "
-            "the temperatures or rates of the training runs."
-        )
-        if rows:
-            blocks.append(Table(heads, rows, caption))
-    return blocks
 
 
 def _courses(study: RlgStudy, best: StepwiseVariant) -> list[Block]:
@@ -254,6 +226,30 @@ def _steps(variant: StepwiseVariant) -> Table:
         Column("Terms in"),
     ]
     return Table(heads, rows, f"Every step of {variant.name}.")
+
+
+def _tests(study: RlgStudy) -> Table:
+    """F and p of every variable, plain and corrected side by side; of one that is out, if it were added."""
+    plain, corrected = study.variants[:2]
+    rows = []
+    for number, name in enumerate(plain.result.names):
+        cells = []
+        for variant in (plain, corrected):
+            final = variant.result.final
+            inside = bool(final.included[number])
+            error = float(final.standard_error[number])
+            f = (float(final.coefficient[number]) / error) ** 2 if error > 0.0 else math.nan
+            cells += [Cell("in" if inside else "out", strong=inside), Cell(_figure(f))]
+            cells.append(Cell(_figure(float(final.p_value[number]))))
+        rows.append(parts.named(name, *cells))
+    heads = [Column("Variable")]
+    for variant in (plain, corrected):
+        heads += [Column(variant.name), Column("F", number=True), Column("p", number=True)]
+    caption = (
+        "The plain tests take the rows for independent; the corrected ones take off the lag-1 correlation first. "
+        "F and p of a variable that is out are what it would have if added alone."
+    )
+    return Table(heads, rows, caption)
 
 
 def _left_out(study: RlgStudy) -> list[Block]:

@@ -3,6 +3,7 @@
 from bench.rlg._compensation import RlgCompensation
 from bench.rlg._cycle import AxisGain, CycleStudy, load_chamber_cycle, study_chamber_cycle
 from bench.rlg._dataset import load_ramp_runs
+from bench.rlg._profile import RampProfile, how_it_differs, hysteresis_dph, profile_of
 from bench.rlg._rows import RampRun, ramp_run
 from bench.rlg._study import BeforeAfter, RlgStudy, StepwiseVariant, judge, run_rlg_study
 from bench.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix, known_variables
@@ -13,15 +14,19 @@ __all__ = [
     "AxisGain",
     "BeforeAfter",
     "CycleStudy",
+    "RampProfile",
     "RampRun",
     "RlgCompensation",
     "RlgStudy",
     "StepwiseVariant",
     "candidate_matrix",
+    "how_it_differs",
+    "hysteresis_dph",
     "judge",
     "known_variables",
     "load_chamber_cycle",
     "load_ramp_runs",
+    "profile_of",
     "ramp_run",
     "run_rlg_study",
     "study_chamber_cycle",

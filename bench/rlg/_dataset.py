@@ -66,8 +66,12 @@ def _ramp_run(run: Run, gyro: str, start: int, end: int, ramps: list[tuple[float
         true_bias_dph=_truth(run, gyro, start, end),
         ramps=ramps,
         checksum=run_checksum(run.folder),
-        kind=f"{parameters.get('low_c', '?')} .. {parameters.get('high_c', '?')} degC, {direction}",
+        kind=f"{_text(parameters.get('low_c'))} to {_text(parameters.get('high_c'))} °C, {direction}",
     )
+
+
+def _text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, int | float) else "?"
 
 
 def _second_means(table: dict[str, NDArray[Any]], column: str, start: int, end: int) -> Array:

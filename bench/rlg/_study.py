@@ -12,29 +12,35 @@ from numpy.typing import NDArray
 
 from bench.fitting import StepwiseResult, stepwise
 from bench.rlg._compensation import RlgCompensation, training_ranges
+from bench.rlg._profile import how_it_differs, hysteresis_dph
 from bench.rlg._rows import RampRun
 from bench.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix
 from drivers.errors import ConfigurationError
 
-PLAIN, CORRECTED, FIVE = "stepwise", "stepwise, autocorrelation corrected", "five terms of the paper"
+PLAIN, CORRECTED, FIVE = "stepwise", "stepwise, corrected", "five terms"
 
 
 @dataclass(frozen=True)
 class BeforeAfter:
     """What an equation does to the stability of 100 s means (1 sigma, deg/h) on one run it was not fitted on.
 
-    With a truth: `oracle_dph` after subtracting the true drift, `attained` = improvement over the oracle's.
-    `outside_rows`: rows outside what the training runs covered.
+    `differs` says how the run differs from those fitted. With a truth: `oracle_dph` after subtracting the true
+    drift, `attained` = improvement over the oracle's. `outside_rows`: rows beyond what the training runs covered.
+    `hysteresis_before_dph`, `hysteresis_after_dph`: rms difference between warming and cooling at the same case
+    temperature, NaN for a run that goes one way only.
     """
 
     run_id: str
     kind: str
+    differs: str
     before_dph: float
     after_dph: float
     improvement_pct: float
     oracle_dph: float | None
     attained: float | None
     outside_rows: int
+    hysteresis_before_dph: float
+    hysteresis_after_dph: float
 
 
 @dataclass(frozen=True)
@@ -114,22 +120,36 @@ def run_rlg_study(
     for name, result in chosen.items():
         compensation = _compensation(training, result)
         variants.append(
-            StepwiseVariant(name, result, compensation, tuple(judge(compensation, run) for run in tests))
+            StepwiseVariant(
+                name, result, compensation, tuple(judge(compensation, run, training) for run in tests)
+            )
         )
     return RlgStudy(training[0].unit_id, tuple(training), tuple(tests), tuple(variants), tuple(left_out))
 
 
-def judge(compensation: RlgCompensation, run: RampRun) -> BeforeAfter:
-    """Return what the equation does on a run."""
+def judge(compensation: RlgCompensation, run: RampRun, training: Sequence[RampRun] = ()) -> BeforeAfter:
+    """Return what the equation does on a run; `training` are the runs that `differs` compares it with."""
     before = float(np.std(run.bias_dph, ddof=1))
-    after = float(np.std(run.bias_dph - compensation.drift_dph(run), ddof=1))
+    left = run.bias_dph - compensation.drift_dph(run)
+    after = float(np.std(left, ddof=1))
     improvement = 100.0 * (1.0 - after / before)
     oracle = attained = None
     if run.true_bias_dph is not None:
         oracle = float(np.std(run.bias_dph - run.true_bias_dph, ddof=1))
         attained = improvement / (100.0 * (1.0 - oracle / before))
-    outside = int(compensation.outside(run).sum())
-    return BeforeAfter(run.run_id, run.kind, before, after, improvement, oracle, attained, outside)
+    return BeforeAfter(
+        run.run_id,
+        run.kind,
+        how_it_differs(run, training),
+        before,
+        after,
+        improvement,
+        oracle,
+        attained,
+        int(compensation.outside(run).sum()),
+        hysteresis_dph(run, run.bias_dph),
+        hysteresis_dph(run, left),
+    )
 
 
 def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCompensation:
