@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,8 +27,6 @@ def load_compensation(path: Path) -> AnyCompensation:
     whirl `bench.whirl.WhirlCompensation`, for the heading effect `bench.heading.LaggedModel`, for the drift of a
     ring laser gyro `bench.rlg.RlgCompensation`.
     """
-    if not zipfile.is_zipfile(path):
-        return _from_text(path)
     kind = read_state(path).get("kind")
     # imported when met: a thermal model brings a learning library with it
     if kind is None:
@@ -49,28 +45,14 @@ def load_compensation(path: Path) -> AnyCompensation:
         from bench.heading import load_model
 
         return load_model(path)
-    raise _unknown(path, f"kind {kind}")
+    if kind == "ring laser drift":
+        from bench.rlg import RlgCompensation
 
-
-def _from_text(path: Path) -> AnyCompensation:
-    """Read the one kind that is plain JSON."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:  # bytes that are no text are one too
-        raise _unknown(path, "a file that is neither a zip nor JSON") from error
-    said = str(data.get("format", "")) if isinstance(data, dict) else ""
-    if not said.startswith("gyrobench-rlg"):
-        raise _unknown(path, f"JSON of format {said}" if said else "JSON that does not say what it is")
-    from bench.rlg import RlgCompensation
-
-    return RlgCompensation.load(path)
-
-
-def _unknown(path: Path, found: str) -> RecordError:
-    return RecordError(
+        return RlgCompensation.load(path)
+    raise RecordError(
         "this is no compensation file",
         where=str(path),
-        found=found,
+        found=f"kind {kind}",
         expected="one of " + ", ".join(KINDS),
         remedy="use the file that `gyrobench fit` wrote, whole",
     )

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import json
 import math
+import platform
 import zipfile
 import zlib
 from collections.abc import Mapping
+from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ from drivers.errors import RecordError
 from drivers.files import parse_json, replace_file
 
 _JSON = "compensation.json"
+THERMAL_DRIFT = "thermal drift"
 _MARK = "array"
 _MOST_BYTES = 256 << 20
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -78,6 +81,30 @@ def read_state(path: Path) -> dict[str, Any]:
             remedy="copy the file again, or fit the compensation again",
         ) from error
     return restored
+
+
+def read_compensation(path: Path, kind: str | None, form: int) -> dict[str, Any]:
+    """Return the state of a compensation file of one kind; RecordError for another kind or format.
+
+    A file says its `kind` (None: the thermal drift of a gyro) and the number of its `format`.
+    """
+    state = read_state(path)
+    found = (state.get("kind"), state.get("format"))
+    if found == (kind, form):
+        return state
+    raise RecordError(
+        "this compensation file is of another kind or format",
+        where=str(path),
+        found=f"kind {found[0] or THERMAL_DRIFT}, format {found[1]}",
+        expected=f"kind {kind or THERMAL_DRIFT}, format {form}",
+        remedy="`bench.compensations.load_compensation` reads every kind; of an older format, fit again",
+    )
+
+
+def versions(*names: str) -> dict[str, str]:
+    """Return the versions of Python, gyrobench, numpy, scipy and of the packages `names`: papers of a fit."""
+    packages = {name: version(name) for name in ("gyrobench", "numpy", "scipy", *names)}
+    return {**packages, "python": platform.python_version()}
 
 
 def _unpacked(archive: zipfile.ZipFile, name: str, size: int) -> bytes:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,7 +18,7 @@ from bench.calibration._conventions import (
 )
 from bench.calibration._estimator import Estimate
 from bench.calibration._navigation import Increments, compensate
-from bench.state_file import read_state, write_state
+from bench.state_file import read_compensation, versions, write_state
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError, RecordError
 
@@ -61,7 +59,6 @@ class ImuCompensation:
         declared: tuple[str, ...] = (),
     ) -> Self:
         """Put the papers to an estimate."""
-        names = ("gyrobench", "numpy", "scipy")
         return cls(
             unit_id=unit_id,
             parameters=found.parameters,
@@ -73,7 +70,7 @@ class ImuCompensation:
             innovation_rms=found.innovation_rms,
             runs=dict(runs or {}),
             declared=declared,
-            software={name: version(name) for name in names} | {"python": platform.python_version()},
+            software=versions(),
             created_utc=utc_now(),
         )
 
@@ -143,16 +140,8 @@ class ImuCompensation:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a file; RecordError if it is damaged, of another format, or no calibration of an IMU."""
-        saved = read_state(path)
-        if (saved.get("kind"), saved.get("format")) != (KIND, FORMAT):
-            raise RecordError(
-                "this is not a calibration of an IMU in this format",
-                where=str(path),
-                found=f"kind {saved.get('kind')}, format {saved.get('format')}",
-                expected=f"kind {KIND}, format {FORMAT}",
-                remedy="use the file that `gyrobench fit calibration` wrote, or fit again",
-            )
+        """Read a file; RecordError if it is damaged, of another kind or format."""
+        saved = read_compensation(path, KIND, FORMAT)
         return cls(
             unit_id=saved["unit_id"],
             parameters=saved["parameters_si"],

@@ -26,8 +26,8 @@ def stepwise_command(
 ) -> None:
     """Fit every unit of the training runs, judge it on its other runs, write equations, files and reports.
 
-    For each unit: <out>/<unit>/compensation.json (the corrected selection, whatever the held-out runs say) and
-    report.html.
+    For each unit: <out>/<unit>/compensation.gyrocomp (the corrected selection, whatever the held-out runs say)
+    and report.html.
     """
     console = Console()
     names = tuple(name.strip() for name in variables.split(",")) if variables else CANDIDATES
@@ -56,9 +56,9 @@ def stepwise_command(
 
 
 def write_rlg_study(study: RlgStudy, folder: Path, bench_name: str, warnings: Sequence[str] = ()) -> None:
-    """Write compensation.json and report.html of a study to `folder`."""
+    """Write compensation.gyrocomp and report.html of a study to `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    study.chosen.compensation.save(folder / "compensation.json")
+    study.chosen.compensation.save(folder / "compensation.gyrocomp")
     page = render_rlg_study(study, created_utc=utc_now(), bench_name=bench_name, warnings=warnings)
     write_report(folder / "report.html", page)
 

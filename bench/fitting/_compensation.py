@@ -5,10 +5,8 @@ The correction is W = (F/K_ref - b) / (1 + dK 1e-6) with the drift (b, dK) count
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,9 +19,9 @@ from bench.fitting._regression import TARGETS, common_step, in_reference
 from bench.fitting._selection import ModelScore
 from bench.fitting._stream import FEATURES, CompensationStream, Flag, Interval, Limits
 from bench.fitting._types import Array, FeatureRun, ThermalModel, ThermalRun
-from bench.state_file import read_state, write_state
+from bench.state_file import read_compensation, versions, write_state
 from drivers.clock import utc_now
-from drivers.errors import BenchError, ConfigurationError, RecordError
+from drivers.errors import BenchError, ConfigurationError
 
 FORMAT = 1
 UNITS = {"t_in": "degC", "t_out": "degC", "dt_60": "degC/min", "gradient": "degC"}
@@ -97,7 +95,7 @@ class Compensation:
             training_runs=tuple(map(_paper, train)),
             validation_runs=tuple(map(_paper, validation)),
             scores=tuple(scores),
-            software=_software(),
+            software=versions("torch"),
             created_utc=utc_now(),
         )
 
@@ -133,23 +131,7 @@ class Compensation:
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read a file; RecordError if damaged or of another format, ConfigurationError without its model."""
-        saved = read_state(path)
-        if (kind := saved.get("kind")) is not None:
-            raise RecordError(
-                "this file compensates something else than the thermal drift of a gyro",
-                where=str(path),
-                found=f"kind {kind}",
-                expected="a file of `gyrobench fit compensation`",
-                remedy="`bench.compensations.load_compensation` reads every kind",
-            )
-        if saved.get("format") != FORMAT:
-            raise RecordError(
-                "this compensation file is of another format",
-                where=str(path),
-                found=str(saved.get("format")),
-                expected=str(FORMAT),
-                remedy="use the version of gyrobench that wrote it, or fit again",
-            )
+        saved = read_compensation(path, None, FORMAT)
         inputs = {name: _interval(saved["inputs"][name]["valid_range"]) for name in FEATURES}
         bias, sf = (_interval(saved["outputs"][name]["limits"]) for name in TARGETS)
         return cls(
@@ -285,8 +267,3 @@ def _read_paper(saved: dict[str, Any]) -> TrainingRun:
 def _interval(pair: Sequence[float]) -> Interval:
     low, high = pair
     return float(low), float(high)
-
-
-def _software() -> dict[str, str]:
-    packages = {name: version(name) for name in ("gyrobench", "numpy", "scipy", "torch")}
-    return {**packages, "python": platform.python_version()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, Self
 
@@ -42,7 +43,7 @@ RIDGES = tuple(10.0 ** (exponent / 2) for exponent in range(-16, 1))
 """Penalties tried on the validation run, relative to a standardised term's variance."""
 
 
-class _LinearModel:
+class _LinearModel(ABC):
     """Terms of the signals, a linear map to both targets; subclasses say which terms and how the map is found."""
 
     name: str
@@ -51,9 +52,9 @@ class _LinearModel:
         self.step_s: float | None = None
         self.map: LinearMap | None = None
 
+    @abstractmethod
     def terms(self, inputs: Signals) -> Array:
         """Return the terms, shape (n, k), from signals of n steps."""
-        raise NotImplementedError
 
     def fit(self, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> None:
         """Learn coefficients and normalisation from `train`."""

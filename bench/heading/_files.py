@@ -18,11 +18,11 @@ from bench.heading._lagged import Evidence, LaggedModel
 from bench.heading._log import PlatformLog, log_from_positions
 from bench.heading._temperature import ReferenceTemperature
 from bench.recording import platform_table_name, read_manifest
-from bench.state_file import read_state, write_state
+from bench.state_file import read_compensation, write_state
 from drivers.errors import RecordError
 
 KIND = "gyrobench heading compensation"
-VERSION = 1
+FORMAT = 1
 COLUMNS = {
     "time_s": "time_s",
     "latitude_deg": "latitude_deg",
@@ -137,7 +137,7 @@ def save_model(path: Path, model: LaggedModel) -> None:
     """Write the compensation to one file."""
     state = {
         "kind": KIND,
-        "version": VERSION,
+        "format": FORMAT,
         "form": model.form,
         "gain_dph_per_k": model.gain,
         "sigma_dph_per_k": model.sigma,
@@ -156,31 +156,21 @@ def save_model(path: Path, model: LaggedModel) -> None:
 
 def load_model(path: Path) -> LaggedModel:
     """Read a compensation; RecordError if the file is not one."""
-    state = read_state(path)
-    try:
-        if (state["kind"], state["version"]) != (KIND, VERSION):
-            raise ValueError(f"{state['kind']} version {state['version']}")
-        return LaggedModel(
-            form=state["form"],
-            gain=state["gain_dph_per_k"],
-            sigma=state["sigma_dph_per_k"],
-            tau_s=state["tau_s"],
-            reference=ReferenceTemperature(**state["reference"]),
-            reference_heading_deg=state["reference_heading_deg"],
-            latitude_deg=state["latitude_deg"],
-            largest=state["largest"],
-            swing=state["swing"],
-            evidence=Evidence(**state["evidence"]),
-            headings=state["headings"],
-            hours=state["hours"],
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise RecordError(
-            "this file is no heading compensation that this version reads",
-            where=str(path),
-            found=str(error),
-            expected=f"{KIND}, version {VERSION}",
-        ) from error
+    state = read_compensation(path, KIND, FORMAT)
+    return LaggedModel(
+        form=state["form"],
+        gain=state["gain_dph_per_k"],
+        sigma=state["sigma_dph_per_k"],
+        tau_s=state["tau_s"],
+        reference=ReferenceTemperature(**state["reference"]),
+        reference_heading_deg=state["reference_heading_deg"],
+        latitude_deg=state["latitude_deg"],
+        largest=state["largest"],
+        swing=state["swing"],
+        evidence=Evidence(**state["evidence"]),
+        headings=state["headings"],
+        hours=state["hours"],
+    )
 
 
 def _navigating(values: Mapping[str, Array], valid: NDArray[np.bool_]) -> dict[str, Array]:

@@ -1,24 +1,22 @@
-"""A fitted equation with what is needed to trust, refuse and trace it, as one JSON file."""
+"""A fitted equation with what is needed to trust, refuse and trace it, as one file of kind `ring laser drift`."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.rlg._rows import RampRun
 from bench.rlg._variables import candidate_matrix
-from bench.state_file import save_file
-from drivers.errors import ConfigurationError, RecordError
-from drivers.files import SETTINGS_BYTES, parse_json, read_bounded
+from bench.state_file import read_compensation, write_state
+from drivers.errors import ConfigurationError
 
-FORMAT = "gyrobench-rlg-compensation-1"
+FORMAT = 1
+KIND = "ring laser drift"
 Array = NDArray[np.float64]
 
 
@@ -69,29 +67,16 @@ class RlgCompensation:
         return " ".join([f"B = {self.intercept_dph:.6g}", *terms])
 
     def save(self, path: Path) -> None:
-        """Write the file: readable JSON that carries the SHA-256 of its own content."""
-        content = _plain(self)
-        save_file(path, json.dumps({"format": FORMAT, "sha256": _digest(content), **content}, indent=2))
+        """Write the file; it holds no pickle and appears whole or not at all."""
+        write_state(path, {"format": FORMAT, "kind": KIND, **asdict(self)})
 
     @classmethod
-    def load(cls, path: Path) -> RlgCompensation:
-        """Read a file; RecordError if it is none or was changed."""
-        try:
-            data: dict[str, Any] = parse_json(read_bounded(path, SETTINGS_BYTES))
-            kind, digest = data.pop("format"), data.pop("sha256")
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise RecordError("not a compensation file", where=str(path), found=str(error)) from error
-        if kind != FORMAT or digest != _digest(data):
-            raise RecordError(
-                "the compensation file is of another kind, or was changed after it was written",
-                where=str(path),
-                found=f"format {kind}, checksum {'right' if digest == _digest(data) else 'wrong'}",
-                expected=f"{FORMAT} with its own checksum",
-                remedy="fit again, or use the file as it was written",
-            )
-        pairs = {name: tuple(data[name]) for name in ("temp_range_c", "rate_range")}
-        lists = {name: tuple(data[name]) for name in ("variables", "coefficients")}
-        return cls(**{**data, **pairs, **lists})
+    def load(cls, path: Path) -> Self:
+        """Read a file; RecordError if it is damaged, of another kind or format."""
+        saved = read_compensation(path, KIND, FORMAT)
+        lists = ("variables", "coefficients", "temp_range_c", "rate_range")
+        values = {item.name: saved[item.name] for item in fields(cls)}
+        return cls(**{**values, **{name: tuple(saved[name]) for name in lists}})
 
 
 def training_ranges(runs: Sequence[RampRun]) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -99,12 +84,3 @@ def training_ranges(runs: Sequence[RampRun]) -> tuple[tuple[float, float], tuple
     temps = np.concatenate([run.case_c for run in runs])
     rates = np.concatenate([run.case_rate for run in runs])
     return (float(temps.min()), float(temps.max())), (float(rates.min()), float(rates.max()))
-
-
-def _plain(compensation: RlgCompensation) -> dict[str, Any]:
-    data: dict[str, Any] = json.loads(json.dumps(asdict(compensation)))
-    return data
-
-
-def _digest(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from bench.rlg._compensation import RlgCompensation, training_ranges
 from bench.rlg._profile import how_it_differs, hysteresis_dph
 from bench.rlg._rows import RampRun
 from bench.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix
+from bench.state_file import versions
 from drivers.errors import ConfigurationError
 
 PLAIN, CORRECTED, FIVE = "stepwise", "stepwise, corrected", "five terms"
@@ -173,7 +173,7 @@ def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCom
             "lag1_correlation": result.lag1_correlation,
             "effective_n": result.effective_n,
         },
-        software={"gyrobench": version("gyrobench")},
+        software=versions(),
     )
 
 

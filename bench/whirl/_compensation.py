@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import platform
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from bench.state_file import read_state, write_state
+from bench.state_file import read_compensation, versions, write_state
 from bench.whirl._direct import DirectFit
 from bench.whirl._gauge import FREE_PART, MEANING, Gauge, gauge_tilt
 from bench.whirl._kinematics import body_tilt, body_to_true
 from bench.whirl._residual import slack
 from bench.whirl._types import ARCSEC_PER_RAD, Array, Complex
 from drivers.clock import utc_now
-from drivers.errors import ConfigurationError, RecordError
+from drivers.errors import ConfigurationError
 
 FORMAT = 1
 KIND = "whirl"
@@ -69,7 +67,7 @@ class WhirlCompensation:
             travel_deg=travel_deg,
             runs=dict(runs),
             declared=(FREE_PART, f"gauge {gauge}: {MEANING[gauge]}", *fit.declared),
-            software=_software(),
+            software=versions(),
             created_utc=utc_now(),
         )
 
@@ -125,16 +123,8 @@ class WhirlCompensation:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a file; RecordError if it is damaged, of another format, or not of a whirl."""
-        saved = read_state(path)
-        if (saved.get("kind"), saved.get("format")) != (KIND, FORMAT):
-            raise RecordError(
-                "this is not a whirl compensation of this format",
-                where=str(path),
-                found=f"kind {saved.get('kind')}, format {saved.get('format')}",
-                expected=f"kind {KIND}, format {FORMAT}",
-                remedy="use the file that the whirl fit wrote, or fit again",
-            )
+        """Read a file; RecordError if it is damaged, of another kind or format."""
+        saved = read_compensation(path, KIND, FORMAT)
         return cls(
             unit_id=saved["unit_id"],
             lines=tuple(saved["lines"]),
@@ -172,9 +162,3 @@ class WhirlStream:
         self._angle_rad = now
         tilt = self._compensation.tilt_arcsec(np.array([now]), self._slack)
         return np.asarray(attitude @ body_to_true(np.array([now]), tilt / ARCSEC_PER_RAD)[0])
-
-
-def _software() -> dict[str, str]:
-    return {name: version(name) for name in ("gyrobench", "numpy", "scipy")} | {
-        "python": platform.python_version()
-    }

@@ -213,7 +213,7 @@ def test_damaged_foreign_and_hostile_files_are_refused(
     assert not (tmp_path / "exploded").exists()
     with zipfile.ZipFile(bad, "w") as copy:
         copy.writestr("compensation.json", json.dumps({"format": 99}))
-    with pytest.raises(RecordError, match="another format"):
+    with pytest.raises(RecordError, match="another kind or format"):
         Compensation.load(bad)
 
 

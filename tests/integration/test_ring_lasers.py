@@ -22,6 +22,7 @@ from bench.recording import read_manifest
 from bench.rlg import RampRun, RlgCompensation, load_ramp_runs
 from bench.runner import RunRequest, run_procedure
 from bench.standards import standard_figures
+from bench.state_file import read_state
 from drivers.errors import ConfigurationError
 from simulators.plant.rlg import RLG_NOISE, rlg_coefficients
 
@@ -153,8 +154,8 @@ def test_the_rows_hold_what_the_plant_did(ramps: dict[str, Path]) -> None:
 def test_the_equation_of_one_run_takes_the_drift_off_another(
     ramps: dict[str, Path], fitted: Path, unit: str, kind: str
 ) -> None:
-    path = fitted / unit / "compensation.json"
-    said = json.loads(path.read_text())
+    path = fitted / unit / "compensation.gyrocomp"
+    said = read_state(path)
     run = by_unit(ramps[kind])[unit]
     t1, t2, rate = run.case_c, run.block_c, run.case_rate
     terms = dict(zip(VARIABLES, (t1, t2, rate, t1 * rate, rate**2, t1 - t2), strict=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from bench.rlg import (
     run_rlg_study,
 )
 from bench.rlg._study import CORRECTED, FIVE, PLAIN
+from bench.state_file import write_state
 from drivers.errors import ConfigurationError, RecordError
 
 Runs = Callable[[int], dict[str, RampRun]]
@@ -146,18 +146,17 @@ def test_what_cannot_be_fitted_is_refused(runs: Runs) -> None:
 def test_the_file_returns_what_was_written_and_notices_a_change(runs: Runs, tmp_path: Path) -> None:
     of = runs(0)
     fit = run_rlg_study([of["train"]], [of["repeat"]]).variant(PLAIN).compensation
-    path = tmp_path / "rlg.json"
+    path = tmp_path / "rlg.gyrocomp"
     fit.save(path)
     loaded = RlgCompensation.load(path)
     assert loaded == fit and np.array_equal(loaded.drift_dph(of["repeat"]), fit.drift_dph(of["repeat"]))
     assert fit.equation().startswith("B = ") and all(name in fit.equation() for name in fit.variables)
-    data = json.loads(path.read_text())
-    data["intercept_dph"] += 1e-3
-    path.write_text(json.dumps(data))
-    with pytest.raises(RecordError, match="changed after"):
+    content = path.read_bytes()
+    path.write_bytes(content[:200] + bytes([content[200] ^ 1]) + content[201:])
+    with pytest.raises(RecordError, match="not a readable"):
         RlgCompensation.load(path)
-    path.write_text("[]")
-    with pytest.raises(RecordError, match="not a compensation"):
+    write_state(path, {"kind": "whirl", "format": 1})
+    with pytest.raises(RecordError, match="whirl, format 1"):
         RlgCompensation.load(path)
 
 
