@@ -133,9 +133,11 @@ def write_can_plot(target: Path, layout: CanLayout, columns: Columns) -> None:
 
     rates = [name for name in columns if name.startswith(("rate_", "angle_"))]
     temps = [name for name in ("temp_c", "case_temp_c") if np.isfinite(columns.get(name, [np.nan])).any()]
+    forces = [name for name in columns if name.startswith("accelerometer_")]
     step = max(1, len(columns["counter"]) // _POINTS)
     at = columns.get("time_s", np.arange(len(columns["counter"])))[::step]
     panels = [(rates, "rate, deg/s" if rates[0].startswith("rate_") else "angle increment, deg")]
+    panels += [(forces, "specific force, m/s2")] if forces else []
     panels += [(temps, "temperature, degC")] if temps else []
     figure = Figure(figsize=(9.0, 2.2 * len(panels) + 0.6), layout="constrained")
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]

@@ -48,7 +48,7 @@ def _show(console: Console, layout: CanLayout) -> None:
         kind = "f" if signal.is_float else "i" if signal.signed else "u"
         held = "" if layout.slot_of(use) is not None else " (held)"
         scale = f"{signal.scale * use.factor:.6g}"
-        unit = {"rate": " deg/s", "delta_angle": " deg", "time": " s"}.get(use.role, "")
+        unit = {"rate": " deg/s", "delta_angle": " deg", "accel": " m/s2", "time": " s"}.get(use.role, "")
         unit = " K" if "temperature" in use.role else unit
         grid.add_row(
             use.message,

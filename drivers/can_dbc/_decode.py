@@ -26,8 +26,8 @@ class CanDecoder:
     Columns, shape (n,): `counter` (int64: the unit's counter or time in raw steps, or the number of the row where
     it has neither), `status` (unsigned, 0 where it has none), `rate_<axis>_dps` for each of `axes` (float32;
     `angle_<axis>_deg` for a unit that sends angle increments), `temp_c` (float32, NaN where unknown),
-    `case_temp_c` if the unit sends it, `valid` (bool). Signals of messages that are not part of a sample have the
-    value that came last before it.
+    `case_temp_c` if the unit sends it, `accelerometer_<axis>_mps2` of those that are mapped (float32), `valid`
+    (bool). Signals of messages that are not part of a sample have the value that came last before it.
 
     `counts.frames` are rows; `counts.rejected` has slcan lines by `SlcanParser`'s reasons, and messages by
     `short_message` (DLC below the message's length; a longer one is read as far as it is known), `unpaired` (the
@@ -213,6 +213,8 @@ class CanDecoder:
             columns[name] = self._physical(use, parts, end_offset, held)
             if use.raw_range is not None or self.layout.signal(use).is_float:
                 valid &= np.isfinite(columns[name])
+        for axis, use in self.layout.accelerations().items():
+            columns[f"accelerometer_{axis}_mps2"] = self._physical(use, parts, end_offset, held)
         temperature = self.layout.use("temperature")
         columns["temp_c"] = (
             np.full(rows, np.nan, np.float32)

@@ -83,7 +83,14 @@ def can_kind(layout: Callable[[Settings], CanLayout]) -> GyroKind:
             for axis in settings["axes"]
         }
 
-    return GyroKind(open=opened, decoder=decoder, rates=rates)
+    def accelerations(
+        settings: Settings, columns: Mapping[str, NDArray[Any]], sample_rate_hz: float
+    ) -> dict[str, NDArray[Any]]:
+        """Return specific forces as sent."""
+        mapped = layout(settings).accelerations()
+        return {axis: columns[f"accelerometer_{axis}_mps2"] for axis in mapped}
+
+    return GyroKind(open=opened, decoder=decoder, rates=rates, accelerations=accelerations)
 
 
 CanDbc = can_kind(layout_of)

@@ -18,7 +18,7 @@ from drivers.errors import ConfigurationError
 
 AXES = "xyz"
 
-Role = Literal["rate", "delta_angle", "temperature", "case_temperature", "time", "counter", "status"]
+Role = Literal["rate", "delta_angle", "accel", "temperature", "case_temperature", "time", "counter", "status"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class SignalUse:
-    """What a signal is. Physical value * `factor` + `zero` is in deg/s, deg, degC, s or counts.
+    """What a signal is. Physical value * `factor` + `zero` is in deg/s, deg, m/s2, degC, s or counts.
 
     `raw_range`: raw values outside it mean "not available". `modulo`: where a counter or time wraps, in raw
     steps. `step`: raw steps of a counter from sample to sample. `healthy`: the status an emulated unit sends.
@@ -90,6 +90,11 @@ class CanLayout:
     def rates(self) -> dict[str, SignalUse]:
         """Return the rate (or angle increment) of each axis, in the order x, y, z."""
         found = {each.axis: each for each in self.uses if each.role in ("rate", "delta_angle")}
+        return {axis: found[axis] for axis in AXES if axis in found}
+
+    def accelerations(self) -> dict[str, SignalUse]:
+        """Return the specific force of each axis that the unit measures, in the order x, y, z."""
+        found = {each.axis: each for each in self.uses if each.role == "accel"}
         return {axis: found[axis] for axis in AXES if axis in found}
 
     def slot_of(self, use: SignalUse | ValidRule) -> int | None:

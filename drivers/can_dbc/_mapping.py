@@ -21,6 +21,7 @@ SHIPPED = Path(__file__).parent
 
 _RATES = {"deg/s": 1.0, "rad/s": math.degrees(1.0), "deg/h": 1.0 / 3600.0, "mrad/s": math.degrees(1e-3)}
 _ANGLES = {"deg": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3), "urad": math.degrees(1e-6)}
+_ACCELERATIONS = {"m/s2": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3}
 _TIMES = {"s": 1.0, "ms": 1e-3, "100us": 1e-4, "us": 1e-6, "ns": 1e-9}
 _TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)}
 _SLOT = re.compile(r"^([A-Za-z_]\w*)(?:\[(\d+)\])?$")
@@ -162,12 +163,14 @@ class _Compiler:
         key = f"signal[{at}] ({each.message}.{each.signal})"
         signal = self._signal(each.message, each.signal, key)
         factor, zero, modulo = 1.0, 0.0, 0
-        if each.role in ("rate", "delta_angle") and not each.axis:
+        if each.role in ("rate", "delta_angle", "accel") and not each.axis:
             raise self._refuse(f"{key}.axis", "nothing", "x, y or z")
         if each.role == "rate":
             factor = self._unit(_RATES, each, signal, key)
         elif each.role == "delta_angle":
             factor = self._unit(_ANGLES, each, signal, key)
+        elif each.role == "accel":
+            factor = self._unit(_ACCELERATIONS, each, signal, key)
         elif each.role in ("temperature", "case_temperature"):
             factor, zero = self._unit(_TEMPERATURES, each, signal, key)
         elif signal.is_float or signal.bits > 62:
@@ -217,6 +220,9 @@ class _Compiler:
         if not rates or len(set(rates)) < len(rates):
             found = ", ".join(rates) or "none"
             raise self._refuse("signal", f"rates of axes {found}", "a rate for each axis the unit has, once")
+        forces = [use.axis for use in layout.uses if use.role == "accel"]
+        if len(set(forces)) < len(forces):
+            raise self._refuse("signal", f"accelerations of axes {', '.join(forces)}", "one for each axis")
         if len({use.role for use in layout.uses if use.role in ("rate", "delta_angle")}) > 1:
             raise self._refuse("signal", "rates and angle increments", "either on all axes")
         for roles in (("temperature",), ("case_temperature",), ("time", "counter"), ("status",)):

@@ -12,7 +12,7 @@ from drivers.kvh._format import AXES, Format, Rotation, TempUnits
 from drivers.link import Link
 
 _REPLY_S = 1.0
-_ENTRY_TRIES = 3
+_TRIES = 3
 _SEEN = 4096  # Bytes in which to look for a reply; what came before cannot be part of it.
 _REFUSAL = re.compile(rb"(?:INVALID|USAGE|ERROR)[ -~]*(?=[\r\n])")
 _HEADER = re.compile(rb"\xfe\x81\xff[\x55-\x57]")
@@ -107,7 +107,7 @@ class KvhGyro:
     def _configuration_mode(self) -> None:
         """Enter configuration mode from whatever state; a first command may meet half a line in the unit."""
         self.link.streaming = False
-        for last in range(1 - _ENTRY_TRIES, 1):
+        for last in range(1 - _TRIES, 1):
             try:
                 self._ask("=CONFIG,1", "CONFIG, *1")
                 return
@@ -116,7 +116,14 @@ class KvhGyro:
                     raise
 
     def _query(self, name: str) -> str:
-        return self._ask(f"?{name}", rf"{name}, *([ -~]*)").strip()
+        """Ask what changes nothing in the unit; again if a bit flipped on the way there or back."""
+        for last in range(1 - _TRIES, 1):
+            try:
+                return self._ask(f"?{name}", rf"{name}, *([ -~]*)").strip()
+            except (DeviceSilent, DeviceRefused, WrongDevice):
+                if last == 0:
+                    raise
+        raise AssertionError("unreachable")
 
     def _ask(self, command: str, expected: str) -> str:
         """Send a line; return group 1 of the line that matches `expected` ("" without one).

@@ -15,6 +15,7 @@ from simulators.faults import WireShape
 from simulators.interfaces import GyroPlant, GyroSignal, Reply, StreamBlock
 
 _MARKS_PER_S = 2.0
+_AXES = "xyz"
 
 
 class CanEmulator:
@@ -141,6 +142,10 @@ class CanEmulator:
             return np.asarray(numbers * use.step % use.modulo)
         if use.role in ("temperature", "case_temperature"):
             return layout.quantise((signal.temp_c - use.zero) / use.factor)
+        if use.role == "accel":
+            velocity = signal.velocity_increment_mps
+            force = np.zeros(len(numbers)) if velocity is None else velocity[:, _AXES.index(use.axis)]
+            return layout.quantise(force / self._period_s / use.factor)
         angle_rad = np.zeros(len(numbers))
         if use.axis in signal.axes:
             angle_rad = signal.angle_increment_rad[:, signal.axes.index(use.axis)]

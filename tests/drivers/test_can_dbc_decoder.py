@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from drivers.can_dbc import (
     CanDecoder,
+    can_kind,
     layout_from_mapping,
     layout_from_plain,
     layout_to_plain,
@@ -92,6 +93,64 @@ def test_a_sample_of_multiplexed_frames_with_held_values(paged) -> None:
     np.testing.assert_allclose(columns["temp_c"], [np.nan, -20.05, -10.05], rtol=1e-6)
     assert columns["valid"].tolist() == [False, True, False]  # not known yet; good; said to be bad
     assert decoder.counts.rejected == {"unknown_id": 1}
+
+
+def test_accelerations_in_a_sample_and_held(tmp_path: Path) -> None:
+    """x in the sample, in g; z in a message of its own, in m/s2: against cantools, there and back."""
+    (tmp_path / "imu.dbc").write_text(
+        """VERSION ""
+BU_: A
+BO_ 16 IMU: 8 A
+ SG_ N : 0|16@1+ (1,0) [0|0] "" A
+ SG_ W : 16|16@1- (0.01,0) [0|0] "deg/s" A
+ SG_ AX : 32|24@1- (0.0001,0) [0|0] "g" A
+BO_ 17 UP: 4 A
+ SG_ AZ : 7|32@0- (0.00001,0) [0|0] "m/s2" A
+"""
+    )
+    mapping = {
+        "format": 1,
+        "dbc": "imu.dbc",
+        "sample": ["IMU"],
+        "signal": [
+            {"role": "counter", "message": "IMU", "signal": "N"},
+            {"role": "rate", "axis": "z", "message": "IMU", "signal": "W"},
+            {"role": "accel", "axis": "x", "message": "IMU", "signal": "AX"},
+            {"role": "accel", "axis": "z", "message": "UP", "signal": "AZ"},
+        ],
+    }
+    layout = layout_from_mapping(mapping, tmp_path, "map.toml")
+    database = cantools.database.load_file(tmp_path / "imu.dbc")
+    stream, forces = b"", []
+    for n in range(5):
+        x, z = 0.1 * n - 0.2, 9.8 + n
+        forces.append((x * 9.80665, z))
+        stream += line(17, database.encode_message("UP", {"AZ": z}))
+        stream += line(16, database.encode_message("IMU", {"N": n, "W": 1.0, "AX": x}))
+    columns = CanDecoder(layout, 100.0).feed(stream).columns
+    np.testing.assert_allclose(columns["accelerometer_x_mps2"], [x for x, _ in forces], atol=1e-6)
+    np.testing.assert_allclose(columns["accelerometer_z_mps2"], [z for _, z in forces], rtol=1e-6)
+    kind = can_kind(lambda settings: layout)
+    assert kind.accelerations is not None
+    assert set(kind.accelerations({}, columns, 100.0)) == {"x", "z"}
+    with pytest.raises(ConfigurationError, match="one of m/s2"):
+        bad = [*mapping["signal"][:3], {**mapping["signal"][3], "unit": "deg/s"}]
+        layout_from_mapping({**mapping, "signal": bad}, tmp_path, "map.toml")
+
+    class Falling:
+        axes = "z"
+
+        def measure(self, start_s: float, count: int, period_s: float) -> GyroSignal:
+            velocity = np.tile([0.5, 0.0, -2.0], (count, 1)) * period_s
+            return GyroSignal("z", np.zeros((count, 1)), np.full(count, 20.0), velocity)
+
+    unit = CanEmulator(Falling(), layout, rate_hz=100.0)
+    unit.receive(b"C\rS6\rO\r", 0.0)
+    block = unit.stream(1.0)
+    assert block is not None
+    sent = CanDecoder(layout, 100.0).feed(block.data).columns
+    np.testing.assert_allclose(sent["accelerometer_x_mps2"], 0.5, atol=0.0001 * 9.80665 / 2)
+    np.testing.assert_allclose(sent["accelerometer_z_mps2"], -2.0, atol=1e-5)
 
 
 def test_a_rate_that_is_no_number_is_not_valid(paged) -> None:

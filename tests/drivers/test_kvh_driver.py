@@ -21,6 +21,21 @@ def connected(
     return KvhGyro(link, rate_hz=rate_hz, **keywords), link  # type: ignore[arg-type]  # kinds vary
 
 
+def test_a_query_whose_answer_was_damaged_is_asked_again() -> None:
+    answers = {b"=CONFIG,1": b"CONFIG,1", b"?IS": b"IS,0140", b"?WS": b"WS,2.1", b"?DR": b"DR,100"}
+    answers[b"?OUTPUTFMT"] = b"OUTPUTFMT,A"
+    asked: list[bytes] = []
+
+    def damaged_once(line: bytes) -> bytes:
+        asked.append(line.strip())
+        answer = answers[line.strip()]
+        return (answer.replace(b"WS", b"WQ") if asked.count(b"?WS") == 1 else answer) + b"\r\n"
+
+    gyro, _ = connected(device=Fake(damaged_once))
+    assert gyro.identify().firmware == "2.1"
+    assert asked.count(b"?WS") == 2 and asked.count(b"?IS") == 1
+
+
 def test_identify_finds_the_replies_among_streaming_messages() -> None:
     gyro, link = connected()
     link.sleep(0.055)
