@@ -25,6 +25,7 @@ _JSON = "compensation.json"
 THERMAL_DRIFT = "thermal drift"
 _MARK = "array"
 _MOST_BYTES = 256 << 20
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, RecursionError)
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -62,17 +63,13 @@ def save_file(path: Path, content: bytes | str) -> None:
 def read_state(path: Path) -> dict[str, Any]:
     """Read what `write_state` wrote; RecordError for a file that is not one or is damaged."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
-            if sum(sizes.values()) > _MOST_BYTES:
-                raise ValueError(f"more than {_MOST_BYTES >> 20} MiB unpacked")
-            content = {name: _unpacked(archive, name, size) for name, size in sizes.items()}
+        content = _unzipped(path)
         state = parse_json(content.pop(_JSON))
         arrays = {name: _array(data) for name, data in content.items()}
         restored: dict[str, Any] = _with_arrays(state, arrays)
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, RecursionError) as error:
+    except _DAMAGE as error:
         raise RecordError(
             "this is not a readable compensation file",
             where=str(path),
@@ -105,6 +102,30 @@ def versions(*names: str) -> dict[str, str]:
     """Return the versions of Python, gyrobench, numpy, scipy and of the packages `names`: papers of a fit."""
     packages = {name: version(name) for name in ("gyrobench", "numpy", "scipy", *names)}
     return {**packages, "python": platform.python_version()}
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the arrays of an .npz file of plain numbers by name; RecordError for one that is none, is damaged or
+    unpacks to more than 256 MiB.
+    """
+    try:
+        return {name.removesuffix(".npy"): _array(data) for name, data in _unzipped(path).items()}
+    except _DAMAGE as error:
+        raise RecordError(
+            "this is not a readable file of arrays",
+            where=str(path),
+            found=f"{type(error).__name__}: {error}",
+            expected="a zip of .npy arrays of numbers",
+            remedy="copy the file again; a truth file may also be deleted, nothing but comparisons needs it",
+        ) from error
+
+
+def _unzipped(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
+        if sum(sizes.values()) > _MOST_BYTES:
+            raise ValueError(f"more than {_MOST_BYTES >> 20} MiB unpacked")
+        return {name: _unpacked(archive, name, size) for name, size in sizes.items()}
 
 
 def _unpacked(archive: zipfile.ZipFile, name: str, size: int) -> bytes:

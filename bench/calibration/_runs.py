@@ -16,6 +16,7 @@ from bench.calibration._schedule import Schedule, home_attitude, parse_moves
 from bench.calibration._table import Table
 from bench.calibration._turning import TableAxis, table_type
 from bench.recording import Run
+from bench.state_file import read_arrays
 from drivers.errors import RecordError
 
 PROCEDURE = "system-calibration"
@@ -154,8 +155,8 @@ def _truth(path: Path) -> Array | None:
     """Return the emulated unit's parameters in state order; its K_a is lower triangular."""
     if not path.exists():
         return None
-    with np.load(path, allow_pickle=False) as saved:
-        if "kg" not in saved:
-            return None
-        parts = (saved[key] for key in ("eps_rad_s", "nabla_mps2", "kg", "ka", "k2_s2pm"))
-        return pack(*parts)
+    saved = read_arrays(path)
+    if "kg" not in saved:
+        return None
+    parts = (saved[key] for key in ("eps_rad_s", "nabla_mps2", "kg", "ka", "k2_s2pm"))
+    return pack(*parts)

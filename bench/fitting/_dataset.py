@@ -15,6 +15,7 @@ from bench.fitting._scale_factor import RateRun, scale_factor_group
 from bench.fitting._types import Array, ThermalRun
 from bench.recording import Phase, Run, checksum, second_rows, seconds
 from bench.run_folder import MANIFEST_FILE
+from bench.state_file import read_arrays
 from drivers.errors import ConfigurationError
 
 EARTH_RATE_DPH = 15.041067
@@ -189,8 +190,8 @@ def _truth(run: Run, gyro: str, start: int, end: int) -> dict[str, Array]:
     path = run.folder / f"truth_{gyro}.npz"
     if not path.exists():
         return {}
-    with np.load(path, allow_pickle=False) as arrays:
-        ticks = {name: arrays[name] for name in ("bias_dph", "sf_error_ppm")}
+    arrays = read_arrays(path)
+    ticks = {name: arrays[name] for name in ("bias_dph", "sf_error_ppm")}
     return {
         name: 0.5 * (values[start:end] + values[start + 1 : end + 1])
         for name, values in ticks.items()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bench.fitting import run_checksum
 from bench.recording import Run, second_rows, seconds
 from bench.rlg._rows import RampRun, ramp_run
+from bench.state_file import read_arrays
 from drivers.errors import ConfigurationError
 
 Array = NDArray[np.float64]
@@ -118,8 +119,7 @@ def _truth(run: Run, gyro: str, start: int, end: int) -> Array | None:
     path = run.folder / f"truth_{gyro}.npz"
     if not path.exists():
         return None
-    with np.load(path, allow_pickle=False) as arrays:
-        ticks = np.asarray(arrays["bias_dph"])
+    ticks = read_arrays(path)["bias_dph"]
     if ticks.ndim != 1 or len(ticks) <= end:
         return None
     return np.asarray(0.5 * (ticks[start:end] + ticks[start + 1 : end + 1]))

@@ -4,22 +4,26 @@ import json
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bench.benchfile import load_bench_file
+from bench.devices import chamber_kind, chamber_settings, table_kind, table_settings
 from bench.emulated import EmulatedLab, Plant
 from bench.procedure import find_procedure
 from bench.questions import AssumeYes, Question
 from bench.recording import Run, read_exchanges
 from bench.runner import RunRequest, run_procedure
 from drivers.errors import BenchError, LinkLost, RecordError, RunAborted
+from drivers.virtual_clock import VirtualClock
 
 CLI = "import bench.cli; bench.cli.main()"
 STOP_TABLE = b":mode:off 1\r\n"
@@ -235,3 +239,26 @@ def test_signals_to_a_run_on_the_wall_clock(fog_text, tmp_path):
     )
     assert verified.returncode == 0, verified.stdout + verified.stderr
     assert np.all(np.diff([t for t, _, _ in exchanges]) >= 0)
+
+
+def test_a_run_folder_that_is_gone_ends_the_run_with_the_bench_at_rest(bench, fog_file, tmp_path):
+    """As when its mount is gone for good: not even the manifest can be written. The bench comes first."""
+
+    def remove(progress):
+        if progress.phase == "spin" and progress.time_s > 20.0:
+            shutil.rmtree(tmp_path / "run", ignore_errors=True)
+
+    with bench.thread_lab(fog_file, Plant(seed=5)) as lab:
+        with pytest.raises(RecordError, match="run"):
+            bench.drive(lab.file, tmp_path, display=remove, hold_s=1e5)
+        clock = VirtualClock(lab.file.bench.clock)
+        rests = []
+        for kind, settings in (
+            (table_kind(lab.file), table_settings(lab.file)),
+            (chamber_kind(lab.file), chamber_settings(lab.file)),
+        ):
+            device = kind.open(settings, clock, SimpleNamespace(received=lambda *_: 0, sent=lambda *_: 0))
+            rests.append(device.read_rest())
+            device.link.close()
+        clock.close()
+    assert [rest.reached for rest in rests] == [True, True], rests

@@ -20,7 +20,7 @@ from bench.live import read_history
 from bench.panel._tails import EventTail
 from bench.recording import read_events, read_manifest, read_table, verify
 from bench.run_record import _new_folder
-from bench.state_file import read_state, write_state
+from bench.state_file import read_arrays, read_state, write_state
 from drivers.can_dbc import load_layout
 from drivers.errors import ConfigurationError, RecordError
 from drivers.files import parse_json, parse_toml, read_bounded
@@ -211,3 +211,56 @@ def test_the_catalogue_lists_a_hostile_folder_as_unreadable(tmp_path):
     (tmp_path / "manifest.json").unlink()
     os.mkfifo(tmp_path / "manifest.json")
     assert read_row(tmp_path, "here")[0]["outcome"] == "unreadable"
+
+
+def test_a_truth_file_cannot_unpack_to_more_than_the_bound_or_run_code(tmp_path):
+    honest, bomb, pickled = (tmp_path / f"{name}.npz" for name in ("honest", "bomb", "pickled"))
+    np.savez_compressed(honest, bias_dph=np.arange(5.0))
+    assert read_arrays(honest)["bias_dph"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    with (
+        zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("bias_dph.npy", "w") as file,
+    ):
+        for _ in range(300):
+            file.write(bytes(1 << 20))
+    assert bomb.stat().st_size < 1 << 20
+    np.savez(pickled, bias_dph=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(RecordError, match="unpacked"):
+        read_arrays(bomb)
+    with pytest.raises(RecordError, match=r"object|array"):
+        read_arrays(pickled)
+
+
+MAPPING = """format = 1
+maker = "M"
+model = "N"
+dbc = "bad.dbc"
+sample = ["Rates"]
+signal = [{ role = "rate", axis = "x", message = "Rates", signal = "X" }]
+"""
+DBC = """VERSION ""
+BU_: Node
+BO_ 256 Rates: 8 Node
+ SG_ X : 0|16@1- (0.01,0) [0|0] "deg/s" Node
+"""
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    [
+        "BO_ " * 200_000,
+        DBC + "VAL_ 256 X " + " ".join(f'{k} "x"' for k in range(200_000)) + ";",
+        DBC + "(" * 100_000,
+        DBC.replace("(0.01,0)", "(__import__('os').system('touch PWNED'),0)"),
+        DBC.replace("0|16", "0|99999999999999"),
+        "\x00" * 10_000,
+    ],
+    ids=["words", "values", "nesting", "code", "width", "zeros"],
+)
+def test_a_hostile_dbc_is_refused_or_read_as_data(hostile, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.dbc").write_text(hostile)
+    (tmp_path / "bad.toml").write_text(MAPPING)
+    with suppress(ConfigurationError):
+        load_layout(str(tmp_path / "bad.toml"))
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["bad.dbc", "bad.toml"]
