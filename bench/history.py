@@ -31,6 +31,8 @@ class History:
 
     def extend(self, rows: NDArray[np.float64]) -> None:
         """Add rows (n, 1 + columns), each with its time first; of more than the capacity the last remain."""
+        if not len(rows):
+            return
         with self._lock:
             capacity = len(self._rows)
             count = self._count + np.arange(len(rows))[-capacity:]
