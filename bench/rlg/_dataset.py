@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from drivers.errors import ConfigurationError
 Array = NDArray[np.float64]
 _EARTH_RATE_DPH = 15.041067
 _MOVING = ("ramp_1", "ramp_2")
+_FEW_LOST = 1e-3
+"""Part of the samples that may be missing without a remark."""
 _KEPT = (*_MOVING, "dwell_1", "dwell_2")
 
 
@@ -57,7 +60,7 @@ def _ramp_run(run: Run, gyro: str, start: int, end: int, ramps: list[tuple[float
     table = run.gyro(gyro, None, float(start), float(end) + 1e-6)
     parameters = run.manifest.parameters
     direction = "down first" if parameters.get("downwards") else "up first"
-    return ramp_run(
+    made = ramp_run(
         run.manifest.run_id,
         run.manifest.units[gyro],
         np.arange(start + 1.0, end + 1.0),
@@ -69,6 +72,19 @@ def _ramp_run(run: Run, gyro: str, start: int, end: int, ramps: list[tuple[float
         checksum=run_checksum(run.folder),
         kind=f"{_text(parameters.get('low_c'))} to {_text(parameters.get('high_c'))} °C, {direction}",
     )
+    return replace(made, remarks=(*_lost(run, gyro, table, end - start), *made.remarks))
+
+
+def _lost(run: Run, gyro: str, table: dict[str, NDArray[Any]], seconds_long: int) -> list[str]:
+    """Return a remark if samples are missing: means of what is left carry more of the angle's resolution."""
+    rate_hz = run.manifest.stream.get(gyro, {}).get("sample_rate_hz")
+    if not rate_hz:
+        return []
+    expected = round(rate_hz * seconds_long)
+    missing = expected - int(np.count_nonzero(table["valid"]))
+    if missing <= _FEW_LOST * expected:
+        return []
+    return [f"{missing} of {expected} samples are missing or not valid: the means are noisier than usual"]
 
 
 def _text(value: Any) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bench.history import History
-from bench.recording import DeviceEntry, Manifest, write_manifest
+from bench.recording import DeviceEntry, Manifest, read_manifest, write_manifest
 from bench.recording._tables import table_writer
 from bench.rlg import load_ramp_runs
 from drivers.errors import ConfigurationError
@@ -116,6 +116,17 @@ def test_rows_come_from_ramps_and_dwells_with_either_case_sensor(tmp_path: Path,
     assert np.allclose(run.case_c, (run.time_s - 0.5) / 100, atol=1e-9)
     assert np.allclose(run.bias_dph, 1e-4 * (run.time_s - 0.5), atol=1e-6)
     assert run.true_bias_dph is None
+
+
+def test_lost_samples_are_named(tmp_path: Path) -> None:
+    path = folder(tmp_path / "run", in_frame=True)
+    manifest = read_manifest(path)
+    # 1 Hz is there, 2 Hz were sent
+    write_manifest(path, manifest.model_copy(update={"stream": {"g": {"sample_rate_hz": 2.0}}}))
+    (run,) = load_ramp_runs(path)
+    assert run.remarks == ("2000 of 4000 samples are missing or not valid: the means are noisier than usual",)
+    write_manifest(path, manifest.model_copy(update={"stream": {"g": {"sample_rate_hz": 1.0}}}))
+    assert load_ramp_runs(path)[0].remarks == ()
 
 
 def test_a_run_without_a_ramp_or_gyro_is_refused(tmp_path: Path) -> None:
