@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,18 @@ _SIGNIFICANT = 0.01
 _SHOWN = 8
 
 
+@dataclass(frozen=True)
+class NextRun:
+    """Where and how the suggested procedure is to be run: on the bench, or on a lab emulated after it."""
+
+    bench: Path
+    runs: Path
+    plant: Path | None
+    emulated: bool
+    seed: int | None
+    yes: bool
+
+
 def gap_diagnose_command(
     runs: Sequence[Path],
     model: Path,
@@ -45,8 +57,12 @@ def gap_diagnose_command(
     gyro: str | None,
     as_json: bool,
     report: Path | None = None,
+    then: NextRun | None = None,
 ) -> None:
-    """Say where simulation and bench part, which effect is missing, and how far the gap closes with it."""
+    """Say where simulation and bench part, which effect is missing, and how far the gap closes with it.
+
+    `then`: run what would decide most, and diagnose again with that run among the others.
+    """
     console = Console()
     nominal = read_model(model)
     with console.status("diagnosing"):
@@ -55,6 +71,10 @@ def gap_diagnose_command(
         shrunk = _judged(found, kept, nominal) if kept else None
         following = suggest(found, given[0].stimulus.latitude_deg)
         channels = diagnosed_channels(runs, held_out, gyro, nominal)
+    if then is not None and following:
+        folder = _run_next(console, following[0], found, then, as_json)
+        gap_diagnose_command([*runs, folder], model, held_out, gyro, as_json, report)
+        return
     if report is not None:
         before = Model(nominal.name, found.model.terms, found.model.noise)
         shown = differences(kept or given, before, closed_model(found))
@@ -69,12 +89,38 @@ def gap_diagnose_command(
     print_channels(console, channels)
     for each in following[:2]:
         console.print(
-            f"  next: {each.procedure} ({each.parameters}, {each.hours:g} h): {each.decides}, "
+            f"  next: {each.procedure} ({each.parameters}, {each.hours:.1f} h): {each.decides}, "
             f"expected log odds {each.log_odds:.3g}",
             highlight=False,
         )
+    if then is not None:
+        console.print("  nothing was run: no procedure of the bench would decide more")
     if report is not None:
         console.print(f"report: {report}", highlight=False, soft_wrap=True)
+
+
+def _run_next(
+    console: Console, suggestion: Suggestion, found: Diagnosis, then: NextRun, as_json: bool
+) -> Path:
+    from bench.cli._gap_rehearse import run_suggestion
+
+    if not as_json:
+        named = ", ".join(cause.name for cause in found.causes) or "no cause named"
+        console.print(
+            f"so far: {found.verdict}, {named}; now {suggestion.procedure} ({suggestion.parameters}, "
+            f"{suggestion.hours:.1f} h of bench time) to decide {suggestion.decides}",
+            highlight=False,
+        )
+    return run_suggestion(
+        suggestion,
+        then.bench,
+        then.runs,
+        then.plant,
+        emulated=then.emulated,
+        seed=then.seed,
+        yes=then.yes,
+        as_json=as_json,
+    )
 
 
 def gap_close_command(runs: Sequence[Path], model: Path, gyro: str | None, out: Path | None) -> None:

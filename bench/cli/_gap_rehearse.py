@@ -1,4 +1,4 @@
-"""`gyrobench gap rehearse`: the run's procedure on the emulated bench with the nominal and the closed model."""
+"""`gyrobench gap rehearse`, and `gap diagnose --run`: what the gap needs of a bench."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from bench.benchfile import bench_file_from
-from bench.cli._display import RunDisplay
-from bench.cli._run import console_for
-from bench.emulated import EmulatedLab, Plant, load_plant, save_truth
-from bench.gap import LogGap, load_gap_runs, log_gaps, read_model
+from bench.benchfile import bench_file_from, load_bench_file
+from bench.cli._run import console_for, perform, plant_with_seed, rehearse
+from bench.emulated import Plant, load_plant
+from bench.gap import LogGap, Suggestion, load_gap_runs, log_gaps, read_model
 from bench.procedure import find_procedure
-from bench.questions import StageHand
 from bench.recording import Run
 from bench.report import render_log_gaps
-from bench.runner import RunRequest, run_procedure
+from bench.state_file import save_file
 from drivers.clock import utc_now
 from drivers.errors import BenchError, ConfigurationError
 
@@ -42,23 +40,17 @@ def gap_rehearse_command(
     plant = load_plant(plant_file)
     unit = real[0].unit_id
     folders, stretches = [], []
-    for what, file, number in (
-        ("nominal model", model, seed),
-        ("closed model", closed, seed),
-        ("closed model, other noise", closed, seed + 1),
-    ):
+    for file, number in ((model, seed), (closed, seed), (closed, seed + 1)):
         own = plant.model_copy(
             update={"seed": number, "gap_model": {**plant.gap_model, unit: file.resolve()}}
         )
-        folders.append(rehearsed(recorded, own, runs, console, what, as_json))
+        folders.append(rehearsed(recorded, own, runs, console, as_json))
         stretches.append(load_gap_runs(folders[-1], gyro))
     gaps, curves = log_gaps(real, *stretches)
     if report is not None:
         report.parent.mkdir(parents=True, exist_ok=True)
         names = (model.name, closed.name)
-        report.write_text(
-            render_log_gaps(recorded.manifest.run_id, unit, names, gaps, curves, utc_now()), "utf-8"
-        )
+        save_file(report, render_log_gaps(recorded.manifest.run_id, unit, names, gaps, curves, utc_now()))
     if as_json:
         facts = {"run": recorded.manifest.run_id, "rehearsals": [str(each) for each in folders]}
         console.print_json(json.dumps({**facts, "gaps": [vars(each) for each in gaps]}))
@@ -79,7 +71,7 @@ def _check_model(run: Path, closed: Path) -> None:
         )
 
 
-def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, what: str, as_json: bool) -> Path:
+def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, as_json: bool) -> Path:
     """Run a recorded run's procedure with its parameters on its bench, emulated; return the new run's folder."""
     manifest = recorded.manifest
     if not manifest.bench:
@@ -90,26 +82,35 @@ def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, what: s
         )
     procedure = find_procedure(manifest.procedure)
     parameters = procedure.parse(dict(manifest.parameters))
-    file = bench_file_from(manifest.bench)
-    expected_s = procedure.expected_duration_s(parameters)
-    with (
-        EmulatedLab(file, plant) as lab,
-        RunDisplay(console, f"rehearsal with the {what}", expected_s, as_json=as_json) as display,
-    ):
-        result = run_procedure(
-            RunRequest(
-                procedure,
-                parameters,
-                lab.file,
-                runs,
-                StageHand(lab.perform),
-                display,
-                emulated={"seed": plant.seed, "model": plant.summary(file)},
-                before_close=lambda folder: save_truth(lab, folder),
-            )
-        )
+    result = rehearse(procedure, parameters, bench_file_from(manifest.bench), plant, runs, console, as_json)
     if result.outcome == "aborted":
-        raise BenchError(f"the rehearsal with the {what} was aborted: {result.reason}")
+        raise BenchError(f"a rehearsal was aborted: {result.reason}")
+    return result.folder
+
+
+def run_suggestion(
+    suggestion: Suggestion,
+    bench: Path,
+    runs: Path,
+    plant_file: Path | None,
+    *,
+    emulated: bool,
+    seed: int | None,
+    yes: bool,
+    as_json: bool,
+) -> Path:
+    """Run what a diagnosis suggested on a bench, real or emulated; return the new run's folder."""
+    console = console_for(as_json)
+    procedure = find_procedure(suggestion.procedure)
+    parameters = procedure.parse(dict(suggestion.settings))
+    file = load_bench_file(bench)
+    if emulated:
+        plant = plant_with_seed(plant_file, seed)
+        result = rehearse(procedure, parameters, file, plant, runs, console, as_json)
+    else:
+        result = perform(procedure, parameters, file, runs, yes, console, as_json)
+    if result.outcome == "aborted":
+        raise BenchError(f"{suggestion.procedure} was aborted: {result.reason}")
     return result.folder
 
 

@@ -28,11 +28,35 @@ def gap_diagnose(
     gyro: GyroName = None,
     json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
     report: Annotated[Path | None, typer.Option(help="HTML report to write, with the map and curves")] = None,
+    run: Annotated[
+        bool, typer.Option("--run", help="run the first suggestion on --bench, then diagnose with it")
+    ] = False,
+    bench: Annotated[Path | None, typer.Option(help="with --run: bench file (TOML)")] = None,
+    emulated: Annotated[
+        bool, typer.Option("--emulated", help="with --run: on an emulated lab that matches the bench")
+    ] = False,
+    plant: Annotated[
+        Path | None, typer.Option(help="with --run --emulated: plant file (TOML) of the emulated lab")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="with --run --emulated: seed of the lab")] = None,
+    runs_folder: Annotated[
+        Path, typer.Option("--runs", help="with --run: folder that holds the runs")
+    ] = Path("runs"),
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="with --run: answer the procedure's questions with yes")
+    ] = False,
 ) -> None:
     """Say where the gap is, which effect explains it, and how far it closes on held-out runs."""
-    from bench.cli._gap import gap_diagnose_command
+    from bench.cli._gap import NextRun, gap_diagnose_command
 
-    gap_diagnose_command(runs, model, held_out or [], gyro, json, report)
+    following = None
+    if run:
+        if bench is None:
+            raise typer.BadParameter("--run needs --bench, the bench to run on")
+        following = NextRun(bench, runs_folder, plant, emulated, seed, yes)
+    elif bench is not None or plant is not None or emulated:
+        raise typer.BadParameter("--bench, --plant and --emulated go with --run")
+    gap_diagnose_command(runs, model, held_out or [], gyro, json, report, following)
 
 
 @gap_app.command("close")

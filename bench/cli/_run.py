@@ -10,14 +10,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.benchfile import bench_file_text, load_bench_file
+from bench.benchfile import BenchFile, bench_file_text, load_bench_file
 from bench.cli._display import RunDisplay
 from bench.cli._settings import settings_of
 from bench.cli._texts import duration, say_json, size
 from bench.disk import check_disk, estimated_bytes
 from bench.emulated import EmulatedLab, Plant, load_plant, save_truth
 from bench.live import Live
-from bench.procedure import find_procedure
+from bench.procedure import Parameters, Procedure, find_procedure
 from bench.questions import AssumeYes, StageHand
 from bench.questions import Console as ConsoleOperator
 from bench.recording import Run, read_manifest
@@ -34,15 +34,28 @@ def run_command(
     console = console_for(as_json)
     procedure = find_procedure(name)
     parameters = procedure.parse(settings_of(procedure, pairs, options))
-    file = load_bench_file(bench)
+    result = perform(procedure, parameters, load_bench_file(bench), runs, yes, console, as_json)
+    say_result(console, result, as_json=as_json, kind="result")
+    return EXIT_CODES[result.outcome]
+
+
+def perform(
+    procedure: Procedure,
+    parameters: Parameters,
+    file: BenchFile,
+    runs: Path,
+    yes: bool,
+    console: Console,
+    as_json: bool,
+) -> RunResult:
+    """Run a procedure on the devices of a bench, shown on `console`; `yes` answers all questions."""
     expected_s = procedure.expected_duration_s(parameters)
     check_disk(estimated_bytes(expected_s, file), runs, "the run", "--runs")
+    name = procedure.name
     with Live() as live, RunDisplay(console, name, expected_s, as_json=as_json) as display:
         human = live if as_json else live.beside(console_operator(console))
         operator = AssumeYes() if yes else human
-        result = run_procedure(RunRequest(procedure, parameters, file, runs, operator, display, live=live))
-    say_result(console, result, as_json=as_json, kind="result")
-    return EXIT_CODES[result.outcome]
+        return run_procedure(RunRequest(procedure, parameters, file, runs, operator, display, live=live))
 
 
 def rehearse_command(
@@ -60,25 +73,8 @@ def rehearse_command(
     procedure = find_procedure(name)
     parameters = procedure.parse(settings_of(procedure, pairs, options))
     plant = plant_with_seed(plant_file, seed)
-    file = load_bench_file(bench)
     started = host_seconds()
-    expected_s = procedure.expected_duration_s(parameters)
-    check_disk(estimated_bytes(expected_s, file), runs, "the rehearsal", "--runs")
-    with (
-        EmulatedLab(file, plant) as lab,
-        RunDisplay(console, f"rehearsal of {name}", expected_s, as_json=as_json) as display,
-    ):
-        request = RunRequest(
-            procedure,
-            parameters,
-            lab.file,
-            runs,
-            StageHand(lab.perform),
-            display,
-            emulated={"seed": plant.seed, "model": plant.summary(file)},
-            before_close=lambda folder: save_truth(lab, folder),
-        )
-        result = run_procedure(request)
+    result = rehearse(procedure, parameters, load_bench_file(bench), plant, runs, console, as_json)
     log_bytes = sum(path.stat().st_size for path in result.folder.rglob("*") if path.is_file())
     wall = host_seconds() - started
     page = None
@@ -98,6 +94,35 @@ def rehearse_command(
     if page is not None:
         console.print(f"plots: {page}")
     return EXIT_CODES[result.outcome]
+
+
+def rehearse(
+    procedure: Procedure,
+    parameters: Parameters,
+    file: BenchFile,
+    plant: Plant,
+    runs: Path,
+    console: Console,
+    as_json: bool,
+) -> RunResult:
+    """Run a procedure on an emulated lab that matches a bench, in virtual time, shown on `console`."""
+    expected_s = procedure.expected_duration_s(parameters)
+    check_disk(estimated_bytes(expected_s, file), runs, "the rehearsal", "--runs")
+    with (
+        EmulatedLab(file, plant) as lab,
+        RunDisplay(console, f"rehearsal of {procedure.name}", expected_s, as_json=as_json) as display,
+    ):
+        request = RunRequest(
+            procedure,
+            parameters,
+            lab.file,
+            runs,
+            StageHand(lab.perform),
+            display,
+            emulated={"seed": plant.seed, "model": plant.summary(file)},
+            before_close=lambda folder: save_truth(lab, folder),
+        )
+        return run_procedure(request)
 
 
 def lab_command(

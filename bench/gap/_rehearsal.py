@@ -22,7 +22,7 @@ class LogGap:
     """What a run's output differs by from rehearsals, in one phase or in all: rms of 100 s means in deg/h.
 
     `rms_floor_dph` is what two rehearsals of one model differ by: noise only. `share` is the part of the
-    reducible gap (energy above the floor) that the closed model takes away, NaN where there is none.
+    reducible gap (energy above the floor) that the closed model takes away, NaN where it is less than the floor.
     """
 
     phase: str
@@ -105,5 +105,5 @@ def _means(values: Array) -> Array:
 def _gap(name: str, values: Array) -> LogGap:
     nominal, closed, floor = (np.nanmean(values**2, axis=1)).tolist()
     reducible = nominal - floor
-    share = 1.0 - (closed - floor) / reducible if reducible > 0.0 else math.nan
+    share = 1.0 - (closed - floor) / reducible if reducible > floor else math.nan
     return LogGap(name, math.sqrt(nominal), math.sqrt(closed), math.sqrt(floor), share)

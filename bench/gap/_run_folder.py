@@ -58,6 +58,15 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
         raise ConfigurationError(
             "the run has no phases", where=str(folder), expected="a run that got beyond its first phase"
         )
+    if run.manifest.procedure == "standard-test":
+        rates = [phase for phase in phases if phase.name == "scale_factor"]
+        if not rates:
+            raise ConfigurationError(
+                "the run did not get to its rates",
+                where=str(folder),
+                expected="phase scale_factor; the other parts are at rest and mounted otherwise",
+            )
+        return [_stretch(run, name, rates[0].start_s, rates[-1].end_s, "", upright=True)]
     ends = [*sections[1:], phases[-1].end_s]
     if not sections:
         start = next((phase.start_s for phase in phases if phase.name == "equilibrium"), phases[0].start_s)
@@ -69,13 +78,15 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
     return stretches
 
 
-def _stretch(run: Run, gyro: str, start_s: float, end_s: float, suffix: str) -> GapRun:
+def _stretch(
+    run: Run, gyro: str, start_s: float, end_s: float, suffix: str, *, upright: bool = False
+) -> GapRun:
     start, end = math.ceil(start_s), math.floor(end_s)
     output, temp_c, lost = _second_means(run, gyro, start, end)
     edges = np.arange(float(start), end + 1.0)
     angle = _table_angle(run, edges) + _azimuth_error_deg(run)
     turning = float(np.median(np.diff(angle)))
-    upright = _upright(run, gyro, abs(turning) > _TURNING_DPS)
+    upright = upright or _upright(run, gyro, abs(turning) > _TURNING_DPS)
     elevation = np.full(end - start, 90.0 if upright else 0.0)
     t_in, t_out = _temperatures(run, temp_c, _case_temp(run, gyro, edges[:-1] + 0.5))
     stimulus = Stimulus(

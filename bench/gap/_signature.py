@@ -27,6 +27,15 @@ def signature_norm(runs: Sequence[GapRun], model: Model) -> float:
     return math.sqrt(max(float(gram[0, 0] - gram[solution.indices, 0] @ solution.values), 1e-30))
 
 
+def unexplained(runs: Sequence[GapRun], model: Model) -> Array:
+    """Return whitened coefficients (parity runs, n - 1) of one group, what the nominal can be taken out."""
+    (group,) = group_runs(runs)
+    rows = mixed_whitened(group, with_nominal(group, model).full, model.noise)
+    gram = np.einsum("rik,rjk->ij", rows, rows, optimize=True)
+    solution = solve(gram, model.sigmas, ())
+    return np.asarray(rows[:, 0] - np.einsum("rik,i->rk", rows[:, solution.indices], solution.values))
+
+
 def with_nominal(group: Group, model: Model) -> Stack:
     """Return coefficients of [output, nominal columns] of every run of a group."""
     runs = [run for each in group.runs for run in each]

@@ -7,16 +7,19 @@ Gaussian models); the stimulus is simulated with a plain two-lag unit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.gap._cells import band_slices
 from bench.gap._data import GapRun
 from bench.gap._diagnose import Diagnosis
+from bench.gap._fit import MISFIT
 from bench.gap._model_file import Model, Term
-from bench.gap._signature import signature_norm
+from bench.gap._signature import unexplained
+from bench.procedure import find_procedure
 from simulators.effects import Stimulus
 
 Array = NDArray[np.float64]
@@ -27,21 +30,31 @@ _MOST = 300.0
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A procedure with parameters, its bench time, and the log odds expected between the two named candidates."""
+    """A procedure with parameters, its bench time, and the log odds expected between the two named candidates.
+
+    `settings` are the procedure's parameters that are not at their defaults.
+    """
 
     procedure: str
     parameters: str
     hours: float
     log_odds: float
     decides: str
+    settings: Mapping[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class _Plan:
     procedure: str
     parameters: str
-    hours: float
     stimuli: tuple[Stimulus, ...]
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def hours(self) -> float:
+        """Bench time that the procedure expects."""
+        procedure = find_procedure(self.procedure)
+        return procedure.expected_duration_s(procedure.parse(dict(self.settings))) / 3600.0
 
 
 def suggest(found: Diagnosis, latitude_deg: float, most: int = 4) -> list[Suggestion]:
@@ -50,8 +63,10 @@ def suggest(found: Diagnosis, latitude_deg: float, most: int = 4) -> list[Sugges
     result = []
     for plan in _plans(latitude_deg):
         for text, first, second in pairs:
-            odds = 0.5 * _distance(plan, first, second, found.model) ** 2
-            result.append(Suggestion(plan.procedure, plan.parameters, plan.hours, float(odds), text))
+            odds = _log_odds(plan, first, second, found.model)
+            result.append(
+                Suggestion(plan.procedure, plan.parameters, plan.hours, odds, text, dict(plan.settings))
+            )
     result.sort(key=lambda each: -min(each.log_odds, _MOST) / each.hours)
     return [each for each in result if each.log_odds > 1.0][:most]
 
@@ -72,15 +87,22 @@ def _open_questions(found: Diagnosis) -> Iterator[tuple[str, Term, Term | None]]
             yield f"size of {cause.name}", cause.term, None
 
 
-def _distance(plan: _Plan, first: Term, second: Term | None, model: Model) -> float:
-    runs = []
+def _log_odds(plan: _Plan, first: Term, second: Term | None, model: Model) -> float:
+    """Return the log odds expected; a formula that is not quite the real effect is allowed its tolerance."""
+    odds = 0.0
     for number, s in enumerate(plan.stimuli):
-        signal = np.asarray(first.values) @ first.variant.columns(s)
-        if second is not None:
-            signal = signal - np.asarray(second.values) @ second.variant.columns(s)
+        whole = np.asarray(first.values) @ first.variant.columns(s)
+        other = 0.0 if second is None else np.asarray(second.values) @ second.variant.columns(s)
         phase = np.full(len(s), "run")
-        runs.append(GapRun(f"{number}", "unit", f"{plan.procedure} {number}", "0", s, signal, phase))
-    return signature_norm(runs, model)
+        left = []
+        for signal in (whole - other, whole):
+            run = GapRun(f"{number}", "unit", f"{plan.procedure} {number}", "0", s, signal, phase)
+            left.append(unexplained([run], model))
+        for part in band_slices(left[0].shape[1] + 1, s.period_s):
+            apart, gap = (float((each[:, part] ** 2).sum()) for each in left)
+            count = max(part.stop - part.start, 1)
+            odds += 0.5 * apart / (1.0 + MISFIT**2 * gap / count)
+    return odds
 
 
 def _plans(latitude_deg: float) -> list[_Plan]:
@@ -91,15 +113,27 @@ def _plans(latitude_deg: float) -> list[_Plan]:
     wanted = [0.0, *(sign * rate for rate in (1.0, 5.0, 10.0, 20.0, 50.0, 100.0) for sign in (1.0, -1.0))]
     steps = np.repeat(np.array(wanted), 240)
     turning = tuple(_stimulus(shock, latitude_deg, rate_dps=rate) for rate in (20.0, -20.0, 0.0))
+    level = _stimulus(room, latitude_deg, rate_dps=20.0, elevation_deg=0.0)
     return [
-        _Plan("zero-bias-cold-shock", "axis east", 4.0, (_stimulus(shock, latitude_deg, elevation_deg=0.0),)),
-        _Plan("scale-factor-cold-shock", "rates +20, -20, 0 deg/s", 12.0, turning),
+        _Plan("zero-bias-cold-shock", "axis east", (_stimulus(shock, latitude_deg, elevation_deg=0.0),)),
+        _Plan("scale-factor-cold-shock", "rates +20, -20, 0 deg/s", turning),
         _Plan(
-            "thermal-ramp", "25 to -40 to 60 degC", 10.5, (_stimulus(ramp, latitude_deg, elevation_deg=0.0),)
+            "thermal-ramp",
+            "25 to -40 to 60 degC",
+            (_stimulus(ramp, latitude_deg, elevation_deg=0.0),),
+            {"high_c": 60.0, "dwell_min": 30.0, "both_directions": False},
         ),
-        _Plan("constant-rotation", "20 deg/s at room", 2.0, (_stimulus(room, latitude_deg, rate_dps=20.0),)),
         _Plan(
-            "standard-test", "rates 1 to 100 deg/s", 0.9, (_stimulus(room, latitude_deg, rates_dps=steps),)
+            "constant-rotation",
+            "20 deg/s at room, axis level",
+            (level,),
+            {"rate_dps": 20.0, "turns": 400.0},
+        ),
+        _Plan(
+            "standard-test",
+            "rates 1 to 100 deg/s, room temperature only",
+            (_stimulus(room, latitude_deg, rates_dps=steps),),
+            {"max_rate_dps": 100.0, "temperatures": False},
         ),
     ]
 

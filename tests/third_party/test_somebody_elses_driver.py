@@ -121,3 +121,35 @@ print(round(float(read_model(Path(sys.argv[1])).predict(s).mean()), 9))
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split("\n")[:2] == ["acme, application note 12", "0.5"]
+
+
+def test_its_effects_are_found_by_a_diagnosis(installed):
+    """Hidden: 0.3 deg/h times sin(2 pi (T - 25) / 12), and a sensor that reads 1.5 K ((T - 25) / 50)^2 high."""
+    script = """
+from dataclasses import replace
+from pathlib import Path
+import numpy as np
+from bench.gap import diagnose, diagnose_channels, parse_model, read_model, with_channels
+from tests.gap.channel_lab import recorded
+from tests.gap.conftest import made_run, stimulus
+rng = np.random.default_rng(4)
+s = stimulus(4000)
+hidden = 0.3 * np.sin(2.0 * np.pi * (s.t_in_c - 25.0) / 12.0)
+model = parse_model("format = 1\\n[noise]\\narw_deg_per_sqrt_h = 0.004\\n", "here")
+found = diagnose([made_run(name, s, rng, hidden) for name in "ab"], model)
+print(*(cause.name for cause in found.causes))
+nominal = read_model(Path("examples/nominal/fog_cold_shock.toml"))
+fitted = with_channels(nominal, diagnose_channels(recorded(1), nominal))
+series = [each for each in recorded(2) if each.channel == "gyro_temperature"]
+(own,) = series
+series = [replace(own, values=own.values + 1.5 * ((own.values - 25.0) / 50.0) ** 2)]
+found = [each for each in diagnose_channels(series, fitted) if not each.reason]
+print(*(cause.effect.name for each in found for cause in each.causes))
+"""
+    root = PACKAGE.parents[2]
+    environment = {**os.environ, "PYTHONPATH": f"{installed}{os.pathsep}{root}"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=environment, cwd=root
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n")[:2] == ["acme_etalon", "acme_thermistor"]

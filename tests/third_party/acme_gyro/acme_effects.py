@@ -1,8 +1,8 @@
-"""An effect that the catalogue lacks, for the diagnosis and for nominal models: bias that follows sin of T_in."""
+"""Effects that the catalogue lacks, for the diagnosis and for nominal models: of the bias, and of a sensor."""
 
 import numpy as np
 
-from simulators.effects import Effect, Parameter
+from simulators.effects import ChannelEffect, Effect, Parameter
 
 EFFECTS = (
     Effect(
@@ -13,5 +13,15 @@ EFFECTS = (
         "acme, application note 12",
         "An etalon in the coupler lets bias swing with temperature.",
         ({"period_k": 7.0}, {"period_k": 12.0}),
+    ),
+    ChannelEffect(
+        "acme_thermistor",
+        "gyro_temperature",
+        (Parameter("curvature_k", -10.0, 10.0),),
+        (0.0,),
+        "square of the gyro's temperature over 25 degC",
+        "acme, application note 13",
+        "The thermistor was read with the curve of another type.",
+        apply=lambda inputs, signal, values: signal + values[0] * ((signal - 25.0) / 50.0) ** 2,
     ),
 )
