@@ -219,6 +219,12 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
     return {source.name: decode_stream(folder, source, out) for source in sources}
 
 
+def gyro_source(manifest: Manifest, name: str) -> GyroSource:
+    """Return how the stream of a recorded run's gyro is decoded."""
+    section = bench_file_from(manifest.bench).gyro_named(name)
+    return _gyro_source(section, int(manifest.stream[name]["start_offset"]))
+
+
 def _platform_source(section: PlatformSection, start_offset: int) -> PlatformSource:
     kind, settings = platform_kind(section), section.model_dump()
     return PlatformSource(

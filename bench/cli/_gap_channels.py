@@ -18,6 +18,7 @@ from bench.gap import (
     diagnose_channels,
     load_channels,
 )
+from simulators.effects import NoiseEffect, catalogue
 
 
 def diagnosed_channels(
@@ -54,6 +55,10 @@ def print_channels(console: Console, channels: Sequence[ChannelDiagnosis]) -> No
     for each in seen:
         for cause in each.causes:
             console.print(f"  {_sentence(cause)}", highlight=False)
+        for name, size in each.stochastic.items():
+            effect = catalogue()[name]
+            assert isinstance(effect, NoiseEffect)
+            console.print(f"  {name}: {effect.meaning} {effect.parameter.name} = {size:.3g}", highlight=False)
     for each in channels:
         if each.reason:
             console.print(
@@ -118,5 +123,6 @@ def channel_facts(found: ChannelDiagnosis) -> dict[str, Any]:
         ],
         "places": [vars(place) for place in found.places],
         "left": [vars(place) for place in found.left],
+        "stochastic": dict(found.stochastic),
         "held_out": None if found.held_out is None else vars(found.held_out),
     }

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
-from bench.recording import Phase, Run, checksum, seconds
+from bench.recording import Arrivals, Phase, Run, checksum, read_arrivals, seconds
 from bench.run_folder import MANIFEST_FILE
+from bench.run_record import gyro_source
+from drivers.errors import ConfigurationError
 from simulators.effects import Channel, ChannelInputs, Demand
 
 Array = NDArray[np.float64]
@@ -26,6 +29,9 @@ _SPIN = re.compile(r"spin at (\S+) deg/s")
 _AT_REST_DPS = 0.01
 _LEAST_SPIN_S = 30.0
 _SHORT = 8
+_LATE_MS = 50.0
+_ENVELOPE_S = 61
+"""Seconds over which the earliest arrivals are taken for punctual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +39,7 @@ class ChannelSeries:
     """One channel of one run: `values` (n,) with NaN where the channel has nothing to be compared with.
 
     `phase` (n,) are names; `quiet` (n,) says where nothing is demanded to change, for the noise floor.
-    `resolution` is the least step seen.
+    `resolution` is the least step seen. `scatter` maps stochastic effects of the channel to their size.
     """
 
     channel: Channel
@@ -44,6 +50,7 @@ class ChannelSeries:
     quiet: NDArray[np.bool_]
     resolution: float
     checksum: str = ""
+    scatter: Mapping[str, float] = field(default_factory=dict)
 
     def pieces(self) -> list[tuple[str, slice]]:
         """Return phases and stretches without gap inside one phase, of at least 8 samples."""
@@ -72,6 +79,7 @@ def load_channels(folder: Path, gyro: str | None = None) -> tuple[list[ChannelSe
         "gyro_temperature": lambda: _inside(run, name),
         "table_angle": lambda: _angle(run),
         "table_rate": lambda: _rate(run),
+        "time_stamps": lambda: _stamps(run, name),
     }
     for channel, read in readers.items():
         series = read()
@@ -246,6 +254,44 @@ def _rate(run: Run) -> ChannelSeries | str:
     time_s, rate, demand, angle = np.concatenate(parts, axis=1)
     inputs = ChannelInputs(time_s, demand, float(rate[0]), float(np.median(np.diff(time_s))), (), angle)
     return _series(run, "table_rate", inputs, rate, np.ones(len(rate), np.bool_), rate)
+
+
+def _stamps(run: Run, gyro: str) -> ChannelSeries | str:
+    if gyro not in run.manifest.stream or not (run.folder / "raw" / f"{gyro}.idx").exists():
+        return "no arrival times of the gyro's stream"
+    try:
+        source = gyro_source(run.manifest, gyro)
+    except ConfigurationError as error:
+        return f"the stream cannot be decoded again: {error}"
+    seen = read_arrivals(run.folder, source)
+    if len(seen.count) < 4 * _SHORT:
+        return "no arrival times of the gyro's stream"
+    late_ms = 1e3 * (seen.arrival_s - seen.count_s * seen.count)
+    second = np.floor(seen.arrival_s).astype(np.int64)
+    starts = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
+    earliest = np.minimum.reduceat(late_ms, starts)
+    line = np.interp(
+        seen.arrival_s, seen.arrival_s[starts], median_filter(earliest, _ENVELOPE_S, mode="nearest")
+    )
+    beyond = late_ms - line
+    scatter = {
+        "arrival_jitter": float(1.4826 * np.median(np.abs(beyond - np.median(beyond)))),
+        "late_frames": _late_fraction(seen, beyond),
+    }
+    time_s = seen.arrival_s[starts]
+    values = np.where(earliest - line[starts] > _LATE_MS, line[starts], earliest)
+    values = values - values.mean()
+    inputs = ChannelInputs(time_s, np.zeros(len(time_s)), float(values[0]), 1.0)
+    series = _series(run, "time_stamps", inputs, values, np.ones(len(time_s), np.bool_), values)
+    return replace(series, scatter=scatter, resolution=max(series.resolution, 1e-3))
+
+
+def _late_fraction(seen: Arrivals, beyond_ms: Array) -> float:
+    """Return the part of all frames that came late; a mark stands for every frame since the mark before."""
+    frame_ms = 1e3 * seen.count_s * float(np.median(np.diff(seen.count)))
+    frames = np.rint(1e3 * seen.count_s * np.diff(seen.count) / frame_ms)
+    late = np.ceil((beyond_ms[1:] + (frames - 1.0) * frame_ms - _LATE_MS) / frame_ms)
+    return float(np.clip(late, 0.0, frames).sum() / max(frames.sum(), 1.0))
 
 
 def _stepped(time_s: Array, values: Array, step_s: float = _STEP_S) -> tuple[Array, Array]:

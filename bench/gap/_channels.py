@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,6 +28,7 @@ _CLEAR = 5.0
 _EXPLAINED = 0.75
 """Part of a gap's energy from which it counts as explained."""
 _ALTERNATIVE = 0.02
+_LATE_FRACTION = 1e-4
 _LEAK = 0.1
 _WITHIN = 3.0
 """Standard deviations by which a model's own parameter may be off without being an effect."""
@@ -38,7 +39,8 @@ _BANDS_S = (0.0, 8.0, 32.0, 128.0, 512.0, 2048.0, math.inf)
 class ChannelPlace:
     """One phase and time scale of a channel: size above the floor in the channel's unit, and its significance.
 
-    `p_value` allows for all cells of all channels (Holm), `share` is of the gap in significant cells.
+    `p_value` allows for all cells of all channels (Holm), `share` is of the gap in significant cells. The phase
+    begins at `start_s`.
     """
 
     phase: str
@@ -47,6 +49,7 @@ class ChannelPlace:
     share: float
     energy_ratio: float
     p_value: float
+    start_s: float
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,8 @@ class ChannelDiagnosis:
     """What was found in one channel; `terms` are the model's of this channel, fitted again, with the causes.
 
     `explained` is the part of the gap's energy that they take away on the runs diagnosed. `reason` says why there
-    is no diagnosis, empty if there is one. `left` are the places that remain.
+    is no diagnosis, empty if there is one. `left` are the places that remain. `stochastic` maps noise effects of
+    the channel that stand out to their size.
     """
 
     channel: Channel
@@ -107,6 +111,7 @@ class ChannelDiagnosis:
     held_out: ChannelShrinkage | None
     curves: tuple[ChannelCurve, ...]
     reason: str = ""
+    stochastic: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +234,18 @@ def _diagnosed(
         fitted,
         judged,
         tuple(_curves(held_out or series, effects, nominal, best)),
+        stochastic=_scatter(series, accuracy),
     )
+
+
+def _scatter(series: Sequence[ChannelSeries], accuracy: float) -> dict[str, float]:
+    """Return the worst run's scatter by noise effect: those beyond the accuracy in ms, or a part in 10,000."""
+    worst: dict[str, float] = {}
+    for each in series:
+        for name, value in each.scatter.items():
+            worst[name] = max(worst.get(name, 0.0), value)
+    least = {"arrival_jitter": max(accuracy, 0.05), "late_frames": _LATE_FRACTION}
+    return {name: value for name, value in worst.items() if value > least[name]}
 
 
 def _positive(sigmas: tuple[float, ...] | None, term: ChannelTerm | None) -> tuple[float, ...]:
@@ -459,6 +475,11 @@ def _places(cells: _Cells, left: Array) -> list[ChannelPlace]:
         phase: sum(int(count[k]) for k, name in enumerate(cells.names) if name[0] == phase)
         for phase, _ in cells.names
     }
+    begins: dict[str, float] = {}
+    for each in cells.series:
+        for phase, piece in each.pieces():
+            start_s = float(each.inputs.time_s[piece.start])
+            begins[phase] = min(begins.get(phase, start_s), start_s)
     found = [
         ChannelPlace(
             phase,
@@ -467,6 +488,7 @@ def _places(cells: _Cells, left: Array) -> list[ChannelPlace]:
             float(share[k]),
             float(energy[k] / count[k]),
             float(p_values[k]),
+            begins[phase],
         )
         for k, (phase, band) in enumerate(cells.names)
     ]

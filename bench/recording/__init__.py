@@ -1,6 +1,7 @@
 """The run folder: written while a run goes on, decoded from its raw bytes, verified and read."""
 
 from bench.recording._decode import (
+    Arrivals,
     GyroSource,
     PlatformSource,
     StreamReport,
@@ -8,6 +9,7 @@ from bench.recording._decode import (
     decode_instrument,
     decode_stream,
     platform_table_name,
+    read_arrivals,
 )
 from bench.recording._events import EventLog, Events, read_events
 from bench.recording._journal import Journal, PortJournal
@@ -30,6 +32,7 @@ from bench.recording._timing import StreamTimer, StreamTiming
 from bench.recording._verify import FileProblem, VerifyReport, verify
 
 __all__ = [
+    "Arrivals",
     "DeviceEntry",
     "EmulatedLab",
     "EventLog",
@@ -56,6 +59,7 @@ __all__ = [
     "local_manifests",
     "local_run",
     "platform_table_name",
+    "read_arrivals",
     "read_events",
     "read_exchanges",
     "read_manifest",

@@ -195,6 +195,38 @@ def decode_stream(folder: Path, source: StreamSource, out: Path | None = None) -
     return _write_table(path, source, timing, report, target)
 
 
+@dataclass(frozen=True, eq=False)
+class Arrivals:
+    """When frames came in: unwrapped counter and bench time in s of those with an arrival mark, (m,) each.
+
+    `count_s` is a count's length at the nominal rate. A gap of more than one wrap of the counter is not followed.
+    """
+
+    count: NDArray[np.int64]
+    arrival_s: NDArray[np.float64]
+    count_s: float
+
+
+def read_arrivals(folder: Path, source: StreamSource) -> Arrivals:
+    """Return when the frames of raw/<name>.bin arrived."""
+    path = raw_path(folder, source.name)
+    marks = read_marks(path)
+    decoder = source.decoder()
+    unwrap = Unwrapper(decoder.counter_modulo)
+    counts, arrivals, at = [np.zeros(0, np.int64)], [np.zeros(0)], 0
+    for batch in _batches(path, source, decoder):
+        count, _ = unwrap.feed(batch.columns["counter"])
+        upto = int(np.searchsorted(marks[:, 0], batch.end_offset[-1], side="right"))
+        here = np.asarray(marks[at:upto])
+        at = upto
+        frame = np.searchsorted(batch.end_offset, here[:, 0], side="right") - 1
+        first = np.flatnonzero(np.diff(frame, prepend=-1) > 0)
+        counts.append(count[frame[first]])
+        arrivals.append(here[first, 1] * 1e-9)
+    count_s = 1.0 / (decoder.nominal_rate_hz * decoder.counter_step)
+    return Arrivals(np.concatenate(counts), np.concatenate(arrivals), count_s)
+
+
 def _write_table(
     path: Path, source: StreamSource, timing: StreamTiming, report: StreamReport, target: Path
 ) -> StreamReport:

@@ -130,7 +130,9 @@ def render_gap(content: GapContent) -> str:
 
 def _verdict(content: GapContent) -> Verdict:
     found, shrunk = content.found, content.shrunk
-    sentences = [f"{_plain(cause.name).capitalize()}: {cause.meaning}" for cause in found.causes]
+    sentences = [
+        f"{_plain(cause.name).capitalize()}: {cause.meaning}{_rivals(cause)}" for cause in found.causes
+    ]
     sentences += [f"Noise: {_plain(name)}." for name in found.stochastic]
     sentences += [part.sentence for part in found.unknown_parts]
     if shrunk is not None and shrunk.caution and found.causes:
@@ -159,6 +161,13 @@ def _verdict(content: GapContent) -> Verdict:
     doubtful = shrunk is not None and shrunk.caution and found.causes
     tone = "doubt" if doubtful else _TONES[found.verdict]
     return Verdict(_WORDS[found.verdict], tone, sentences, headlines)
+
+
+def _rivals(cause: Cause) -> str:
+    if not cause.alternatives:
+        return ""
+    rivals = ", ".join(f"{_plain(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
+    return f" These runs do not tell it from {rivals}."
 
 
 def _plain(name: str) -> str:

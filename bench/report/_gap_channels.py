@@ -62,7 +62,9 @@ def _row(found: ChannelDiagnosis) -> Row:
         Cell(fixed(100.0 * found.explained, 0) if found.causes else DASH),
         Cell(fixed(100.0 * held.share, 1) if held is not None else DASH),
     ]
-    return Row(cells, note=" ".join(_sentence(cause) for cause in found.causes))
+    notes = [_sentence(cause) for cause in found.causes]
+    notes += [f"{_plain(name).capitalize()}: {size:.3g}." for name, size in found.stochastic.items()]
+    return Row(cells, note=" ".join(notes))
 
 
 def _sentence(cause: ChannelCause) -> str:
@@ -86,15 +88,15 @@ def _of_channel(found: ChannelDiagnosis) -> list[Block]:
     curve = found.curves[0]
     hours = curve.time_s / _HOUR_S
     apart = np.diff(hours, prepend=hours[0]) > 5.0 * np.median(np.diff(hours))
-    plots = [
-        Curve("before", hours, np.where(apart, np.nan, curve.before), BEFORE),
-        Curve("after", hours, np.where(apart, np.nan, curve.after), AFTER),
-    ]
+    plots = [Curve("nominal", hours, np.where(apart, np.nan, curve.before), BEFORE)]
+    keys = [Key("nominal model", BEFORE)]
+    if found.causes:
+        plots.append(Curve("closed", hours, np.where(apart, np.nan, curve.after), AFTER))
+        keys.append(Key("with the effects in it", AFTER))
     caption = f"{name.capitalize()}: recorded less simulated in {curve.run_id}."
     drawn = lanes(
         f"{found.channel}-curve", [Lane(found.unit, plots, 120.0)], "Time in the run, h", description=caption
     )
-    keys = [Key("nominal model", BEFORE), Key("with the effects in it", AFTER)]
     blocks.append(Figures([drawn], caption, keys))
     return blocks
 
@@ -102,7 +104,7 @@ def _of_channel(found: ChannelDiagnosis) -> list[Block]:
 def _map(channel: str, places: Sequence[ChannelPlace], caption: str) -> Markup:
     from bench.gap import channel_bands
 
-    phases = list(dict.fromkeys(place.phase for place in places))
+    phases = list(dict.fromkeys(place.phase for place in sorted(places, key=lambda place: place.start_s)))
     bands = [band for band in channel_bands() if any(place.band == band for place in places)]
     cells = {
         (place.phase.replace("_", " "), place.band): HeatCell(

@@ -163,9 +163,9 @@ def _rate(inputs: ChannelInputs, values: Values) -> Array:
 
 
 def _stamps(inputs: ChannelInputs, values: Values) -> Array:
-    """Arrival of the earliest sample of each second against its own count at the nominal rate, ms."""
+    """Arrival of the earliest sample of each second against its own count at the nominal rate, mean 0, ms."""
     (skew_ppm,) = values["sample_clock_skew"]
-    since_s = inputs.time_s - inputs.time_s[0]
+    since_s = inputs.time_s - inputs.time_s.mean()
     return np.asarray(inputs.drive - 1e-3 * skew_ppm * since_s)
 
 

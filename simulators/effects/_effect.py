@@ -73,4 +73,4 @@ class NoiseEffect:
     parameter: Parameter
     source: str
     meaning: str
-    channel: Literal["gyro_rate"] = "gyro_rate"
+    channel: Literal["gyro_rate", "time_stamps"] = "gyro_rate"

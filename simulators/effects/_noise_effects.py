@@ -35,4 +35,18 @@ NOISE_EFFECTS = (
         "device's own frame counter",
         "Frames of the gyro's stream do not arrive.",
     ),
+    NoiseEffect(
+        "arrival_jitter",
+        Parameter("jitter_ms", 0.0, 1e4),
+        "arrival times of the stream",
+        "Frames arrive at uneven times; samples stamped on arrival would be as uneven.",
+        "time_stamps",
+    ),
+    NoiseEffect(
+        "late_frames",
+        Parameter("late_fraction", 0.0, 1.0),
+        "arrival times of the stream",
+        "Frames arrive a twentieth of a second late and more, in blocks.",
+        "time_stamps",
+    ),
 )

@@ -11,7 +11,16 @@ import pytest
 from bench.cli import _gap_rehearse
 from bench.cli._gap import NextRun, gap_diagnose_command
 from bench.cli._gap_rehearse import gap_rehearse_command, run_suggestion
-from bench.gap import GapRun, Model, Suggestion, log_gaps, model_text, suggest
+from bench.gap import (
+    GapRun,
+    Model,
+    Suggestion,
+    diagnose_channels,
+    load_channels,
+    log_gaps,
+    model_text,
+    suggest,
+)
 from bench.gap._suggest import _plans
 from bench.procedure import find_procedure
 from bench.report import render_log_gaps
@@ -19,6 +28,14 @@ from drivers.errors import ConfigurationError
 from tests.gap.conftest import made_run, stimulus
 from tests.gap.test_gap_commands import HEAD
 
+PLANT = """
+clock_error_ppm = { fog_1 = 150.0 }
+[[fault]]
+port = "fog_1"
+kind = "delay"
+at_s = [120.0, 180.0]
+duration_s = 0.4
+"""
 BENCH = Path(__file__).parents[2] / "examples" / "demo.toml"
 
 
@@ -64,16 +81,28 @@ def test_every_suggestion_is_a_procedure_that_its_settings_suit() -> None:
         assert plan.hours > len(plan.stimuli[0]) / 3600.0 / 2.0
 
 
-def test_a_suggestion_is_run_on_the_emulated_bench_and_a_run_judged_by_its_own_model_refused(
+def test_a_suggestion_is_run_on_the_emulated_bench_with_its_fast_clock_and_late_frames(
     tmp_path: Path, nominal: Model
 ) -> None:
+    plant = tmp_path / "plant.toml"
+    plant.write_text(PLANT, encoding="utf-8")
     suggestion = Suggestion(
         "constant-rotation", "", 0.1, 5.0, "", {"rate_dps": 20.0, "turns": 10.0, "rest_s": 100.0}
     )
-    folder = run_suggestion(suggestion, BENCH, tmp_path, None, emulated=True, seed=4, yes=True, as_json=True)
+    folder = run_suggestion(
+        suggestion, BENCH, tmp_path / "runs", plant, emulated=True, seed=4, yes=True, as_json=True
+    )
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["parameters"]["turns"] == 10.0
     assert manifest["emulated"]["seed"] == 4
+    series, _ = load_channels(folder)
+    found = diagnose_channels(series, nominal)
+    stamps = next(each for each in found if each.channel == "time_stamps")
+    (cause,) = stamps.causes
+    assert cause.effect.name == "sample_clock_skew"
+    assert cause.values[0] == pytest.approx(150.0, abs=2.0)
+    # two stalls of 0.4 s at 10 frames a second: 3 or 4 frames of each come late
+    assert 3 <= stamps.stochastic["late_frames"] * 10.0 * manifest["duration_s"] <= 12
     closed = tmp_path / "closed.toml"
     fitted = Model(**{**vars(nominal), "fitted_on": {folder.name: "sum"}})
     closed.write_text(model_text(fitted), encoding="utf-8")
