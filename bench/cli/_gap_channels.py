@@ -17,8 +17,8 @@ from bench.gap import (
     Model,
     diagnose_channels,
     load_channels,
+    scatter_sentence,
 )
-from simulators.effects import NoiseEffect, catalogue
 
 
 def diagnosed_channels(
@@ -56,9 +56,7 @@ def print_channels(console: Console, channels: Sequence[ChannelDiagnosis]) -> No
         for cause in each.causes:
             console.print(f"  {_sentence(cause)}", highlight=False)
         for name, size in each.stochastic.items():
-            effect = catalogue()[name]
-            assert isinstance(effect, NoiseEffect)
-            console.print(f"  {name}: {effect.meaning} {effect.parameter.name} = {size:.3g}", highlight=False)
+            console.print(f"  {scatter_sentence(name, size)}", highlight=False)
     for each in channels:
         if each.reason:
             console.print(

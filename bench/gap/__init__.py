@@ -11,6 +11,7 @@ from bench.gap._channels import (
     ChannelShrinkage,
     channel_bands,
     diagnose_channels,
+    scatter_sentence,
     with_channels,
 )
 from bench.gap._close import Shrinkage, closed_model, shrinkage
@@ -84,6 +85,7 @@ __all__ = [
     "read_mapped_runs",
     "read_model",
     "reliability",
+    "scatter_sentence",
     "shrinkage",
     "shrinkage_quantiles",
     "suggest",

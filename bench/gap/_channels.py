@@ -19,7 +19,7 @@ from bench.gap._fit import MISFIT
 from bench.gap._model_file import ChannelTerm, Model
 from bench.gap._where import SIGNIFICANT, holm
 from drivers.errors import ConfigurationError
-from simulators.effects import CHANNEL_UNITS, Channel, ChannelEffect, catalogue, simulate
+from simulators.effects import CHANNEL_UNITS, Channel, ChannelEffect, NoiseEffect, catalogue, simulate
 
 Array = NDArray[np.float64]
 _MOST_CAUSES = 3
@@ -246,6 +246,13 @@ def _scatter(series: Sequence[ChannelSeries], accuracy: float) -> dict[str, floa
             worst[name] = max(worst.get(name, 0.0), value)
     least = {"arrival_jitter": max(accuracy, 0.05), "late_frames": _LATE_FRACTION}
     return {name: value for name, value in worst.items() if value > least[name]}
+
+
+def scatter_sentence(name: str, size: float) -> str:
+    """Return in words what a stochastic effect of a channel does, and its size."""
+    effect = catalogue()[name]
+    assert isinstance(effect, NoiseEffect)
+    return f"{name}: {effect.meaning} {effect.parameter.name} = {size:.3g}"
 
 
 def _positive(sigmas: tuple[float, ...] | None, term: ChannelTerm | None) -> tuple[float, ...]:

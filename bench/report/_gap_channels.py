@@ -52,6 +52,8 @@ def channel_blocks(channels: Sequence[ChannelDiagnosis]) -> list[Block]:
 
 
 def _row(found: ChannelDiagnosis) -> Row:
+    from bench.gap import scatter_sentence
+
     held = found.held_out
     cells = [
         Cell(_plain(found.channel).capitalize(), strong=True),
@@ -63,7 +65,7 @@ def _row(found: ChannelDiagnosis) -> Row:
         Cell(fixed(100.0 * held.share, 1) if held is not None else DASH),
     ]
     notes = [_sentence(cause) for cause in found.causes]
-    notes += [f"{_plain(name).capitalize()}: {size:.3g}." for name, size in found.stochastic.items()]
+    notes += [scatter_sentence(name, size) + "." for name, size in found.stochastic.items()]
     return Row(cells, note=" ".join(notes))
 
 
