@@ -67,6 +67,8 @@ def index_command(runs: Path, url: str | None, rebuild: bool) -> None:
 
 def _print_table(rows: Sequence[CatalogueRow]) -> None:
     """Print in columns; names are never cut, since one that is cannot be copied."""
+    several = len({row.root for row in rows}) > 1
+    benches = ["bench", *(row.bench or row.root for row in rows)]
     cells = [("run", "procedure", "units", "bench time", "started (UTC)", "outcome")]
     for row in rows:
         length = "-" if row.duration_s is None else duration(row.duration_s)
@@ -75,6 +77,8 @@ def _print_table(rows: Sequence[CatalogueRow]) -> None:
         units = ", ".join(row.units) or "-"
         cells.append((row.name, row.procedure or "-", units, length, started, outcome))
     lines = [[printable(cell) for cell in line] for line in cells]
+    if several:
+        lines = [[printable(bench), *line] for bench, line in zip(benches, lines, strict=True)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     colours = [None, *(STYLES.get(row.outcome, "red") for row in rows)]
     for line, colour in zip(lines, colours, strict=True):

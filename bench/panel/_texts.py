@@ -33,7 +33,7 @@ def texts(now: Mapping[str, Any] | None, age_s: float) -> dict[str, str]:
         "left": duration(left_s),
         "speed": _speed(now.get("speed")),
         "progress": f"{_share(time_s, left_s):.4f}",
-        "age": "" if age_s < 2.0 else f"last news {age_s:.0f} s ago",
+        "age": "" if age_s < 2.0 or now.get("state") == "ended" else f"last news {age_s:.0f} s ago",
         "air": number(chamber.get("air_temp_c"), 2),
         "set": number(chamber.get("set_point_c"), 2),
         "air_rate": number(chamber.get("rate_k_per_min"), 2, sign=True),

@@ -222,6 +222,16 @@ def test_a_file_that_is_no_catalogue_is_left_alone(tmp_path: Path) -> None:
     assert path.read_bytes() == b"something else" * 100
 
 
+def test_a_shared_list_says_whose_each_run_is(tmp_path: Path) -> None:
+    url, runner = f"sqlite:///{tmp_path / 'shared.sqlite'}", CliRunner()
+    for name in ("bench 1", "bench 2"):
+        make(tmp_path / name, f"run on {name}", bench={"bench": {"name": name.upper()}})
+        asked = ["runs", "list", "--catalogue", url, "--runs", str(tmp_path / name)]
+        shown = runner.invoke(app, asked).output
+    assert [line.split("  ")[0] for line in shown.splitlines()] == ["bench", "BENCH 2", "BENCH 1"]
+    assert "BENCH" not in runner.invoke(app, ["runs", "list", "--runs", str(tmp_path / "bench 1")]).output
+
+
 def test_a_list_loads_nothing_heavy(tmp_path: Path) -> None:
     """Half of the list's 0.3 s would go into any one of these."""
     make(tmp_path / "runs", "one")

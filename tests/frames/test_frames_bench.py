@@ -18,18 +18,8 @@ from bench.run_record import decode_run
 from bench.runner import RunRequest, run_procedure
 from drivers.errors import ConfigurationError
 from drivers.frames import shipped
+from tests.benches import BENCH
 
-BENCH = """
-[bench]
-name = "test bench"
-latitude_deg = 39.10
-[table]
-driver = "acutrol3000"
-port = "/dev/ttyUSB0"
-[chamber]
-driver = "weiss"
-port = "/dev/ttyUSB2"
-"""
 STIM = """
 [[gyro]]
 name = "stim"

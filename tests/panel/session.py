@@ -13,26 +13,8 @@ from bench.live import Live
 from bench.procedure import Demands, Parameters, Procedure, parameter
 from bench.runner import RunRequest, run_procedure
 
-BENCH = """
-[bench]
-name = "panel test bench"
-latitude_deg = 39.10
-[table]
-driver = "acutrol3000"
-port = "/dev/ttyUSB0"
-[chamber]
-driver = "weiss"
-port = "/dev/ttyUSB2"
-auxiliary = { 1 = "fog_1 case" }
-[[gyro]]
-name = "fog_1"
-driver = "kvh1750"
-port = "/dev/ttyUSB1"
-rate_hz = 100
-axis = "x"
-unit = "FOG-001"
-case_sensor = 1
-"""
+sys.path.insert(0, str(Path(__file__).parents[2]))  # also started as a script
+from tests.benches import FOG_BENCH
 
 
 class TurnParameters(Parameters):
@@ -71,7 +53,7 @@ TURN = Procedure(
 
 def main(runs: Path, run_id: str, **parameters) -> None:
     with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
-        file.write(BENCH)
+        file.write(FOG_BENCH)
         file.flush()
         bench = load_bench_file(Path(file.name))
     with EmulatedLab(bench, Plant(seed=5)) as lab, Live() as live:
