@@ -14,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # uv reads its own variable for local wheel folders, not pip's.
 export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
 
-.PHONY: setup demo test lint audit coverage bench bench-gpu fuzz clean
+.PHONY: setup demo test lint audit coverage repeats reliability bench bench-gpu fuzz clean
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
@@ -47,6 +47,17 @@ coverage: $(STAMP)
 	$(BIN)/coverage run -m pytest
 	$(BIN)/coverage combine -q
 	$(BIN)/coverage report --skip-covered --sort=cover
+	$(BIN)/python -m benchmarks.rooms
+
+# The tests with threads, processes and terminals, TIMES times (200).
+repeats: $(STAMP)
+	$(BIN)/python -m benchmarks.repeats $(TIMES)
+
+# Kills, faults, time to the safe state: hours of a nightly machine; benchmarks/reliability.md.
+reliability: $(STAMP)
+	$(BIN)/python -m benchmarks.reliability 300 1
+	$(BIN)/python -m benchmarks.soak 200 1
+	$(BIN)/python -m benchmarks.abort_latency
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
