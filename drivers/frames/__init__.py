@@ -5,6 +5,7 @@ from drivers.frames._driver import FrameGyro, bits_a_byte
 from drivers.frames._encode import FrameEncoder
 from drivers.frames._form import Form
 from drivers.frames._kind import Frames, family_in
+from drivers.frames._line_encode import LineEncoder
 from drivers.frames._lines import LineDescription
 from drivers.frames._load import (
     FrameFamily,
@@ -32,6 +33,7 @@ __all__ = [
     "FrameGyro",
     "Frames",
     "LineDescription",
+    "LineEncoder",
     "MessageReader",
     "Messages",
     "StreamSplitter",

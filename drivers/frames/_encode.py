@@ -53,7 +53,9 @@ class FrameEncoder:
                     continue
                 numbers = codec.unphysical(value)
                 if self._counter is not None and name == self._counter.field:
-                    numbers = np.mod(numbers, self._counter.modulo or codec.limits()[1] + 1)
+                    clock = self._counter.ticks_per_s if spec.type[0] == "f" else None  # Kept in s.
+                    span = self._counter.modulo or codec.limits()[1] + 1
+                    numbers = np.mod(numbers, span / clock if clock else span)
                 elif spec.role == "cumulative_angle" or (spec.role == "time" and spec.type[0] == "u"):
                     span = codec.limits()[1] - codec.limits()[0] + 1
                     numbers = np.mod(numbers - codec.limits()[0], span) + codec.limits()[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import reduce
 from operator import xor
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ from drivers.instruments import StreamCounts
 CELL = 8
 """Bytes of a column's number in a row."""
 _LONGEST = 1024
-_CRC = Crc(32, 0x04C11DB7, 0, reflected=True)
-_TABLE = [_CRC.of(bytes([byte])) for byte in range(256)]
+LINE_CRC = Crc(32, 0x04C11DB7, 0, reflected=True)
+_TABLE = [LINE_CRC.of(bytes([byte])) for byte in range(256)]
 _TYPES = {"f64": "<f8", "i32": "<i4", "u32": "<u4"}
 
 
@@ -123,6 +123,15 @@ def _columns(description: LineDescription) -> list[int]:
     return [group.at + n for group in description.field for n, _ in enumerate(group.each())]
 
 
+def number_parts(description: LineDescription) -> list[tuple[int, int, np.dtype[Any]]]:
+    """Return column, base and type of each field's number."""
+    groups = [each for group in description.field for each in group.each()]
+    return [
+        (at, getattr(spec, "base", 10), np.dtype(_TYPES[spec.type]))
+        for spec, at in zip(groups, _columns(description), strict=True)
+    ]
+
+
 def verify_lines(description: LineDescription) -> Iterator[Mistake]:
     """Yield what the checks of binary frames cannot see."""
     groups = [each for group in description.field for each in group.each()]
@@ -146,11 +155,7 @@ class LineReader:
         self.counts = StreamCounts()
         self._line = description.line
         self._start = description.line.start.encode("latin-1")
-        groups = [each for group in description.field for each in group.each()]
-        self._parts = [
-            (at, getattr(spec, "base", 10), np.dtype(_TYPES[spec.type]))
-            for spec, at in zip(groups, _columns(description), strict=True)
-        ]
+        self._parts = number_parts(description)
         self._pending = b""
         self._offset = 0
         self._lines = 0

@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
-from drivers.frames import FrameEncoder, FrameFamily, LineDescription, bits_a_byte, channels, to_bench_unit
+from drivers.frames import (
+    FrameEncoder,
+    FrameFamily,
+    LineDescription,
+    LineEncoder,
+    bits_a_byte,
+    channels,
+    to_bench_unit,
+)
 from simulators.faults import WireShape
 from simulators.interfaces import GyroPlant, GyroSignal, Reply, StreamBlock
 
@@ -47,21 +55,22 @@ class FrameEmulator:
         start_s: float = 0.0,
     ) -> None:
         """Raise ConfigurationError for a rate the line cannot carry, and axes that the plant does not have."""
-        if isinstance(family.description, LineDescription):
-            raise ConfigurationError(
-                "a gyro that sends ASCII lines cannot be emulated",
-                where="emulated gyro",
-                found=family.description.title,
-                expected="a description of binary frames",
-                remedy="rehearse with another gyro; the driver itself reads such lines",
-            )
         self._plant = plant
-        self._encoder = FrameEncoder(family, message or family.description.message)
+        self._lines = isinstance(family.description, LineDescription)
+        self._line_check = 0
+        self._encoder: FrameEncoder | LineEncoder
+        if isinstance(family.description, LineDescription):
+            self._encoder = LineEncoder(family)
+            if (check := family.description.line.checksum) is not None:
+                self._line_check = 2 if check.kind == "xor8" else 8
+            self._length = len(self._encoder.encode(1, {}))  # A minus sign more or less is left out.
+        else:
+            self._encoder = FrameEncoder(family, message or family.description.message)
+            self._length = self._encoder.layout.length
         self._form = self._encoder.form
         self._counter = family.description.counter
         self._rate_hz = rate_hz
         self._period_s = 1.0 / (rate_hz * (1.0 + clock_error_ppm * 1e-6))
-        self._length = self._encoder.layout.length
         self._send_s = self._length * bits_a_byte(family) / baudrate
         self._samples_per_mark = max(1, int(rate_hz / _MARKS_PER_S))
         self._start_s = start_s
@@ -94,6 +103,8 @@ class FrameEmulator:
     @property
     def wire(self) -> WireShape:
         """How a frame looks from outside."""
+        if self._lines:
+            return WireShape(terminator=b"\r\n", check_bytes=self._line_check, tail_bytes=2)
         checks = [check for check in self._form.checksums if check.at < 0]
         tail = len(self._form.terminator)
         size = -checks[-1].at - tail if checks else 0
@@ -113,9 +124,8 @@ class FrameEmulator:
         self._sent = due
         signal = self._plant.measure(self._start_s + first * self._period_s, count, self._period_s)
         numbers = np.arange(first + 1, due + 1)
-        return StreamBlock(
-            self._encoder.encode(count, self._values(signal, numbers)), self._marks(first, due)
-        )
+        data = self._encoder.encode(count, self._values(signal, numbers))
+        return StreamBlock(data, self._marks(first, due, data))
 
     def _values(self, signal: GyroSignal, numbers: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
         """Return the fields of the frames with these numbers (1 for the first), in their units."""
@@ -125,7 +135,10 @@ class FrameEmulator:
             if self._counter is not None and spec.name == self._counter.field:
                 ticks = self._counter.ticks_per_s
                 step = float(self._counter.step) if ticks is None else ticks / self._rate_hz
-                values[spec.name] = np.rint((numbers - 1) * step) * spec.scale.factor + spec.offset
+                count = np.rint((numbers - 1) * step)
+                if spec.type[0] == "f" and ticks is not None:  # A clock in s.
+                    count = count / ticks
+                values[spec.name] = count * spec.scale.factor + spec.offset
             elif spec.role == "time":
                 values[spec.name] = numbers / self._rate_hz / unit
             elif (
@@ -150,11 +163,14 @@ class FrameEmulator:
                 values[spec.name] = _TEMPERATURES[spec.unit](case)
         return values
 
-    def _marks(self, first: int, due: int) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+    def _marks(self, first: int, due: int, data: bytes) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
         step = self._samples_per_mark
         ends = np.append(np.arange((first // step + 1) * step, due, step), due)
         marks = np.empty((len(ends), 2), np.int64)
-        marks[:, 0] = (ends - first) * self._length
+        sizes = np.arange(due - first + 1) * self._length
+        if self._lines:
+            sizes = np.append(0, np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n")) + 1)
+        marks[:, 0] = sizes[ends - first]
         marks[:, 1] = np.rint((self._start_s + ends * self._period_s + self._send_s) * 1e9)
         return marks
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,6 +13,7 @@ from hypothesis import strategies as st
 from drivers.errors import ConfigurationError
 from drivers.frames import (
     FrameDecoder,
+    LineEncoder,
     family_from,
     load_family,
     load_toml,
@@ -18,6 +22,8 @@ from drivers.frames import (
     vector_mistakes,
 )
 from drivers.frames._kind import Frames
+from tests.frames.test_frames_bench import bench_file
+from tests.frames.test_frames_bench import run as run_bench
 
 LINES = ("kvh_dsp3000", "novatel_rawimusa", "novatel_rawimusxa", "vectornav_ascii")
 # NovAtel's own framer tests have this line.
@@ -30,6 +36,66 @@ NOVATEL = (
 @pytest.mark.parametrize("name", LINES)
 def test_vectors(name: str) -> None:
     assert [str(mistake) for mistake in vector_mistakes(load_family(name))] == []
+
+
+@pytest.mark.parametrize("name", ["kvh_dsp3000", "novatel_rawimusxa", "vectornav_ascii"])
+def test_a_line_that_was_read_is_written_as_its_maker_writes_it(name: str) -> None:
+    """Vectors from outside: read, written anew from the numbers, the same text, its check too."""
+    family = load_family(name)
+    line = NOVATEL if name == "novatel_rawimusxa" else family.description.vector[0].text.encode() + b"\r\n"
+    (messages,) = reader_of(family).feed(line)
+    values = {key: column for key, column in messages.columns().items() if not np.isnan(column).any()}
+    written = LineEncoder(family).encode(1, values)
+    if name == "novatel_rawimusxa":  # its two header columns are no field and stay those of the vector
+        written = written.replace(written[: written.index(b";")], line[: line.index(b";")])
+        assert written[: written.index(b"*")] == line[: line.index(b"*")]
+    else:
+        assert written == line
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_what_is_written_is_read(name: str) -> None:
+    family = load_family(name)
+    encoder = LineEncoder(family)
+    rng = np.random.default_rng(1)
+    values = {
+        spec.name: np.round(rng.normal(0.0, 3.0, 40), 3)
+        for spec in encoder.form.fields
+        if spec.role in ("rate", "delta_angle")
+    }
+    (messages,) = reader_of(family).feed(encoder.encode(40, values))
+    columns = messages.columns()
+    for key, sent in values.items():
+        step = next(spec.scale.factor for spec in encoder.form.fields if spec.name == key)
+        np.testing.assert_allclose(columns[key], sent, atol=max(1e-6, abs(step)))
+
+
+@pytest.mark.parametrize(
+    ("name", "axes", "rate_dps"),
+    [
+        ("kvh_dsp3000", "z", 0.0),
+        ("novatel_rawimusa", "xyz", 5.0),
+    ],  # a single-axis unit lies flat on the table
+)
+def test_a_gyro_that_sends_lines_through_the_bench(
+    tmp_path: Path, name: str, axes: str, rate_dps: float
+) -> None:
+    text = f'''
+[[gyro]]
+name = "fog"
+driver = "frames"
+description = "{name}"
+port = "/dev/ttyUSB1"
+axes = "{axes}"
+axis = "z"
+unit = "L1"
+'''
+    result = run_bench(bench_file(tmp_path, text), tmp_path / "runs")
+    assert result.outcome == "completed", result.reason
+    table = pq.read_table(result.folder / "gyro_fog.parquet").to_pandas()
+    assert table["lost_before"].sum() == 0 and table["valid"].all()
+    turning = table.iloc[len(table) // 2 : len(table) // 2 + 300]
+    assert turning["rate_dps"].mean() == pytest.approx(rate_dps, abs=0.1)
 
 
 def test_novatel_increments_become_rates_and_accelerations() -> None:
