@@ -35,8 +35,8 @@ from simulators.effects import Effect, Variant
 
 Array = NDArray[np.float64]
 _UNKNOWN_PRIOR = 5.0
-_UNSEEN = 0.03
-"""Probability of something unknown where nothing of it was found: too small to be seen."""
+_UNSEEN = 0.05
+"""Probability of something unknown where nothing of it was found: 25 of 448 claims of the exams before."""
 _SHOWN = 12.0
 _REFINED = 3
 """Sets of catalogue effects whose shapes are looked at between the grid's points."""
@@ -44,7 +44,10 @@ _REFINED = 3
 
 @dataclass(frozen=True)
 class Judged:
-    """A set of effects, fitted; `left` (cells,) is the energy it leaves, `line` log evidence of a line."""
+    """A set of effects, fitted; `left` (cells,) is the energy it leaves, `line` log evidence of a line.
+
+    `without_curves` is the fit of its catalogue effects alone.
+    """
 
     names: frozenset[str]
     members: frozenset[int]
@@ -52,6 +55,7 @@ class Judged:
     solution: Solution
     left: Array
     rest: Remainder
+    without_curves: Solution
     line: float = 0.0
 
     @property
@@ -179,7 +183,9 @@ def _judge_sets(
         at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
         left = left_energies(products[:, at[:, None], at], solution.values)
         rest = remainder(data.cells, strict, before, left, data.floor)
-        judged.append(Judged(names, members, by_effects[names], solution, left, rest))
+        known = frozenset(each for each in members if not variants[each].effect.name.startswith(PREFIX))
+        alone = solve(gram, sigmas, _columns(posterior, known, len(sigmas))) if known != members else solution
+        judged.append(Judged(names, members, by_effects[names], solution, left, rest, alone))
 
     def left_without(one: Judged, names: frozenset[str]) -> float:
         rest = frozenset(each for each in one.members if posterior.candidates[each].effect not in names)

@@ -82,7 +82,9 @@ def test_one_run_is_diagnosed_with_a_warning(nominal: Model) -> None:
 
 def test_constant_stimulus_is_said_to_show_nothing(nominal: Model) -> None:
     rng = np.random.default_rng(6)
-    runs = [made_run(name, stimulus(3000, cold=False), rng) for name in "ab"]
+    s = stimulus(3000, cold=False)
+    # two sensors; equal readings would mean that there is one only
+    runs = [made_run(name, replace(s, t_out_c=s.t_out_c + 0.2), rng) for name in "ab"]
     found = diagnose(runs, nominal)
     assert found.verdict == "nothing to identify"
     assert any("temperature hardly changes" in warning for warning in found.warnings)
