@@ -85,7 +85,7 @@ def rehearse_command(
     if as_json:
         say_result(console, result, as_json=True, kind="result", bytes=log_bytes, wall_s=wall)
         return EXIT_CODES[result.outcome]
-    say_result(console, result)
+    say_result(console, result, kind="result")
     console.print(_time_plan(result.folder))
     console.print(
         f"{duration(result.duration_s)} of bench time in {wall:.1f} s ({result.duration_s / wall:,.0f} x); "
@@ -172,7 +172,7 @@ def console_operator(console: Console) -> ConsoleOperator:
 def say_result(
     console: Console, result: RunResult, *, as_json: bool = False, kind: str = "run", **fields: Any
 ) -> None:
-    """Print how a run ended."""
+    """Print how a run ended; `kind` "result": it is all that the command does, "run": one of several."""
     if as_json:
         said: dict[str, Any] = {
             "outcome": result.outcome,
@@ -188,22 +188,24 @@ def say_result(
     if result.reason:
         console.print(result.reason, style=style, highlight=False, markup=False)
     if result.outcome == "aborted":
-        for line in _aftermath(result):
+        for line in _aftermath(result, alone=kind == "result"):
             console.print(line, highlight=False, markup=False)
     for warning in result.warnings:
         console.print(f"warning: {warning}", style="yellow", highlight=False, markup=False)
 
 
-def _aftermath(result: RunResult) -> list[str]:
-    """Say what the bench has done after a run that ended early, what is kept, and what comes next."""
+def _aftermath(result: RunResult, *, alone: bool) -> list[str]:
+    """Say what the bench has done after a run that ended early, what is kept, and of a run alone what comes next."""
     bench = "; ".join(result.safe) or "nothing was told to move or to heat"
     if "NOT CONFIRMED SAFE" in result.reason:
         bench = "; ".join([*result.safe, "the rest NOT CONFIRMED: go and look before anything else"])
-    return [
+    said = [
         f"bench: {bench}",
         f"kept: all that came in {duration(result.duration_s)}; `gyrobench report {result.folder}` shows it",
-        "next: clear the cause, then give the same command again: it begins a new run folder",
     ]
+    if alone:  # a campaign says itself how it goes on
+        said.append("next: clear the cause, then give the same command again: it begins a new run folder")
+    return said
 
 
 def _time_plan(folder: Path) -> Table:
