@@ -195,7 +195,7 @@ def say_result(
 
 
 def _aftermath(result: RunResult, *, alone: bool) -> list[str]:
-    """Say what the bench has done after a run that ended early, what is kept, and of a run alone what comes next."""
+    """Say what the bench has done after a run that ended early, what is kept, and (`alone`) what is next."""
     bench = "; ".join(result.safe) or "nothing was told to move or to heat"
     if "NOT CONFIRMED SAFE" in result.reason:
         bench = "; ".join([*result.safe, "the rest NOT CONFIRMED: go and look before anything else"])
