@@ -55,7 +55,7 @@ def _table(title: str, figures: Sequence[Figure]) -> Table:
     for figure in figures:
         known = figure.low is not None and figure.high is not None
         interval = f"{figure.low:.3g} .. {figure.high:.3g}" if known else ""
-        table.add_row(figure.name, f"{figure.value:.4g}", figure.unit, interval)
+        table.add_row(figure.name, f"{figure.value:.{figure.digits}g}", figure.unit, interval)
     return table
 
 

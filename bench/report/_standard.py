@@ -104,7 +104,7 @@ def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
     rows = [
         parts.named(
             figure.name,
-            significant(figure.value, 4),
+            significant(figure.value, figure.digits),
             unit_text(figure.unit) or DASH,
             parts.interval(figure.low, figure.high),
             figure.source,

@@ -37,6 +37,11 @@ class Figure:
     low: float | None = None
     high: float | None = None
 
+    @property
+    def digits(self) -> int:
+        """Significant digits worth printing: a scale factor next to 1 shows parts per million."""
+        return 4 if self.unit else 8
+
 
 @dataclass(frozen=True)
 class StandardFigures:
@@ -216,9 +221,11 @@ def _small_rates(record: _Record) -> list[Figure]:
             before, there, after = (row for row in record.intervals(test) if row["step"] == number)
             zero = 0.5 * (record.output_dph(before).mean() + record.output_dph(after).mean())
             steps.append(RateStep(there["input_dph"], float(record.output_dph(there).mean() - zero)))
-        found.append(
-            Figure(test, judge(steps), "deg/h", "IEEE Std 647, 952; smallest input with 50 % of its output")
-        )
+        value = judge(steps)
+        source = "IEEE Std 647, 952; smallest input with 50 % of its output"
+        if value == min(abs(step.input_dph) for step in steps):
+            source += ", no smaller one was put in"
+        found.append(Figure(test, value, "deg/h", source))
     return found
 
 

@@ -112,6 +112,9 @@ def test_every_figure_is_that_of_the_gyro(folder: Path) -> None:
     assert figures.value("bias temperature sensitivity") == pytest.approx(BIAS_PER_K, rel=0.2)
     assert figures.value("scale-factor temperature sensitivity") == pytest.approx(SF_PER_K, rel=0.02)
     assert figures.value("threshold") in (0.02, 0.2) and figures.value("resolution") in (0.02, 0.2)
+    for figure in figures.figures:
+        if figure.name in ("threshold", "resolution"):
+            assert figure.source.endswith("no smaller one was put in") == (figure.value == 0.02)
     arw = next(figure for figure in figures.figures if figure.name == "angle random walk")
     assert arw.low is not None and arw.high is not None
     assert arw.low < arw.value < arw.high and arw.value == pytest.approx(N, rel=0.05)
@@ -126,6 +129,7 @@ def test_what_was_not_measured_is_missing_with_a_reason(tmp_path: Path) -> None:
     page = render_standard_test([figures], created_utc="2026-01-02T03:04:05.000+00:00")
     assert "Incomplete" in page and "no interval of temperature" in page and "<svg" in page
     assert "angle random walk" in page and "GJB 2426A" in page
+    assert f"{figures.value('scale factor'):.7f}" in page  # to a tenth of a ppm
     with pytest.raises(ConfigurationError, match="no standard test"):
         standard_figures(tmp_path / "short", "other")
 
