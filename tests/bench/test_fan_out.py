@@ -102,10 +102,11 @@ def found_by(fan: FanOut) -> tuple[object, ...]:
 
 
 def test_a_scheme_search_in_processes_of_this_machine_is_that_of_one(scheduler: str) -> None:
+    at_home = found_by(ALONE)
     with fan_out(2) as fan:
-        assert found_by(fan) == found_by(ALONE)
+        assert found_by(fan) == at_home
     with fan_out(cluster=scheduler) as fan:
-        assert found_by(fan) == found_by(ALONE)
+        assert found_by(fan) == at_home
 
 
 def test_a_worker_killed_in_the_middle_costs_nothing_but_its_time(scheduler: str, tmp_path: Path) -> None:
