@@ -33,6 +33,7 @@ from bench.gap import (
 from bench.report import GapContent, render_gap
 from bench.state_file import save_file
 from drivers.clock import utc_now
+from drivers.errors import ConfigurationError
 
 _SIGNIFICANT = 0.01
 _SHOWN = 8
@@ -66,7 +67,7 @@ def gap_diagnose_command(
     console = Console()
     nominal = read_model(model)
     with console.status("diagnosing"):
-        given, kept = _load(runs, gyro), _load(held_out, gyro)
+        given, kept, held_out = _parted(_load(runs, gyro), held_out, gyro)
         found = diagnose(given, nominal)
         shrunk = _judged(found, kept, nominal) if kept else None
         following = suggest(found, given[0].stimulus.latitude_deg)
@@ -147,6 +148,33 @@ def _load(folders: Sequence[Path], gyro: str | None) -> list[GapRun]:
     for path in folders:
         runs += read_mapped_runs(path) if path.suffix == ".toml" else load_gap_runs(path, gyro)
     return runs
+
+
+def _parted(
+    given: Sequence[GapRun], held_out: Sequence[Path], gyro: str | None
+) -> tuple[list[GapRun], list[GapRun], list[Path]]:
+    """Return the runs to diagnose, those to judge on, and which of `held_out` are files.
+
+    A held-out run is one of those given, by its id, or a folder or mapping file of its own.
+    """
+    ids = {run.run_id for run in given}
+    named = {str(path) for path in held_out} & ids
+    files = [path for path in held_out if str(path) not in named]
+    for path in files:
+        if not path.exists():
+            raise ConfigurationError(
+                "there is no such run to hold out",
+                where="--held-out",
+                found=str(path),
+                expected="a run folder, a mapping file, or one of the runs given: " + ", ".join(sorted(ids)),
+            )
+    kept = [run for run in given if run.run_id in named] + _load(files, gyro)
+    rest = [run for run in given if run.run_id not in named]
+    if not rest:
+        raise ConfigurationError(
+            "every run is held out", where="--held-out", expected="at least one run to diagnose"
+        )
+    return rest, kept, files
 
 
 def _judged(found: Diagnosis, held_out: Sequence[GapRun], nominal: Model) -> Shrinkage:

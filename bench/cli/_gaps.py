@@ -23,7 +23,10 @@ def gap_diagnose(
     runs: Runs,
     model: Model,
     held_out: Annotated[
-        list[Path] | None, typer.Option("--held-out", help="run to judge the closing on; repeat for several")
+        list[Path] | None,
+        typer.Option(
+            "--held-out", help="run to judge the closing on: id of one given, folder or mapping file"
+        ),
     ] = None,
     gyro: GyroName = None,
     json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,

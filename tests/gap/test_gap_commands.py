@@ -10,6 +10,7 @@ import pytest
 
 from bench.cli._gap import gap_close_command, gap_diagnose_command
 from bench.gap import Model, model_text, read_model
+from drivers.errors import ConfigurationError
 from tests.gap.conftest import stimulus
 
 HEAD = """
@@ -37,6 +38,22 @@ def _recordings(folder: Path, cubic_dph: float) -> Path:
         text += f'[[run]]\nfile = "{name}.csv"\nprofile = "shock"\nelevation_deg = 90.0\n'
     (folder / "runs.toml").write_text(text, encoding="utf-8")
     return folder / "runs.toml"
+
+
+def test_one_of_the_runs_is_held_out_by_its_id(
+    tmp_path: Path, nominal: Model, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs, model = _recordings(tmp_path, 0.5), tmp_path / "nominal.toml"
+    model.write_text(model_text(nominal), encoding="utf-8")
+    gap_diagnose_command([runs], model, [Path("c")], None, True)
+    facts = json.loads(capsys.readouterr().out)
+    assert set(facts["runs"]) == {"a", "b"}
+    assert facts["held_out"]["share"] > 0.97
+    with pytest.raises(ConfigurationError, match="no such run to hold out") as unknown:
+        gap_diagnose_command([runs], model, [Path("d")], None, True)
+    assert "a, b, c" in unknown.value.expected
+    with pytest.raises(ConfigurationError, match="every run is held out"):
+        gap_diagnose_command([runs], model, [Path(name) for name in "abc"], None, True)
 
 
 def test_diagnose_prints_facts_and_close_writes_the_model(
