@@ -17,7 +17,7 @@ from bench.recording import Arrivals, Phase, Run, checksum, read_arrivals, secon
 from bench.run_folder import MANIFEST_FILE
 from bench.run_record import gyro_source
 from drivers.errors import ConfigurationError
-from simulators.effects import Channel, ChannelInputs, Demand
+from simulators.effects import CHANNEL_UNITS, Channel, ChannelInputs, Demand
 
 Array = NDArray[np.float64]
 _STEP_S = 10.0
@@ -69,6 +69,8 @@ class ChannelSeries:
 def load_channels(folder: Path, gyro: str | None = None) -> tuple[list[ChannelSeries], dict[str, str]]:
     """Return the channels of a run folder, and for those that it cannot show the reason by channel."""
     run = Run.open(folder)
+    if run.manifest.imported is not None:
+        return [], dict.fromkeys(CHANNEL_UNITS, "an imported recording has no commands in it")
     units = [each for each in run.manifest.units if run.manifest.devices[each].role == "gyro"]
     name = gyro or next(iter(units), "")
     found: list[ChannelSeries] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 from bench.exchange import LogEntry, Mapping, read_log, read_mapping
 from bench.gap._data import GapRun, stand_ins
+from bench.recording import checksum, read_manifest
+from bench.run_folder import MANIFEST_FILE
+from drivers.errors import ConfigurationError
 from simulators.effects import Stimulus
 
 Array = NDArray[np.float64]
@@ -24,6 +28,17 @@ def read_mapped_runs(path: Path) -> list[GapRun]:
     """
     mapping = read_mapping(path)
     return [_run(entry, mapping, path.parent / entry.file) for entry in mapping.run]
+
+
+def read_imported_run(folder: Path) -> GapRun:
+    """Return a run folder made by `gyrobench import`, from the log and the mapping that it keeps."""
+    manifest = read_manifest(folder)
+    if manifest.imported is None:
+        raise ConfigurationError("this run was not imported", where=str(folder))
+    mapping = read_mapping(folder / manifest.imported.mapping)
+    log = folder / manifest.imported.log
+    run = _run(mapping.entry_for(log, log), mapping, log)
+    return replace(run, run_id=manifest.run_id, checksum=checksum(folder / MANIFEST_FILE).sha256)
 
 
 def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:

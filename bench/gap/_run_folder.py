@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bench.calibration import load_calibration_run
 from bench.gap._data import GapRun, stand_ins
+from bench.gap._import import read_imported_run
 from bench.recording import Phase, Run, checksum, second_rows, seconds
 from bench.run_folder import MANIFEST_FILE
 from drivers.errors import ConfigurationError
@@ -50,6 +51,8 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
             found=name,
             expected=", ".join(units),
         )
+    if run.manifest.imported is not None:
+        return [read_imported_run(run.folder)]
     if run.manifest.procedure == CALIBRATION:
         return [_positions(run, name)]
     sections = [float(event["time_s"]) for event in run.events if event["kind"] == "section"]

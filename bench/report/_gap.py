@@ -347,11 +347,12 @@ def _difference_panels(content: GapContent) -> list[Block]:
     shown = content.differences
     if not shown:
         return []
+    closed = bool(content.found.causes)
     plots = [
         Panel(
             [
                 Curve("before", each.time_s / _HOUR_S, each.before_dph, BEFORE),
-                Curve("after", each.time_s / _HOUR_S, each.after_dph, AFTER),
+                *([Curve("after", each.time_s / _HOUR_S, each.after_dph, AFTER)] if closed else []),
             ],
             f"{each.profile}, {each.condition}" if each.condition else each.profile,
             description=f"Output less model in {each.profile}, {each.condition}",
@@ -366,17 +367,20 @@ def _difference_panels(content: GapContent) -> list[Block]:
         y_label="°/h",
         x_limits=limits((curve.x for curve in every), margin=0.0),
         y_limits=limits(curve.y for curve in every),
-        width=340.0,
+        width=340.0 if len(plots) > 1 else 690.0,
     )
     whose = "held-out runs" if content.held_out else "the runs that were fitted"
-    keys = [Key("nominal model", BEFORE), Key("with the effects in it", AFTER)]
+    keys = [Key("nominal model", BEFORE), *([Key("with the effects in it", AFTER)] if closed else [])]
     caption = f"Output less model, mean of repeats of {whose}, 100 s means, each run's bias taken out."
-    return [Figures(drawn, caption, keys, 2)]
+    return [Figures(drawn, caption, keys, 2 if len(plots) > 1 else 1)]
 
 
 def _left(found: Diagnosis) -> list[Block]:
     blocks = _place_map("left", found.left_places, "What the best set leaves, by runs and time scale")
-    return blocks or [Notes(["Nothing that stands out of the noise floor."])]
+    if blocks:
+        return blocks
+    beside = " beside the missing effect drawn above" if found.unknown_parts else ""
+    return [Notes([f"Nothing that stands out of the noise floor{beside}."])]
 
 
 def _next(suggestions: Sequence[Suggestion]) -> list[Block]:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.gap import Model, Noise, diagnose, read_mapped_runs
+from bench.exchange import import_log
+from bench.gap import Model, Noise, diagnose, load_channels, load_gap_runs, read_mapped_runs
 from drivers.errors import ConfigurationError
 from tests.gap.conftest import made_run, stimulus
 
@@ -109,3 +110,36 @@ def test_noise_that_is_higher_than_the_data_sheet_is_named_with_its_size() -> No
     text = found.noise.risen("noise_level")  # the runs have 0.004
     assert text.startswith("arw_deg_per_sqrt_h = 0.00") and text.endswith("the model has 0.001")
     assert found.noise.rises["noise_level"] == pytest.approx(0.004, rel=0.05)
+
+
+def test_a_run_folder_made_by_import_is_the_mapped_recording(tmp_path: Path) -> None:
+    time_s = np.arange(0.1, 400.0, 0.1)
+    rows = np.stack((time_s, 9.0 + np.sin(time_s), 25.0 + 0.01 * time_s), axis=1)
+    lines = ["t,rate,temp", *(",".join(f"{value:.6f}" for value in row) for row in rows)]
+    (tmp_path / "log.csv").write_text("\n".join(lines), encoding="utf-8")
+    (tmp_path / "map.toml").write_text(
+        """
+format = 1
+unit_id = "G7"
+latitude_deg = 39.1
+[columns]
+time = { name = "t", unit = "s" }
+output = { name = "rate", unit = "deg/h" }
+t_in = { name = "temp", unit = "degC" }
+[[run]]
+file = "log.csv"
+profile = "slow"
+elevation_deg = 90.0
+""",
+        encoding="utf-8",
+    )
+    mapping = tmp_path / "map.toml"
+    folder = import_log(tmp_path / "log.csv", mapping, tmp_path / "runs")
+    (mapped,), (imported,) = read_mapped_runs(mapping), load_gap_runs(folder)
+    assert imported.run_id == folder.name
+    assert imported.checksum
+    assert imported.output_dph == pytest.approx(mapped.output_dph)
+    assert imported.stimulus.t_in_c == pytest.approx(mapped.stimulus.t_in_c)
+    series, missing = load_channels(folder)
+    assert not series
+    assert "no commands" in missing["chamber_air"]
