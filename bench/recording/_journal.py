@@ -2,9 +2,10 @@
 
 Bytes are gathered in memory (a call costs well under a microsecond). Threads of the journal's own write and sync
 them, four times in every flush interval (a second at most) or when a megabyte is waiting, so that a slow
-disk delays neither the bench nor an emergency stop, a busy procedure no write. A killed process loses
-what came since the last write, a power cut what came since the last sync: less than the interval. What they
-meet is raised by the next `Journal.check`.
+disk delays neither the bench nor an emergency stop, a busy procedure no write. A killed process loses what came
+since the last write began: a quarter of the interval, and as long as the kernel holds up a write, which a disk
+that stalls makes it do. A power cut loses what came since the last sync began. What the threads meet is raised by
+the next `Journal.check`.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from procedures._cold_shock import (
     shock_rate_k_per_min,
     temperature_steady,
     verify_shock,
+    wait_for_equilibrium,
 )
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 
@@ -123,6 +124,26 @@ def test_bias_is_steady_for_white_noise_and_not_for_a_drift_or_a_short_record():
 
     assert bias_steady(gyro_with(1900, drifting, lambda k: 0.0), 1900.0) is False
     assert bias_steady(gyro_with(1500, lambda k: noise[0, k], lambda k: 0.0), 1500.0) is False
+
+
+def test_equilibrium_is_judged_by_whichever_gyro_is_judged_by_now():
+    """The first one is silent from the beginning: an hour of the second one is enough."""
+    silent = gyro_with(0, lambda k: 0.0, lambda k: 0.0)
+    noise = np.random.default_rng(5).normal(0.0, 0.2, 3600)
+    speaking = gyro_with(3600, lambda k: noise[k], lambda k: 30.0)
+    judges, reasons = [silent, silent, speaking], []
+
+    class Waiting:
+        now_s = 3600.0
+        phase = staticmethod(lambda name: None)
+        invalidate = staticmethod(reasons.append)
+        judge = property(lambda self: judges.pop(0))
+
+        def wait_until(self, reached, **_):
+            return any(reached() for _ in range(3))
+
+    wait_for_equilibrium(Waiting(), ColdShockParameters(), phase="equilibrium")
+    assert judges == [] and reasons == []
 
 
 class EarthBench:
