@@ -8,7 +8,9 @@ Run as `python -m benchmarks panel`; needs Chromium. The yardsticks are the limi
 * memory: growth of the server's resident memory over that time, and of the curves' over 24 h of updates at 10 Hz.
 * recorder: the same emulated run beside a panel with a page open, and beside one whose server is stopped
   (SIGSTOP), in the order A B B A; CPU time of run and lab, less that of a run of no length; the median of the
-  pairs' ratios, and the same of pairs without a panel at all, which says how far the figure can be trusted.
+  pairs' ratios, and the same of pairs without a panel at all, which says how far the figure can be trusted. It
+  needs a machine with a processor to spare: live files are written ten times a *host* second, so that an emulated
+  run which anything else slows down (here Chromium drawing) takes longer and writes more of them.
 """
 
 from __future__ import annotations
