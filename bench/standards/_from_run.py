@@ -80,7 +80,15 @@ class _Record:
         return float(self.output_dph(interval).mean() / 3600.0)
 
     def temp_c(self, interval: dict[str, Any]) -> float:
-        return float(np.nanmean(self._table(interval, ("temp_c",))["temp_c"]))
+        values = self._table(interval, ("temp_c",))["temp_c"].astype(np.float64)
+        if not np.isfinite(values).any():
+            raise ConfigurationError(
+                "the unit sends no temperature",
+                where=f"{interval['test']}, {self.gyro}",
+                expected="a stream with the unit's temperature",
+                remedy="choose a message that carries it",
+            )
+        return float(np.nanmean(values))
 
     def seconds_dph(self, interval: dict[str, Any]) -> Array:
         """Means over whole seconds, the few empty ones interpolated."""

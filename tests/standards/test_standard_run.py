@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -154,6 +155,20 @@ def test_what_a_run_says_it_measures_is_what_its_figures_are(tmp_path: Path, fol
         assert set(PROCEDURE.figures(values)) - extra == measured - extra and measured <= known.keys()
     assert set(PROCEDURE.figures(PROCEDURE.parse({}))) | set(OVER_RUNS) == known.keys()
     assert {figure.name for figure in figures_over_runs([standard_figures(run)] * 2)} == set(OVER_RUNS)
+
+
+@pytest.mark.parametrize(("grade", "searched"), [("fog", 1), ("mems", 0)])
+def test_a_noisy_grade_takes_east_as_mounted(
+    grade: str, searched: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, found = MagicMock(), MagicMock()
+    bench.file.bench.latitude_deg, bench.measurements = 39.1, [{"value": 91.0}]
+    monkeypatch.setattr("procedures.standard_test.find_east", found)
+    settings = {"grade": grade, "power_cycles": "0", "temperatures": "false", "azimuth_deg": "80"}
+    PROCEDURE.run(bench, PROCEDURE.parse(settings))
+    assert found.call_count == searched
+    pointed = [call.args[0] for call in bench.table.point.call_args_list]
+    assert pointed[0] == 80.0 and pointed[1] == (91.0 if searched else 80.0)
 
 
 def test_the_plan_follows_the_grade_and_what_is_given() -> None:
