@@ -2,14 +2,13 @@
 
 from bench.gap._causes import Cause
 from bench.gap._cells import BANDS
+from bench.gap._channel_cells import ChannelPlace, channel_bands
 from bench.gap._channel_data import ChannelSeries, load_channels
 from bench.gap._channels import (
     ChannelCause,
     ChannelCurve,
     ChannelDiagnosis,
-    ChannelPlace,
     ChannelShrinkage,
-    channel_bands,
     diagnose_channels,
     scatter_sentence,
     with_channels,

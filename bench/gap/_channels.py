@@ -9,15 +9,21 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct
 from scipy.optimize import least_squares
-from scipy.stats import f as fisher
 
+from bench.gap._channel_cells import (
+    ChannelCells,
+    ChannelPlace,
+    band_name,
+    channel_cells,
+    channel_places,
+    gap_rms,
+    tolerance,
+)
 from bench.gap._channel_data import ChannelSeries
 from bench.gap._channel_floor import ChannelFloor, channel_floor
-from bench.gap._fit import MISFIT
 from bench.gap._model_file import ChannelTerm, Model
-from bench.gap._where import SIGNIFICANT, holm
+from bench.gap._where import SIGNIFICANT
 from drivers.errors import ConfigurationError
 from simulators.effects import CHANNEL_UNITS, Channel, ChannelEffect, NoiseEffect, catalogue, simulate
 
@@ -29,27 +35,8 @@ _EXPLAINED = 0.75
 """Part of a gap's energy from which it counts as explained."""
 _ALTERNATIVE = 0.02
 _LATE_FRACTION = 1e-4
-_LEAK = 0.1
 _WITHIN = 3.0
 """Standard deviations by which a model's own parameter may be off without being an effect."""
-_BANDS_S = (0.0, 8.0, 32.0, 128.0, 512.0, 2048.0, math.inf)
-
-
-@dataclass(frozen=True)
-class ChannelPlace:
-    """One phase and time scale of a channel: size above the floor in the channel's unit, and its significance.
-
-    `p_value` allows for all cells of all channels (Holm), `share` is of the gap in significant cells. The phase
-    begins at `start_s`.
-    """
-
-    phase: str
-    band: str
-    rms: float
-    share: float
-    energy_ratio: float
-    p_value: float
-    start_s: float
 
 
 @dataclass(frozen=True)
@@ -115,30 +102,6 @@ class ChannelDiagnosis:
 
 
 @dataclass(frozen=True, eq=False)
-class _Cells:
-    """Whitened coefficients of a channel's pieces side by side: (size,) each; `cell` numbers phase and band."""
-
-    series: tuple[ChannelSeries, ...]
-    floor: Array
-    cell: NDArray[np.int64]
-    names: tuple[tuple[str, int], ...]
-    trust: Array
-
-    def whitened(self, rests: Sequence[Array]) -> Array:
-        """Return DCT coefficients over the floor's deviation of what is left of every series, (size,)."""
-        parts = [
-            dct(rest[piece], norm="ortho")
-            for series, rest in zip(self.series, rests, strict=True)
-            for _, piece in series.pieces()
-        ]
-        return np.asarray(np.concatenate(parts) / np.sqrt(self.floor))
-
-    def sums(self, values: Array) -> Array:
-        """Return sums by cell."""
-        return np.asarray(np.bincount(self.cell, values, len(self.names)), dtype=np.float64)
-
-
-@dataclass(frozen=True, eq=False)
 class _Fit:
     names: frozenset[str]
     values: Mapping[str, tuple[float, ...]]
@@ -199,12 +162,12 @@ def _diagnosed(
     accuracy: float,
 ) -> ChannelDiagnosis:
     floor = channel_floor(series)
-    cells = _cells(series, floor)
+    cells = channel_cells(series, floor)
     start = _fitted(cells, effects, terms, frozenset(), np.ones(len(cells.cell)), None)
-    weight = _tolerance(cells, start.left, accuracy)
+    weight = tolerance(cells, start.left, accuracy)
     nominal = _fitted(cells, effects, terms, frozenset(), weight, start.values)
-    places = _places(cells, nominal.left)
-    rms = _rms(cells, nominal.left, places)
+    places = channel_places(cells, nominal.left)
+    rms = gap_rms(cells, nominal.left, places)
     best = nominal
     causes: tuple[ChannelCause, ...] = ()
     if rms > accuracy and any(place.p_value < SIGNIFICANT for place in places):
@@ -212,7 +175,7 @@ def _diagnosed(
         causes = _causes(fits, best, effects, nominal)
     excess = [float(((fit.left**2 - 1.0) * cells.floor).sum()) for fit in (nominal, best)]
     explained = 1.0 - max(excess[1], 0.0) / excess[0] if causes else 0.0
-    left = _places(cells, best.left)
+    left = channel_places(cells, best.left)
     fitted = tuple(
         ChannelTerm(effect, best.values[effect.name], _positive(best.sigmas.get(effect.name), term))
         for effect in effects
@@ -276,39 +239,6 @@ def _verdict(
     return "explained" if explained >= _EXPLAINED else "explained in part"
 
 
-def _cells(series: Sequence[ChannelSeries], floor: ChannelFloor) -> _Cells:
-    powers, cells, trust = [], [], []
-    names: dict[tuple[str, int], int] = {}
-    for each in series:
-        for phase, piece in each.pieces():
-            size, period_s = piece.stop - piece.start, each.inputs.period_s
-            power, octave = floor.at(size, period_s)
-            periods = 2.0 * size * period_s / np.maximum(np.arange(size), 0.5)
-            band = np.searchsorted(_BANDS_S, periods, side="right") - 1
-            cells.append([names.setdefault((phase, int(b)), len(names)) for b in band])
-            powers.append(power)
-            trust.append(floor.count[octave])
-    number = np.concatenate(cells).astype(np.int64)
-    counts = np.bincount(number, minlength=len(names))
-    own = np.bincount(number, np.concatenate(trust), len(names)) / counts
-    return _Cells(tuple(series), np.concatenate(powers), number, tuple(names), own)
-
-
-def _tolerance(cells: _Cells, left: Array, accuracy: float) -> Array:
-    """Return the deviation that each coefficient is allowed beside noise, for formulas are not the real thing.
-
-    A share of the gap's power in every cell, falling off from time scale to time scale of a phase, and the
-    accuracy that the model claims.
-    """
-    count = cells.sums(np.ones(len(left)))
-    gap = cells.sums(np.maximum(left**2 - 1.0, 0.0) * cells.floor) / count
-    phases = np.array([name[0] for name in cells.names])
-    bands = np.array([name[1] for name in cells.names])
-    near = (phases[:, None] == phases) * _LEAK ** np.abs(bands[:, None] - bands)
-    allowed = MISFIT**2 * near @ gap
-    return np.asarray(np.sqrt(1.0 + (allowed[cells.cell] + accuracy**2) / cells.floor))
-
-
 def _rests(
     series: Sequence[ChannelSeries],
     effects: Sequence[ChannelEffect],
@@ -318,7 +248,7 @@ def _rests(
 
 
 def _fitted(
-    cells: _Cells,
+    cells: ChannelCells,
     effects: Sequence[ChannelEffect],
     terms: Sequence[ChannelTerm],
     names: frozenset[str],
@@ -394,7 +324,7 @@ def _evidence(fit: _Fit) -> float:
 
 
 def _search(
-    cells: _Cells,
+    cells: ChannelCells,
     effects: Sequence[ChannelEffect],
     terms: Sequence[ChannelTerm],
     weight: Array,
@@ -425,7 +355,7 @@ def _search(
     return fits, best
 
 
-def _smallest(cells: _Cells, effects: Sequence[ChannelEffect], fit: _Fit, nominal: _Fit) -> float:
+def _smallest(cells: ChannelCells, effects: Sequence[ChannelEffect], fit: _Fit, nominal: _Fit) -> float:
     """Return the rms of what the least of a fit's effects does to the signal, in the channel's unit."""
     whole = _rests(cells.series, effects, fit.values)
     sizes = []
@@ -468,63 +398,6 @@ def _causes(
     return tuple(result)
 
 
-def _places(cells: _Cells, left: Array) -> list[ChannelPlace]:
-    """Return phases by time scales, largest gap first."""
-    energy, count = cells.sums(left**2), cells.sums(np.ones(len(left)))
-    power = cells.sums(cells.floor) / count
-    raw = fisher.sf(energy / count, count, cells.trust)
-    p_values = np.minimum(holm(raw) * len(CHANNEL_UNITS), 1.0)
-    excess = np.maximum(energy - count, 0.0)
-    squares = cells.sums(np.maximum(left**2 - 1.0, 0.0) * cells.floor)
-    share = np.where(p_values < SIGNIFICANT, squares, 0.0)
-    share /= float(share.sum()) or 1.0
-    samples = {
-        phase: sum(int(count[k]) for k, name in enumerate(cells.names) if name[0] == phase)
-        for phase, _ in cells.names
-    }
-    begins: dict[str, float] = {}
-    for each in cells.series:
-        for phase, piece in each.pieces():
-            start_s = float(each.inputs.time_s[piece.start])
-            begins[phase] = min(begins.get(phase, start_s), start_s)
-    found = [
-        ChannelPlace(
-            phase,
-            band_name(band),
-            math.sqrt(float(excess[k] * power[k]) / samples[phase]),
-            float(share[k]),
-            float(energy[k] / count[k]),
-            float(p_values[k]),
-            begins[phase],
-        )
-        for k, (phase, band) in enumerate(cells.names)
-    ]
-    return sorted(found, key=lambda place: (-place.share, -place.rms))
-
-
-def channel_bands() -> tuple[str, ...]:
-    """Return the time scales of a channel's map, fast to slow."""
-    return tuple(band_name(band) for band in range(len(_BANDS_S) - 1))
-
-
-def band_name(band: int) -> str:
-    """Return a time scale in words."""
-    low, high = _BANDS_S[band], _BANDS_S[band + 1]
-    if not low:
-        return f"under {high:g} s"
-    if math.isinf(high):
-        return f"over {low / 60:.0f} min"
-    return f"{low:g}..{high:g} s" if high < 600.0 else f"{low / 60:.0f}..{high / 60:.0f} min"
-
-
-def _rms(cells: _Cells, left: Array, places: Sequence[ChannelPlace]) -> float:
-    """Return the rms above the floor over all samples, in the channel's unit; 0 where nothing is significant."""
-    clear = {(place.phase, place.band) for place in places if place.p_value < SIGNIFICANT}
-    on = np.array([(phase, band_name(band)) in clear for phase, band in cells.names])[cells.cell]
-    squares = float(((left**2 - 1.0) * cells.floor)[on].sum())
-    return math.sqrt(max(squares, 0.0) / len(left))
-
-
 def _judged(
     held_out: Sequence[ChannelSeries],
     effects: Sequence[ChannelEffect],
@@ -536,9 +409,9 @@ def _judged(
 
     The interval is that of noise alone: these runs' share, not that of another unit's.
     """
-    cells = _cells(held_out, floor)
+    cells = channel_cells(held_out, floor)
     first, then = (cells.whitened(_rests(cells.series, effects, fit.values)) for fit in (nominal, best))
-    places = _places(cells, first)
+    places = channel_places(cells, first)
     clear = {(place.phase, place.band) for place in places if place.p_value < SIGNIFICANT}
     on = np.array([(phase, band_name(band)) in clear for phase, band in cells.names])
     number = cells.sums(np.ones(len(first)))
