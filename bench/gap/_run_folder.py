@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bench.calibration import load_calibration_run
 from bench.gap._data import GapRun, stand_ins
 from bench.gap._import import read_imported_run
+from bench.procedure import load_procedures
 from bench.recording import Phase, Run, checksum, second_rows, seconds
 from bench.run_folder import MANIFEST_FILE
 from drivers.errors import ConfigurationError
@@ -107,7 +108,7 @@ def _stretch(
     return GapRun(
         run.manifest.run_id + suffix,
         run.manifest.units[gyro],
-        run.manifest.procedure,
+        _profile(run),
         condition,
         stimulus,
         3600.0 * output,
@@ -115,6 +116,20 @@ def _stretch(
         checksum(run.folder / MANIFEST_FILE).sha256,
         lost,
     )
+
+
+def _profile(run: Run) -> str:
+    """Return the procedure with those parameters that are not its defaults: repeats agree in both."""
+    known = load_procedures().get(run.manifest.procedure)
+    if known is None:
+        return run.manifest.procedure
+    usual = known.parse({}).model_dump(mode="json")
+    own = [
+        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in run.manifest.parameters.items()
+        if name != "repeats" and value != usual.get(name)
+    ]
+    return ", ".join([run.manifest.procedure, *own])
 
 
 def _upright(run: Run, gyro: str, turning: bool) -> bool:

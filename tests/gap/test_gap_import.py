@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from bench.exchange import import_log
 from bench.gap import Model, Noise, diagnose, load_channels, load_gap_runs, read_mapped_runs
+from bench.gap._run_folder import _profile
+from bench.procedure import find_procedure
+from bench.recording import Run
 from drivers.errors import ConfigurationError
 from tests.gap.conftest import made_run, stimulus
 
@@ -143,3 +148,15 @@ elevation_deg = 90.0
     series, missing = load_channels(folder)
     assert not series
     assert "no commands" in missing["chamber_air"]
+
+
+def test_runs_of_one_procedure_are_repeats_only_with_the_same_parameters() -> None:
+    usual = find_procedure("zero-bias-cold-shock").parse({}).model_dump(mode="json")
+
+    def profile(procedure: str, **changed: object) -> str:
+        manifest = SimpleNamespace(procedure=procedure, parameters={**usual, **changed})
+        return _profile(cast(Run, SimpleNamespace(manifest=manifest)))
+
+    assert profile("zero-bias-cold-shock") == profile("zero-bias-cold-shock", repeats=7)
+    assert profile("zero-bias-cold-shock", soak_min=20.0) == "zero-bias-cold-shock, soak_min 20"
+    assert profile("a-procedure-of-somebody", soak_min=20.0) == "a-procedure-of-somebody"
