@@ -14,7 +14,7 @@ from bench.watchdog._process import _words
 
 def said(result):
     stream = io.StringIO()
-    say_result(Console(file=stream, width=1000), result)
+    say_result(Console(file=stream, width=1000), result, kind="result")
     return stream.getvalue()
 
 

@@ -20,7 +20,7 @@ KINDS = {
 
 def bench_file(text, tmp_path, kind, extra=""):
     chamber = f'driver = "{kind}"\nport = "{KINDS[kind]}"\n{extra}'
-    old = 'driver = "weiss"\nport = "/dev/ttyUSB2"\nauxiliary = { 1 = "fog_1 case" }\n'
+    old = 'driver = "weiss"\nport = "/dev/ttyUSB2"\nauxiliary = { 1 = "case" }\n'
     assert old in text
     path = tmp_path / "lab.toml"
     path.write_text(text.replace(old, chamber).replace("case_sensor = 1\n", ""))
