@@ -25,11 +25,12 @@ t_out = { name = "t_out", unit = "degC" }
 """
 
 
-def _recordings(folder: Path, cubic_dph: float) -> Path:
-    """Three runs of 4000 s, axis up at 39.1 deg: Earth rate, white noise, bias with the cube of temperature."""
-    rng = np.random.default_rng(8)
+def recordings(folder: Path, cubic_dph: float, names: str = "abc", seed: int = 8) -> Path:
+    """Runs of 4000 s, axis up at 39.1 deg: Earth rate, white noise, bias with the cube of temperature."""
+    rng = np.random.default_rng(seed)
     text = HEAD
-    for name in ("a", "b", "c"):
+    folder.mkdir(exist_ok=True)
+    for name in names:
         s = stimulus(4000)
         rate = 9.4860 + cubic_dph * ((s.t_in_c - 25.0) / 50.0) ** 3 + rng.normal(0.0, 0.24, 4000)
         rows = np.stack((np.arange(1.0, 4001.0), rate, s.t_in_c, s.t_out_c))
@@ -43,7 +44,7 @@ def _recordings(folder: Path, cubic_dph: float) -> Path:
 def test_one_of_the_runs_is_held_out_by_its_id(
     tmp_path: Path, nominal: Model, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    runs, model = _recordings(tmp_path, 0.5), tmp_path / "nominal.toml"
+    runs, model = recordings(tmp_path, 0.5), tmp_path / "nominal.toml"
     model.write_text(model_text(nominal), encoding="utf-8")
     gap_diagnose_command([runs], model, [Path("c")], None, True)
     facts = json.loads(capsys.readouterr().out)
@@ -59,7 +60,7 @@ def test_one_of_the_runs_is_held_out_by_its_id(
 def test_diagnose_prints_facts_and_close_writes_the_model(
     tmp_path: Path, nominal: Model, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    runs, model = _recordings(tmp_path, 0.5), tmp_path / "nominal.toml"
+    runs, model = recordings(tmp_path, 0.5), tmp_path / "nominal.toml"
     model.write_text(model_text(nominal), encoding="utf-8")
     gap_diagnose_command([runs], model, [], None, True, tmp_path / "gap.html")
     facts = json.loads(capsys.readouterr().out)
@@ -78,7 +79,7 @@ def test_diagnose_prints_facts_and_close_writes_the_model(
 
 
 def test_no_gap_writes_no_model(tmp_path: Path, nominal: Model, capsys: pytest.CaptureFixture[str]) -> None:
-    runs, model = _recordings(tmp_path, 0.0), tmp_path / "nominal.toml"
+    runs, model = recordings(tmp_path, 0.0), tmp_path / "nominal.toml"
     model.write_text(model_text(nominal), encoding="utf-8")
     gap_close_command([runs], model, None, None)
     assert "no gap" in capsys.readouterr().out

@@ -26,7 +26,7 @@ from bench.procedure import find_procedure
 from bench.report import render_log_gaps
 from drivers.errors import ConfigurationError
 from tests.gap.conftest import made_run, stimulus
-from tests.gap.test_gap_commands import HEAD
+from tests.gap.test_gap_commands import recordings
 
 PLANT = """
 clock_error_ppm = { fog_1 = 150.0 }
@@ -110,27 +110,11 @@ def test_a_suggestion_is_run_on_the_emulated_bench_with_its_fast_clock_and_late_
         gap_rehearse_command(folder, closed, closed, tmp_path, None, None, 1, True, None)
 
 
-def _recordings(folder: Path, names: str, cubic_dph: float, seed: int) -> Path:
-    """Runs of 4000 s, axis up at 39.1 deg: Earth rate, white noise, bias with the cube of temperature."""
-    rng = np.random.default_rng(seed)
-    text = HEAD
-    folder.mkdir()
-    for name in names:
-        s = stimulus(4000)
-        rate = 9.4860 + cubic_dph * ((s.t_in_c - 25.0) / 50.0) ** 3 + rng.normal(0.0, 0.24, 4000)
-        rows = np.stack((np.arange(1.0, 4001.0), rate, s.t_in_c, s.t_out_c))
-        lines = ["t,rate,t_in,t_out", *(",".join(f"{value:.5f}" for value in row) for row in rows.T)]
-        (folder / f"{name}.csv").write_text("\n".join(lines), encoding="utf-8")
-        text += f'[[run]]\nfile = "{name}.csv"\nprofile = "shock"\nelevation_deg = 90.0\n'
-    (folder / "runs.toml").write_text(text, encoding="utf-8")
-    return folder / "runs.toml"
-
-
 def test_the_suggested_run_is_taken_into_the_diagnosis(
     tmp_path: Path, nominal: Model, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first = _recordings(tmp_path / "first", "ab", 0.5, 8)
-    second = _recordings(tmp_path / "second", "c", 0.5, 9)
+    first = recordings(tmp_path / "first", 0.5, "ab", 8)
+    second = recordings(tmp_path / "second", 0.5, "c", 9)
     asked: list[Suggestion] = []
 
     def run(suggestion: Suggestion, *_: object, **__: object) -> Path:
