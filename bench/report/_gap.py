@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from bench.report._figures import Curve, Lane, Panel, lanes, limits, panels
+from bench.report._figures import Curve, Lane, Panel, lanes
 from bench.report._gap_channels import channel_blocks
+from bench.report._gap_curves import left_over_panels
 from bench.report._heat_map import HeatCell, heat_map
 from bench.report._layout import render_page
 from bench.report._numbers import DASH, fixed, moment, significant
@@ -359,20 +360,10 @@ def _difference_panels(content: GapContent) -> list[Block]:
         )
         for each in shown
     ]
-    every = [curve for plot in plots for curve in plot.curves]
-    drawn = panels(
-        "difference",
-        plots,
-        x_label="Time since power-on, h",
-        y_label="°/h",
-        x_limits=limits((curve.x for curve in every), margin=0.0),
-        y_limits=limits(curve.y for curve in every),
-        width=340.0 if len(plots) > 1 else 690.0,
-    )
     whose = "held-out runs" if content.held_out else "the runs that were fitted"
     keys = [Key("nominal model", BEFORE), *([Key("with the effects in it", AFTER)] if closed else [])]
     caption = f"Output less model, mean of repeats of {whose}, 100 s means, each run's bias taken out."
-    return [Figures(drawn, caption, keys, 2 if len(plots) > 1 else 1)]
+    return [left_over_panels("difference", plots, caption, keys)]
 
 
 def _left(found: Diagnosis) -> list[Block]:

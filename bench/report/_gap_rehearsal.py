@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from bench.report._figures import Curve, Panel, limits, panels
+from bench.report._figures import Curve, Panel
+from bench.report._gap_curves import left_over_panels
 from bench.report._layout import render_page
 from bench.report._numbers import DASH, fixed, moment, significant
 from bench.report._page import Cell, Column, Fact, Figures, Headline, Key, Page, Row, Section, Table, Verdict
@@ -98,15 +99,5 @@ def _figures(curves: Sequence[LogCurve]) -> Figures:
         )
         for each in curves
     ]
-    every = [curve for plot in plots for curve in plot.curves]
-    drawn = panels(
-        "log",
-        plots,
-        x_label="Time since power-on, h",
-        y_label="°/h",
-        x_limits=limits((curve.x for curve in every), margin=0.0),
-        y_limits=limits(curve.y for curve in every),
-        width=340.0 if len(plots) > 1 else 690.0,
-    )
     keys = [Key("nominal model", BEFORE), Key("closed model", AFTER)]
-    return Figures(drawn, "Run less rehearsal, 100 s means.", keys, 2 if len(plots) > 1 else 1)
+    return left_over_panels("log", plots, "Run less rehearsal, 100 s means.", keys)
