@@ -46,7 +46,7 @@ def run(bench: Bench, p: ConstantRotationParameters) -> None:
             f"Mount {bench.judge.name} with z up along the table's axis and the cable through the slip "
             "ring, level within 0.1 deg. Ready?",
             act="mount",
-            mounting="axis_horizontal",
+            mounting="z_up",
         )
         bench.table.device.servo_on()
         bench.table.point(0.0)

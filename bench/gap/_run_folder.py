@@ -133,11 +133,11 @@ def _profile(run: Run) -> str:
 
 
 def _upright(run: Run, gyro: str, turning: bool) -> bool:
-    """Return whether the axis under test is up. "axis_horizontal" lays a unit's x axis level: then z is up."""
+    """Return whether the axis under test is up; where no mounting was told, a turning unit's is."""
     mounting, axis = run.manifest.mounting, run.manifest.devices[gyro].axis
-    if mounting == "axis_horizontal":
-        return turning and axis == "z"
-    return mounting == "axis_up" or turning
+    if mounting == "z_up":
+        return axis == "z"
+    return mounting == "axis_up" or (turning and mounting != "axis_horizontal")
 
 
 def _positions(run: Run, gyro: str) -> GapRun:

@@ -88,6 +88,7 @@ def _plant_config(config: LabConfig) -> PlantConfig:
                 name=gyro.name,
                 model=_known("gyro model", gyro.model, {kind: kind for kind in get_args(UnitKind)}),
                 unit_seed=gyro.unit_seed,
+                axis=gyro.settings["axis"],
                 mounting=gyro.mounting,
                 mount_azimuth_error_deg=gyro.mount_azimuth_error_deg,
                 aux_sensor=gyro.settings.get("case_sensor") or 0,

@@ -35,7 +35,7 @@ class GyroConfig:
     settings: dict[str, Any]
     model: UnitKind
     unit_seed: int
-    mounting: Literal["axis_horizontal", "axis_up"] = "axis_horizontal"
+    mounting: Literal["axis_horizontal", "axis_up", "z_up"] = "axis_horizontal"
     mount_azimuth_error_deg: float = 0.0
     clock_error_ppm: float = 0.0
     bearing: dict[str, Any] | None = None

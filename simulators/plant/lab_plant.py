@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -42,14 +42,16 @@ _WALK = 61
 class UnitConfig:
     """A unit under test. Unit seed 0 of a FOG grade is the nominal unit; `without` names effects left out.
 
-    `aux_sensor`: number of the chamber's auxiliary sensor glued to its case, 0 for none. `wobble`: the bearing
-    that an `ins_triad` turns in, None for the nominal one of its seed; other units turn in a perfect one.
-    `errors`: those of a fitted model, in place of the unit's own; its thermal network stays.
+    `axis`: the one under test, which a mounting speaks of. `aux_sensor`: number of the chamber's auxiliary sensor
+    glued to its case, 0 for none. `wobble`: the bearing that an `ins_triad` turns in, None for the nominal one of
+    its seed; other units turn in a perfect one. `errors`: those of a fitted model instead of the unit's own; the
+    thermal network stays.
     """
 
     name: str
     model: UnitKind = "fog_mid"
     unit_seed: int = 0
+    axis: str = "x"
     mounting: Mounting = "axis_horizontal"
     mount_azimuth_error_deg: float = 0.0
     tilt_deg: float = 0.0
@@ -218,11 +220,16 @@ class LabPlant:
                 found=f"model {config.model} on {len(self.config.axes)} axes",
                 expected="model imu, or a bench file without [[table.axes]]",
             )
-        mount = Mount(config.mounting, config.mount_azimuth_error_deg, config.tilt_deg)
+        mount = Mount(config.mounting, config.mount_azimuth_error_deg, config.tilt_deg, config.axis)
+        whirling = config.model == "ins_triad"
+        if whirling:
+            mount = replace(mount, mounting="z_up")
         parts = (unit_model(config, self.config.seed), mount, self.table, self.config.latitude_deg, source)
-        unit = GyroUnit(*parts)
-        if config.model == "ins_triad":
-            unit = WhirlingUnit(*parts, config.wobble or nominal_wobble(config.unit_seed))
+        unit = (
+            WhirlingUnit(*parts, config.wobble or nominal_wobble(config.unit_seed))
+            if whirling
+            else GyroUnit(*parts)
+        )
         unit.start(self.config.room_temp_c)
         self._units[config.name] = unit
 

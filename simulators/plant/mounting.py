@@ -15,32 +15,39 @@ from numpy.typing import NDArray
 
 from simulators.plant.earth import horizontal_rate_dph, vertical_rate_dph
 
-Mounting = Literal["axis_horizontal", "axis_up"]
-MOUNTINGS: tuple[Mounting, ...] = ("axis_horizontal", "axis_up")
+Mounting = Literal["axis_horizontal", "axis_up", "z_up"]
+MOUNTINGS: tuple[Mounting, ...] = ("axis_horizontal", "axis_up", "z_up")
+_AXES = "xyz"
 _DPH_TO_RAD_PER_S = math.radians(1.0) / 3600.0
 
 
 @dataclass(frozen=True)
 class Mount:
-    """A mounting with its errors: azimuth on the table's scale, tilt that raises (or tips) the x axis.
+    """A mounting with its errors: azimuth on the table's scale, tilt that raises (or tips) the axis under test.
 
-    With the axis horizontal, x points along the first table axis, y along the second, z up; with the axis up, x
-    points up, y along the first, z along the second. Tilt raises a horizontal x axis above the horizon, and tips
-    an upward x axis towards the first table axis.
+    `axis` is the one under test; the two others follow it in the order x, y, z, x. With it horizontal, it points
+    along the first table axis, the next one along the second, the last one up; with it up, the next one points
+    along the first and the last one along the second. "z_up" lays x along the first table axis, whichever axis is
+    under test. Tilt raises a level axis above the horizon, and tips an upward one towards the first table axis.
     """
 
     mounting: Mounting
     azimuth_error_deg: float = 0.0
     tilt_deg: float = 0.0
+    axis: str = "x"
 
     def axes_in_table(self, count: int) -> NDArray[np.float64]:
-        """Return the first `count` of the axes x, y, z as rows in the table frame, float64 (count, 3)."""
+        """Return the first `count` of the axes x, y, z as rows in the table frame, float64 (count, 3).
+
+        The only axis of a unit is the one under test, whatever it is called.
+        """
         sin, cos = math.sin(math.radians(self.tilt_deg)), math.cos(math.radians(self.tilt_deg))
-        if self.mounting == "axis_horizontal":
-            rows = [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]
-        else:
+        if self.mounting == "axis_up":
             rows = [[sin, 0.0, cos], [cos, 0.0, -sin], [0.0, 1.0, 0.0]]
-        return np.array(rows[:count])
+        else:
+            rows = [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]
+        first = 0 if self.mounting == "z_up" or count == 1 else _AXES.index(self.axis)
+        return np.roll(np.array(rows), first, axis=0)[:count]
 
 
 def turned_rad(

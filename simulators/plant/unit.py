@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -84,7 +85,7 @@ class GyroUnit:
     def mount(self, now_s: float, mounting: Mounting) -> None:
         """Turn the unit on its bracket at `now_s`; its mounting errors stay."""
         last = self._mounts[-1][1]
-        mount = Mount(mounting, last.azimuth_error_deg, last.tilt_deg)
+        mount = replace(last, mounting=mounting)
         self._mounts.append((now_s, mount, mount.axes_in_table(len(self.axes))))
 
     def power_cycle(self, now_s: float, off_s: float, model: UnitModel) -> None:

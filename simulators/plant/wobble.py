@@ -148,9 +148,9 @@ class WhirlingUnit(GyroUnit):
 
     def mount(self, now_s: float, mounting: Mounting) -> None:
         """Refuse, as an INS on its mechanism is not turned on a bracket, any mounting but z up."""
-        if mounting != "axis_horizontal":
+        if mounting != "z_up":
             raise ConfigurationError(
-                "a unit in a wobbling bearing stays z up", found=mounting, expected="axis_horizontal"
+                "a unit in a wobbling bearing stays z up", found=mounting, expected="z_up"
             )
         super().mount(now_s, mounting)
 

@@ -14,6 +14,7 @@ from simulators.plant.earth import EARTH_RATE_DPH, horizontal_rate_dph, projecti
 from simulators.plant.effect import effect_names
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID
+from simulators.plant.mounting import Mounting
 
 QUIET = tuple(effect_names(fog_unit(FOG_MID, 0)))
 STILL = TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0)
@@ -80,23 +81,36 @@ def test_stage_hand_turns_the_unit() -> None:
     np.testing.assert_allclose(rate[50:], vertical_rate_dph(39.10), atol=1e-8)
 
 
-def test_three_axis_unit_sees_one_rotation_vector() -> None:
-    for mounting in ("axis_horizontal", "axis_up"):
-        unit = UnitConfig("m", "mems", mounting=mounting, tilt_deg=3.0)
-        names = ("bias_offset", "bias_temperature", "sf_offset", "sf_temperature")
-        noise = ("angle_random_walk", "bias_instability", "turn_on")
-        bare = UnitConfig("m", "mems", mounting=unit.mounting, tilt_deg=3.0, without=names + noise)
-        lab = LabPlant(PlantConfig(units=(bare,), table=STILL))
-        lab.advance(20.0)
-        vector = np.degrees(lab.unit("m").measure(10.0, 1, 1.0).angle_increment_rad[0]) * 3600.0
-        assert np.linalg.norm(vector) == pytest.approx(EARTH_RATE_DPH, rel=1e-9)
-        lab.table.servo(20.0, True)
-        lab.table.demand_rate(20.0, 90.0)
-        lab.advance(31.0)
-        spun = lab.unit("m").measure(30.0, 1, 0.01).angle_increment_rad[0]
-        up = 2 if mounting == "axis_horizontal" else 0
-        assert np.argmax(np.abs(spun)) == up
-        assert spun[up] > 0.0
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize("mounting", ["axis_horizontal", "axis_up", "z_up"])
+def test_three_axis_unit_sees_one_rotation_vector(mounting: Mounting, axis: str) -> None:
+    effects = ("bias_offset", "bias_temperature", "sf_offset", "sf_temperature")
+    noise = ("angle_random_walk", "bias_instability", "turn_on")
+    bare = UnitConfig("m", "mems", axis=axis, mounting=mounting, tilt_deg=3.0, without=effects + noise)
+    lab = LabPlant(PlantConfig(units=(bare,), table=STILL))
+    lab.advance(20.0)
+    vector = np.degrees(lab.unit("m").measure(10.0, 1, 1.0).angle_increment_rad[0]) * 3600.0
+    assert np.linalg.norm(vector) == pytest.approx(EARTH_RATE_DPH, rel=1e-9)
+    tested = "xyz".index(axis)
+    tilt = math.radians(3.0)
+    level, up = horizontal_rate_dph(39.10), vertical_rate_dph(39.10)
+    if mounting == "axis_horizontal":  # at table angle 0 it points north, raised by the tilt
+        assert vector[tested] == pytest.approx(level * math.cos(tilt) + up * math.sin(tilt), rel=1e-6)
+    elif mounting == "axis_up":  # tipped towards north
+        assert vector[tested] == pytest.approx(up * math.cos(tilt) + level * math.sin(tilt), rel=1e-6)
+    lab.table.servo(20.0, True)
+    lab.table.demand_rate(20.0, 90.0)
+    lab.advance(31.0)
+    spun = lab.unit("m").measure(30.0, 1, 0.01).angle_increment_rad[0]
+    upward = {"axis_horizontal": (tested + 2) % 3, "axis_up": tested, "z_up": 2}[mounting]
+    assert np.argmax(np.abs(spun)) == upward
+    assert spun[upward] > 0.0
+
+
+def test_the_only_axis_of_a_unit_is_the_one_under_test() -> None:
+    lab = quiet_lab(mounting="axis_up", axis="z")
+    lab.advance(20.0)
+    assert mean_dph(lab, 0.0, 10) == pytest.approx(vertical_rate_dph(39.10), abs=1e-8)
 
 
 def demand(lab: LabPlant, now_s: float, kind: str, value: float) -> None:
