@@ -60,13 +60,13 @@ def _show(console: Console, family: FrameFamily) -> None:
         if isinstance(about, LineDescription):
             check = about.line.checksum
             head, size = about.line.start or "-", f"{about.line.columns} columns"
-            grid.add_row(form.name, head, size, check.kind if check else "none", _channels(form), "-")
+            kinds = check.kind if check else "none"
+            grid.add_row(form.name, head, size, kinds, _channels(form), _false_frames(form))
             continue
         size = str(form.length) if form.length is not None else f"{form.shortest} to {form.longest}"
         kinds = ", ".join(check.kind for check in form.checksums) or "none"
         heads = " or ".join(sync.hex(" ") for sync in form.syncs)
-        false = f"{_RANDOM_BYTES * form.false_per_byte:.2g}"
-        grid.add_row(form.name, heads, size, kinds, _channels(form), false)
+        grid.add_row(form.name, heads, size, kinds, _channels(form), _false_frames(form))
     console.print(grid)
     weak = sum(form.false_per_byte for form in family.forms if form.measures)
     if _RANDOM_BYTES * weak > 1.0:
@@ -81,6 +81,10 @@ def _show(console: Console, family: FrameFamily) -> None:
         else "no vectors: nothing says that this description fits a real unit",
         highlight=False,
     )
+
+
+def _false_frames(form: Form) -> str:
+    return f"{_RANDOM_BYTES * form.false_per_byte:.2g}"
 
 
 def _channels(form: Form) -> str:

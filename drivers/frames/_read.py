@@ -177,6 +177,7 @@ def _transformed(rule: Transform, raw: Array) -> Array:
         return np.interp(raw, rule.xs, rule.ys)
     if rule.kind == "polynomial":
         return np.polynomial.polynomial.polyval(raw, rule.coefficients)
+    raw = np.where((raw > 0.0) & (raw < rule.full), raw, np.nan)  # Otherwise open or shorted.
     log = np.log(rule.k * raw / (rule.full - raw))
     inverse = rule.a + log * (rule.b + log * (rule.c + log * rule.d))
     result: Array = 1.0 / inverse - 273.15

@@ -25,7 +25,7 @@ from drivers.frames._kind import Frames
 from tests.frames.test_frames_bench import bench_file
 from tests.frames.test_frames_bench import run as run_bench
 
-LINES = ("kvh_dsp3000", "novatel_rawimusa", "novatel_rawimusxa", "vectornav_ascii")
+LINES = ("kvh_dsp3000", "novatel_rawimusa", "novatel_rawimusxa", "vectornav_ascii", "vectornav_ymr")
 # NovAtel's own framer tests have this line.
 NOVATEL = (
     b"%RAWIMUSXA,1692,484620.664;00,11,1692,484620.664389000,00801503,"
@@ -38,7 +38,7 @@ def test_vectors(name: str) -> None:
     assert [str(mistake) for mistake in vector_mistakes(load_family(name))] == []
 
 
-@pytest.mark.parametrize("name", ["kvh_dsp3000", "novatel_rawimusxa", "vectornav_ascii"])
+@pytest.mark.parametrize("name", ["kvh_dsp3000", "novatel_rawimusxa", "vectornav_ascii", "vectornav_ymr"])
 def test_a_line_that_was_read_is_written_as_its_maker_writes_it(name: str) -> None:
     """Vectors from outside: read, written anew from the numbers, the same text, its check too."""
     family = load_family(name)

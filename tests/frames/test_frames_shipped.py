@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from pathlib import Path
@@ -148,3 +149,18 @@ def test_random_bytes_never_raise_and_frames_have_sound_checks(name: str) -> Non
     assert reader.counts.bytes_skipped + sum(
         reader.by_form[form.name] * form.shortest for form in family.forms
     ) <= len(noise)
+
+
+def test_thermistors_of_the_astrix_by_the_user_guides_formula() -> None:
+    """A frame packed by hand; sensors that are open or shorted have no temperature."""
+    raws = (8000, 16000, 32767, 0)  # board, SIA, organizer, interface
+    body = struct.pack("<BBI6I2H9h4HI", 0x87, 0x16, 7, *range(6), 1, 2, *[0] * 9, *raws, 1 << 31)
+    data = body + struct.pack("<H", sum(struct.unpack("<32H", body)) & 0xFFFF)
+    (messages,) = MessageReader(load_family("astrix_ns")).feed(data)
+    columns = messages.columns()
+    log = math.log(10000 / 15000 * 16000 / (32767 - 16000))
+    sia = 0.003354002877286514 + 0.00027882899576731036 * log + 3.3862644724025175e-6 * log**2
+    sia_c = 1.0 / (sia + 1.6298342537466100e-7 * log**3) - 273.15
+    assert columns["sia_temp"][0] == pytest.approx(sia_c, abs=1e-9) and 30.0 < sia_c < 40.0
+    assert 50.0 < columns["board_temp"][0] < 60.0
+    assert np.isnan([columns["organizer_temp"][0], columns["interface_temp"][0]]).all()
