@@ -60,8 +60,8 @@ def _show(console: Console, family: FrameFamily) -> None:
         if isinstance(about, LineDescription):
             check = about.line.checksum
             head, size = about.line.start or "-", f"{about.line.columns} columns"
-            kinds = check.kind if check else "none"
-            grid.add_row(form.name, head, size, kinds, _channels(form), _false_frames(form))
+            sort = check.kind if check else "none"
+            grid.add_row(form.name, head, size, sort, _channels(form), _false_frames(form))
             continue
         size = str(form.length) if form.length is not None else f"{form.shortest} to {form.longest}"
         kinds = ", ".join(check.kind for check in form.checksums) or "none"
