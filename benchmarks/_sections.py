@@ -25,12 +25,29 @@ _ORDER = (
 )
 
 
+def _commit() -> str:
+    """Return the commit that the modules were loaded from, and whether anything but the pages differs from it."""
+    folder = PAGE.parents[1]
+
+    def git(*words: str) -> str:
+        found = subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, check=False)
+        return found.stdout.strip()
+
+    commit = git("rev-parse", "--short", "HEAD") or "unknown"
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", "*.py", "*.toml", "*.dbc")
+    return f"{commit} with changes" if changed else commit
+
+
+_COMMIT = _commit()
+"""Asked for when the command begins: an hour later the working tree may be another."""
+
+
 def write_section(title: str, command: str, lines: Sequence[str], page: Path = PAGE) -> str:
     """Put a section into the page in place of the one that was there; return its text."""
     text = page.read_text(encoding="utf-8") if page.exists() else ""
     sections = dict(_split(text))
     stamp = (
-        f"`{command}`, {utc_now()[:10]}, commit {_commit()}, {os.cpu_count()} processors, "
+        f"`{command}`, {utc_now()[:10]}, commit {_COMMIT}, {os.cpu_count()} processors, "
         f"load {os.getloadavg()[0]:.1f}, Python {platform.python_version()}."
     )
     sections[title] = "\n".join([f"## {title}", "", stamp, "", *lines]).rstrip() + "\n"
@@ -43,10 +60,3 @@ def write_section(title: str, command: str, lines: Sequence[str], page: Path = P
 def _split(text: str) -> list[tuple[str, str]]:
     parts = text.split("\n## ")[1:]
     return [(part.partition("\n")[0].strip(), f"## {part.rstrip()}\n") for part in parts]
-
-
-def _commit() -> str:
-    found = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], cwd=PAGE.parent, capture_output=True, text=True, check=False
-    )
-    return found.stdout.strip() or "unknown"

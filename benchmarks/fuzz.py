@@ -2,14 +2,16 @@
 
 Every decoder gets the same sort of stream, a third each: random bytes, random bytes with heads of its own
 frames strewn in, and its own frames with some bytes changed, lost or doubled; in chunks of random size. Nothing
-may raise, no frame may come out whose check does not hold when computed anew, byte by byte, and offsets must
-rise. `false frames` are those found in the random third. Each decoder gets BYTES bytes, default
+may raise, no frame or line may come out whose check does not hold when computed anew, byte by byte, and offsets
+must rise. `false frames` are those found in the random third. Each decoder gets BYTES bytes, default
 five million (1e8 in all).
 """
 
 from __future__ import annotations
 
+import re
 import sys
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal
@@ -24,6 +26,8 @@ from drivers.frames import (
     FrameEncoder,
     FrameFamily,
     LineDescription,
+    LineEncoder,
+    LineSection,
     Messages,
     load_family,
     reader_of,
@@ -139,6 +143,7 @@ def _decoder(name: str) -> tuple[Feed, list[bytes]]:
             + b"0102030405060708\r"
             for message in layout.messages.values()
         ]
+        lines.append(b"".join(lines))  # a whole sample: half of one is none
         return _stream_feed(CanDecoder(layout, 100.0)), lines
     if name == "kvh1750":
         data = encode_frames("A", np.ones((4, 3)), counter=np.arange(4), temp_c=20.0)
@@ -163,25 +168,58 @@ def _described(family: FrameFamily) -> tuple[Feed, list[bytes]]:
     form = next(form for form in family.forms if form.measures)
     axes = "".join(axis for axis in "xyz" if any(spec.axis == axis for spec in form.fields))
     decoder = FrameDecoder(family, rate_hz=100.0, axes=axes[:1], message=form.name)
-    lines = isinstance(family.description, LineDescription)
+    heard = bytearray()
     if isinstance(family.description, LineDescription):
+        line = family.description.line
         samples = [vector.text.encode("latin-1") + b"\r\n" for vector in family.description.vector]
-        start = family.description.line.start.encode("latin-1")
-        samples.append(start + b",1,2.5,-3e9,nan;12*00000000\r\n")
+        samples.append(line.start.encode("latin-1") + b",1,2.5,-3e9,nan;12*00000000\r\n")
+        samples.append(LineEncoder(family).encode(1, {}))
     else:
+        line = None
         samples = [vector.hex for vector in family.description.vector]
         samples += [FrameEncoder(family, each.name).encode(1, {}) for each in family.forms]
 
     def feed(data: bytes) -> tuple[int, NDArray[np.int64], list[str]]:
         decoder.feed(data)
         found = reader.feed(data)
-        mistakes = [] if lines else [text for messages in found for text in _unsound(messages)]
+        if line is None:
+            mistakes = [text for messages in found for text in _unsound(messages)]
+        else:
+            heard.extend(data)
+            mistakes = [
+                text for messages in found for text in _unsound_lines(line, heard, messages.end_offset)
+            ]
         for messages in found:
             messages.columns()
         ends = [messages.end_offset for messages in found]
         return sum(map(len, ends)), np.sort(np.concatenate([*ends, np.empty(0, np.int64)])), mistakes
 
     return feed, samples
+
+
+def _unsound_lines(line: LineSection, heard: bytearray, ends: NDArray[np.int64]) -> Iterator[str]:
+    """Check every accepted line by its bytes: start, number of columns, and the check by its definition."""
+    start = line.start.encode("latin-1")
+    for end in ends.tolist():
+        text = bytes(heard[heard.rfind(b"\n", 0, end - 1) + 1 : end])
+        if start:
+            text = text[text.rfind(start) :] if start in text else b""
+        body, digits = text.rstrip(b"\r\n"), b""
+        if line.checksum is not None:
+            body, _, digits = body.rpartition(line.checksum.after.encode("latin-1"))
+            covered = body[line.checksum.skip :]
+            if line.checksum.kind == "xor8":
+                wanted = b"%02X" % _sum("xor8", covered, "big", 0)[0]
+            else:  # zlib's register begins with ones and ends inverted, this one does neither
+                wanted = b"%08X" % (zlib.crc32(covered, 0xFFFFFFFF) ^ 0xFFFFFFFF)
+            if digits.upper() != wanted:
+                yield f"line {text!r}: check {digits!r}, not {wanted!r}"
+        columns = re.split(
+            r"\s+" if " " in line.separators else f"[{re.escape(line.separators)}]",
+            body[len(start) :].decode("latin-1").strip(),
+        )
+        if len(columns) != line.columns:
+            yield f"line {text!r}: {len(columns)} columns"
 
 
 def _unsound(messages: Messages) -> Iterator[str]:

@@ -6,7 +6,7 @@ from drivers.frames._encode import FrameEncoder
 from drivers.frames._form import Form
 from drivers.frames._kind import Frames, family_in
 from drivers.frames._line_encode import LineEncoder
-from drivers.frames._lines import LineDescription
+from drivers.frames._lines import LineDescription, LineSection
 from drivers.frames._load import (
     FrameFamily,
     description_path,
@@ -34,6 +34,7 @@ __all__ = [
     "Frames",
     "LineDescription",
     "LineEncoder",
+    "LineSection",
     "MessageReader",
     "Messages",
     "StreamSplitter",

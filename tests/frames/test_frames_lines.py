@@ -22,6 +22,7 @@ from drivers.frames import (
     vector_mistakes,
 )
 from drivers.frames._kind import Frames
+from drivers.frames._lines import _matches
 from tests.frames.test_frames_bench import bench_file
 from tests.frames.test_frames_bench import run as run_bench
 
@@ -166,3 +167,11 @@ def test_a_column_that_is_not_there_is_named() -> None:
     data["field"][1]["at"] = 2
     with pytest.raises(ConfigurationError, match=r"field 'flag'\.at"):
         family_from(data, "mine.toml")
+
+
+def test_check_digits_are_two_hexadecimal_ones() -> None:
+    """int("+6", 16) is six, and so is int(" 6", 16)."""
+    assert _matches("xor8", b"e\x63", b"06")
+    assert not any(
+        _matches("xor8", b"e\x63", digits) for digits in (b"+6", b" 6", b"6 ", b"6", b"_6", b"006")
+    )
