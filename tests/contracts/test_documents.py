@@ -1,0 +1,99 @@
+"""What the documents tell a reader to type exists: commands, their options, benchmarks, make targets, files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.main
+
+from bench.cli._app import app
+from bench.procedure import load_procedures
+
+ROOT = Path(__file__).parents[2]
+PAGES = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "benchmarks").glob("*.md")),
+]
+COMMAND = typer.main.get_command(app)
+PROCEDURES = load_procedures()
+CODE = re.compile(r"`([^`\n]+)`|^ {4,}(\S.*)$", re.MULTILINE)
+
+
+def typed(page: Path, program: str) -> list[str]:
+    """Return the command lines of a page's code that begin with a program's name, comments taken off."""
+    text = re.sub(r"\\\n\s*", "", page.read_text())
+    text = re.sub(
+        r"^```.*?$(.*?)^```$", lambda block: block[1].replace("\n", "\n    "), text, flags=re.M | re.S
+    )
+    code = (inline or block for inline, block in CODE.findall(text))
+    found = (re.match(rf"(?:\S+/)?{program} (.*)", line) for line in code)
+    return [re.split(r"\s#| {2,}", match[1])[0].replace("\\|", "|") for match in found if match]
+
+
+def command_of(words: list[str]) -> tuple[list[str], set[str]]:
+    """Return the command at the head of `words` and the options it knows; LookupError where there is none."""
+    command: Any = COMMAND
+    path: list[str] = []
+    for word in words:
+        if not hasattr(command, "commands"):
+            break
+        if word.startswith("-"):
+            return path, {"--help"}
+        if word not in command.commands:
+            raise LookupError(f"no command {' '.join(['gyrobench', *path, word])}")
+        command = command.commands[word]
+        path.append(word)
+    known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
+    procedure = words[len(path)] if len(words) > len(path) else ""
+    if path in (["run"], ["rehearse"]) and procedure in PROCEDURES:
+        fields = PROCEDURES[procedure].parameters.model_fields
+        known |= {"--" + name.replace("_", "-") for name in fields}
+    return path, known | {"--help"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_command_and_option_exists(page: Path) -> None:
+    for line in typed(page, "gyrobench"):
+        first, *others = [part.split() for part in line.replace("[", " ").replace("]", " ").split("|")]
+        if not re.fullmatch(r"-*[a-z-]+", first[0]):
+            continue  # prose: "gyrobench 1.0"
+        path, known = command_of(first)
+        for (
+            other
+        ) in others:  # "campaign plan | run": of the same group; "frames check FILE | can check": by itself
+            if other[0].islower():
+                same = [*path[:-1], other[0]]
+                known |= command_of(same if len(other) == 1 or other[1].isupper() else other)[1]
+        for word in [*first, *(word for other in others for word in other)]:
+            if word.startswith("--"):
+                assert word.split("=")[0] in known, f"{page.name}: gyrobench {line}: no option {word}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_benchmark_and_target_exists(page: Path) -> None:
+    for line in typed(page, "python -m"):
+        module, *words = line.split()
+        if module == "benchmarks":
+            for name in (word for word in words if word[0].islower()):
+                script = ROOT / "benchmarks" / f"{name}.py"
+                assert script.exists() and "def rows(" in script.read_text(), f"{page.name}: python -m {line}"
+        elif module.startswith("benchmarks."):
+            assert (ROOT / module.replace(".", "/")).with_suffix(".py").exists(), (
+                f"{page.name}: python -m {line}"
+            )
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    for line in typed(page, "make"):
+        assert line.split()[0] in targets, f"{page.name}: no target: make {line}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_file_named_exists(page: Path) -> None:
+    named = re.findall(
+        r"`((?:docs|examples|benchmarks|tests|bench|drivers|simulators)/[\w./-]+)`", page.read_text()
+    )
+    for name in named:
+        assert (ROOT / name).exists(), f"{page.name}: no {name}"
