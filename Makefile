@@ -59,8 +59,9 @@ reliability: $(STAMP)
 	$(BIN)/python -m benchmarks.soak 200 1
 	$(BIN)/python -m benchmarks.abort_latency
 
+# Every benchmark against its peer and limit, written to benchmarks/RESULTS.md; QUICK=--quick is less precise.
 bench: $(STAMP)
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks --write $(QUICK)
 
 # LSTM training and gap fits on a CUDA device against the processor; says so where torch sees none.
 bench-gpu: $(STAMP)

@@ -37,8 +37,9 @@ def better(
     return chosen
 
 
-def keep(module: str, rows: Iterable[Mapping[str, object]], file: Path = FILE) -> None:
+def keep(module: str, rows: Iterable[Mapping[str, object]], file: Path | None = None) -> None:
     """Write the ratios of `module` into the file in place of those kept."""
+    file = file or FILE
     kept = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
     kept[module] = {name: float(f"{ratio:.3g}") for name, ratio in ratios(rows).items()}
     file.write_text(json.dumps(kept, indent=2, sort_keys=True) + "\n", encoding="utf-8")
@@ -47,10 +48,10 @@ def keep(module: str, rows: Iterable[Mapping[str, object]], file: Path = FILE) -
 def ratios(rows: Iterable[Mapping[str, object]]) -> dict[str, float]:
     """Return the ratios by benchmark and what it is measured against, less its version.
 
-    Rows with `kept` False are left out: what the disk, the network or the hour decides says nothing of a change.
+    Rows without `kept` are left out: what the disk, the network or the hour decides says nothing of a change.
     """
     return {
         f"{row['benchmark']} / {' '.join(w for w in str(row['yardstick_name']).split() if w[0].isalpha())}": ratio
         for row in rows
-        if isinstance(ratio := row["ratio"], float) and row.get("kept", True)
+        if isinstance(ratio := row["ratio"], float) and row.get("kept")
     }

@@ -1,7 +1,8 @@
 """Two ways of doing the same work timed in turns, and what a row of a table is.
 
 Processor time of this process (`process_time`) is hardly moved by what else the machine does, and of two works
-that follow each other both are slowed alike: the ratio is the median of the ratios of neighbours.
+that follow each other both are slowed alike: the ratio is the median of the ratios of neighbours. `--quick` takes
+fewer turns.
 """
 
 from __future__ import annotations
@@ -14,13 +15,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
-from typing import Any
-
-from drivers.clock import host_seconds
+from typing import Any, TypeVar
 
 Row = dict[str, object]
 Work = Callable[[], object]
 Timer = Callable[[], float]
+Count = TypeVar("Count", int, float)
+_quick = [False]
+
+
+def be_quick(quick: bool = True) -> None:
+    """Measure less precisely from now on."""
+    _quick[0] = quick
+
+
+def usual(count: Count, quick: Count) -> Count:
+    """Return how many turns, seconds or runs to take: `count`, or `quick` of them where it is to go fast."""
+    return quick if _quick[0] else count
 
 
 @dataclass(frozen=True)
@@ -32,9 +43,11 @@ class Pair:
     ratio: float
 
 
-def in_turns(ours: Work, other: Work, *, turns: int = 5, least_s: float = 0.02, wall: bool = False) -> Pair:
+def in_turns(
+    ours: Work, other: Work, *, turns: int = 5, least_s: float = 0.02, timer: Timer = process_time
+) -> Pair:
     """Time both `turns` times, one after the other, each often enough for `least_s`; first once to warm up."""
-    timer: Timer = host_seconds if wall else process_time
+    turns = usual(turns, min(turns, 3))
     repeats = [max(1, round(least_s / max(1e-7, _seconds(work, 1, timer)))) for work in (ours, other)]
     times = [(_seconds(ours, repeats[0], timer), _seconds(other, repeats[1], timer)) for _ in range(turns)]
     return Pair(
@@ -51,7 +64,9 @@ def _seconds(work: Work, repeats: int, timer: Timer) -> float:
     return (timer() - begin) / repeats
 
 
-def row(benchmark: str, pair: Pair, yardstick_name: str, *, per: float = 1.0, unit: str = "s") -> Row:
+def row(
+    benchmark: str, pair: Pair, yardstick_name: str, *, per: float = 1.0, unit: str = "s", kept: bool = True
+) -> Row:
     """Return the row of two times; `per` units make a second (1e3 for ms), the ratio is how many times faster.
 
     What is measured against a limit or a goal is not kept: there the machine decides.
@@ -63,7 +78,31 @@ def row(benchmark: str, pair: Pair, yardstick_name: str, *, per: float = 1.0, un
         "yardstick_name": yardstick_name,
         "unit": unit,
         "ratio": pair.ratio,
-        "kept": not yardstick_name.startswith(("limit", "goal")),
+        "kept": kept and not yardstick_name.startswith(("limit", "goal")),
+    }
+
+
+def speed_row(benchmark: str, amount: float, pair: Pair, yardstick_name: str, unit: str) -> Row:
+    """Return the row of two speeds, `amount` units having been done in each time of `pair`."""
+    own = amount / pair.ours_s
+    return row(benchmark, pair, yardstick_name, unit=unit) | {"ours": own, "yardstick": own / pair.ratio}
+
+
+def figure(
+    benchmark: str, ours: float, yardstick: float, yardstick_name: str, unit: str, *, least: bool = False
+) -> Row:
+    """Return the row of a figure, its ratio ours / yardstick, or its inverse where the `least` is best.
+
+    Its ratio is not kept: one measurement, which the disk, the network or the hour moves.
+    """
+    return {
+        "benchmark": benchmark,
+        "ours": ours,
+        "yardstick": yardstick,
+        "yardstick_name": yardstick_name,
+        "unit": unit,
+        "ratio": yardstick / ours if least else ours / yardstick,
+        "kept": False,
     }
 
 

@@ -1,4 +1,4 @@
-"""benchmarks/reliability.md, a section a command: each rewrites its own and leaves the others."""
+"""Pages of results, a section a command: each rewrites its own and leaves the others."""
 
 from __future__ import annotations
 
@@ -6,28 +6,47 @@ import os
 import platform
 import subprocess
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.clock import utc_now
 from drivers.files import replace_file
 
-PAGE = Path(__file__).with_name("reliability.md")
-_HEAD = (
-    "# Reliability\n\nEvery section is written by the command that it names, with what that command found.\n"
+_FOLDER = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Page:
+    """A file of sections: what stands at its head, and which sections come first, in which order."""
+
+    path: Path
+    head: str
+    order: tuple[str, ...] = ()
+
+
+RELIABILITY = Page(
+    _FOLDER / "reliability.md",
+    "# Reliability\n\nEvery section is written by the command that it names, with what that command found.\n",
+    (
+        "Kills",
+        "Soak",
+        "Time to the safe state",
+        "Fuzzed decoders",
+        "Branch coverage",
+        "Repeats",
+    ),
 )
-_ORDER = (
-    "Kills",
-    "Soak",
-    "Time to the safe state",
-    "Fuzzed decoders",
-    "Branch coverage",
-    "Repeats",
+RESULTS = Page(
+    _FOLDER / "RESULTS.md",
+    "# Results\n\nWritten by `make bench`, a section a benchmark; do not edit. The ratio: how many times better\n"
+    "ours is. [README.md](README.md): what is compared; [NOTES.md](NOTES.md): remarks, accuracy campaigns.\n",
+    ("Machine", "Guard"),
 )
 
 
 def _commit() -> str:
     """Return the commit that the modules were loaded from, and whether anything but the pages differs from it."""
-    folder = PAGE.parents[1]
+    folder = _FOLDER.parent
 
     def git(*words: str) -> str:
         found = subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, check=False)
@@ -42,18 +61,18 @@ _COMMIT = _commit()
 """Asked for when the command begins: an hour later the working tree may be another."""
 
 
-def write_section(title: str, command: str, lines: Sequence[str], page: Path = PAGE) -> str:
+def write_section(title: str, command: str, lines: Sequence[str], page: Page = RELIABILITY) -> str:
     """Put a section into the page in place of the one that was there; return its text."""
-    text = page.read_text(encoding="utf-8") if page.exists() else ""
+    text = page.path.read_text(encoding="utf-8") if page.path.exists() else ""
     sections = dict(_split(text))
     stamp = (
         f"`{command}`, {utc_now()[:10]}, commit {_COMMIT}, {os.cpu_count()} processors, "
         f"load {os.getloadavg()[0]:.1f}, Python {platform.python_version()}."
     )
     sections[title] = "\n".join([f"## {title}", "", stamp, "", *lines]).rstrip() + "\n"
-    known = [name for name in _ORDER if name in sections]
+    known = [name for name in page.order if name in sections]
     rest = sorted(set(sections) - set(known))
-    replace_file(page, "\n".join([_HEAD, *(sections[name] for name in [*known, *rest])]))
+    replace_file(page.path, "\n".join([page.head, *(sections[name] for name in [*known, *rest])]))
     return sections[title]
 
 

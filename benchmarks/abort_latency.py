@@ -34,6 +34,7 @@ from bench.questions import AssumeYes
 from bench.recording import read_exchanges
 from bench.runner import RunRequest, run_procedure
 from bench.session import Bench
+from benchmarks._measure import Row, figure, usual
 from benchmarks._sections import write_section
 from drivers.clock import WallClock, utc_now
 
@@ -229,23 +230,14 @@ def _runner(runs: Path) -> None:
     run_procedure(RunRequest(_procedure(run), Parameters(), file, runs, AssumeYes(), run_id="run"))
 
 
-def rows() -> list[dict[str, Any]]:
-    """Return median and worst latency of each command over the runs, from a signal."""
-    table = []
-    for name, pairs in _measure(_SIGNAL, _RUNS).items():
+def rows() -> Iterator[Row]:
+    """Yield median and worst latency of each command over the runs, from a signal."""
+    count = usual(_RUNS, 3)
+    for name, pairs in _measure(_SIGNAL, count).items():
         values = [from_event for from_event, _ in pairs]
         for kind, value in (("median", statistics.median(values)), ("worst", max(values))):
-            table.append(
-                {
-                    "benchmark": f"signal to {name}, {kind} of {_RUNS}",
-                    "ours": value,
-                    "yardstick": _PROMISED_MS,
-                    "yardstick_name": "the promise",
-                    "unit": "ms",
-                    "ratio": value / _PROMISED_MS,
-                }
-            )
-    return table
+            title = f"signal to {name}, {kind} of {count}"
+            yield figure(title, value, _PROMISED_MS, "limit: the promise", "ms", least=True)
 
 
 def main() -> int:

@@ -5,14 +5,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from functools import partial
+from importlib.metadata import version
 
 import allantools
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.fitting import NOISE_NAMES, allan_deviation, fit_noise
-from drivers.clock import host_seconds
+from benchmarks._measure import Row, in_turns, row
 
 SAMPLES = 10_000_000
 SEEDS = 500
@@ -24,36 +26,38 @@ GYROS: dict[str, tuple[float, float, float, float, float]] = {
 """Q deg, N deg/sqrt(h), B deg/h, K deg/h/sqrt(h), R deg/h/h."""
 
 
-def rows() -> list[dict[str, Any]]:
-    """Octave averaging times of 10^7 samples, ours and allantools' in turn; the best of three each."""
+def rows() -> Iterator[Row]:
+    """Yield octave averaging times of 10^7 samples, ours and allantools' in turns, and reading them once."""
     data = np.random.default_rng(0).standard_normal(SAMPLES)
     taus = 2.0 ** np.arange(int(np.log2(SAMPLES // 2)) + 1)
-    timed: dict[str, list[float]] = {"few": [], "all": [], "allantools": []}
-    for _ in range(3):
-        for name, run in (
-            ("allantools", lambda: allantools.oadev(data, rate=1.0, data_type="freq", taus=taus)),
-            ("few", lambda: allan_deviation(data, 1.0)),
-            ("all", lambda: allan_deviation(data, 1.0, all_starts=True)),
-        ):
-            start = host_seconds()
-            run()
-            timed[name].append(host_seconds() - start)
-    yardstick = min(timed["allantools"])
-    names = {
-        "few": "Allan deviation, 1e7 samples, octaves (16 starts an averaging time)",
-        "all": "Allan deviation, 1e7 samples, octaves, every start",
-    }
-    return [
-        {
-            "benchmark": text,
-            "ours": min(timed[name]),
-            "yardstick": yardstick,
-            "yardstick_name": "allantools.oadev",
-            "unit": "s",
-            "ratio": yardstick / min(timed[name]),
-        }
-        for name, text in names.items()
-    ]
+    peer = partial(allantools.oadev, data, rate=1.0, data_type="freq", taus=taus)
+    name = f"allantools {version('allantools')} oadev"
+    few, every = partial(allan_deviation, data, 1.0), partial(allan_deviation, data, 1.0, all_starts=True)
+    title = f"Allan deviation, {SAMPLES:.0e} samples, octaves"
+    yield row(f"{title}, 16 starts an averaging time", in_turns(few, peer, turns=3), name)
+    yield row(f"{title}, every start", in_turns(every, peer, turns=3), name)
+    limit = "limit: their running sum, once"
+    yield row(f"{title}, 16 starts an averaging time", in_turns(few, partial(np.cumsum, data)), limit)
+    day = data[:86_400]
+    yield row(
+        "noise of a day of 1 s means: five coefficients and their intervals",
+        in_turns(lambda: fit_noise(allan_deviation(day, 1.0)), partial(_identified, day)),
+        f"{name}, noise type and its interval at each averaging time",
+    )
+
+
+def _identified(data: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Return what allantools says of each averaging time: lag-1 identification, then a chi-squared interval."""
+    taus, deviations, *_ = allantools.oadev(data, rate=1.0, data_type="freq", taus="octave")
+    found = []
+    for tau, deviation in zip(taus, deviations, strict=True):
+        averages = int(tau)
+        if len(data) // averages < 30:
+            continue  # lag-1 needs as many
+        alpha = allantools.autocorr_noise_id(data, averages, data_type="freq")[0]
+        freedom = allantools.edf_greenhall(alpha=alpha, d=2, m=averages, N=len(data), overlapping=True)
+        found.append(allantools.confidence_interval(deviation, freedom, 0.95))
+    return found
 
 
 def simulate(
@@ -87,9 +91,9 @@ def coverage(
 
 
 if __name__ == "__main__":
-    for row in rows():
-        print(f"{row['benchmark']}: {row['ours']:.3f} s, {row['yardstick_name']} {row['yardstick']:.3f} s, "
-              f"{row['ratio']:.1f} x")  # fmt: skip
+    from benchmarks.__main__ import show
+
+    show(rows())
     print(f"share of {SEEDS} seeds (20 h at 1 Hz) inside the stated 95 % interval")
     for gyro, true in GYROS.items():
         shares = coverage(true)

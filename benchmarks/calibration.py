@@ -30,6 +30,7 @@ from bench.calibration import (
     search,
     unpack,
 )
+from benchmarks._measure import Row, figure
 from drivers.clock import host_seconds
 from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
 
@@ -77,7 +78,7 @@ def _whole(row: Array, scale: Array) -> Array:
     return matrix / scale[:, None] * scale
 
 
-def covariance_rows() -> list[dict[str, object]]:
+def covariance_rows() -> list[Row]:
     """The chain of precomputed segments, alone and with making them, against the plain filter."""
     schedule = load_scheme("23-position").with_(profile="constant")
     alone, made, plain = [], [], []
@@ -94,7 +95,9 @@ def covariance_rows() -> list[dict[str, object]]:
         assert np.max(np.abs(sigma / reference - 1.0)) < 1e-8
     slow = 1.0 / statistics.median(plain)
     return [
-        _row(title, 1.0 / statistics.median(times), slow, "plain Kalman filter, equal to 1e-8", "schedules/s")
+        figure(
+            title, 1.0 / statistics.median(times), slow, "plain Kalman filter, equal to 1e-8", "schedules/s"
+        )
         for title, times in (
             ("covariance of 23 positions, segments at hand", alone),
             ("covariance of 23 positions, from nothing", made),
@@ -102,7 +105,7 @@ def covariance_rows() -> list[dict[str, object]]:
     ]
 
 
-def search_rows() -> list[dict[str, object]]:
+def search_rows() -> list[Row]:
     """Worst sigma over target of searched schemes on a two-axis table; a ratio below 1 is better."""
     found = []
     for turns, dwell_s in ((22, 180.0), (22, 60.0), (14, 60.0)):
@@ -113,12 +116,12 @@ def search_rows() -> list[dict[str, object]]:
         classical = evaluate(_TASK, load_scheme("23-position").with_(dwell_s=dwell_s)).merit.worst
         title = f"{turns} turns, two axes, {dwell_s:g} s dwell ({took:.0f} s search)"
         found.append(
-            _row(title, result.merit.worst, classical, "23-position, same dwell", "worst sigma/target")
+            figure(title, result.merit.worst, classical, "23-position, same dwell", "worst sigma/target")
         )
     return found
 
 
-def rows() -> list[dict[str, object]]:
+def rows() -> list[Row]:
     """Return benchmark, ours, yardstick, yardstick_name, unit and ratio (ours / yardstick) of each comparison."""
     return covariance_rows() + search_rows()
 
@@ -163,17 +166,6 @@ def monte_carlo(
         errors.append(error / task.target_sigma)
     worst = float(np.sqrt(np.mean(np.square(errors), axis=0)).max())
     return {"nees": float(np.mean(squares)), "innovations": float(np.mean(innovations)), "worst": worst}
-
-
-def _row(title: str, ours: float, other: float, name: str, unit: str) -> dict[str, object]:
-    return {
-        "benchmark": title,
-        "ours": ours,
-        "yardstick": other,
-        "yardstick_name": name,
-        "unit": unit,
-        "ratio": ours / other,
-    }
 
 
 def main() -> None:

@@ -29,6 +29,7 @@ from bench.emulated import EmulatedLab, Plant, save_truth
 from bench.procedure import find_procedure
 from bench.questions import StageHand
 from bench.runner import RunRequest, run_procedure
+from benchmarks._measure import Row, figure
 
 BENCH = Path(__file__).parents[1] / "examples" / "two_axis.toml"
 SCHEMES = ("19-position-z-up", "19-position", "23-position", "optimised")
@@ -60,7 +61,7 @@ def calibrated(scheme: str, dwell_s: float, seed: int = 1) -> tuple[Estimate, Ev
     return found, evaluate(Task(), run.schedule, run.table), run.truth
 
 
-def rows(dwell_s: float = 180.0) -> list[dict[str, object]]:
+def rows(dwell_s: float = 180.0) -> list[Row]:
     """Worst sigma over target through the bench, against what the scheme's evaluation promised."""
     task, rows = Task(), []
     for scheme in SCHEMES:
@@ -70,16 +71,9 @@ def rows(dwell_s: float = 180.0) -> list[dict[str, object]]:
         nees = error @ np.linalg.solve(found.covariance, error) / 24.0
         sizes = found.sigma / UNIT_SIZE[PARAMETERS]
         shown = ", ".join(f"{name} {sizes[PARAMETER_NAMES.index(name)]:.2f}" for name in _SHOWN)
-        rows.append(
-            {
-                "benchmark": f"{scheme}, {dwell_s:g} s dwell, through the bench: {shown}; NEES/24 {nees:.2f}",
-                "ours": worst,
-                "yardstick": promised.merit.worst,
-                "yardstick_name": "prediction of `scheme evaluate`",
-                "unit": "worst sigma/target",
-                "ratio": worst / promised.merit.worst,
-            }
-        )
+        title = f"{scheme}, {dwell_s:g} s dwell, through the bench: {shown}; NEES/24 {nees:.2f}"
+        name = "prediction of `scheme evaluate`"
+        rows.append(figure(title, worst, promised.merit.worst, name, "worst sigma/target"))
     return rows
 
 

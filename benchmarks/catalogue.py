@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 from bench.catalogue import Catalogue, root_name
+from benchmarks._measure import Row, figure, usual
 from drivers.clock import host_seconds
 
 _BUDGET_S = 0.3
@@ -46,8 +47,9 @@ def make_runs(runs: Path, count: int) -> None:
         (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
 
 
-def rows(count: int = 100_000) -> list[dict[str, object]]:
+def rows(count: int | None = None) -> list[Row]:
     """Return seconds of a list (budget / ours), of the whole command, and of a rebuild against a plain loop."""
+    count = count or usual(100_000, 20_000)
     with tempfile.TemporaryDirectory(prefix="gyrobench-catalogue-") as scratch:
         runs = Path(scratch) / "runs"
         runs.mkdir()
@@ -67,16 +69,29 @@ def rows(count: int = 100_000) -> list[dict[str, object]]:
         commands = [_command(f"sqlite:///{scratch}/runs.sqlite", runs) for _ in range(_REPEATS)]
         assert len(units) == count
     title = f"{count:,} runs"
+    cpu_s = statistics.median(each for _, each in commands)
+    limit = "limit of the design"
     return [
-        _row(f"{title}: one unit, one procedure, since 2026-10", asked_s, _BUDGET_S, "budget"),
-        _row(f"{title}: `gyrobench runs list`, best of {_REPEATS}", min(commands)[0], _BUDGET_S, "budget"),
-        _row(
-            f"{title}: `gyrobench runs list`, processor time",
-            statistics.median(cpu_s for _, cpu_s in commands),
-            _BUDGET_S,
-            "budget",
+        figure(
+            f"{title}: one unit, one procedure, since 2026-10", asked_s, _BUDGET_S, limit, "s", least=True
         ),
-        _row(f"{title}: catalogue made anew", rebuild_s, loop_s, "a json.loads loop over the folders"),
+        figure(
+            f"{title}: `gyrobench runs list`, best of {_REPEATS}",
+            min(commands)[0],
+            _BUDGET_S,
+            limit,
+            "s",
+            least=True,
+        ),
+        figure(f"{title}: `gyrobench runs list`, processor time", cpu_s, _BUDGET_S, limit, "s", least=True),
+        figure(
+            f"{title}: catalogue made anew",
+            rebuild_s,
+            loop_s,
+            "a json.loads loop over the folders",
+            "s",
+            least=True,
+        ),
     ]
 
 
@@ -113,17 +128,6 @@ def _command(url: str, runs: Path) -> tuple[float, float]:
     )
     wall_s, after = host_seconds() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
     return wall_s, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def _row(title: str, ours_s: float, yardstick_s: float, name: str) -> dict[str, object]:
-    return {
-        "benchmark": title,
-        "ours": ours_s,
-        "yardstick": yardstick_s,
-        "yardstick_name": name,
-        "unit": "s",
-        "ratio": yardstick_s / ours_s,
-    }
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Decoding KVH Format A: `KvhDecoder` against the loop one would write first, and against copying the bytes.
 
-Run as `python -m benchmarks.decode_kvh`. The loop finds the header with `bytes.find`, checks the CRC of each
+Run as `python -m benchmarks decode_kvh`. The loop finds the header with `bytes.find`, checks the CRC of each
 message with a table in Python (or with fastcrc, where installed) and unpacks it with `struct`. Ours and the loop
 take turns on the same bytes and must find the same number of messages; figures are medians of processor time.
 """
@@ -8,18 +8,18 @@ take turns on the same bytes and must find the same number of messages; figures 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
 
-from benchmarks._measure import in_turns
+from benchmarks._measure import Pair, Row, Work, in_turns, speed_row
 from drivers.kvh import KvhDecoder, encode_frames
 
 _SYNC = bytes.fromhex("FE81FF55")
 _LENGTH = 36
 _FRAME = struct.Struct(">4x6fBBh4x")
-_RUNS = 7
+_TURNS = 7
 _LARGE = 29127  # Messages in 1 MiB.
 _COPY = 64 * 2**20  # Bytes; larger than the caches.
 _SMALL = 100  # One second at 100 Hz.
@@ -80,9 +80,8 @@ def stream(count: int, damaged_bytes: float) -> bytes:
     return (clean ^ noise)[rng.random(clean.size) >= damaged_bytes / 2].tobytes()
 
 
-def rows() -> list[dict[str, object]]:
-    """Return benchmark, ours, yardstick, yardstick_name, unit and ratio (ours / yardstick) of each comparison."""
-    table = []
+def rows() -> Iterator[Row]:
+    """Yield a row a comparison."""
     for title, count, damaged_bytes in (
         ("decode KVH, 1 MiB a call", _LARGE, 0.0),
         ("decode KVH, 1 MiB a call, 1 % of bytes damaged", _LARGE, 0.01),
@@ -92,43 +91,21 @@ def rows() -> list[dict[str, object]]:
         for name, crc in yardsticks().items():
             if ours()(data) != len(loop(data, crc)):
                 raise AssertionError(f"{title}: decoder and {name} found different messages")
-            fast, slow = _turns(partial(ours(), data), partial(loop, data, crc))
-            table.append(_row(title, count / fast / 1e6, count / slow / 1e6, name, "million messages/s"))
+            pair = in_turns(partial(ours(), data), partial(loop, data, crc), turns=_TURNS)
+            yield speed_row(title, count / 1e6, pair, name, "million messages/s")
     data = stream(_LARGE, 0.0)
+    yield copy_row("decode KVH, 1 MiB a call", partial(ours(), data), len(data))
+
+
+def copy_row(title: str, work: Work, size: int) -> Row:
+    """Return the row of a work on `size` bytes against copying as many in memory, in blocks beyond the caches."""
     source, target = np.ones(_COPY, np.uint8), np.ones(_COPY, np.uint8)
-    fast, copy = _turns(partial(ours(), data), partial(np.copyto, target, source))
-    mine, bandwidth = len(data) / fast / 1e6, _COPY / copy / 1e6
-    row = _row("decode KVH, 1 MiB a call", mine, bandwidth, "limit: copy of 64 MiB in memory", "MB/s")
-    table.append(row | {"kept": False})
-    return table
-
-
-def _turns(one: Callable[[], object], other: Callable[[], object]) -> tuple[float, float]:
-    """Return seconds of each whose ratio is the median of that of neighbours."""
-    pair = in_turns(one, other, turns=_RUNS)
-    return pair.ours_s, pair.ours_s * pair.ratio
-
-
-def _row(benchmark: str, mine: float, yardstick: float, name: str, unit: str) -> dict[str, object]:
-    return {
-        "benchmark": benchmark,
-        "ours": mine,
-        "yardstick": yardstick,
-        "yardstick_name": name,
-        "unit": unit,
-        "ratio": mine / yardstick,
-    }
-
-
-def main() -> None:
-    """Print the table."""
-    print(f"{'benchmark':<50}{'ours':>10}{'yardstick':>11}  {'unit':<20}{'ratio':>8}  yardstick")
-    for row in rows():
-        print(
-            f"{row['benchmark']:<50}{row['ours']:>10.4g}{row['yardstick']:>11.4g}  {row['unit']:<20}"
-            f"{row['ratio']:>8.3g}  {row['yardstick_name']}"
-        )
+    pair = in_turns(work, partial(np.copyto, target, source), turns=_TURNS)
+    scaled = Pair(pair.ours_s, pair.other_s, pair.ratio * size / _COPY)
+    return speed_row(title, size / 1e6, scaled, "limit: copy of 64 MiB in memory", "MB/s")
 
 
 if __name__ == "__main__":
-    main()
+    from benchmarks.__main__ import show
+
+    show(rows())

@@ -1,7 +1,7 @@
 """A cold-shock run through the emulated bench in virtual time: one gyro at 100 Hz in 36-byte frames over a pty,
-chamber and table polled every second, recorded, decoded to Parquet, sealed.
+chamber and table polled every second, recorded, decoded to Parquet, sealed; and a day's campaign with two gyros.
 
-    python -m benchmarks.end_to_end
+    python -m benchmarks end_to_end
 
 Two yardsticks in the same process: the same bytes through a pty, read in blocks and dropped (the limit), and read
 frame by frame with pyserial and `struct` (what people write).
@@ -15,6 +15,7 @@ import struct
 import tempfile
 import threading
 import tty
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -23,17 +24,28 @@ from pathlib import Path
 import serial
 
 from bench.benchfile import BenchFile, load_bench_file
+from bench.campaign import load_campaign, rehearse_campaign
 from bench.emulated import EmulatedLab, Plant
 from bench.procedure import find_procedure
 from bench.questions import StageHand
 from bench.run_record import Ending, RunRecord
 from bench.runner import RunRequest, run_procedure
+from benchmarks._measure import Row, figure, usual
 from drivers.clock import host_seconds
 
 REPEATS = 3
 FRAME_BYTES = 36
 RATE_HZ = 100
 PROCEDURE = "zero-bias-cold-shock"
+_DAY = """
+title = "A day of cold shocks"
+gyro = "fog_1"
+[[run]]
+name = "shock"
+procedure = "zero-bias-cold-shock"
+repeats = 8
+parameters = { soak_min = 20, hold_min = 15, east_after_min = 10, east_dwell_s = 300, warm_up_min = 40 }
+"""
 THREE_HOURS = {"soak_min": 20, "hold_min": 15, "east_after_min": 10, "east_dwell_s": 300, "warm_up_min": 40}
 
 
@@ -100,6 +112,23 @@ def side_by_side() -> tuple[int, float]:
     return count, sum(timing.bench_s for timing in timings) / elapsed
 
 
+def campaign_day(folder: Path) -> tuple[float, float]:
+    """Rehearse a day of chamber, table and two gyros at 100 Hz, a lab a processor; return bench and wall s."""
+    file = bench_file()
+    other = {"name": "fog_2", "port": "/dev/ttyUSB9", "unit": "FOG-002", "case_sensor": None}
+    second = file.gyro[0].model_copy(update=other)
+    file = file.model_copy(update={"gyro": (file.gyro[0], second)})
+    plan = folder / "campaign.toml"
+    plan.write_text(_DAY, encoding="utf-8")
+    campaign = load_campaign(plan, file)
+    begin = host_seconds()
+    results = rehearse_campaign(campaign, file, Plant(), folder / "runs", jobs=len(os.sched_getaffinity(0)))
+    wall_s = host_seconds() - begin
+    for name, result in results.items():
+        assert result.outcome == "completed", f"{name}: {result.reason}"
+    return sum(result.duration_s for result in results.values()), wall_s
+
+
 def pty_limit(n_bytes: int) -> float:
     """Return wall seconds to move `n_bytes` through a pty in blocks."""
     return _through_pty(n_bytes, 65536, _read_blocks)
@@ -110,7 +139,7 @@ def frame_loop(n_bytes: int) -> float:
     return _through_pty(n_bytes, 65536, _read_frames)
 
 
-def _through_pty(n_bytes: int, block: int, read: object) -> float:
+def _through_pty(n_bytes: int, block: int, read: Callable[[serial.Serial, int], None]) -> float:
     master, slave = os.openpty()
     tty.setraw(slave)
     port = serial.Serial(os.ttyname(slave), timeout=5.0)
@@ -124,7 +153,7 @@ def _through_pty(n_bytes: int, block: int, read: object) -> float:
     thread = threading.Thread(target=feed)
     begin = host_seconds()
     thread.start()
-    read(port, n_bytes)  # type: ignore[operator]
+    read(port, n_bytes)
     elapsed = host_seconds() - begin
     thread.join()
     port.close()
@@ -145,37 +174,33 @@ def _read_frames(port: serial.Serial, n_bytes: int) -> None:
         unpack(port.read(FRAME_BYTES))
 
 
-def rows() -> list[dict[str, object]]:
-    """Return the table's rows."""
-    timings = [run_once() for _ in range(REPEATS)]
-    middle = sorted(timings, key=lambda timing: timing.speed)[REPEATS // 2]
+def rows() -> Iterator[Row]:
+    """Yield one run, runs side by side, and a campaign of a day."""
+    repeats = usual(REPEATS, 1)
+    timings = [run_once() for _ in range(repeats)]
+    middle = sorted(timings, key=lambda timing: timing.speed)[repeats // 2]
     n_bytes = round(middle.bench_s) * RATE_HZ * FRAME_BYTES
-    limit = middle.bench_s / statistics.median(pty_limit(n_bytes) for _ in range(REPEATS))
-    loop_bytes = n_bytes // 10
-    loop = middle.bench_s / 10.0 / statistics.median(frame_loop(loop_bytes) for _ in range(REPEATS))
-    count, together = side_by_side()
-    name = f"{middle.bench_s / 3600:.1f} h emulated run, 100 Hz"
+    limit = middle.bench_s / statistics.median(pty_limit(n_bytes) for _ in range(repeats))
+    loop = middle.bench_s / 10.0 / statistics.median(frame_loop(n_bytes // 10) for _ in range(repeats))
     print(
         f"lab start {middle.start_s:.2f} s, driving {middle.drive_s:.2f} s, decoding and sealing "
         f"{middle.close_s:.2f} s, {middle.bench_s:.0f} s of bench time: {middle.speed:,.0f} x real time"
     )
-    return [
-        _row(name, middle.speed, limit, "gyro bytes through a pty and dropped"),
-        _row(name, middle.speed, loop, "pyserial read(36) + struct loop, gyro bytes only"),
-        _row(name, middle.speed, 2000.0, "goal"),
-        _row(f"{count} of them side by side, all imports included", together, 2000.0, "goal"),
-    ]
-
-
-def _row(name: str, ours: float, yardstick: float, yardstick_name: str) -> dict[str, object]:
-    return {
-        "benchmark": name,
-        "ours": ours,
-        "yardstick": yardstick,
-        "yardstick_name": yardstick_name,
-        "unit": "x real time",
-        "ratio": ours / yardstick,
-    }
+    name, unit = f"{middle.bench_s / 3600:.1f} h emulated run, a gyro at 100 Hz", "x real time"
+    yield figure(name, middle.speed, limit, "limit: gyro bytes through a pty and dropped", unit)
+    yield figure(name, middle.speed, loop, "pyserial read(36) + struct loop, gyro bytes only", unit)
+    yield figure(name, middle.speed, 2000.0, "goal", unit)
+    count, together = side_by_side()
+    yield figure(f"{count} of them side by side, all imports included", together, 2000.0, "goal", unit)
+    with tempfile.TemporaryDirectory(prefix="gyrobench-day-") as folder:
+        bench_s, wall_s = campaign_day(Path(folder))
+    name = f"campaign of {bench_s / 3600.0:.1f} h, chamber, table, two gyros at 100 Hz, {count} processors"
+    yield figure(f"{name}, a day of it", 86_400.0 * wall_s / bench_s, 60.0, "goal", "s", least=True)
+    both = 2 * round(bench_s) * RATE_HZ * FRAME_BYTES
+    limit_s = pty_limit(both)
+    yield figure(
+        name, wall_s, limit_s, "limit: bytes of both gyros through a pty, one processor", "s", least=True
+    )
 
 
 if __name__ == "__main__":

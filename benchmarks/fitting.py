@@ -25,15 +25,13 @@ _EPOCHS = 4
 _STEPS = 1000
 
 
-def rows() -> list[Row]:
-    """Return the rows of what is installed."""
-    table: list[Row] = []
+def rows() -> Iterator[Row]:
+    """Yield the rows of what is installed."""
     for part in (features, selection, training, inference):
         try:
-            table += part()
+            yield from part()
         except ImportError as missing:
             print(f"skipped: {part.__name__}: {missing}")
-    return table
 
 
 def thermal_run(seconds: int = _SECONDS, seed: int = 0) -> ThermalRun:

@@ -1,6 +1,6 @@
 """Decoding described frames: the compiled decoder against the loop people write, and against copying the bytes.
 
-Run as `python -m benchmarks.frames`. The loop finds the sync with `bytes.find`, checks each frame with a table
+Run as `python -m benchmarks frames`. The loop finds the sync with `bytes.find`, checks each frame with a table
 in Python and unpacks all of its numbers with `struct`. Both take turns on the same 1 MiB, clean and with 1 % of
 the bytes changed or lost; ours must find every intact frame; figures are medians of processor time, each of at
 least 20 ms. The last rows
@@ -9,22 +9,20 @@ count false frames in random bytes.
 
 from __future__ import annotations
 
-import statistics
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
-from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.decode_kvh import _row, table_crc
+from benchmarks._measure import Row, figure, in_turns, speed_row
+from benchmarks.decode_kvh import copy_row, table_crc
 from drivers.frames import FrameDecoder, FrameEncoder, MessageReader, load_family
 from drivers.kvh import KvhDecoder
 
 _MIB = 2**20
-_RUNS = 9
-_COPY = 64 * 2**20
+_TURNS = 7
 _RANDOM = 20_000_000
 
 
@@ -121,45 +119,32 @@ def damaged(frames: list[bytes], share: float) -> tuple[bytes, int]:
     return (clean ^ noise)[~lost].tobytes(), int(intact.sum())
 
 
-def rows() -> list[dict[str, object]]:
-    """Return benchmark, ours, yardstick, yardstick_name, unit and ratio of each comparison."""
-    table = []
+def rows() -> Iterator[Row]:
+    """Yield a row a comparison."""
     for name, (message, sync, length, read) in CASES.items():
         frames = stream(name, message)
         for title, share in (("clean", 0.0), ("1 % of bytes damaged", 0.01)):
             data, intact = damaged(frames, share)
             if not intact <= ours(name, message)(data) <= intact + 3:
                 raise AssertionError(f"{name}, {title}: {ours(name, message)(data)} frames, {intact} intact")
-            fast, slow = _turns(
+            pair = in_turns(
                 partial(lambda run, data: run(data), ours(name, message), data),
                 partial(loop, data, sync, length, read),
+                turns=_TURNS,
             )
-            rate = len(frames) / 1e6
-            table.append(
-                _row(
-                    f"decode {name}, {title}",
-                    rate / fast,
-                    rate / slow,
-                    "struct + table loop",
-                    "million frames/s",
-                )
+            yield speed_row(
+                f"decode {name}, {title}", len(frames) / 1e6, pair, "struct + table loop", "million frames/s"
             )
         data = b"".join(frames)
-        source, target = np.ones(_COPY, np.uint8), np.ones(_COPY, np.uint8)
-        fast, copy = _turns(partial(ours(name, message), data), partial(np.copyto, target, source))
-        table.append(
-            _row(
-                f"decode {name}, clean", len(data) / fast / 1e6, _COPY / copy / 1e6, "copy of 64 MiB", "MB/s"
-            )
-        )
-    table += _of_its_own()
-    table += [_false(name) for name in ("fg333", "stim210")]
-    return table
+        yield copy_row(f"decode {name}, clean", partial(ours(name, message), data), len(data))
+    yield from _of_its_own()
+    for name in ("fg333", "stim210"):
+        yield _false(name)
 
 
-def _of_its_own() -> list[dict[str, object]]:
+def _of_its_own() -> Iterator[Row]:
     """Compare the described KVH decoder with the one in drivers/kvh, in one piece and as a bench reads."""
-    frames, found = stream("kvh", "a"), []
+    frames = stream("kvh", "a")
     for title, share, size in (
         ("clean", 0.0, 1 << 30),
         ("1 % damaged", 0.01, 1 << 30),
@@ -167,32 +152,16 @@ def _of_its_own() -> list[dict[str, object]]:
     ):
         data, _ = damaged(frames, share)
         pieces = [data[at : at + size] for at in range(0, len(data), size)]
-        described, own = _turns(
+        pair = in_turns(
             lambda pieces=pieces: list(map(ours("kvh", "a"), pieces)),  # type: ignore[misc]
             lambda pieces=pieces: list(map(KvhDecoder(nominal_rate_hz=1e3, axes="xyz").feed, pieces)),  # type: ignore[misc]
+            turns=_TURNS,
         )
-        rate = len(frames) / 1e6
-        found.append(
-            _row(f"kvh, {title}", rate / described, rate / own, "drivers/kvh's decoder", "million frames/s")
-        )
-    return found
+        name = "drivers/kvh's decoder"
+        yield speed_row(f"described kvh, {title}", len(frames) / 1e6, pair, name, "million frames/s")
 
 
-def _turns(one: Callable[[], object], other: Callable[[], object]) -> tuple[float, float]:
-    """Return the median processor time of each in s, run in turns: what else the machine does counts little."""
-    repeats = [max(1, int(0.02 / max(1e-6, _seconds(work, 1)))) for work in (one, other)]
-    times = [(_seconds(one, repeats[0]), _seconds(other, repeats[1])) for _ in range(_RUNS)]
-    return statistics.median(a for a, _ in times), statistics.median(b for _, b in times)
-
-
-def _seconds(work: Callable[[], object], repeats: int) -> float:
-    begin = process_time()
-    for _ in range(repeats):
-        work()
-    return (process_time() - begin) / repeats
-
-
-def _false(name: str) -> dict[str, object]:
+def _false(name: str) -> Row:
     """Count false frames in random bytes against what head and check promise."""
     family = load_family(name)
     reader, rng = MessageReader(family), np.random.default_rng(3)
@@ -200,19 +169,12 @@ def _false(name: str) -> dict[str, object]:
         reader.feed(rng.bytes(1_000_000))
     promised = 1e9 * sum(form.false_per_byte for form in family.forms)
     found = reader.counts.frames * 1e9 / _RANDOM
-    return _row(
+    return figure(
         f"false frames, {name}", found, promised, "2**-(bits of head and check)", "in 1e9 random bytes"
     )
 
 
-def main() -> None:
-    """Print the table."""
-    for row in rows():
-        print(
-            f"{row['benchmark']:<44}{row['ours']:>10.4g}{row['yardstick']:>11.4g}  {row['unit']:<22}"
-            f"{row['ratio']:>8.3g}  {row['yardstick_name']}"
-        )
-
-
 if __name__ == "__main__":
-    main()
+    from benchmarks.__main__ import show
+
+    show(rows())

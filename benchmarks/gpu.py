@@ -16,6 +16,7 @@ from bench.fitting._lstm_training import train_lstm
 from bench.gap._grams import gram_blocks
 from benchmarks._measure import Row, in_turns, row
 from benchmarks.fitting import thermal_run
+from drivers.clock import host_seconds
 
 
 def compared(device: str) -> list[Row]:
@@ -26,13 +27,15 @@ def compared(device: str) -> list[Row]:
         train = partial(train_lstm, runs[:count], runs[64:], LstmSettings(epochs=2))
         one, other = train(device=device), train(device="cpu")
         np.testing.assert_allclose(one.w_hidden, other.w_hidden, atol=1e-3)
-        pair = in_turns(partial(train, device=device), partial(train, device="cpu"), turns=3, wall=True)
+        pair = in_turns(
+            partial(train, device=device), partial(train, device="cpu"), turns=3, timer=host_seconds
+        )
         table.append(row(f"LSTM training, two epochs of {count} runs, {device}", pair, "the processor"))
     rows = np.random.default_rng(0).standard_normal((12, 60, 14_000))
     grams = partial(gram_blocks, rows)
     for one_run, other_run in zip(grams(device=device), grams(device="cpu"), strict=True):
         np.testing.assert_allclose(one_run, other_run, atol=1e-9 * np.abs(other_run).max())
-    pair = in_turns(partial(grams, device=device), partial(grams, device="cpu"), turns=3, wall=True)
+    pair = in_turns(partial(grams, device=device), partial(grams, device="cpu"), turns=3, timer=host_seconds)
     return [*table, row(f"gap: Gram matrices of 12 runs of 14,000 samples, {device}", pair, "the processor")]
 
 

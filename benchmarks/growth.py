@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,13 +30,14 @@ from bench.fitting import (
 from bench.gap import diagnose
 from bench.gap._exam import make_case, nominal_model
 from bench.recording import GyroSource, Journal, PortJournal, decode_stream, read_table
-from benchmarks._measure import Cost, Row, Work, cost
+from benchmarks._measure import Cost, Row, Work, cost, figure
 from benchmarks.catalogue import make_runs
 from benchmarks.fitting import thermal_run
 from benchmarks.recording import day, write
 from drivers.kvh import KvhDecoder, encode_frames, rate_dps
 
 TIMES = (1, 10, 100)
+_TABLE = "| path | once is | times | processor s | exponent | memory MiB |\n|---|---|---|---|---|---|\n"
 _DOCS = Path(__file__).parents[1] / "docs"
 _FRAMES = 60_000
 _SECOND = 100
@@ -186,20 +187,15 @@ def exponent(times: Sequence[int], values: Sequence[float]) -> float:
     return math.log(high / low) / math.log(times[-1] / times[-2])
 
 
-def rows() -> list[Row]:
-    """Return for every path the seconds at the most work; the ratio is proportional growth over the found one."""
-    return [_row(path, costs) for path, costs in _measured()]
+def rows() -> Iterator[Row]:
+    """Yield for every path the seconds at the most work; the ratio is proportional growth over the found one."""
+    for path, costs in _measured():
+        yield _row(path, costs)
 
 
-def _measured() -> list[tuple[Route, list[Cost]]]:
-    found = []
-    print("| path | once is | times | processor s | exponent | memory MiB |\n|---|---|---|---|---|---|")
+def _measured() -> Iterator[tuple[Route, list[Cost]]]:
     for path in PATHS:
-        costs = measure(path)
-        print(line(path, costs), flush=True)
-        found.append((path, costs))
-    print()
-    return found
+        yield path, measure(path)
 
 
 def line(path: Route, costs: Sequence[Cost]) -> str:
@@ -214,15 +210,8 @@ def line(path: Route, costs: Sequence[Cost]) -> str:
 def _row(path: Route, costs: Sequence[Cost]) -> Row:
     factor = path.times[-1] / path.times[-2]
     ours = costs[-1].cpu_s / max(costs[-2].cpu_s, 1e-9)
-    return {
-        "benchmark": f"growth: {path.name}, last {factor:g} times the work",
-        "ours": ours,
-        "yardstick": factor,
-        "yardstick_name": "in proportion",
-        "unit": "times the time",
-        "ratio": factor / ours,
-        "kept": False,
-    }
+    name = f"growth: {path.name}, last {factor:g} times the work"
+    return figure(name, ours, factor, "in proportion", "times the time", least=True)
 
 
 def plot(found: Sequence[tuple[Route, Sequence[Cost]]], file: Path) -> None:
@@ -250,11 +239,14 @@ def plot(found: Sequence[tuple[Route, Sequence[Cost]]], file: Path) -> None:
 
 def main() -> None:
     """Measure all, draw the figure and put the table into docs/scale.md."""
-    found = _measured()
+    print(_TABLE, end="")
+    found = []
+    for path, costs in _measured():
+        print(line(path, costs), flush=True)
+        found.append((path, costs))
     plot(found, _DOCS / "images" / "growth.png")
     page = _DOCS / "scale.md"
-    head = "| path | once is | times | processor s | exponent | memory MiB |\n|---|---|---|---|---|---|\n"
-    table = head + "".join(f"{line(path, costs)}\n" for path, costs in found)
+    table = _TABLE + "".join(f"{line(path, costs)}\n" for path, costs in found)
     text = page.read_text(encoding="utf-8")
     new, count = re.subn(
         r"(<!-- growth -->\n).*?(<!-- /growth -->)", lambda m: m[1] + table + m[2], text, flags=re.DOTALL

@@ -33,8 +33,10 @@ from typing import Any
 from urllib.request import urlopen
 
 from bench.panel._series import MinMax
+from benchmarks._measure import Row, figure, usual
 from drivers.clock import WallClock, host_seconds, utc_now
 
+_LIMIT = "limit of the design"
 _OPENINGS = 5
 _WATCHED_S = 30.0
 _PAIRS = 8
@@ -51,11 +53,11 @@ session.main(Path(sys.argv[1]), sys.argv[2], hold_s=float(sys.argv[3]), ask=Fals
 """
 
 
-def rows() -> Iterator[dict[str, object]]:
+def rows() -> Iterator[Row]:
     """Yield the figures, each against its limit."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
-        yield _row("panel", "not measured: no Chromium", "", "", "")
+        print("skipped: no Chromium")
         return
     from playwright.sync_api import sync_playwright
 
@@ -77,22 +79,27 @@ def rows() -> Iterator[dict[str, object]]:
                 )
                 paints.append(paint_ms / 1000.0)
                 page.context.close()
-            yield _row("first contentful paint, median of 5", statistics.median(paints), 1.0, "s", "limit")
-            yield _row("live values on the page, median of 5", statistics.median(lives), 1.0, "s", "limit")
+            for name, times in (("first contentful paint", paints), ("live values on the page", lives)):
+                title = f"{name}, median of {_OPENINGS}"
+                yield figure(title, statistics.median(times), 1.0, _LIMIT, "s", least=True)
             page = chromium.new_page()
             page.goto(url)
             page.wait_for_function("window.gyrobench?.messages > 3")
-            load, growth_mb, updates = watch(process.pid, runs / "day", page)
-            yield _row("updates a second on the page", updates, 10.0, "1/s", "asked for")
-            yield _row(
-                "server load at 10 Hz, six traces, one page", 100.0 * load, 5.0, "% of a core", "limit"
+            watched_s = usual(_WATCHED_S, 10.0)
+            load, growth_mb, updates = watch(process.pid, runs / "day", page, watched_s)
+            yield figure("updates a second on the page", updates, 10.0, "asked for", "1/s")
+            share = 100.0 * load
+            yield figure(
+                "server load at 10 Hz, six traces, one page", share, 5.0, _LIMIT, "% of a core", least=True
             )
-            yield _row("server memory growth in 30 s", growth_mb, 1.0, "MB", "limit")
-        yield _row("curves' memory growth over 24 h at 10 Hz", curves_growth_mb(), 1.0, "MB", "limit")
-        watched, control = recorder_ratios(Path(scratch), chromium)
-        name = f"recorder's CPU without panel / with panel, median of {_PAIRS}"
-        yield _row(name, watched, 0.98, "ratio", "limit")
-        yield _row(f"the same of {_PAIRS // 2} pairs without panel", control, 1.0, "ratio", "no difference")
+            yield figure(f"server memory growth in {watched_s:g} s", growth_mb, 1.0, _LIMIT, "MB", least=True)
+        growth_mb = curves_growth_mb()
+        yield figure("curves' memory growth over 24 h at 10 Hz", growth_mb, 1.0, _LIMIT, "MB", least=True)
+        pairs = usual(_PAIRS, 2)
+        watched, control = recorder_ratios(Path(scratch), chromium, pairs)
+        name = f"recorder's CPU without panel / with panel, median of {pairs}"
+        yield figure(name, watched, 0.98, _LIMIT, "ratio")
+        yield figure(f"the same of {pairs // 2} pairs without panel", control, 1.0, "no difference", "ratio")
         chromium.close()
 
 
@@ -169,7 +176,7 @@ def panel(runs: Path) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
         clock.close()
 
 
-def watch(pid: int, session: Path, page: object) -> tuple[float, float, float]:
+def watch(pid: int, session: Path, page: object, watched_s: float) -> tuple[float, float, float]:
     """Return the server's load, memory growth in MB and the page's updates a second while now.json changes."""
     clock = WallClock()
     time_s, count = 86_400.0, "window.gyrobench.messages"
@@ -179,7 +186,7 @@ def watch(pid: int, session: Path, page: object) -> tuple[float, float, float]:
         write_now(session, time_s)
     start, cpu_s, memory = clock.now(), _cpu_s(pid), _resident_mb(pid)
     messages = page.evaluate(count)  # type: ignore[attr-defined]
-    while clock.now() - start < _WATCHED_S:
+    while clock.now() - start < watched_s:
         clock.sleep(0.1)
         time_s += 0.1
         write_now(session, time_s)
@@ -205,7 +212,7 @@ def curves_growth_mb() -> float:
     return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb) / 1024.0
 
 
-def recorder_ratios(scratch: Path, chromium: Any) -> tuple[float, float]:
+def recorder_ratios(scratch: Path, chromium: Any, pairs: int) -> tuple[float, float]:
     """Return the recorder's CPU time without a panel over that with one, and over that without one again."""
     runs = scratch / "recorder"
     runs.mkdir()
@@ -215,7 +222,7 @@ def recorder_ratios(scratch: Path, chromium: Any) -> tuple[float, float]:
         page.goto(url)
         page.wait_for_function("window.gyrobench?.messages > 0")
         empty_s = min(_record(runs, f"empty-{number}", 0.0) for number in range(3))
-        for number in range(_PAIRS):
+        for number in range(pairs):
             found = {}
             for stopped in (True, False) if number % 2 == 0 else (False, True):
                 process.send_signal(signal.SIGSTOP if stopped else signal.SIGCONT)
@@ -246,18 +253,6 @@ def _cpu_s(pid: int) -> float:
 
 def _resident_mb(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
-
-
-def _row(name: str, ours: object, yardstick: object, unit: str, yardstick_name: str) -> dict[str, object]:
-    ratio = ours / yardstick if isinstance(ours, float) and isinstance(yardstick, float) else ""
-    return {
-        "benchmark": name,
-        "ours": ours,
-        "yardstick": yardstick,
-        "ratio": ratio,
-        "unit": unit,
-        "yardstick_name": yardstick_name,
-    }
 
 
 if __name__ == "__main__":

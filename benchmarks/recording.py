@@ -25,16 +25,14 @@ _DAY = 8_640_000
 _HOUR_S = (36_000.0, 39_600.0)
 
 
-def rows() -> list[Row]:
-    """Return the rows of what is installed."""
-    table: list[Row] = []
+def rows() -> Iterator[Row]:
+    """Yield the rows of what is installed."""
     with tempfile.TemporaryDirectory(prefix="gyrobench-recording-") as scratch:
         for part in (logging, storing, opening):
             try:
-                table += part(Path(scratch))
+                yield from part(Path(scratch))
             except ImportError as missing:
                 print(f"skipped: {part.__name__}: {missing}")
-    return table
 
 
 def logging(scratch: Path) -> Iterator[Row]:

@@ -1,9 +1,9 @@
 """Six gyros at 1 kHz recorded together in real time: four on serial ports, two on CAN, lost frames and CPU share.
 
-Run as `python -m benchmarks.six_gyros [SECONDS]` (default 20). A process of its own writes to six
-pseudo-terminals every 5 ms what the units would have sent; the bench's links, its reader thread and its journal
-record them, and every unit is decoded live once a second. Afterwards the record is decoded: every frame must be
-there. The ratio says how many times the CPU time that was used fits into the real time.
+Run as `python -m benchmarks.six_gyros [SECONDS]` (default 20; 10 in `make bench`). A process of its own writes to
+six pseudo-terminals every 5 ms what the units would have sent; the bench's links, its reader thread and its
+journal record them, and every unit is decoded live once a second. Afterwards the record is decoded: every frame
+must be there. The ratio says how many times the CPU time that was used fits into the real time.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.recording import Journal
+from benchmarks._measure import Row, figure
 from drivers.can_dbc import CanDecoder, load_layout
 from drivers.clock import WallClock, host_seconds
 from drivers.instruments import StreamDecoder
@@ -102,7 +103,7 @@ def decoders() -> list[StreamDecoder]:
     return [*serial, *(CanDecoder(layout, _RATE_HZ) for _ in range(_CAN))]
 
 
-def rows(seconds: float = 20.0) -> list[dict[str, object]]:
+def rows(seconds: float = 10.0) -> list[Row]:
     """Return the CPU share of recording and live decoding, and how much was lost."""
     count = round(seconds * _RATE_HZ)
     ports = [pty.openpty() for _ in range(_SERIAL + _CAN)]
@@ -140,24 +141,15 @@ def rows(seconds: float = 20.0) -> list[dict[str, object]]:
         os.close(slave)
     lost = sum(count - number for number in kept)
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    share = f"{100.0 * cpu_s / elapsed_s:.1f} % of one processor, {lost} of {count * len(units)} frames lost"
+    total = count * len(units)
+    name = f"six gyros at 1 kHz for {seconds:g} s"
     return [
-        {
-            "benchmark": f"six gyros at 1 kHz for {seconds:g} s: {share}",
-            "ours": cpu_s,
-            "yardstick": elapsed_s,
-            "yardstick_name": "real time",
-            "unit": "s",
-            "ratio": elapsed_s / cpu_s,
-        }
+        figure(f"{name}: processor time", cpu_s, elapsed_s, "limit: real time", "s", least=True),
+        figure(f"{name}: frames kept", total - lost, total, "limit: frames sent", "frames"),
     ]
 
 
-def main() -> None:
-    """Print the row."""
-    for row in rows(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0):
-        print(f"{row['benchmark']} (CPU {row['ours']:.2f} s in {row['yardstick']:.1f} s)")
-
-
 if __name__ == "__main__":
-    main()
+    from benchmarks.__main__ import show
+
+    show(rows(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0))

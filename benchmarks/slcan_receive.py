@@ -1,7 +1,8 @@
 """Receiving CAN over an slcan adapter, against python-can's own slcan bus and cantools, in the same run.
 
-Run as `python -m benchmarks.slcan_receive`. The same lines go through a pseudo-terminal, written by a thread, to
-each reader in turn; every reader must get every frame. Figures are medians of wall time.
+Run as `python -m benchmarks slcan_receive`. The same lines go through a pseudo-terminal, written by a process of
+its own, to each reader in turn; every reader must get every frame. Medians of processor time of the reading
+process; the limit is reading the bytes in blocks and dropping them.
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ import contextlib
 import os
 import pty
 import statistics
-import threading
 import tty
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from multiprocessing import get_context
+from time import process_time
 
 import can
 import cantools
@@ -20,13 +23,13 @@ import numpy as np
 from can.interfaces.slcan import slcanBus
 from numpy.typing import ArrayLike
 
-from drivers.clock import WallClock, host_seconds
+from benchmarks._measure import Pair, Row, in_turns, speed_row, usual
+from drivers.clock import WallClock
 from drivers.link import Link
 from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, SbgDecoder, ellipse_layout
 from drivers.slcan import BufferedSlcanBus
 from drivers.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frames
 
-_RUNS = 3
 _FEW, _MANY, _SAMPLES = 4_000, 400_000, 20_000
 _LINE = 22
 _LARGEST_READ = 4095
@@ -56,15 +59,15 @@ def terminal() -> Iterator[tuple[int, str]]:
 
 
 def timed(master: int, text: bytes, read_all: Callable[[], None]) -> float:
-    """Return the frames per second at which `read_all` takes `text` off the port."""
+    """Return the processor seconds a frame that `read_all` takes for `text` off the port."""
     os.read(master, 4096)  # what was written to open the adapter
-    writer = threading.Thread(target=write_all, args=(master, text))
-    begin = host_seconds()
+    writer = get_context("fork").Process(target=write_all, args=(master, text))
     writer.start()
+    begin = process_time()
     read_all()
-    elapsed_s = host_seconds() - begin
+    elapsed_s = process_time() - begin
     writer.join()
-    return len(text) / _LINE / elapsed_s
+    return elapsed_s / (len(text) / _LINE)
 
 
 def write_all(master: int, text: bytes) -> None:
@@ -75,13 +78,13 @@ def write_all(master: int, text: bytes) -> None:
 
 
 def messages_of_ours(text: bytes) -> float:
-    """Frames/s of `BufferedSlcanBus.recv`."""
+    """Seconds a frame of `BufferedSlcanBus.recv`."""
     with terminal() as (master, path), BufferedSlcanBus(path) as bus:
         return timed(master, text, lambda: receive(bus, len(text) // _LINE))
 
 
 def messages_of_python_can(text: bytes) -> float:
-    """Frames/s of python-can's `slcanBus.recv`."""
+    """Seconds a frame of python-can's `slcanBus.recv`."""
     with terminal() as (master, path), slcanBus(path, bitrate=500_000, sleep_after_open=0) as bus:
         return timed(master, text, lambda: receive(bus, len(text) // _LINE))
 
@@ -94,7 +97,7 @@ def receive(bus: can.BusABC, count: int) -> None:
 
 
 def frames_of_ours(text: bytes) -> float:
-    """Frames/s of link and parser in blocks, as a recording is decoded."""
+    """Seconds a frame of link and parser in blocks, as a recording is decoded."""
     with terminal() as (master, path):
         clock = WallClock()
         link, parser = Link(path, clock, name="bulk"), SlcanParser()
@@ -110,10 +113,26 @@ def frames_of_ours(text: bytes) -> float:
             if parser.counts.frames != len(text) // _LINE:
                 raise AssertionError("a frame was lost")
 
-        speed = timed(master, text, read_all)
+        found = timed(master, text, read_all)
         link.close()
         clock.close()
-        return speed
+        return found
+
+
+def blocks_dropped(text: bytes) -> float:
+    """Seconds a frame of reading in blocks and dropping them."""
+    with terminal() as (master, path):
+        port = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        os.write(port, b"C\rS6\rO\r")
+
+        def read_all() -> None:
+            left = len(text)
+            while left:
+                left -= len(os.read(port, 65536))
+
+        found = timed(master, text, read_all)
+        os.close(port)
+        return found
 
 
 def sbg_lines(count: int) -> bytes:
@@ -136,18 +155,15 @@ def sbg_lines(count: int) -> bytes:
     return encode_frames(frames.ravel())
 
 
-def samples_of_ours(text: bytes) -> float:
-    """Samples/s from slcan text to columns."""
+def samples_of_ours(text: bytes) -> int:
+    """Decode slcan text to columns; return how many samples."""
     decoder = SbgDecoder(100.0)
-    begin = host_seconds()
-    rows = sum(len(decoder.feed(text[at : at + 65536])) for at in range(0, len(text), 65536))
-    return rows / (host_seconds() - begin)
+    return sum(len(decoder.feed(text[at : at + 65536])) for at in range(0, len(text), 65536))
 
 
-def samples_of_cantools(text: bytes) -> float:
-    """Samples/s of a `decode_message` loop over the same text."""
+def samples_of_cantools(text: bytes) -> int:
+    """Decode the same text in a `decode_message` loop."""
     database = cantools.database.load_file(ELLIPSE_DBC)
-    begin = host_seconds()
     rows = []
     cycle: dict[str, object] = {}
     for line in text.decode("ascii").split("\r")[:-1]:
@@ -155,46 +171,38 @@ def samples_of_cantools(text: bytes) -> float:
         if line.startswith("t122"):
             rows.append(cycle)
             cycle = {}
-    return len(rows) / (host_seconds() - begin)
+    return len(rows)
 
 
-def rows() -> list[dict[str, object]]:
-    """Return benchmark, ours, yardstick, yardstick_name, unit and ratio (ours / yardstick) of each comparison."""
+def rows() -> Iterator[Row]:
+    """Yield a row a comparison."""
     few, many, samples = lines(_FEW), lines(_MANY), sbg_lines(_SAMPLES)
     tenth = many[: len(many) // 10 // _LINE * _LINE]
-    contests = (
-        ("slcan over a pty, message by message", messages_of_ours, tenth, messages_of_python_can, few),
-        ("slcan over a pty, in blocks", frames_of_ours, many, messages_of_python_can, few),
-        ("SBG Ellipse, slcan text to columns", samples_of_ours, samples, samples_of_cantools, samples),
-    )
-    names = ("python-can slcanBus.recv", "python-can slcanBus.recv", "cantools decode_message loop")
-    units = ("frames/s", "frames/s", "samples/s")
-    table: list[dict[str, object]] = []
-    for (title, ours, text, other, other_text), name, unit in zip(contests, names, units, strict=True):
-        pairs = [(ours(text), other(other_text)) for _ in range(_RUNS)]
-        mine, yardstick = (statistics.median(values) for values in zip(*pairs, strict=True))
-        table.append(
-            {
-                "benchmark": title,
-                "ours": mine,
-                "yardstick": yardstick,
-                "yardstick_name": name,
-                "unit": unit,
-                "ratio": mine / yardstick,
-            }
+    peer = f"python-can {version('python-can')} slcanBus.recv"
+    for title, ours, text, other, other_text, name in (
+        ("slcan over a pty, message by message", messages_of_ours, tenth, messages_of_python_can, few, peer),
+        ("slcan over a pty, in blocks", frames_of_ours, many, messages_of_python_can, few, peer),
+        (
+            "slcan over a pty, in blocks",
+            frames_of_ours,
+            many,
+            blocks_dropped,
+            many,
+            "limit: bytes read, dropped",
+        ),
+    ):
+        times = [(ours(text), other(other_text)) for _ in range(usual(5, 2))]
+        pair = Pair(
+            *(statistics.median(each) for each in (*zip(*times, strict=True), [b / a for a, b in times]))
         )
-    return table
-
-
-def main() -> None:
-    """Print the table."""
-    print(f"{'benchmark':<40}{'ours':>12}{'yardstick':>12}  {'unit':<10}{'ratio':>8}  yardstick")
-    for row in rows():
-        print(
-            f"{row['benchmark']:<40}{row['ours']:>12,.0f}{row['yardstick']:>12,.0f}  {row['unit']:<10}"
-            f"{row['ratio']:>8.0f}  {row['yardstick_name']}"
-        )
+        yield speed_row(title, 1.0, pair, name, "frames/s")
+    assert samples_of_ours(samples) == samples_of_cantools(samples) == _SAMPLES
+    pair = in_turns(lambda: samples_of_ours(samples), lambda: samples_of_cantools(samples), turns=3)
+    name = f"cantools {version('cantools')} decode_message loop"
+    yield speed_row("SBG Ellipse, slcan text to columns", _SAMPLES, pair, name, "samples/s")
 
 
 if __name__ == "__main__":
-    main()
+    from benchmarks.__main__ import show
+
+    show(rows())

@@ -33,6 +33,7 @@ from bench.whirl import (
     uncompensated,
     unit_attitude,
 )
+from benchmarks._measure import Row, figure
 from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, reversing
 from drivers.clock import host_seconds
 from simulators.plant.wobble import (
@@ -47,6 +48,8 @@ from simulators.plant.wobble import (
 _FULL: dict[float, complex] = {**PATENT_CLASS, **CONSTANT_TILT, **BACKWARD_LINE}
 _HOUR = ((3600.0, 6.0),)
 _TEN_MINUTES = ((600.0, 6.0),)
+
+_PATENT = "the patent's second-order integral fit"
 
 
 @dataclass(frozen=True)
@@ -179,34 +182,15 @@ def false_alarms(runs: int = 300) -> tuple[float, float]:
     return orders / runs, scans / runs
 
 
-def rows() -> list[dict[str, Any]]:
+def rows() -> list[Row]:
     """Return the comparison with the patent's form, case 2 and reversals, and the time of a fit."""
     table = []
     for case in (CASES[2], CASES[4]):
         found = outcome(case)
         ours, theirs = found.locked_before / found.locked_direct, found.locked_before / found.locked_nominal
-        table.append(
-            {
-                "benchmark": f"whirl locked to the angle, {case.name}",
-                "ours": ours,
-                "yardstick": theirs,
-                "yardstick_name": "the patent's second-order integral fit",
-                "unit": "times less",
-                "ratio": ours / theirs,
-            }
-        )
+        table.append(figure(f"whirl locked to the angle, {case.name}", ours, theirs, _PATENT, "times less"))
     ours, theirs = fit_seconds()
-    table.append(
-        {
-            "benchmark": "whirl fit, 10 min at 250 Hz",
-            "ours": ours,
-            "yardstick": theirs,
-            "yardstick_name": "the patent's second-order integral fit",
-            "unit": "s",
-            "ratio": theirs / ours,
-        }
-    )
-    return table
+    return [*table, figure("whirl fit, 10 min at 250 Hz", ours, theirs, _PATENT, "s", least=True)]
 
 
 def main() -> None:

@@ -12,7 +12,6 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from bench.benchfile import bench_file_from
 from bench.emulated import EmulatedLab, Plant
@@ -20,6 +19,7 @@ from bench.questions import StageHand
 from bench.recording import Run
 from bench.runner import RunRequest, run_procedure
 from bench.whirl import load_turns, study_whirl
+from benchmarks._measure import Row, figure
 from procedures.constant_rotation import PROCEDURE
 
 BENCH = {
@@ -108,7 +108,7 @@ def outcome(folder: Path, case: Case) -> dict[str, float]:
     }
 
 
-def rows() -> list[dict[str, Any]]:
+def rows() -> list[Row]:
     """Return a row a case."""
     table = []
     with tempfile.TemporaryDirectory() as folder:
@@ -116,14 +116,6 @@ def rows() -> list[dict[str, Any]]:
             found = outcome(Path(folder), case)
             ours, patent = found["before"] / found["after"], found["before"] / found["patent"]
             floor = f"floor {found['before'] / found['floor']:.0f}"
-            table.append(
-                {
-                    "benchmark": f"whirl through the bench, {case.name}",
-                    "ours": ours,
-                    "yardstick": patent,
-                    "yardstick_name": f"the patent's second-order fit ({floor})",
-                    "unit": "times less",
-                    "ratio": ours / patent,
-                }
-            )
+            name = f"the patent's second-order fit ({floor})"
+            table.append(figure(f"whirl through the bench, {case.name}", ours, patent, name, "times less"))
     return table
