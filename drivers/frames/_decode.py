@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
 from drivers.frames._form import Form, Layout
-from drivers.frames._lines import LineDescription, LineForm, LineReader
+from drivers.frames._line_read import LineReader
+from drivers.frames._lines import LineDescription, LineForm
 from drivers.frames._load import FrameFamily
 from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, FieldSection
 from drivers.frames._read import bit_of

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import reduce
-from operator import xor
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from drivers.frames._form import Form
 from drivers.frames._model import Description, FieldSection, FrameSection, _listed
 from drivers.frames._verify import Mistake
 from drivers.framing import Crc
-from drivers.instruments import StreamCounts
 
 CELL = 8
 """Bytes of a column's number in a row."""
-_LONGEST = 1024
 LINE_CRC = Crc(32, 0x04C11DB7, 0, reflected=True)
-_TABLE = [LINE_CRC.of(bytes([byte])) for byte in range(256)]
 _TYPES = {"f64": "<f8", "i32": "<i4", "u32": "<u4"}
 
 
@@ -142,97 +136,3 @@ def verify_lines(description: LineDescription) -> Iterator[Mistake]:
             )
         if spec.type not in _TYPES:
             yield Mistake(f"field {spec.name!r}.type", repr(spec.type), "f64, i32 or u32")
-
-
-class LineReader:
-    """Lines to rows, incrementally; never raises on bytes.
-
-    A line counts when its start, number of columns, every described number and its check are right.
-    """
-
-    def __init__(self, description: LineDescription, form: LineForm) -> None:
-        self.forms: list[Form] = [form]
-        self.counts = StreamCounts()
-        self._line = description.line
-        self._start = description.line.start.encode("latin-1")
-        self._parts = number_parts(description)
-        self._pending = b""
-        self._offset = 0
-        self._lines = 0
-
-    @property
-    def by_form(self) -> dict[str, int]:
-        """Lines so far, by name."""
-        return {self.forms[0].name: self.counts.frames}
-
-    @property
-    def pending(self) -> int:
-        """Bytes that wait for more."""
-        return len(self._pending)
-
-    def read(self, data: bytes) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
-        """Return rows (n, 8 x columns), the offsets just past the lines, and the lines' numbers in the stream."""
-        *lines, self._pending = (self._pending + data).split(b"\n")
-        rows, ends, numbers = [], [], []
-        for line in lines:
-            self._offset += len(line) + 1
-            row, reason = self._row(line.rstrip(b"\r"))
-            if row is not None:
-                rows.append(row)
-                ends.append(self._offset)
-                numbers.append(self._lines)
-                self.counts.frames += 1
-            else:
-                self.counts.bytes_skipped += len(line) + 1
-                if reason:
-                    self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + 1
-            self._lines += bool(row is not None or reason)
-        if len(self._pending) > _LONGEST:
-            self._offset += len(self._pending)
-            self.counts.bytes_skipped += len(self._pending)
-            self._pending = b""
-        table = np.frombuffer(b"".join(rows), np.uint8).reshape(len(rows), CELL * self._line.columns)
-        return table, np.array(ends, np.int64), np.array(numbers, np.int64)
-
-    def _row(self, line: bytes) -> tuple[bytes | None, str]:
-        """Return the numbers of a line as bytes, or why there are none ("" for a line of another kind)."""
-        begin = line.rfind(self._start) if self._start else 0
-        if begin < 0 or not line:
-            return None, ""
-        line, check = line[begin:], self._line.checksum
-        if check is not None:
-            line, _, digits = line.rpartition(check.after.encode("latin-1"))
-            if not _matches(check.kind, line[check.skip :], digits):
-                return None, "checksum"
-        columns = _split(line[len(self._start) :], self._line.separators)
-        if len(columns) != self._line.columns:
-            return None, "length"
-        row = bytearray(CELL * len(columns))
-        try:
-            for at, base, dtype in self._parts:
-                text = columns[at].strip()
-                if b"_" in text:
-                    return None, "text"
-                number = float(text) if dtype.kind == "f" else int(text, base)
-                row[CELL * at : CELL * at + dtype.itemsize] = np.array(number, dtype).tobytes()
-        except (ValueError, OverflowError):
-            return None, "text"
-        return bytes(row), ""
-
-
-def _split(text: bytes, separators: str) -> list[bytes]:
-    if " " in separators:
-        return text.split()
-    for other in separators[1:]:
-        text = text.replace(other.encode("latin-1"), separators[0].encode("latin-1"))
-    return text.split(separators[0].encode("latin-1"))
-
-
-def _matches(kind: str, covered: bytes, digits: bytes) -> bool:
-    """Return whether the digits are those of the check: compared as text, for int() also takes "+6" and "_"."""
-    if kind == "xor8":
-        return digits.upper() == b"%02X" % reduce(xor, covered, 0)
-    register = 0
-    for byte in covered:
-        register = register >> 8 ^ _TABLE[(register ^ byte) & 0xFF]
-    return digits.upper() == b"%08X" % register
