@@ -16,10 +16,12 @@ from drivers.framing import PositionalCrc, find_sync, windows
 from drivers.instruments import StreamCounts
 
 Bools = NDArray[np.bool_]
+Part = tuple[int, int, np.dtype[Any]]
+"""Column, base and type of a number."""
 _LONGEST = 1024
 """Bytes of a line that are looked at, its last ones: what came before is rubbish in front of its start."""
 _BEFORE = b"\n" * _LONGEST  # So that every line can be looked at from its end backwards.
-_FEW = 8  # So few numbers are read one by one.
+_FEW = 32  # So few numbers are read one by one.
 _PASSES = 20
 _DIGITS = 15  # A whole number of so many, and it over a power of ten, are right to the last bit of a double.
 _WIDEST = 24
@@ -130,13 +132,34 @@ class LineReader:
         live, first, last = self._cells(lines, live, heads[live] + len(self._start), tails[live])
         rows = np.zeros((len(live), self._line.columns, CELL), np.uint8)
         good = np.ones(len(live), np.bool_)
-        for at, base, dtype in self._parts:
-            values, right = _numbers(text, first[at], last[at], base, dtype)
-            good &= right
-            rows[:, at, : dtype.itemsize] = values.view(np.uint8).reshape(len(live), dtype.itemsize)
+        for parts in self._alike(text, first, last):
+            at = [column for column, _, _ in parts]
+            base, kind = parts[0][1], parts[0][2].kind
+            values, right = _numbers(text, first[at].ravel(), last[at].ravel(), base, kind == "f")
+            good &= right.reshape(len(at), -1).all(axis=0)
+            for (column, _, dtype), value in zip(parts, values.reshape(len(at), -1), strict=True):
+                number = value
+                if kind != "f":
+                    limits = np.iinfo(dtype)
+                    fits = (value >= limits.min) & (value <= limits.max)
+                    good &= fits
+                    number = np.where(fits, value, 0.0)
+                stored = number.astype(dtype).view(np.uint8)
+                rows[:, column, : dtype.itemsize] = stored.reshape(len(live), dtype.itemsize)
         lines.verdict[live[~good]] = _TEXT
         rows = rows if good.all() else rows[good]
         return rows.reshape(len(rows), CELL * self._line.columns), lines, heads
+
+    def _alike(self, text: Bytes, first: Ints, last: Ints) -> list[list[Part]]:
+        """Return the described columns in groups that can be read together: as the first line has them."""
+        groups: dict[tuple[int, str, int], list[Part]] = {}
+        if first.shape[1]:
+            for part in self._parts:
+                at, base, dtype = part
+                cell = text[first[at, 0] : last[at, 0]].tobytes()
+                key = (base, dtype.kind, len(cell.partition(b".")[2]))
+                groups.setdefault(key, []).append(part)
+        return list(groups.values())
 
     def _heads(self, lines: _Lines) -> Ints:
         """Return where each line's last start is; lines without one are of another kind."""
@@ -148,9 +171,9 @@ class LineReader:
         return np.where(absent, lines.begin, heads)
 
     def _cells(self, lines: _Lines, live: Ints, begin: Ints, end: Ints) -> tuple[Ints, Ints, Ints]:
-        """Return which of the lines `live` have the right number of columns, and the columns' borders (columns, n).
+        """Return those of the lines `live` that have the right number of columns, and the borders (columns, n).
 
-        `begin` and `end` are of the columns of each together.
+        `begin` and `end` are the borders of all columns of a line together.
         """
         columns = self._line.columns
         border = np.frombuffer(lines.text.tobytes().translate(self._border), np.bool_)
@@ -209,7 +232,7 @@ def _check_of(text: Bytes, first: Ints, stop: Ints, kind: str) -> NDArray[np.uin
     covered *= np.arange(width, dtype=np.int16) >= (width - size).astype(np.int16)[:, None]
     if kind == "crc32":
         return _line_crc(width)(covered)
-    folded = np.bitwise_xor.reduce(covered.view(np.uint64), axis=1)
+    folded: NDArray[np.uint64] = np.bitwise_xor.reduce(covered.view(np.uint64), axis=1)
     for shift in (32, 16, 8):
         folded ^= folded >> np.uint64(shift)
     return (folded & np.uint64(0xFF)).astype(np.uint32)
@@ -221,38 +244,32 @@ def _line_crc(width: int) -> PositionalCrc:
 
 
 def _numbers(
-    text: Bytes, first: Ints, last: Ints, base: int, dtype: np.dtype[Any]
-) -> tuple[NDArray[Any], Bools]:
+    text: Bytes, first: Ints, last: Ints, base: int, decimals: bool
+) -> tuple[NDArray[np.float64], Bools]:
     """Return the numbers that stand in the cells [first, last) of `text`, and which of these are numbers.
 
-    Cells alike in sign, digits and decimals are read together; what is not digits, one by one.
+    Cells with as many decimals are read together; what is not plain digits, one by one.
     """
     values = np.zeros(len(first), np.float64)
     odd = np.arange(len(first))
     for _ in range(_PASSES if len(first) >= _FEW else 0):
         if not len(odd):
             break
-        value, done = _alike(text, first[odd], last[odd], base, dtype.kind == "f")
+        value, done = _plain(text, first[odd], last[odd], base, decimals)
         values[odd[done]] = value[done]
-        unlike = odd[~done]
-        if not done[0]:  # Nothing is like the first: it is no plain number.
+        stuck = not done[0]  # Nothing is like the first: it is no plain number.
+        odd = odd[~done]
+        if stuck:
             break
-        odd = unlike
     good = np.ones(len(first), np.bool_)
-    if dtype.kind == "f":
-        numbers = values.astype(dtype)
-    else:
-        limits = np.iinfo(dtype)
-        good = (values >= limits.min) & (values <= limits.max)
-        numbers = np.where(good, values, 0.0).astype(dtype)
     for at in odd.tolist():
-        found = _number(text[first[at] : last[at]].tobytes(), base, dtype)
+        found = _number(text[first[at] : last[at]].tobytes(), base, decimals)
         good[at] = found is not None
-        numbers[at] = 0 if found is None else found
-    return numbers, good
+        values[at] = 0.0 if found is None else found
+    return values, good
 
 
-def _alike(
+def _plain(
     text: Bytes, first: Ints, last: Ints, base: int, decimals_allowed: bool
 ) -> tuple[NDArray[np.float64], Bools]:
     """Return the numbers of the cells that have as many decimals as the first, and which these are."""
@@ -282,11 +299,11 @@ def _alike(
     return np.where(lead == ord("-"), -value, value), usable
 
 
-def _number(cell: bytes, base: int, dtype: np.dtype[Any]) -> Any:
-    """Return the number in a cell, None if there is none that the field can hold."""
+def _number(cell: bytes, base: int, decimals: bool) -> float | None:
+    """Return the number in a cell, None if there is none."""
     if b"_" in cell:
         return None
     try:
-        return np.array(float(cell) if dtype.kind == "f" else int(cell, base), dtype)
+        return float(cell) if decimals else float(int(cell, base))
     except (ValueError, OverflowError):
         return None
