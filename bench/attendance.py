@@ -33,6 +33,8 @@ class Attendance:
         self._lost: list[str] = []
         self._judge: GyroStation | None = None
         self._excused_s = float("-inf")
+        self.units_off = False
+        """Whether units are switched off and on: silence is intended meanwhile."""
 
     def lose(
         self, station: StreamStation, units: Iterable[StreamStation], now_s: float, error: BenchError
@@ -52,8 +54,8 @@ class Attendance:
             remedy="check cables, adapters and power of the units, then start the run again",
         ) from error
 
-    def excuse(self, until_s: float) -> None:
-        """Take silence up to `until_s` for intended: units are being mounted or switched off and on."""
+    def excuse_until(self, until_s: float) -> None:
+        """Take silence up to `until_s` for intended: units are being mounted."""
         self._excused_s = max(self._excused_s, until_s)
 
     def check(self, units: Iterable[StreamStation], now_s: float) -> None:
@@ -99,4 +101,4 @@ class Attendance:
         return [unit for unit in units if unit.role == self._tests]
 
     def _quiet_s(self, unit: StreamStation, now_s: float) -> float:
-        return now_s - max(unit.heard_s, self._excused_s)
+        return 0.0 if self.units_off else now_s - max(unit.heard_s, self._excused_s)

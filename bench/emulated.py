@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.benchfile import BenchFile, GyroSection
+from bench.benchfile import BenchFile, Emulated, GyroSection
 from bench.devices import table_settings
 from bench.nursery import LabProcess, start_lab
 from bench.plant_rotation import BearingPlant, RotationPlant
@@ -93,6 +93,10 @@ class Plant(BaseModel):
         usual = "mems" if gyro.driver in ("frames", "stim300") and len(gyro.axes) > 1 else "fog_mid"
         return self.models.get(gyro.unit, _MODELS.get(gyro.driver, usual))
 
+    def told(self, file: BenchFile) -> dict[str, Any]:
+        """Return what the manifest of a run on this plant says of it."""
+        return {"seed": self.seed, "model": self.summary(file)}
+
     def summary(self, file: BenchFile) -> str:
         """Return in a few words what is emulated."""
         axes = len(file.table.all_axes)
@@ -136,7 +140,9 @@ class EmulatedLab:
             raise
         self.ports: dict[str, str] = ready["ports"]
         self.clock_url: str | None = ready["clock"]
-        self.file = _with_ports(file, self.ports, self.clock_url)
+        # On a lab's own clock the greeting says what is emulated, on the wall clock only the bench file can.
+        told = plant.told(file) if self.clock_url is None else None
+        self.file = _with_ports(file, self.ports, self.clock_url, told)
 
     def perform(self, act: dict[str, Any]) -> dict[str, Any]:
         """Have a stage hand do `act` in the lab; BenchError says why it could not."""
@@ -234,6 +240,7 @@ def lab_config(file: BenchFile, plant: Plant, clock: str = "virtual") -> dict[st
     return {
         "clock": clock,
         "seed": plant.seed,
+        "emulated": plant.told(file),
         "latitude_deg": file.bench.latitude_deg,
         "room_temp_c": plant.room_temp_c,
         "chamber_model": plant.chamber,
@@ -281,7 +288,9 @@ def lab_config(file: BenchFile, plant: Plant, clock: str = "virtual") -> dict[st
     }
 
 
-def _with_ports(file: BenchFile, ports: dict[str, str], clock_url: str | None) -> BenchFile:
+def _with_ports(
+    file: BenchFile, ports: dict[str, str], clock_url: str | None, told: dict[str, Any] | None = None
+) -> BenchFile:
     gyros = tuple(
         gyro.model_copy(update={"interface": "gyrobench_slcan", "channel": ports[gyro.name]})
         if gyro.on_can
@@ -290,7 +299,9 @@ def _with_ports(file: BenchFile, ports: dict[str, str], clock_url: str | None) -
     )
     return file.model_copy(
         update={
-            "bench": file.bench.model_copy(update={"clock": clock_url}),
+            "bench": file.bench.model_copy(
+                update={"clock": clock_url, "emulated": told and Emulated(**told)}
+            ),
             "table": file.table.model_copy(update={"port": ports["table"]}),
             "chamber": file.chamber.model_copy(update={"port": ports["chamber"]}),
             "gyro": gyros,

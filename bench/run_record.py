@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -23,6 +24,7 @@ from bench.devices import (
 )
 from bench.recording import (
     DeviceEntry,
+    EmulatedLab,
     EventLog,
     GyroSource,
     Journal,
@@ -33,8 +35,10 @@ from bench.recording import (
     StreamSource,
     decode_instrument,
     decode_stream,
+    read_events,
     read_manifest,
     seal,
+    units_off_s,
     write_manifest,
 )
 from drivers.clock import utc_now
@@ -112,6 +116,10 @@ class RunRecord:
         if kind == "answer" and "mounting" in fields:
             self._mounting = str(fields["mounting"])
         self._events.event(time_s, kind, **fields)
+
+    def emulated(self, told: Mapping[str, Any]) -> None:
+        """Note what the lab that serves the clock says it emulates."""
+        self._manifest = self._manifest.model_copy(update={"emulated": EmulatedLab.model_validate(told)})
 
     def check(self) -> None:
         """Raise what the journal met."""
@@ -216,7 +224,10 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
         _gyro_source(each, starts[each.name]) for each in file.gyro if each.name in starts
     ]
     sources += [_platform_source(each, starts[each.name]) for each in file.platform if each.name in starts]
-    return {source.name: decode_stream(folder, source, out) for source in sources}
+    off_s: list[tuple[float, float]] = []
+    with suppress(RecordError):  # a damaged log is said when it is verified; without it more counts as lost
+        off_s = units_off_s(read_events(folder).rows)
+    return {source.name: decode_stream(folder, source, out, off_s) for source in sources}
 
 
 def gyro_source(manifest: Manifest, name: str) -> GyroSource:

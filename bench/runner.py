@@ -34,13 +34,15 @@ from bench.watchdog import Watchdog
 from drivers.clock import Clock, WallClock
 from drivers.errors import BenchError, ConfigurationError, RunAborted
 from drivers.instruments import Gyro, Identity
+from drivers.virtual_clock import VirtualClock
 
 
 @dataclass(frozen=True)
 class RunRequest:
     """What to run, on what, and where the record goes.
 
-    `emulated` is written to the manifest of a run on an emulated lab (plant settings); None on real devices.
+    `emulated` is written to the manifest of a run on an emulated lab (plant settings); None: what the lab or the
+    bench file says, and nothing on real devices.
     `lease`: of a caller who keeps the bench for more than this run; None has the run take one for itself.
     `live`: where others see and steer the run; None keeps it to itself.
     """
@@ -90,7 +92,7 @@ def _run(request: RunRequest) -> RunResult:
         request.procedure.name,
         request.parameters.model_dump(),
         request.file,
-        request.emulated,
+        request.emulated or _emulated_by_file(request.file),
     )
     if request.live is not None:
         request.live.begin_run(
@@ -109,6 +111,8 @@ def _run(request: RunRequest) -> RunResult:
         with ExitStack() as stack:
             clock = open_clock(request.file.bench.clock)
             stack.callback(clock.close)
+            if request.emulated is None and isinstance(clock, VirtualClock) and clock.emulated:
+                record.emulated(clock.emulated)
             stack.enter_context(_signals(clock))
             if request.live is not None:
                 paced = request.file.bench.clock is not None
@@ -136,6 +140,10 @@ def _run(request: RunRequest) -> RunResult:
     return RunResult(
         record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings), safe
     )
+
+
+def _emulated_by_file(file: BenchFile) -> dict[str, Any] | None:
+    return None if file.bench.emulated is None else file.bench.emulated.model_dump()
 
 
 def _drive(

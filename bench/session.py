@@ -133,12 +133,16 @@ class Bench:
     def measure(
         self, name: str, value: float, unit: str, *, low: float | None = None, high: float | None = None
     ) -> bool:
-        """Record a measured value against optional limits; return whether it is inside."""
-        passed = (low is None or value >= low) and (high is None or value <= high)
-        row = {"name": name, "value": value, "unit": unit, "low": low, "high": high, "passed": passed}
+        """Record a measured value against optional limits; return whether it is inside.
+
+        Without limits nothing is judged: `passed` of the record is then None, never a pass.
+        """
+        inside = (low is None or value >= low) and (high is None or value <= high)
+        row = {"name": name, "value": value, "unit": unit, "low": low, "high": high}
+        row["passed"] = None if low is None and high is None else inside
         self.measurements.append(row)
         self.event("measurement", **row)
-        return passed
+        return inside
 
     def invalidate(self, reason: str) -> None:
         """Mark the run invalid for its purpose; it goes on and its data are kept."""
@@ -150,7 +154,7 @@ class Bench:
         self.event("prompt", question=question)
         answered = self.operator.ask(Question(question, act))
         while (answer := answered()) is None:
-            self.excuse(1.0)
+            self._attendance.excuse_until(self.clock.now() + 1.0)
             self.wait(0.2, f"operator: {question}")
         self.event("answer", question=question, answer=answer, by=self.operator.name, **act)
         if answer.strip().lower() in ("no", "n", "abort"):
@@ -233,9 +237,26 @@ class Bench:
         """
         return self._attendance.judge(self.gyros.values())
 
-    def excuse(self, duration_s: float) -> None:
-        """Take the units' silence for so long for intended: hands are on them, or their power is off."""
-        self._attendance.excuse(self.clock.now() + duration_s)
+    @contextmanager
+    def units_off(self) -> Iterator[None]:
+        """Take what the units do not send meanwhile for intended: they are switched off and on again.
+
+        Neither their silence nor the gap in their streams counts against them. The two events that enclose it
+        tell the decoder of the record.
+        """
+        units = self.units
+        for unit in units:
+            unit.power_off()
+        self.event("units_off")
+        self._attendance.units_off = True
+        try:
+            yield
+        finally:
+            self._attendance.units_off = False
+            self._attendance.excuse_until(self.clock.now())
+            for unit in units:
+                unit.power_on()
+            self.event("units_on")
 
     def check_alarms(self) -> None:
         """Ask both instruments for alarms; any goes to the record and raises RunAborted."""

@@ -176,6 +176,18 @@ class StreamStation:
         if full:
             self.update()
 
+    def power_off(self) -> None:
+        """Take what does not come until `power_on` for intended, not for lost."""
+        self.update()
+        if self._loss is not None:
+            self._loss.pause()
+
+    def power_on(self) -> None:
+        """Go on counting what is lost."""
+        self.update()
+        if self._loss is not None:
+            self._loss.resume()
+
     def update(self) -> History:
         """Decode what has arrived since the last call and return the history."""
         with self._lock:

@@ -36,6 +36,16 @@ class StreamLoss:
         self._since_s: float | None = None
         self._least_s = 0.0
         self._shown = 0
+        self._off = False
+
+    def pause(self) -> None:
+        """Count nothing until `resume`: the unit's power is switched off and on."""
+        self._lost, self._since_s, self._off = self.lost, None, True
+
+    def resume(self) -> None:
+        """Go on counting, from the next sample on."""
+        self._last, self._span, self._off = None, 0.0, False
+        self._recent_s.clear()
 
     @property
     def lost(self) -> int:
@@ -44,6 +54,8 @@ class StreamLoss:
 
     def feed(self, counter: NDArray[np.int64], arrival_s: float) -> None:
         """Take the counters of consecutive samples, int64 (n,), and the bench time at which the last one came."""
+        if self._off:
+            return
         before = counter[0] - round(self._step) if self._last is None else self._last
         samples = np.rint(np.mod(np.diff(counter, prepend=before), self._modulo) / self._step)
         self._last = int(counter[-1])

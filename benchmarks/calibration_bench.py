@@ -48,7 +48,7 @@ def calibrated(scheme: str, dwell_s: float, seed: int = 1) -> tuple[Estimate, Ev
             lab.file,
             Path(folder),
             StageHand(lab.perform),
-            emulated={"seed": seed, "model": plant.summary(file)},
+            emulated=plant.told(file),
             before_close=lambda run: save_truth(lab, run),
         )
         result = run_procedure(request)

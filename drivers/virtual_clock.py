@@ -1,7 +1,8 @@
 """The clock of an emulated lab: lab time moves only when the bench asks, and only after every byte was read.
 
 Wire format (TCP, little-endian). The lab greets with one JSON line: {"protocol": "gyrobench-clock",
-"version": 1, "ports": [names], "now_ns": t, "cpu": n or null}. Then lock-step:
+"version": 1, "ports": [names], "now_ns": t, "cpu": n or null, "emulated": {"seed": n, "model": text} or null}.
+Then lock-step:
 
     request  int64 at_ns, int64 advance_to_ns, int16 stop_port (index, or -1), int64 sent[n_ports]
     reply    int64 now_ns, int64 written[n_ports], uint32 n_marks,
@@ -136,6 +137,8 @@ class VirtualClock:
             raise
         self.interrupt = Interrupt()
         self._names: list[str] = list(greeting["ports"])
+        self.emulated: dict[str, Any] | None = greeting.get("emulated")
+        """What the lab says it emulates: seed and model."""
         self._affinity = share_cpu(greeting.get("cpu"))
         self._origin_ns = int(greeting["now_ns"])
         """Lab time at which this bench came; its own time begins at 0, however long the lab has been served."""

@@ -183,24 +183,24 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
 def power_cycle(bench: Bench, which: str, off_s: float) -> None:
     """Have the units switched off and on, and wait until all of them stream again; the run is invalid if not."""
     before = {name: gyro.frames for name, gyro in _living(bench).items()}
-    bench.ask(
-        f"Switch the units off, wait {off_s:.0f} s, switch them on again ({which}). Done?",
-        act="power_cycle",
-        off_s=off_s,
-    )
-    asked_s = bench.now_s
 
     def back() -> bool:
-        bench.excuse(_STREAMS_S)
         return all(
             gyro.frames > before[name] and bench.now_s - gyro.history.last["time_s"] < _STREAMS_S
             for name, gyro in _living(bench).items()
         )
 
-    # An emulated unit goes off with the answer; a real one is on again by then.
-    bench.excuse(off_s + 2.0 * _STREAMS_S)
-    bench.wait(min(off_s, 2.0 * _STREAMS_S), "power cycle")
-    if not bench.wait_until(back, timeout_s=off_s + _BACK_S, what="units to stream again"):
+    with bench.units_off():
+        bench.ask(
+            f"Switch the units off, wait {off_s:.0f} s, switch them on again ({which}). Done?",
+            act="power_cycle",
+            off_s=off_s,
+        )
+        asked_s = bench.now_s
+        # An emulated unit goes off with the answer; a real one is on again by then.
+        bench.wait(min(off_s, 2.0 * _STREAMS_S), "power cycle")
+        on = bench.wait_until(back, timeout_s=off_s + _BACK_S, what="units to stream again")
+    if not on:
         silent = [
             n for n, g in _living(bench).items() if bench.now_s - g.history.last["time_s"] >= _STREAMS_S
         ]

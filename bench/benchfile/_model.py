@@ -25,6 +25,13 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
 
+class Emulated(_Section):
+    """What stands behind the ports of an emulated lab, so that no run there reads as a real one."""
+
+    seed: int = Field(description="the lab's seed")
+    model: str = Field(description="what it emulates, in words")
+
+
 class BenchSection(_Section):
     """`[bench]`: the place."""
 
@@ -36,6 +43,9 @@ class BenchSection(_Section):
         default=None,
         pattern=r"^virtual:///.+$",
         description="'virtual:///...', the clock of an emulated lab; leave it out for the wall clock",
+    )
+    emulated: Emulated | None = Field(
+        default=None, description="seed and model of an emulated lab; leave it out for real devices"
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from bench.benchfile import BenchFile, bench_file_from
 from bench.campaign._file import Campaign, CampaignRun, load_campaign
 from bench.emulated import Plant
-from bench.recording import Manifest, checksum, read_manifest
+from bench.recording import Manifest, checksum, read_events, read_manifest
 from drivers.clock import epoch_seconds, utc_now
 from drivers.errors import BenchInUse, ConfigurationError, RecordError
 from drivers.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded
@@ -156,6 +156,15 @@ class CampaignFolder:
                     rows.append(parse_json(line))
         return rows
 
+    def moved(self) -> bool:
+        """Whether anything was told to move or to heat since the campaign began, or may have been.
+
+        Only a run that was sealed without one command in its events leaves the bench as it was found: one whose
+        devices did not answer, or that was refused.
+        """
+        names = [str(row.get("folder")) for row in self.events() if row["kind"] in ("run_started", "checked")]
+        return any(_moved(self.path / name) for name in dict.fromkeys(names))
+
     def states(self, *, thorough: bool = False) -> list[RunState]:
         """Return how far every run is; `thorough` recomputes the checksums of what counts as done."""
         names = [path.name for path in self.runs.iterdir() if path.is_dir()] if self.runs.is_dir() else []
@@ -201,6 +210,15 @@ class CampaignFolder:
             if state.folder is None:
                 state = RunState(run, "open", len(attempts), folder, outcome, reason, duration_s)
         return state
+
+
+def _moved(folder: Path) -> bool:
+    try:
+        if not read_manifest(folder).complete:
+            return True  # killed: its last events may be missing
+        return any(row["kind"] == "command" for row in read_events(folder).rows)
+    except RecordError:
+        return True
 
 
 def _damage(folder: Path, manifest: Manifest, thorough: bool) -> str:

@@ -69,6 +69,6 @@ class EmulatedPlace:
             yield Placed(
                 lab.file,
                 lab.perform,
-                {"seed": plant.seed, "model": plant.summary(self._file)},
+                plant.told(self._file),
                 lambda folder: save_truth(lab, folder),
             )

@@ -111,6 +111,7 @@ class _Session:
         folder, runs = self._folder, self._folder.campaign.runs
         states = folder.states(thorough=True)
         before = [row for row in folder.events() if row["kind"] in ("started", "continued")]
+        moved = folder.moved()
         by = self._lease.holder.user if self._lease is not None else "emulated"
         folder.event("continued" if before else "started", by=by, emulated=self._place.plant is not None)
         for state in states:
@@ -118,7 +119,7 @@ class _Session:
                 where = state.folder.relative_to(folder.path).as_posix()
                 folder.event("set_aside", run=state.run.name, folder=where, reason=state.reason)
         left = [(number, state.run) for number, state in enumerate(states) if state.state == "open"]
-        if left and before:
+        if left and moved:
             self._check_known_state(len(before))
         for number, run in left:
             self._pause_between(run)

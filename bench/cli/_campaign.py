@@ -190,17 +190,18 @@ def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
 
 def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> int:
     """Write the campaign's certificate, whatever became of it; exit code 4 if it says "not passed"."""
-    from bench.cli._report import CERTIFICATE_FILE, certify_campaign
+    from bench.cli._report import CERTIFICATE_FILE, NOT_PASSED, certify_campaign
 
     try:
-        code = certify_campaign(folder, Console(quiet=True) if quiet else console)
+        verdict = certify_campaign(folder, Console(quiet=True) if quiet else console)
     except ConfigurationError:  # not one run was begun: nothing to certify
         return 0
     except RecordError as error:
         console.print(str(error), style="red", highlight=False, markup=False)
-        return 4
-    folder.event("certificate", file=CERTIFICATE_FILE, passed=code == 0)
-    return code
+        return NOT_PASSED
+    passed = {"passed": True, "not passed": False, "not judged": None}[verdict]
+    folder.event("certificate", file=CERTIFICATE_FILE, passed=passed)
+    return NOT_PASSED if passed is False else 0
 
 
 def _say_ending(console: Console, folder: CampaignFolder, ending: CampaignEnding, as_json: bool) -> int:

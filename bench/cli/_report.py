@@ -14,6 +14,7 @@ from bench.figure_limits import NO_LIMITS, Limits, load_limits
 from bench.recording import Run
 from bench.report import (
     CertificateContent,
+    UnitVerdict,
     render_certificate,
     render_run,
     run_content,
@@ -27,6 +28,8 @@ from drivers.errors import ConfigurationError
 REPORT_FILE = "report.html"
 CERTIFICATE_FILE = "certificate.html"
 CAMPAIGN_FILE = "campaign.toml"
+NOT_PASSED = 4
+"""Exit code for a certificate that says so."""
 _STYLES = {"passed": "bold green", "not passed": "bold red", "not judged": "yellow"}
 
 
@@ -36,16 +39,16 @@ def report_command(folders: Sequence[Path], out: Path | None, limits: Path | Non
     if len(folders) == 1 and (folders[0] / CAMPAIGN_FILE).exists():
         campaign = CampaignFolder(folders[0])
         path = out or campaign.path / CERTIFICATE_FILE
-        code = certify_campaign(campaign, console, path, load_limits(limits) if limits else None)
+        verdict = certify_campaign(campaign, console, path, load_limits(limits) if limits else None)
     elif len(folders) == 1 and limits is None:
-        path, code = run_report(folders[0], out), 0
+        path, verdict = run_report(folders[0], out), None
     else:
         path = out or folders[0].parent / CERTIFICATE_FILE
-        code = certify(folders, load_limits(limits) if limits else NO_LIMITS, path, console)
+        verdict = certify(folders, load_limits(limits) if limits else NO_LIMITS, path, console)
     console.print(f"{path}", highlight=False, markup=False, soft_wrap=True)
     if pdf:
         console.print(f"{write_pdf(path)}", highlight=False, markup=False, soft_wrap=True)
-    return code
+    return NOT_PASSED if verdict == "not passed" else 0
 
 
 def run_report(folder: Path, out: Path | None = None) -> Path:
@@ -67,7 +70,7 @@ def run_report(folder: Path, out: Path | None = None) -> Path:
 
 def certify_campaign(
     folder: CampaignFolder, console: Console, path: Path | None = None, limits: Limits | None = None
-) -> int:
+) -> UnitVerdict:
     """Write the certificate of a campaign: its limits, every planned run, the units of its file."""
     campaign = folder.campaign
     states = folder.states()
@@ -89,8 +92,8 @@ def certify(
     *,
     title: str = "",
     expected_units: Sequence[str] = (),
-) -> int:
-    """Write the certificate of planned run folders and print it; exit code 4 if it is not passed.
+) -> UnitVerdict:
+    """Write the certificate of planned run folders, print it and return its verdict.
 
     A certificate that was there before is removed before anything is computed.
     """
@@ -106,7 +109,7 @@ def certify(
         content = certificate_content(folders, limits, title=title, expected_units=expected_units)
     write_report(path, render_certificate(content))
     say_certificate(console, content)
-    return 4 if content.verdict == "not passed" else 0
+    return content.verdict
 
 
 def say_certificate(console: Console, content: CertificateContent) -> None:

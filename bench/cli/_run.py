@@ -119,7 +119,7 @@ def rehearse(
             runs,
             StageHand(lab.perform),
             display,
-            emulated={"seed": plant.seed, "model": plant.summary(file)},
+            emulated=plant.told(file),
             before_close=lambda folder: save_truth(lab, folder),
         )
         return run_procedure(request)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -36,10 +37,11 @@ def show_command(folder: Path) -> None:
         devices.add_row(name, device.kind, device.maker, device.model, device.serial_number, device.firmware)
     console.print(devices)
     if found.measurements:
-        measured = Table("measurement", "value", "unit", "low", "high", "passed")
+        measured = Table("measurement", "value", "unit", "low", "high", "judged")
         for row in found.measurements:
             low, high = ("-" if row[key] is None else f"{row[key]:g}" for key in ("low", "high"))
-            measured.add_row(row["name"], f"{row['value']:.6g}", row["unit"], low, high, str(row["passed"]))
+            value = "-" if row["value"] is None else f"{row['value']:.6g}"
+            measured.add_row(row["name"], value, row["unit"], low, high, _judged(row))
         console.print(measured)
     streams = Table("gyro", "frames", "lost", "rejected", "sample rate Hz", "clock error ppm")
     for name, stream in found.stream.items():
@@ -48,12 +50,23 @@ def show_command(folder: Path) -> None:
         streams.add_row(
             name,
             str(stream.get("frames", "-")),
-            str(stream.get("lost", "-")),
+            _lost(stream),
             str(rejected),
             "-" if rate is None else f"{rate:.6f}",
             "-" if error is None else f"{error:+.2f}",
         )
     console.print(streams)
+
+
+def _lost(stream: Mapping[str, Any]) -> str:
+    off = stream.get("off")
+    return f"{stream.get('lost', '-')}" + (f", {off} not sent while off" if off else "")
+
+
+def _judged(row: Mapping[str, Any]) -> str:
+    if row["low"] is None and row["high"] is None:
+        return "no limits"  # older records say passed there
+    return "inside" if row["passed"] else "outside"
 
 
 def recover_command(folders: Sequence[Path], root: Path | None) -> int:

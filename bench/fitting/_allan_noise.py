@@ -59,7 +59,7 @@ class NoiseFit:
     """Fitted coefficients (zero where the data ask for none) and the ends of their intervals of `level`.
 
     A low end of zero means that the record does not show this noise; the high end is then its upper limit,
-    infinite if the record says nothing about it.
+    infinite if the record says nothing about it. The interval always holds the coefficient.
     """
 
     coefficients: NoiseCoefficients
@@ -98,6 +98,9 @@ def fit_noise(allan: AllanDeviation, *, level: float = 0.95) -> NoiseFit:
     low, high = _intervals(
         scatter, covariance, variance, squares, _WIDENING * float(ndtri(0.5 + level / 2.0))
     )
+    # The intervals are those of the unconstrained estimates. Where another coefficient would come out negative
+    # the fitted one can lie below its own; in 11 such cases of 900 simulated gyros that held 3 of the true ones.
+    low, high = np.minimum(low, squares), np.maximum(high, squares)
     return NoiseFit(_coefficients(squares), _coefficients(low), _coefficients(high), level)
 
 

@@ -159,6 +159,8 @@ def sentence(line: Mapping[str, Any]) -> str:
         "resumed": "resumed by {by}",
         "note": "{text}",
         "alarm": "{device}: {text}",
+        "units_off": "units to be switched off and on",
+        "units_on": "units are on again",
         "outcome": "{outcome} {reason}",
     }
     if kind == "measurement":

@@ -10,6 +10,7 @@ from bench.recording._decode import (
     decode_stream,
     platform_table_name,
     read_arrivals,
+    units_off_s,
 )
 from bench.recording._events import EventLog, Events, read_events
 from bench.recording._journal import Journal, PortJournal
@@ -69,6 +70,7 @@ __all__ = [
     "seconds",
     "table_writer",
     "unit_of",
+    "units_off_s",
     "verify",
     "write_manifest",
 ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -10,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.recording._events import Event
 from bench.recording._raw import raw_path, read_blocks, read_exchanges, read_marks
 from bench.recording._tables import table_writer
 from bench.recording._timing import StreamTimer, StreamTiming, Unwrapper
@@ -22,6 +24,7 @@ Transcript = Callable[[Iterable[Exchange]], tuple[Columns, Mapping[str, int]]]
 _BITS_A_BYTE = 10
 """Start bit, eight data bits, stop bit."""
 _MOST_LOST = 2**31 - 1
+_LEAST_OFF_S = 1.0
 
 
 class StreamSource(Protocol):
@@ -134,7 +137,8 @@ class PlatformSource:
 class StreamReport:
     """What a stream held: for the manifest's `stream` entry and the report.
 
-    `lost` frames never arrived (the counter says so), `duplicates` came twice (their rows are not valid),
+    `lost` frames never arrived (the counter says so), `off` were never sent since the procedure had the unit
+    switched off (both are gaps in the table), `duplicates` came twice (their rows are not valid),
     `rejected` counts refused candidates by reason. `clock_error_ppm` > 0: the device's clock is fast.
     """
 
@@ -146,6 +150,7 @@ class StreamReport:
     bytes_skipped: int
     rejected: dict[str, int] = field(default_factory=dict)
     start_offset: int = 0
+    off: int = 0
     sample_rate_hz: float | None = None
     clock_error_ppm: float | None = None
     residual_s: float | None = None
@@ -162,10 +167,16 @@ def platform_table_name(name: str) -> str:
     return f"platform_{name}.parquet"
 
 
-def decode_stream(folder: Path, source: StreamSource, out: Path | None = None) -> StreamReport:
+def decode_stream(
+    folder: Path,
+    source: StreamSource,
+    out: Path | None = None,
+    off_s: Sequence[tuple[float, float]] = (),
+) -> StreamReport:
     """Decode raw/<name>.bin of a run into the source's table in `out` (default: the run folder).
 
-    Two passes in blocks of a megabyte: the first finds where the samples lie in time, the second writes. A stream
+    `off_s`: spans of bench time in which the unit was switched off and on, see `units_off_s`. Two
+    passes in blocks of a megabyte: the first finds where the samples lie in time, the second writes. A stream
     without a single frame gives no table and a report that says so.
     """
     path = raw_path(folder, source.name)
@@ -192,7 +203,18 @@ def decode_stream(folder: Path, source: StreamSource, out: Path | None = None) -
         target.unlink(missing_ok=True)
         return _with(report, warnings=("no frame with an arrival time",))
     timing = timer.fit(_BITS_A_BYTE * frame_bytes / source.baudrate if source.baudrate else 0.0)
-    return _write_table(path, source, timing, report, target)
+    return _write_table(path, source, timing, report, target, off_s)
+
+
+def units_off_s(events: Sequence[Event]) -> list[tuple[float, float]]:
+    """Return the spans of bench time in which a procedure had its units switched off and on, from its events."""
+    spans: list[tuple[float, float]] = []
+    for row in events:
+        if row["kind"] == "units_off":
+            spans.append((float(row["time_s"]), math.inf))
+        elif row["kind"] == "units_on" and spans:
+            spans[-1] = (spans[-1][0], float(row["time_s"]))
+    return spans
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,11 +250,16 @@ def read_arrivals(folder: Path, source: StreamSource) -> Arrivals:
 
 
 def _write_table(
-    path: Path, source: StreamSource, timing: StreamTiming, report: StreamReport, target: Path
+    path: Path,
+    source: StreamSource,
+    timing: StreamTiming,
+    report: StreamReport,
+    target: Path,
+    off_s: Sequence[tuple[float, float]],
 ) -> StreamReport:
     decoder = source.decoder()
     unwrap = Unwrapper(decoder.counter_modulo)
-    frames = lost = duplicates = invalid = 0
+    frames = lost = off = duplicates = invalid = 0
     last: int | None = None
     with table_writer(target, source.description) as writer:
         rows = _Rows(loss_taints(decoder))
@@ -256,13 +283,15 @@ def _write_table(
             last = int(count[-1])
             frames += len(batch)
             lost += int(lost_before.sum())
+            off += _not_sent(lost_before, timing.time_ns(count), 1.0 / timing.sample_rate_hz, off_s)
             duplicates += int(again.sum())
             invalid += int((~table["valid"]).sum())
         writer.write(rows.kept)
         invalid += int((~rows.kept["valid"]).sum())
     return _with(
         report,
-        lost=lost,
+        lost=lost - off,
+        off=off,
         duplicates=duplicates,
         invalid=invalid,
         sample_rate_hz=timing.sample_rate_hz,
@@ -270,6 +299,22 @@ def _write_table(
         residual_s=timing.residual_s,
         warnings=timing.warnings,
     )
+
+
+def _not_sent(
+    lost_before: NDArray[np.int32],
+    time_ns: NDArray[np.int64],
+    period_s: float,
+    off_s: Sequence[tuple[float, float]],
+) -> int:
+    """Return how many of the missing samples fall into spans without power; a gap of less than 1 s is a loss."""
+    found = 0
+    for at in np.flatnonzero(lost_before * period_s > _LEAST_OFF_S).tolist() if off_s else ():
+        end_s, missing = 1e-9 * float(time_ns[at]), int(lost_before[at])
+        start_s = end_s - (missing + 1) * period_s
+        inside_s = sum(max(0.0, min(end_s, high) - max(start_s, low)) for low, high in off_s)
+        found += min(missing, round(inside_s / period_s))
+    return found
 
 
 class _Rows:

@@ -7,6 +7,7 @@ from bench.report._certificate import (
     CertificateContent,
     CertifiedFigure,
     UnitCertificate,
+    UnitVerdict,
     render_certificate,
 )
 from bench.report._content import (
@@ -51,6 +52,7 @@ __all__ = [
     "StreamStatistics",
     "Trace",
     "UnitCertificate",
+    "UnitVerdict",
     "ValidRange",
     "WhirlContent",
     "WhirlJudgement",

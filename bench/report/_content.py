@@ -42,7 +42,9 @@ class Measurement:
 
 @dataclass(frozen=True)
 class StreamStatistics:
-    """What came of a gyro's stream. `clock_error_ppm`: its clock against the bench's."""
+    """What came of a gyro's stream. `clock_error_ppm`: its clock against the bench's; `off`: frames that were not
+    sent while the procedure had the unit switched off.
+    """
 
     gyro: str
     frames: int | None = None
@@ -50,6 +52,7 @@ class StreamStatistics:
     rejected: int | None = None
     sample_rate_hz: float | None = None
     clock_error_ppm: float | None = None
+    off: int = 0
 
 
 @dataclass(frozen=True)

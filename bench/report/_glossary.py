@@ -41,8 +41,8 @@ HELD_OUT = (
 )
 LOST = (
     "Frames lost, rejected",
-    "Lost: missing by the gyro's own frame counter. Rejected: arrived with a wrong checksum, length or "
-    "format. Neither is filled in.",
+    "Lost: missing by the gyro's own frame counter, other than while the procedure had it switched off. "
+    "Rejected: arrived with a wrong checksum, length or format. Neither is filled in.",
 )
 CLOCK = (
     "Clock error",

@@ -98,6 +98,7 @@ def _stream(name: str, row: Mapping[str, Any]) -> StreamStatistics:
         sum(rejected.values()) if isinstance(rejected, Mapping) else rejected,
         row.get("sample_rate_hz"),
         row.get("clock_error_ppm"),
+        int(row.get("off") or 0),
     )
 
 

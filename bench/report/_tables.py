@@ -164,9 +164,10 @@ def streams_table(runs: Sequence[RunSummary]) -> list[Block]:
         Column("Sample rate", "Hz", number=True),
         Column("Clock error", "ppm", number=True),
     ]
-    return [
-        Table(heads, rows, "Streams as recorded. A frame that was lost or rejected is marked in the record.")
-    ]
+    caption = "Streams as recorded. A frame that was lost or rejected is marked in the record."
+    if off := [f"{stream.gyro} {count(stream.off)}" for _, stream in pairs if stream.off]:
+        caption += f" Not sent while switched off by the procedure, and not lost: {', '.join(off)} frames."
+    return [Table(heads, rows, caption)]
 
 
 def devices_table(runs: Sequence[RunSummary]) -> list[Block]:

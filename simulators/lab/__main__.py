@@ -36,7 +36,7 @@ def main() -> int:
     door = StageDoor(acts)
     ports = {port.name: port.url for port in lab.ports}
     if config.clock == "virtual":
-        service = VirtualService(lab, door, config.cpu)
+        service = VirtualService(lab, door, config.cpu, config.emulated)
         door.say(_ready(ports, service.url))
         service.run()
     else:

@@ -64,7 +64,7 @@ class LabConfig:
 
     `rotation`: ripple of the table's rate and errors of its encoder, as in a plant file. `delivery_s`: how often
     adapters hand over streamed bytes. `cpu`: processor that lab and bench share in
-    virtual time, None to leave that to the system.
+    virtual time, None to leave that to the system. `emulated`: seed and model, which a bench is told.
     """
 
     clock: Literal["virtual", "wall"]
@@ -80,6 +80,7 @@ class LabConfig:
     rotation: dict[str, Any] = field(default_factory=dict)
     delivery_s: float = 1.0
     cpu: int | None = None
+    emulated: dict[str, Any] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON values."""

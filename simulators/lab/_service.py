@@ -42,10 +42,13 @@ def _listen(path: Path) -> socket.socket:
 class VirtualService:
     """Serves a lab's clock to one bench at a time."""
 
-    def __init__(self, lab: Lab, door: StageDoor, cpu: int | None = None) -> None:
+    def __init__(
+        self, lab: Lab, door: StageDoor, cpu: int | None = None, emulated: dict[str, Any] | None = None
+    ) -> None:
         self._lab = lab
         self._door = door
         self._cpu = cpu
+        self._emulated = emulated
         self._said_full = False
         self._codec = Codec(len(lab.ports))
         self._folder = Path(tempfile.mkdtemp(prefix="gyrobench-"))  # for this user only
@@ -83,6 +86,7 @@ class VirtualService:
             "ports": names,
             "now_ns": self._lab.now_ns,
             "cpu": self._cpu,
+            "emulated": self._emulated,
         }
         connection.sendall(json.dumps(greeting).encode() + b"\n")
         for port in self._lab.ports:

@@ -52,7 +52,7 @@ def test_the_last_loss_names_all_that_were_lost(watched):
 def test_intended_silence_is_no_alarm_and_counts_from_its_end(watched):
     gyro = unit("fog_1")
     attendance = watched.by("gyro")
-    attendance.excuse(100.0)
+    attendance.excuse_until(100.0)
     attendance.check([gyro], 100.0 + SILENT_S - 0.1)
     assert (watched.told, watched.invalid) == ([], [])
     attendance.check([gyro], 100.0 + SILENT_S)

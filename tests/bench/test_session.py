@@ -286,7 +286,8 @@ def test_measurements_are_judged_against_their_limits(made):
     assert made.bench.measure("b", 2.1, "K", high=2.0) is False
     assert made.bench.measure("c", 0.9, "K", low=1.0) is False
     assert made.bench.measure("d", float("nan"), "K", low=1.0) is False
-    assert [row["passed"] for row in made.bench.measurements] == [True, False, False, False]
+    made.bench.measure("e", 1.0, "K")
+    assert [row["passed"] for row in made.bench.measurements] == [True, False, False, False, None]
     made.bench.invalidate("too slow")
     assert made.bench.invalid_reasons == ["too slow"]
     assert made.record.of("alarm")[-1]["text"] == "run invalid: too slow"

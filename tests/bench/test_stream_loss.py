@@ -67,3 +67,20 @@ def test_losses_go_on_being_counted_after_late_data_that_caught_up() -> None:
 def test_a_clock_that_is_two_percent_off_loses_nothing() -> None:
     assert set(fed([(1.02 * t, n) for t, n in blocks(0.0, 3000.0)], 65536)) == {0}
     assert set(fed([(0.98 * t, n) for t, n in blocks(0.0, 3000.0)], 128)) == {0}
+
+
+@pytest.mark.parametrize("modulo", [128, 65536])
+def test_what_does_not_come_while_switched_off_is_not_lost(modulo: int) -> None:
+    loss = StreamLoss(SimpleNamespace(counter_modulo=modulo, counter_step=1.0, nominal_rate_hz=100.0))
+    before = [(t, n) for t, n in blocks(0.0, 100.0) if not 50.0 < t < 50.6]
+    during = [*blocks(100.0, 103.0), *blocks(163.0, 165.0)]
+    for arrival_s, numbers in before:
+        loss.feed(numbers % modulo, arrival_s)
+    loss.pause()
+    for arrival_s, numbers in during:
+        loss.feed(numbers % modulo, arrival_s)
+    loss.resume()
+    assert loss.lost == 50
+    for arrival_s, numbers in [(t, n + 200) for t, n in blocks(165.0, 300.0) if not 200.0 < t < 200.6]:
+        loss.feed(numbers % modulo, arrival_s)
+    assert loss.lost == 100

@@ -220,3 +220,20 @@ def test_a_torn_journal_line_spoils_nothing(done, tmp_path):
     assert folder.events() == before
     folder.event("continued", by="Ann")
     assert [row["kind"] for row in folder.events()] == [*(row["kind"] for row in before), "continued"]
+
+
+def test_a_campaign_whose_devices_did_not_answer_goes_on_without_a_check(campaign_path, bench_path, tmp_path):
+    bench_path.write_text(bench_path.read_text().replace("/dev/tty", str(tmp_path / "no-such-port-")))
+    campaign_path.write_text(campaign_path.read_text().replace("/dev/tty", str(tmp_path / "no-such-port-")))
+    file = load_bench_file(bench_path)
+    campaign = load_campaign(campaign_path, file)
+    folder = CampaignFolder.create(tmp_path / "out", campaign_path, campaign, file, None, False)
+    for attempt in (1, 2):
+        ending = CampaignRunner(folder).run()
+        assert ending.outcome == "failed" and "no-such-port" in ending.reason
+        assert len(journal(folder.path, "run_started")) == attempt
+    assert not folder.moved() and not journal(folder.path, "checked")
+    # had it been killed, nobody would know what moved
+    manifest = folder.path / "runs" / "turn-1.2" / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"aborted"', '"running"'))
+    assert folder.moved()

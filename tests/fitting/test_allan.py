@@ -219,3 +219,13 @@ def test_averaging_times_outside_the_record_are_refused(tau_s: list[float]) -> N
 def test_a_gap_is_refused() -> None:
     with pytest.raises(RecordError, match="unbroken"):
         allan_deviation(np.array([1.0, np.nan, 2.0, 3.0]), 1.0)
+
+
+@pytest.mark.parametrize("seed", [11, 38, 47, 53])
+def test_an_interval_holds_its_own_estimate(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rate = 0.003 * 60.0 * rng.standard_normal(20_000)
+    rate += np.cumsum(0.003 / 60.0 * rng.standard_normal(20_000))
+    fit = fit_noise(allan_deviation(rate, 1.0))
+    low, value, high = (end.squares() for end in (fit.low, fit.coefficients, fit.high))
+    assert (low <= value).all() and (value <= high).all()

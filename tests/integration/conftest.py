@@ -78,7 +78,9 @@ def thread_lab(file: BenchFile, plant: Plant, swap: Mapping[str, Callable] | Non
                 lab._streams.append((index, emulator))
     door_read, door_write = os.pipe()
     answer_read, answer_write = os.pipe()
-    service = VirtualService(lab, StageDoor(acts, input_fd=door_read, output_fd=answer_write))
+    service = VirtualService(
+        lab, StageDoor(acts, input_fd=door_read, output_fd=answer_write), emulated=config.emulated
+    )
     thread = threading.Thread(target=service.run, name="lab", daemon=True)
     thread.start()
     try:

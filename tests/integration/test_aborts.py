@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.benchfile import load_bench_file
+from bench.benchfile import bench_file_text, load_bench_file
 from bench.devices import chamber_kind, chamber_settings, table_kind, table_settings
 from bench.emulated import EmulatedLab, Plant
 from bench.procedure import find_procedure
@@ -206,10 +206,7 @@ def test_signals_to_a_run_on_the_wall_clock(fog_text, tmp_path):
     path = tmp_path / "lab.toml"
     path.write_text(fog_text)
     with EmulatedLab(load_bench_file(path), Plant(), clock="wall") as lab:
-        text = fog_text
-        for name, port in (("USB0", "table"), ("USB2", "chamber"), ("USB1", "fog_1")):
-            text = text.replace(f"/dev/tty{name}", lab.ports[port])
-        path.write_text(text)
+        path.write_text(bench_file_text(lab.file))
         process = subprocess.Popen(
             [
                 *(sys.executable, "-c", CLI, "run", "zero-bias-cold-shock", "--yes"),
@@ -234,6 +231,7 @@ def test_signals_to_a_run_on_the_wall_clock(fog_text, tmp_path):
     safe_ns = next(t for t, way, data in chamber if way == "sent" and data == SAFE_SET_POINT)
     assert any(t > safe_ns and way == "received" and data == b"1\r\n" for t, way, data in chamber)
     assert manifest(folder)["outcome"] == "aborted"
+    assert manifest(folder)["emulated"]["seed"] == 1
     verified = subprocess.run(
         [sys.executable, "-c", CLI, "runs", "verify", str(folder)], capture_output=True, text=True
     )

@@ -13,6 +13,8 @@ def test_the_second_run_begins_at_zero_where_the_first_left_the_bench(bench, fog
     assert second.duration_s == pytest.approx(first.duration_s, abs=10.0)
     runs = [Run.open(result.folder) for result in (first, second)]
     for run in runs:
+        assert run.manifest.emulated is not None and run.manifest.emulated.seed == 3
+        assert "fog_1 fog_mid" in run.manifest.emulated.model
         for table in (run.turntable(), run.chamber(), run.gyro("fog_1")):
             assert 0 <= table["time_ns"][0] < 10e9
         assert 0.0 <= run.events[0]["time_s"] < 10.0

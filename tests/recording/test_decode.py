@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench.recording import PortJournal, decode_instrument, decode_stream, read_exchanges
+from bench.recording import PortJournal, decode_instrument, decode_stream, read_exchanges, units_off_s
 from drivers.errors import RecordError
 
 FIXTURES = [HealthCheck.function_scoped_fixture]
@@ -200,3 +200,19 @@ def test_an_index_that_goes_backwards_or_leaps_is_told(tmp_path, fake, row, colu
     marks.tofile(index)
     with pytest.raises(RecordError, match=rf"fog\.idx, pair {pair}"):
         decode_stream(tmp_path, fake.source())
+
+
+def test_what_is_not_sent_while_switched_off_is_not_lost(tmp_path, fake):
+    # on to 10 s, off to 40 s, six frames lost at 45 s, cable out from 50 s to 60 s
+    samples = [*range(1000), *range(4000, 4500), *range(4506, 5000), *range(6000, 7000)]
+    fake.record(tmp_path, samples, 0.01, start_s=0.0)
+    events = [{"time_s": 9.0, "kind": "units_off"}, {"time_s": 9.5, "kind": "answer"}]
+    off_s = units_off_s([*events, {"time_s": 46.0, "kind": "units_on"}])
+    report = decode_stream(tmp_path, fake.source(), off_s=off_s)
+    assert (report.off, report.lost) == (3000, 1006)
+    assert int(table(tmp_path)["lost_before"].sum()) == 4006
+    # a unit that comes back later than it was to: the rest of the gap is lost
+    report = decode_stream(tmp_path, fake.source(), off_s=[(9.0, 30.0)])
+    assert (report.off, report.lost) == (pytest.approx(2000, abs=2), pytest.approx(2006, abs=2))
+    # the procedure ended before the units were on again
+    assert decode_stream(tmp_path, fake.source(), off_s=units_off_s(events)).lost == 6
