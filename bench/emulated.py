@@ -77,12 +77,11 @@ class Plant(BaseModel):
 
         model = read_model(self.gap_model[unit])
         terms = [
-            {
-                "effect": term.name,
-                "values": list(term.values),
-                "shape": dict(term.variant.shape),
-            }
+            {"effect": term.name, "values": list(term.values), "shape": dict(term.variant.shape)}
             for term in model.terms
+        ]
+        terms += [
+            {"effect": term.name, "values": list(term.values), "shape": {}} for term in model.disturbances
         ]
         return {"terms": terms, "noise": dataclasses.asdict(model.noise)}
 

@@ -131,7 +131,8 @@ def gap_close_command(runs: Sequence[Path], model: Path, gyro: str | None, out: 
     found = diagnose(_load(runs, gyro), nominal)
     channels = diagnosed_channels(runs, (), gyro, nominal)
     beside = [cause.effect.name for each in channels for cause in each.causes]
-    names = "+".join([*(cause.name for cause in found.causes), *beside])
+    disturbances = [term.name for term in found.disturbed.terms]
+    names = "+".join([*(cause.name for cause in found.causes), *disturbances, *beside])
     if not names:
         console.print(f"{found.verdict}: there is no effect to put into the model", style="yellow")
         return
@@ -187,7 +188,7 @@ def _print(console: Console, found: Diagnosis, shrunk: Shrinkage | None) -> None
     for cause in found.causes:
         console.print(f"  {_sentence(cause)}", highlight=False)
     for name, probability in found.stochastic.items():
-        parts = [f"  {name} ({100 * probability:.0f} %)", found.noise.risen(name)]
+        parts = [f"  {name} ({100 * probability:.0f} %)", found.size_of(name)]
         console.print(": ".join(filter(None, parts)), highlight=False)
     if found.unknown_probability > 0.5:
         near = ", ".join(cause.name for cause in found.resembles) or "nothing in the catalogue"
@@ -259,6 +260,14 @@ def _facts(
         "stochastic_coefficients": {
             name: found.noise.rises[name] for name in found.stochastic if name in found.noise.rises
         },
+        "disturbances": [
+            {
+                "name": term.name,
+                "parameters": _by_name(term.effect, term.values),
+                "sigma": _by_name(term.effect, term.sigmas),
+            }
+            for term in found.disturbed.terms
+        ],
         "unknown_probability": found.unknown_probability,
         "no_gap_probability": found.null_probability,
         "sets": {" + ".join(sorted(names)): value for names, value in found.set_probabilities.items()},
@@ -278,16 +287,20 @@ def _facts(
 
 
 def _cause_facts(cause: Cause) -> dict[str, Any]:
-    names = [parameter.name for parameter in cause.term.variant.effect.parameters]
+    effect = cause.term.variant.effect
     return {
         "name": cause.name,
         "probability": cause.probability,
         "alternatives": dict(cause.alternatives),
-        "parameters": dict(zip(names, cause.term.values, strict=True)),
-        "sigma": dict(zip(names, cause.term.sigmas, strict=True)),
+        "parameters": _by_name(effect, cause.term.values),
+        "sigma": _by_name(effect, cause.term.sigmas),
         "shape": dict(cause.term.variant.shape),
         "explained_where_it_acts": cause.credibility,
     }
+
+
+def _by_name(effect: Any, values: Sequence[float]) -> dict[str, float]:
+    return dict(zip((parameter.name for parameter in effect.parameters), values, strict=True))
 
 
 def _shrinkage_facts(shrunk: Shrinkage) -> dict[str, Any]:

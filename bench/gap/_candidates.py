@@ -11,6 +11,7 @@ from bench.gap._data import GapRun
 from bench.gap._evidence import Candidate
 from bench.gap._generic import PREFIX, free_curves
 from bench.gap._model_file import Model
+from bench.gap._response import proposed_variants
 from simulators.effects import Effect, Variant, catalogue
 
 Array = NDArray[np.float64]
@@ -23,7 +24,8 @@ def candidate_variants(model: Model, runs: Sequence[GapRun]) -> list[Variant]:
     """Return the catalogue's variants that the model does not have as terms, then free curves over the inputs."""
     names = {term.name for term in model.terms}
     effects = [each for each in catalogue().values() if isinstance(each, Effect) and each.name not in names]
-    return [variant for effect in effects for variant in effect.variants()] + free_curves(runs)
+    usual = [variant for effect in effects if not effect.proposed for variant in effect.variants()]
+    return [*usual, *proposed_variants(effects, runs), *free_curves(runs)]
 
 
 def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:

@@ -19,6 +19,7 @@ from bench.gap._cells import (
 )
 from bench.gap._data import GapRun, check_runs, group_runs
 from bench.gap._diagnose import Diagnosis
+from bench.gap._disturbed import without_disturbances
 from bench.gap._fit import Floor, counts
 from bench.gap._model_file import Model
 from bench.gap._noise import spectrum
@@ -78,16 +79,23 @@ def closed_model(diagnosis: Diagnosis, *, resembling: bool = False) -> Model:
     cause.
     """
     causes = diagnosis.causes + (diagnosis.resembles if resembling else ())
-    name = "+".join([diagnosis.model.name, *(cause.name for cause in causes)])
-    terms = diagnosis.model.terms + tuple(cause.term for cause in causes)
-    return replace(diagnosis.model, name=name, terms=terms, fitted_on=dict(diagnosis.run_checksums))
+    found = diagnosis.disturbed.terms
+    name = "+".join([diagnosis.model.name, *(cause.name for cause in causes), *(each.name for each in found)])
+    return replace(
+        diagnosis.model,
+        name=name,
+        terms=diagnosis.model.terms + tuple(cause.term for cause in causes),
+        fitted_on=dict(diagnosis.run_checksums),
+        disturbances=diagnosis.model.disturbances + found,
+    )
 
 
 def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor) -> Shrinkage:
     """Return how much of the gap of `before` is gone with `after` on held-out `runs`.
 
-    Both are used as they are, nothing is fitted but each run's bias. The two fastest bands are left out: their
-    floor is not known to a few per cent. ConfigurationError if a run was used for the fit.
+    Both are used as they are, nothing is fitted but each run's bias; impulses and lines are taken out. The two
+    fastest bands do not count: their floor is not known to a few per cent. ConfigurationError if a run was used
+    for the fit.
     """
     check_runs(runs)
     used = [run.run_id for run in runs if run.run_id in after.fitted_on]
@@ -97,6 +105,7 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
             found=", ".join(used),
             expected="held-out runs",
         )
+    runs = without_disturbances(runs, before).runs
     cells = rescaled(judged_cells(before, after, runs), floor.ratio)
     number = counts(cells)
     products = np.stack([cell.products(np.arange(2)) for cell in cells])

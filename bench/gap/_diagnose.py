@@ -14,6 +14,7 @@ from bench.gap._causes import Cause, causes_of
 from bench.gap._cells import BANDS, mixing
 from bench.gap._data import GapRun, Group, check_runs, unseen
 from bench.gap._describe import UnknownPart, curve_part, line_part, remaining_part
+from bench.gap._disturbed import Disturbed, without_disturbances
 from bench.gap._fit import Floor, Solution, nominal_solution
 from bench.gap._generic import PREFIX
 from bench.gap._model_file import Model, Term
@@ -37,7 +38,7 @@ class Diagnosis:
 
     `causes` are named; `resembles` are catalogue effects that fit part of what is called unknown.
     `unidentifiable` maps effects that these runs cannot show to the reason. `noise` is the floor;
-    `stochastic` maps the noise effects named to their probability.
+    `stochastic` maps the noise effects and disturbances named to their probability, `disturbed` holds the latter.
     """
 
     unit_id: str
@@ -48,6 +49,7 @@ class Diagnosis:
     null_probability: float
     set_probabilities: Mapping[frozenset[str], float]
     stochastic: Mapping[str, float]
+    disturbed: Disturbed
     noise: NoiseVerdict
     floor: Floor
     places: tuple[Place, ...]
@@ -59,6 +61,10 @@ class Diagnosis:
     run_checksums: Mapping[str, str]
     unknown_parts: tuple[UnknownPart, ...]
     constant: bool
+
+    def size_of(self, name: str) -> str:
+        """Return in words the size of a noise effect or a disturbance that is named; empty for lost frames."""
+        return self.disturbed.sentences.get(name) or self.noise.risen(name)
 
     @property
     def verdict(self) -> str:
@@ -74,18 +80,21 @@ class Diagnosis:
 def diagnose(runs: Sequence[GapRun], model: Model) -> Diagnosis:
     """Diagnose the gap between runs of one unit and its nominal model."""
     check_runs(runs)
-    runs, notes = aligned(runs)
+    shifted, notes = aligned(runs)
+    disturbed = without_disturbances(shifted, model)
+    runs = disturbed.runs
     variants = candidate_variants(model, runs)
     found = judged_sets(prepare(runs, model, variants), model, variants)
     if found.best.members:
         variants, again = second_look(found, model, variants)
         found = judged_sets(again, model, variants, found.hidden)
-    return _reported(found, runs, model, variants, notes)
+    return _reported(found, disturbed, model, variants, notes)
 
 
 def _reported(
-    found: Found, runs: Sequence[GapRun], model: Model, variants: Sequence[Variant], notes: Sequence[str]
+    found: Found, disturbed: Disturbed, model: Model, variants: Sequence[Variant], notes: Sequence[str]
 ) -> Diagnosis:
+    runs = disturbed.runs
     data, best, judged, cells = found.data, found.best, found.judged, found.data.cells
     causes, resembles = causes_of(best, judged, found.posterior, variants, data, found.variance, model)
     weights = set_weights(judged)
@@ -94,6 +103,7 @@ def _reported(
     if null > _DOUBTED:
         causes, resembles = (), ()
     stochastic = _stochastic(data.noise, runs) if unknown < 0.5 else {}
+    stochastic = {**stochastic, **disturbed.probabilities}
     where = places(cells, found.before, data.floor)
     active: dict[str, set[int]] = {}
     for place in where:
@@ -111,6 +121,7 @@ def _reported(
         null,
         {names: both[0] + both[1] for names, both in weights.items() if sum(both) > 1e-4},
         stochastic,
+        disturbed,
         data.noise,
         data.floor,
         tuple(where),
@@ -141,7 +152,7 @@ def _corrected(model: Model, solution: Solution, noise: Noise) -> Model:
         values = tuple(float(v + d) for v, d in zip(term.values, solution.values[at : at + k], strict=True))
         terms.append(Term(term.variant, values, tuple(deviations[at : at + k].tolist())))
         at += k
-    return Model(model.name, tuple(terms), noise, model.fitted_on)
+    return Model(model.name, tuple(terms), noise, model.fitted_on, disturbances=model.disturbances)
 
 
 def _mixed(groups: Sequence[Group], residuals: Sequence[Array]) -> list[Array]:

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from bench.gap._noise import NAMES, Noise
 from drivers.errors import ConfigurationError
 from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
-from simulators.effects import CHANNEL_UNITS, ChannelEffect, Effect, Stimulus, Variant, catalogue
+from simulators.effects import (
+    CHANNEL_UNITS,
+    ChannelEffect,
+    Disturbance,
+    Effect,
+    Stimulus,
+    Variant,
+    catalogue,
+)
 
 FORMAT = 1
 
@@ -48,11 +56,28 @@ class ChannelTerm:
 
 
 @dataclass(frozen=True)
+class DisturbanceTerm:
+    """A disturbance in a model: values of its parameters and their uncertainties (1 sigma)."""
+
+    effect: Disturbance
+    values: tuple[float, ...]
+    sigmas: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """The disturbance's name."""
+        return self.effect.name
+
+
+AnyTerm = Term | ChannelTerm | DisturbanceTerm
+
+
+@dataclass(frozen=True)
 class Model:
     """A nominal model; `fitted_on` maps run ids to checksums if a diagnosis wrote it.
 
     `channel_terms` are of the channels beside the gyro's rate; `accuracy` (channel's name to its unit) is how far
-    the model of a channel may be off without anybody minding.
+    the model of a channel may be off without anybody minding. No column predicts `disturbances`.
     """
 
     name: str
@@ -61,6 +86,7 @@ class Model:
     fitted_on: Mapping[str, str] = field(default_factory=dict)
     channel_terms: tuple[ChannelTerm, ...] = ()
     accuracy: Mapping[str, float] = field(default_factory=dict)
+    disturbances: tuple[DisturbanceTerm, ...] = ()
 
     def predict(self, stimulus: Stimulus) -> NDArray[np.float64]:
         """Return the output in deg/h that the model expects, without noise, (n,)."""
@@ -116,6 +142,7 @@ def parse_model(text: str, where: str) -> Model:
         dict(data.get("fitted_on", {})),
         tuple(term for term in terms if isinstance(term, ChannelTerm)),
         _accuracy(data.get("accuracy", {}), where),
+        tuple(term for term in terms if isinstance(term, DisturbanceTerm)),
     )
 
 
@@ -146,13 +173,12 @@ def _noise(data: Mapping[str, Any], where: str) -> Noise:
     return Noise(**{name: float(value) for name, value in table.items()})
 
 
-def _term(
-    table: Mapping[str, Any], effects: Mapping[str, object], coarseness: float, where: str
-) -> Term | ChannelTerm:
+def _term(table: Mapping[str, Any], effects: Mapping[str, object], coarseness: float, where: str) -> AnyTerm:
     name = table.get("name")
     effect = effects.get(str(name))
-    if not isinstance(effect, (Effect, ChannelEffect)):
-        known = sorted(key for key, value in effects.items() if isinstance(value, (Effect, ChannelEffect)))
+    if not isinstance(effect, (Effect, ChannelEffect, Disturbance)):
+        kinds = (Effect, ChannelEffect, Disturbance)
+        known = sorted(key for key, value in effects.items() if isinstance(value, kinds))
         raise ConfigurationError(
             "the model has an effect that the catalogue lacks",
             where=where,
@@ -184,6 +210,8 @@ def _term(
     sigmas = tuple(float(sigma[parameter.name]) for parameter in effect.parameters)
     if isinstance(effect, ChannelEffect):
         return ChannelTerm(effect, values, sigmas)
+    if isinstance(effect, Disturbance):
+        return DisturbanceTerm(effect, values, sigmas)
     return Term(Variant(effect, {key: float(value) for key, value in shape.items()}), values, sigmas)
 
 
@@ -193,7 +221,7 @@ def model_text(model: Model) -> str:
     lines += [f"{name} = {getattr(model.noise, name)!r}" for name in NAMES]
     if model.accuracy:
         lines += ["", "[accuracy]", *(f"{name} = {value!r}" for name, value in model.accuracy.items())]
-    terms: tuple[Term | ChannelTerm, ...] = (*model.terms, *model.channel_terms)
+    terms: tuple[AnyTerm, ...] = (*model.terms, *model.disturbances, *model.channel_terms)
     for term in terms:
         effect = term.variant.effect if isinstance(term, Term) else term.effect
         lines += ["", "[[effect]]", f"name = {json.dumps(term.name)}"]

@@ -134,7 +134,7 @@ def _verdict(content: GapContent) -> Verdict:
     sentences = [
         f"{_plain(cause.name).capitalize()}: {cause.meaning}{_rivals(cause)}" for cause in found.causes
     ]
-    sentences += [f"Noise: {_plain(name)}." for name in found.stochastic]
+    sentences += [f"Noise: {_plain(name)}{_told(found.size_of(name))}." for name in found.stochastic]
     sentences += [part.sentence for part in found.unknown_parts]
     if shrunk is not None and shrunk.caution and found.causes:
         sentences.append(f"But {shrunk.caution}.")
@@ -169,6 +169,10 @@ def _rivals(cause: Cause) -> str:
         return ""
     rivals = ", ".join(f"{_plain(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
     return f" These runs do not tell it from {rivals}."
+
+
+def _told(size: str) -> str:
+    return f": {size}" if size else ""
 
 
 def _plain(name: str) -> str:
@@ -256,7 +260,15 @@ def _causes(found: Diagnosis) -> list[Block]:
     rows = [_cause_row(cause, "named") for cause in found.causes]
     rows += [_cause_row(cause, "resembles a part") for cause in found.resembles]
     rows += [
-        Row([Cell(_plain(name), strong=True), Cell(f"{100 * p:.0f}"), Cell("noise"), Cell(DASH), Cell(DASH)])
+        Row(
+            [
+                Cell(_plain(name), strong=True),
+                Cell(f"{100 * p:.0f}"),
+                Cell("noise"),
+                Cell(found.size_of(name) or DASH),
+                Cell(DASH),
+            ]
+        )
         for name, p in found.stochastic.items()
     ]
     if not rows:

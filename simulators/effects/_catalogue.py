@@ -7,22 +7,30 @@ from importlib.metadata import entry_points
 from drivers.errors import ConfigurationError
 from simulators.effects._channel import ChannelEffect
 from simulators.effects._channel_effects import CHANNEL_EFFECTS
-from simulators.effects._effect import Effect, NoiseEffect
+from simulators.effects._disturbances import DISTURBANCES
+from simulators.effects._effect import Disturbance, Effect, NoiseEffect
 from simulators.effects._noise_effects import NOISE_EFFECTS
 from simulators.effects._rate_effects import RATE_EFFECTS
+from simulators.effects._response_effects import RESPONSE_EFFECTS
 from simulators.effects._temperature_effects import TEMPERATURE_EFFECTS
 
 GROUP = "gyrobench.effects"
-AnyEffect = Effect | NoiseEffect | ChannelEffect
-CATALOGUE: tuple[AnyEffect, ...] = (*TEMPERATURE_EFFECTS, *RATE_EFFECTS, *NOISE_EFFECTS, *CHANNEL_EFFECTS)
+AnyEffect = Effect | NoiseEffect | Disturbance | ChannelEffect
+CATALOGUE: tuple[AnyEffect, ...] = (
+    *TEMPERATURE_EFFECTS,
+    *RATE_EFFECTS,
+    *RESPONSE_EFFECTS,
+    *NOISE_EFFECTS,
+    *DISTURBANCES,
+    *CHANNEL_EFFECTS,
+)
 
 
 def catalogue() -> dict[str, AnyEffect]:
     """Return the effects by name: this package's, then those of the entry point group `gyrobench.effects`.
 
     An entry point names an `Effect`, a `NoiseEffect`, a `ChannelEffect` or a sequence of them.
-    ConfigurationError for a name that is
-    there twice or an entry point that is something else.
+    ConfigurationError for a name that is there twice or an entry point that is something else.
     """
     found: dict[str, AnyEffect] = {effect.name: effect for effect in CATALOGUE}
     for point in entry_points(group=GROUP):

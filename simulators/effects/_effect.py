@@ -47,8 +47,9 @@ class Effect:
     """One contribution to the gyro's output: sum over k of parameter k times column k, in deg/h.
 
     `columns(stimulus, shape)` returns float64 (k, n), k = len(parameters). `shapes` is the grid of non-linear
-    parameters that a diagnosis tries; an effect without any has one empty shape. `follows` says in words which
-    input the effect follows.
+    parameters that a diagnosis tries; an effect without any has one empty shape. Of a `proposed` one the shape (a
+    limit, a band) is read off the record, and the effect is no candidate where the record shows none; `shapes`
+    then has one of usual size. `follows` says in words which input the effect follows.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Effect:
     meaning: str
     shapes: tuple[Mapping[str, float], ...] = (NO_SHAPE,)
     channel: Literal["gyro_rate"] = "gyro_rate"
+    proposed: bool = False
 
     def variants(self) -> tuple[Variant, ...]:
         """Return the effect at every point of its grid."""
@@ -74,3 +76,17 @@ class NoiseEffect:
     source: str
     meaning: str
     channel: Literal["gyro_rate", "time_stamps"] = "gyro_rate"
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What comes into the output whatever the stimulus, at its own times: no column of any fit.
+
+    A diagnosis finds it in the record and takes it out before it fits anything; a plant draws times and phases.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    source: str
+    meaning: str
+    channel: Literal["gyro_rate"] = "gyro_rate"

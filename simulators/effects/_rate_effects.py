@@ -38,6 +38,23 @@ def _azimuth(s: Stimulus, _: Shape) -> Array:
     return np.asarray(-math.radians(1.0) * level * s.harmonic(1)[1])[None, :]
 
 
+def _tilt(s: Stimulus, _: Shape) -> Array:
+    """Earth rate on an axis that leans with the whole table: (turn x axis) . Earth rate for a turn of 1 deg.
+
+    Turned about north, an axis to the side of it rises; turned about east, one to the north rises and one that
+    points up leans to the south. The table's own rate stays along its axis.
+    """
+    elevation = np.radians(s.elevation_deg)
+    vertical = EARTH_RATE_DPH * math.sin(math.radians(s.latitude_deg))
+    cosine, sine = s.harmonic(1) * np.cos(elevation)
+    leaned = -_level_earth_dph(s) * np.sin(elevation)
+    return np.asarray(math.radians(1.0) * np.stack((vertical * sine, vertical * cosine + leaned)))
+
+
+def _rectification(s: Stimulus, _: Shape) -> Array:
+    return np.asarray((s.table_rate_dps / _AT_DPS) ** 2)[None, :]
+
+
 def _misalignment(s: Stimulus, _: Shape) -> Array:
     """Sensitive axis leaning in its frame: an upright one picks up level Earth rate, a level one the table's."""
     upright, level = np.sin(np.radians(s.elevation_deg)), np.cos(np.radians(s.elevation_deg))
@@ -155,6 +172,14 @@ RATE_EFFECTS = (
         "The axis does not point where the table's angle says: Earth rate enters differently.",
     ),
     Effect(
+        "table_tilt",
+        (Parameter("about_north_deg", -10.0, 10.0), Parameter("about_east_deg", -10.0, 10.0)),
+        _tilt,
+        "table angle with the axis level, and the axis level against upright",
+        "Earth-rate projection; IEEE Std 952, test-table alignment",
+        "The table's axis is not plumb: the unit leans with it and sees Earth rate otherwise in every direction.",
+    ),
+    Effect(
         "axis_misalignment",
         _pair("lean_deg", 10.0),
         _misalignment,
@@ -219,6 +244,14 @@ RATE_EFFECTS = (
         "attitude against gravity, squared",
         "IEEE Std 952, acceleration-squared sensitivity",
         "Bias depends on the square of gravity along the axis.",
+    ),
+    Effect(
+        "vibration_rectification",
+        (Parameter("bias_dph_at_100dps", -1000.0, 1000.0),),
+        _rectification,
+        "square of the table's rate",
+        "IEEE Std 952, vibration rectification; bearing vibration grows with speed, its power with the square",
+        "Bias shifts while the table turns, by the power of its vibration.",
     ),
     Effect(
         "bias_ramp",

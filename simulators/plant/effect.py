@@ -37,6 +37,31 @@ class RateEffect:
 
 
 @dataclass(frozen=True)
+class SamplePath:
+    """Where an axis was during n samples: their edges in lab time, and the table's angle there.
+
+    `edges_s`, `angle_deg` float64 (n + 1,); the angle has the mount's azimuth error in it, turns counted.
+    `elevation_deg` is the axis above the horizon.
+    """
+
+    edges_s: NDArray[np.float64]
+    angle_deg: NDArray[np.float64]
+    elevation_deg: float
+    latitude_deg: float
+    period_s: float
+
+
+@dataclass(frozen=True)
+class SampleEffect:
+    """One contribution to the angle increments themselves, rad, float64 (n,), from the way of the axis."""
+
+    name: str
+    value: Callable[[SamplePath], NDArray[np.float64]]
+    source: str
+    meaning: str
+
+
+@dataclass(frozen=True)
 class AxisModel:
     """One sensitive axis: its effects, and its noise ("angle_random_walk", "bias_instability", ...)."""
 
@@ -45,6 +70,7 @@ class AxisModel:
     noise: NoiseParameters
     turn_on_bias_dph: float
     turn_on_sf_ppm: float
+    sample_effects: tuple[SampleEffect, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -75,6 +101,7 @@ def effect_names(model: UnitModel) -> tuple[str, ...]:
     for axis in model.axis_models:
         names.update(effect.name for effect in axis.effects)
         names.update(effect.name for effect in axis.rate_effects)
+        names.update(effect.name for effect in axis.sample_effects)
     return tuple(sorted(names))
 
 
@@ -104,4 +131,5 @@ def _axis_without(axis: AxisModel, names: Collection[str]) -> AxisModel:
         ),
         axis.turn_on_bias_dph * kept,
         axis.turn_on_sf_ppm * kept,
+        tuple(effect for effect in axis.sample_effects if effect.name not in names),
     )

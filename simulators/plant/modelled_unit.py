@@ -14,11 +14,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
-from simulators.effects import REFERENCE_C
-from simulators.plant.effect import AxisModel, Effect, RateEffect, UnitModel
-from simulators.plant.noise import NoiseParameters
+from simulators.effects import REFERENCE_C, Stimulus, catalogue
+from simulators.effects import Effect as Formula
+from simulators.plant.disturbances import Impulses, Line
+from simulators.plant.effect import AxisModel, Effect, RateEffect, SampleEffect, SamplePath, UnitModel
+from simulators.plant.noise import NoiseParameters, NoiseSource
 
 _SPAN_K = 50.0
 _AT_DPS = 100.0
@@ -103,6 +106,7 @@ class _Clock:
 
 
 _Value = Callable[[Temperatures], float]
+Array = NDArray[np.float64]
 
 
 def _warm_k(state: Temperatures) -> float:
@@ -208,6 +212,33 @@ _SCALE: dict[str, Callable[[ModelledTerm], _Value]] = {
     "scale_factor_quadratic": _power(2),
     "scale_factor_lag": _behind,
 }
+
+
+def _ppm_of(term: ModelledTerm, output_dps: Callable[[Array], Array]) -> RateEffect:
+    """Return the scale-factor error that turns rates into an output, or into a part of the way to it."""
+
+    def value(dps: Array) -> Array:
+        wrong = output_dps(dps) - dps
+        return np.asarray(1e6 * term.values[0] * wrong / np.where(dps == 0.0, 1.0, dps))
+
+    return RateEffect(term.effect, value, _SOURCE, "")
+
+
+def _saturation(term: ModelledTerm) -> RateEffect:
+    limit = term.shape["limit_dps"]
+    return _ppm_of(term, lambda dps: np.clip(dps, -limit, limit))
+
+
+def _dead_zone(term: ModelledTerm) -> RateEffect:
+    band = term.shape["band_dph"] / 3600.0
+    return _ppm_of(term, lambda dps: np.where(np.abs(dps) < band, 0.0, dps))
+
+
+def _lock_in(term: ModelledTerm) -> RateEffect:
+    lock = term.shape["lock_dph"] / 3600.0
+    return _ppm_of(term, lambda dps: np.sign(dps) * np.sqrt(np.maximum(dps**2 - lock**2, 0.0)))
+
+
 _RATE: dict[str, Callable[[ModelledTerm], RateEffect]] = {
     "scale_factor_nonlinearity": lambda term: RateEffect(
         term.effect, lambda dps: term.values[0] * (dps / _AT_DPS) ** 2, _SOURCE, ""
@@ -215,16 +246,68 @@ _RATE: dict[str, Callable[[ModelledTerm], RateEffect]] = {
     "scale_factor_asymmetry": lambda term: RateEffect(
         term.effect, lambda dps: 0.5 * term.values[0] * np.sign(dps), _SOURCE, ""
     ),
+    "saturation": _saturation,
+    "dead_zone": _dead_zone,
+    "lock_in": _lock_in,
 }
-CAUSAL = (*_BIAS, *_SCALE, *_RATE)
+
+
+def _by_angle(term: ModelledTerm) -> Callable[[SamplePath], Array]:
+    """Return an effect of angle and attitude: it has no memory, so that the catalogue's columns are causal."""
+    formula = catalogue()[term.effect]
+    assert isinstance(formula, Formula)
+
+    def increments_rad(path: SamplePath) -> Array:
+        n = len(path.edges_s) - 1
+        room = np.full(n, REFERENCE_C)
+        elevation = np.full(n, path.elevation_deg)
+        s = Stimulus(
+            path.edges_s[1:], room, room, path.angle_deg, elevation, path.latitude_deg, path.period_s
+        )
+        total = np.zeros(n)
+        for value, column in zip(term.values, formula.columns(s, term.shape), strict=True):
+            total += value * column
+        return total * (math.radians(path.period_s) / 3600.0)
+
+    return increments_rad
+
+
+_ANGLE = (
+    "azimuth_error",
+    "table_tilt",
+    "axis_misalignment",
+    "heading_sensitivity",
+    "table_wobble_once",
+    "table_wobble_twice",
+    "acceleration_sensitivity",
+    "acceleration_squared",
+    "vibration_rectification",
+)
+_DISTURBANCES: dict[str, Callable[[float, float, NoiseSource], Callable[[SamplePath], Array]]] = {
+    "impulses": Impulses,
+    "vibration_or_mains_line": Line,
+}
+CAUSAL = (*_BIAS, *_SCALE, *_RATE, *_ANGLE, *_DISTURBANCES)
 """Effects of the catalogue that a plant can have."""
+
+
+def _sample_effects(terms: Sequence[ModelledTerm], seed: tuple[int, ...]) -> tuple[SampleEffect, ...]:
+    effects = []
+    for number, term in enumerate(terms):
+        if term.effect in _ANGLE:
+            effects.append(SampleEffect(term.effect, _by_angle(term), _SOURCE, ""))
+        elif term.effect in _DISTURBANCES:
+            source = NoiseSource(seed[0], f"disturbance {seed[1:]}", 10 * number)
+            made = _DISTURBANCES[term.effect](term.values[0], term.values[1], source)
+            effects.append(SampleEffect(term.effect, made, _SOURCE, ""))
+    return tuple(effects)
 
 
 def modelled(unit: UnitModel, errors: ModelledErrors, seed: tuple[int, ...]) -> UnitModel:
     """Return a single-axis unit with its thermal network kept and its errors those of a model.
 
-    `seed` draws the rate random walk. ConfigurationError for a unit with several axes or without a temperature on
-    its case, and for effects without a causal form.
+    `seed` draws the rate random walk, phases and times. ConfigurationError for a unit of several axes or without
+    a temperature on its case, and for effects without a causal form.
     """
     if len(unit.axes) != 1 or not {"sensor_temp_c", "case_temp_c"} <= set(unit.outputs):
         raise ConfigurationError(
@@ -248,7 +331,8 @@ def modelled(unit: UnitModel, errors: ModelledErrors, seed: tuple[int, ...]) -> 
         walk = _walk(errors.rate_random_walk_dph_per_sqrt_h, seed)
         effects.append(Effect("rate_random_walk", "bias_dph", walk, _SOURCE, ""))
     rates = tuple(_RATE[term.effect](term) for term in errors.terms if term.effect in _RATE)
-    return replace(unit, axis_models=(AxisModel(tuple(effects), rates, errors.noise, 0.0, 0.0),))
+    axis = AxisModel(tuple(effects), rates, errors.noise, 0.0, 0.0, _sample_effects(errors.terms, (*seed, 0)))
+    return replace(unit, axis_models=(axis,))
 
 
 def _walk(coefficient: float, seed: tuple[int, ...]) -> _Value:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
 from simulators.interfaces import GyroSignal
-from simulators.plant.effect import UnitModel
+from simulators.plant.effect import SamplePath, UnitModel
 from simulators.plant.mounting import Mount, Mounting, turned_rad
 from simulators.plant.noise import BLOCK, GyroNoise, NoiseSource, flicker
 from simulators.plant.table import TableAxis
@@ -130,6 +130,7 @@ class GyroUnit:
         increments = turned * (1.0 + 1e-6 * sf_ppm) + bias_dph * (math.radians(period_s) / 3600.0)
         for axis, noise in enumerate(self._noise):
             increments[axis] += noise.increments_rad(index, count, period_s)
+        self._add_sample_effects(increments, edges_s, middle_s)
         # a sample that ends on a tick holds that tick's reading, whatever the rounding of its end
         held = (edges_s[1:] + 1e-9).astype(np.int64)
         return GyroSignal(self.axes, np.ascontiguousarray(increments.T), self._record[held, 3 * axes])
@@ -165,21 +166,41 @@ class GyroUnit:
     def _turned(
         self, edges_s: NDArray[np.float64], middle_s: NDArray[np.float64], period_s: float
     ) -> NDArray[np.float64]:
-        """Return the true angle each axis turned through in each interval, rad, float64 (axes, n).
+        """Return the true angle each axis turned through in each interval, rad, float64 (axes, n)."""
+        turned = np.empty((len(self.axes), len(middle_s)))
+        for first, angles_deg, matrix in self._mounted(edges_s, middle_s):
+            turned[:, first:] = turned_rad(matrix, angles_deg, self._latitude_deg, period_s)
+        return turned
+
+    def _mounted(
+        self, edges_s: NDArray[np.float64], middle_s: NDArray[np.float64]
+    ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
+        """Yield the interval from which a mounting holds, the table's angle at edges from there, its matrix.
 
         A table at rest gives one pair of equal angles, good for every interval.
         """
         angles = self._table.total_angles_deg(edges_s)
-        turned = np.empty((len(self.axes), len(middle_s)))
         for since_s, mount, matrix in self._mounts:
             first = 0 if since_s <= middle_s[0] else int(np.searchsorted(middle_s, since_s))
             if first == len(middle_s):
                 break
             scale_deg = angles if len(angles) == 2 else angles[first:]
-            turned[:, first:] = turned_rad(
-                matrix, scale_deg + mount.azimuth_error_deg, self._latitude_deg, period_s
-            )
-        return turned
+            yield first, scale_deg + mount.azimuth_error_deg, matrix
+
+    def _add_sample_effects(
+        self, increments: NDArray[np.float64], edges_s: NDArray[np.float64], middle_s: NDArray[np.float64]
+    ) -> None:
+        if not any(model.sample_effects for model in self.model.axis_models):
+            return
+        before = increments.copy()
+        for first, angles_deg, matrix in self._mounted(edges_s, middle_s):
+            own_s = edges_s[first:]
+            angle = angles_deg if len(angles_deg) == len(own_s) else np.full(len(own_s), angles_deg[0])
+            for axis, model in enumerate(self.model.axis_models):
+                elevation = math.degrees(math.asin(min(max(float(matrix[axis, 2]), -1.0), 1.0)))
+                path = SamplePath(own_s, angle, elevation, self._latitude_deg, self._period_s)
+                added = [effect.value(path) for effect in model.sample_effects]
+                increments[axis, first:] = before[axis, first:] + sum(added)
 
     def _rate_errors_ppm(self, turned_rad: NDArray[np.float64], period_s: float) -> NDArray[np.float64]:
         errors = np.zeros_like(turned_rad)
