@@ -8,9 +8,11 @@ from __future__ import annotations
 import json
 import math
 import platform
+import shutil
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
@@ -51,13 +53,41 @@ def save_file(path: Path, content: bytes | str) -> None:
     try:
         replace_file(path, content)
     except OSError as error:
-        raise RecordError(
-            "the file could not be saved",
-            where=str(path),
-            found=error.strerror or str(error),
-            expected="a folder that can be written, with space on its disk",
-            remedy="free space or name another folder with --out; the runs are not affected",
-        ) from error
+        raise _not_saved(path, error) from error
+
+
+def _not_saved(path: Path, error: OSError) -> RecordError:
+    return RecordError(
+        "the file could not be saved",
+        where=str(path),
+        found=error.strerror or str(error),
+        expected="a folder that can be written, with space on its disk",
+        remedy="free space or name another folder with --out; the runs are not affected",
+    )
+
+
+@contextmanager
+def saved_together(folder: Path, *others: str) -> Iterator[Path]:
+    """Yield a folder to write the files of one result to; at the end they take their places in `folder`.
+
+    Files of an earlier result with these names, or named in `others`, go before the first new one comes: after a
+    kill or a power cut the files that are there, if not all of them, belong together. A failure on the way leaves
+    all that was there before. Raises RecordError.
+    """
+    part = folder / ".part"
+    try:
+        shutil.rmtree(part, ignore_errors=True)  # of a process that was killed
+        part.mkdir(parents=True)
+        yield part
+        names = sorted(path.name for path in part.iterdir())
+        for name in {*names, *others}:
+            (folder / name).unlink(missing_ok=True)
+        for name in names:
+            (part / name).replace(folder / name)
+    except OSError as error:
+        raise _not_saved(folder, error) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def read_state(path: Path) -> dict[str, Any]:

@@ -34,7 +34,7 @@ from bench.calibration import (
     load_scheme,
 )
 from bench.report import CalibrationContent, calibration_content, render_calibration, write_report
-from bench.state_file import save_file
+from bench.state_file import save_file, saved_together
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError, RecordError
 
@@ -87,10 +87,10 @@ def calibrate_command(
         runs={run.run_id: run.checksum},
         declared=(*content.poorly_seen, *content.warnings),
     )
-    out.mkdir(parents=True, exist_ok=True)
-    compensation.save(out / "compensation.gyrocomp")
-    save_file(out / "calibration.json", json.dumps(compensation.describe(), indent=2))
-    write_report(out / "report.html", render_calibration(content))
+    with saved_together(out) as part:
+        compensation.save(part / "compensation.gyrocomp")
+        save_file(part / "calibration.json", json.dumps(compensation.describe(), indent=2))
+        write_report(part / "report.html", render_calibration(content))
     _print(console, found, content)
     console.print(f"{out}/compensation.gyrocomp, calibration.json, report.html", highlight=False)
 

@@ -14,9 +14,10 @@ from bench.fitting import Compensation, LstmModel, Study, load_runs, run_study
 from bench.fitting_report import study_content
 from bench.recording import Run
 from bench.report import render_campaign, write_report
-from bench.state_file import save_file
+from bench.state_file import save_file, saved_together
 
 REPORT_FILE = "report.html"
+NETWORK_FILE = "lstm.onnx"
 
 
 def fit_command(
@@ -46,16 +47,16 @@ def fit_command(
 
 def write_study(study: Study, folders: Sequence[Path], out: Path, *, title: str) -> None:
     """Write compensation.gyrocomp, compensation.h, lstm.onnx (if fitted) and report.html to `out`."""
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / "compensation.gyrocomp"
-    study.compensation.save(path)
-    saved = Compensation.load(path)
-    save_file(out / "compensation.h", c_header(saved))
-    network = study.models.get(LstmModel.name)
-    if isinstance(network, LstmModel):
-        save_file(out / "lstm.onnx", lstm_to_onnx(network))
-    content = study_content(study, [Run.open(folder) for folder in folders], path, title)
-    write_report(out / REPORT_FILE, render_campaign(content))
+    with saved_together(out, NETWORK_FILE) as part:
+        path = part / "compensation.gyrocomp"
+        study.compensation.save(path)
+        saved = Compensation.load(path)
+        save_file(part / "compensation.h", c_header(saved))
+        network = study.models.get(LstmModel.name)
+        if isinstance(network, LstmModel):
+            save_file(part / NETWORK_FILE, lstm_to_onnx(network))
+        content = study_content(study, [Run.open(folder) for folder in folders], path, title)
+        write_report(part / REPORT_FILE, render_campaign(content))
 
 
 def score_table(study: Study) -> Table:

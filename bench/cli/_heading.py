@@ -23,6 +23,7 @@ from bench.heading import (
 )
 from bench.recording import checksum
 from bench.report import HeadingContent, mixed_text, render_heading, write_report
+from bench.state_file import saved_together
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError
 
@@ -60,17 +61,14 @@ def heading_command(
     study = study_heading(
         calibration, held_out, form=cast(Form, form), window_s=3600.0 * window_h, other_temp_c=other
     )
-    out.mkdir(parents=True, exist_ok=True)
     caused = study.model.evidence.cause == "temperature"
-    model_path = out / MODEL_FILE
-    if caused:
-        save_model(model_path, study.model)
-    else:
-        model_path.unlink(missing_ok=True)
     tables = [platform_table(path) if path.is_dir() else path for path in (log, *tests)]
     sums = {f"{path.parent.name}/{path.name}": checksum(path).sha256 for path in tables}
     content = HeadingContent(study, log.stem, utc_now(), sums, MODEL_FILE if caused else "")
-    write_report(out / REPORT_FILE, render_heading(content))
+    with saved_together(out, MODEL_FILE) as part:
+        if caused:
+            save_model(part / MODEL_FILE, study.model)
+        write_report(part / REPORT_FILE, render_heading(content))
     for finding in study.findings:
         console.print(f"{finding.what}: {finding.consequence}", style="yellow", highlight=False)
     if not caused:

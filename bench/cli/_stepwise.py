@@ -11,6 +11,7 @@ from rich.table import Table
 from bench.recording import Run
 from bench.report import render_rlg_study, write_report
 from bench.rlg import CANDIDATES, RampRun, RlgStudy, load_ramp_runs, run_rlg_study
+from bench.state_file import saved_together
 from drivers.clock import utc_now
 from drivers.errors import ConfigurationError
 
@@ -57,10 +58,10 @@ def stepwise_command(
 
 def write_rlg_study(study: RlgStudy, folder: Path, bench_name: str, warnings: Sequence[str] = ()) -> None:
     """Write compensation.gyrocomp and report.html of a study to `folder`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    study.chosen.compensation.save(folder / "compensation.gyrocomp")
-    page = render_rlg_study(study, created_utc=utc_now(), bench_name=bench_name, warnings=warnings)
-    write_report(folder / "report.html", page)
+    with saved_together(folder) as part:
+        study.chosen.compensation.save(part / "compensation.gyrocomp")
+        page = render_rlg_study(study, created_utc=utc_now(), bench_name=bench_name, warnings=warnings)
+        write_report(part / "report.html", page)
 
 
 def _by_unit(

@@ -13,6 +13,7 @@ from rich.table import Table
 from bench.recording import Run, checksum
 from bench.report import render_whirl, run_content, write_report
 from bench.run_folder import MANIFEST_FILE
+from bench.state_file import saved_together
 from bench.whirl import Gauge, WhirlStudy, load_turns, study_whirl
 from bench.whirl_report import whirl_content
 from drivers.errors import ConfigurationError
@@ -34,14 +35,14 @@ def whirl_command(
     fitted = {turn.record.run_id: checksums[turn.record.run_id] for turn in turns[: len(runs)]}
     with console.status("fitting whirl"):
         study = study_whirl(turns[: len(runs)], turns[len(runs) :], gauge=chosen, checksums=fitted)
-    out.mkdir(parents=True, exist_ok=True)
-    study.compensation.save(out / COMPENSATION_FILE)
     summaries = [
         replace(run_content(run).summary, checksum=checksums[run.manifest.run_id], role=role)
         for run, role in zip(opened, ["fitted"] * len(runs) + ["held out"] * len(test), strict=True)
     ]
-    content = whirl_content(study, summaries, out / COMPENSATION_FILE)
-    write_report(out / REPORT_FILE, render_whirl(content))
+    with saved_together(out) as part:
+        study.compensation.save(part / COMPENSATION_FILE)
+        content = whirl_content(study, summaries, part / COMPENSATION_FILE)
+        write_report(part / REPORT_FILE, render_whirl(content))
     console.print(lines_table(study))
     console.print(judgement_table(study))
     for text in (*study.compensation.declared, *(finding.text for finding in study.findings)):
