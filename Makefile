@@ -49,7 +49,7 @@ coverage: $(STAMP)
 	$(BIN)/coverage report --skip-covered --sort=cover
 	$(BIN)/python -m benchmarks.rooms
 
-# The tests with threads, processes and terminals, TIMES times (200).
+# The tests marked concurrent, TIMES times (200); those that are slow too a tenth as often.
 repeats: $(STAMP)
 	$(BIN)/python -m benchmarks.repeats $(TIMES)
 

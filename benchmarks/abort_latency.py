@@ -205,7 +205,8 @@ def _taken_over_ms(folder: Path, struck: datetime) -> float:
     rows: list[dict[str, Any]] = []
     while not rows or rows[-1]["kind"] != "outcome":
         clock.sleep(0.1)
-        lines = (folder / "events.jsonl").read_text().splitlines() if folder.exists() else []
+        events = folder / "events.jsonl"
+        lines = events.read_text().splitlines() if events.exists() else []
         rows = [json.loads(line) for line in lines if line.endswith("}")]
     clock.close()
     taken = datetime.fromisoformat(rows[0]["utc"])

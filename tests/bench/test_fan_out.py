@@ -22,6 +22,8 @@ from bench.fan_out import ALONE, FanOut, fan_out
 from bench.fitting import FeatureRun, fit_models
 from drivers.errors import ConfigurationError, RecordError
 
+pytestmark = [pytest.mark.concurrent, pytest.mark.slow]
+
 pytest.importorskip("distributed", reason="no Dask: pip install 'gyrobench[scale]'")
 MODELS = ("poly3", "multilinear", "stepwise", "lag_ridge", "lag_ridge_x_temp")
 SCHEDULER = ("-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")

@@ -3,10 +3,13 @@
 import threading
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.history import History
+
+pytestmark = pytest.mark.concurrent
 
 
 @settings(max_examples=60, deadline=None)

@@ -14,6 +14,8 @@ from bench.benchfile import bench_file_from
 from bench.lease import lease_holder, process_start, state_folder, take_lease
 from drivers.errors import BenchInUse, ConfigurationError
 
+pytestmark = pytest.mark.concurrent
+
 HOLD = """
 import sys, json
 from bench.benchfile import bench_file_from

@@ -7,6 +7,8 @@ import pytest
 from bench.questions import AssumeYes, Console, Question, StageHand
 from drivers.errors import BenchError
 
+pytestmark = pytest.mark.concurrent
+
 
 def test_beforehand_is_yes():
     assert AssumeYes().ask(Question("Ready?"))() == "yes"

@@ -11,6 +11,8 @@ from bench.campaign import Notice
 from bench.campaign._notify import Announcing, Notifier
 from bench.questions import AssumeYes, Question
 
+pytestmark = pytest.mark.concurrent
+
 TEXT = 'chamber at -40 °C; $(touch /tmp/never) `id` "quoted" | & > <'
 KEEP = "import pathlib, sys; pathlib.Path(sys.argv[1]).write_bytes(sys.stdin.buffer.read())"
 

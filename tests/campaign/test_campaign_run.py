@@ -108,6 +108,8 @@ def test_a_folder_that_is_not_what_was_sealed_does_not_count(done, tmp_path, dam
     assert found[1].reason and CampaignFolder(copy).next_id(found[1].run) == "turn-2.2"
 
 
+@pytest.mark.concurrent
+@pytest.mark.slow
 def test_ctrl_c_then_sigkill_then_resume_records_every_run_once(
     gyrobench, campaign_path, bench_path, tmp_path
 ):
@@ -157,6 +159,8 @@ def test_ctrl_c_then_sigkill_then_resume_records_every_run_once(
     assert read_manifest(folder / "runs" / "last.2").emulated.seed == 9
 
 
+@pytest.mark.concurrent
+@pytest.mark.slow
 def test_abort_from_outside_makes_safe_and_pause_holds_between_steps(
     gyrobench, campaign_path, bench_path, tmp_path
 ):
@@ -184,6 +188,8 @@ def test_abort_from_outside_makes_safe_and_pause_holds_between_steps(
     assert rows[-1]["outcome"] == "aborted" and read_now(folder)["outcome"] == "aborted"
 
 
+@pytest.mark.concurrent
+@pytest.mark.slow
 def test_two_campaigns_on_one_bench(campaign_path, bench_path, bench_file, gyrobench, tmp_path):
     with take_lease(bench_file, "campaign of somebody else"):
         process = gyrobench(

@@ -8,6 +8,8 @@ import pytest
 from drivers.clock import Interrupt, WallClock
 from drivers.errors import LinkLost, RunAborted
 
+pytestmark = pytest.mark.concurrent
+
 
 class Pipe:
     """A port over a pipe; `delivered` is what the clock handed on."""

@@ -14,6 +14,8 @@ from drivers.errors import ConfigurationError, DeviceSilent, LinkLost, ProtocolE
 from drivers.link import Link
 from tests.ptys import read_exactly, write_through
 
+pytestmark = pytest.mark.concurrent
+
 
 class Tap:
     def __init__(self):

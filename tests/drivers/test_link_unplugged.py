@@ -16,6 +16,8 @@ from drivers.errors import ConfigurationError, LinkLost
 from drivers.kvh import KvhDecoder, encode_frames
 from drivers.link import Link
 
+pytestmark = pytest.mark.concurrent
+
 
 def plugged_in(name: Path) -> tuple[int, int]:
     """Return both ends of a terminal that has `name`, as udev names an adapter."""

@@ -349,6 +349,7 @@ def unit(terminal: Terminal) -> Iterator[SbgGyro]:
     clock.close()
 
 
+@pytest.mark.concurrent
 def test_identify_hears_the_unit(unit: SbgGyro) -> None:
     unit.link.deliver(b"\r\r6FFE803\r" + info(1) + GYRO, 0.0)
     identity = unit.identify()
@@ -356,6 +357,7 @@ def test_identify_hears_the_unit(unit: SbgGyro) -> None:
     assert identity.details["identifiers"] == "0x120, 0x122"
 
 
+@pytest.mark.concurrent
 def test_identify_names_what_it_hears_instead(unit: SbgGyro) -> None:
     unit.link.deliver(b"t0051AA\rT18F009000\r" + info(1), 0.0)
     with pytest.raises(WrongDevice, match="identifiers 0x005, 0x120, 0x18F00900") as caught:
@@ -364,6 +366,7 @@ def test_identify_names_what_it_hears_instead(unit: SbgGyro) -> None:
     assert unit.link.clock.now() == 5.0
 
 
+@pytest.mark.concurrent
 def test_identify_of_a_silent_bus(unit: SbgGyro) -> None:
     with pytest.raises(DeviceSilent, match="nothing"):
         unit.identify()
@@ -372,6 +375,7 @@ def test_identify_of_a_silent_bus(unit: SbgGyro) -> None:
         unit.identify()
 
 
+@pytest.mark.concurrent
 def test_start_hands_the_link_to_the_stream(unit: SbgGyro) -> None:
     unit.link.deliver(info(1) + GYRO, 0.0)
     unit.start()
@@ -382,6 +386,7 @@ def test_start_hands_the_link_to_the_stream(unit: SbgGyro) -> None:
     assert unit.decoder().counter_step == 10_000.0
 
 
+@pytest.mark.concurrent
 def test_the_kind_that_a_bench_file_names(terminal: Terminal) -> None:
     section = {
         "name": "mems_1",

@@ -17,6 +17,8 @@ from drivers.errors import ConfigurationError, DeviceSilent, LimitExceeded, Link
 from drivers.slcan import BufferedSlcanBus, MessageLink, open_can
 from tests.ptys import read_exactly
 
+pytestmark = pytest.mark.concurrent
+
 
 class Adapter:
     """The far end of a pseudo-terminal."""

@@ -108,6 +108,8 @@ def test_stop_commands_leave_on_both_ports_before_any_answer_is_awaited(bench, f
     assert made_safe[0]["text"] == "made safe: stopped by Ctrl-C."
 
 
+@pytest.mark.concurrent
+@pytest.mark.slow
 def test_a_killed_lab_ends_the_run_with_one_clear_paragraph(bench, fog_file, tmp_path):
     with EmulatedLab(fog_file, Plant()) as lab:
 
@@ -190,6 +192,8 @@ def test_a_run_whose_last_step_fails_is_sealed_as_aborted(bench, fog_file, tmp_p
     assert bench.problems(result.folder) == []
 
 
+@pytest.mark.concurrent
+@pytest.mark.slow
 def test_a_run_in_a_thread_leaves_the_signals_to_whoever_owns_them(bench, fog_file, tmp_path):
     results = []
     before = signal.getsignal(signal.SIGINT)
@@ -201,6 +205,8 @@ def test_a_run_in_a_thread_leaves_the_signals_to_whoever_owns_them(bench, fog_fi
     assert signal.getsignal(signal.SIGINT) is before
 
 
+@pytest.mark.concurrent
+@pytest.mark.slow
 def test_signals_to_a_run_on_the_wall_clock(fog_text, tmp_path):
     """`gyrobench run` against a lab on the wall clock, SIGTERM: exit code 3, safe bytes sent and confirmed."""
     path = tmp_path / "lab.toml"

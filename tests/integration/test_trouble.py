@@ -110,6 +110,8 @@ def test_a_missing_port_is_named(bench, fog_file, tmp_path):
     assert "table" in text and "ttyNONE" in text and "No such file" in text
 
 
+@pytest.mark.concurrent
+@pytest.mark.slow
 def test_a_port_that_another_program_has_open_is_refused(bench, fog_file, tmp_path):
     master, slave = pty.openpty()
     tty.setraw(slave)

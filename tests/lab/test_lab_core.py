@@ -14,6 +14,8 @@ from simulators.lab._core import Lab
 from simulators.lab._ports import PtyPort, TcpPort
 from simulators.lab._stagehand import StageDoor
 
+pytestmark = pytest.mark.concurrent
+
 
 class Plant:
     def __init__(self):

@@ -15,6 +15,8 @@ from bench.nursery import LabNursery
 from bench.testing import usual_bench
 from drivers.errors import BenchError, ConfigurationError
 
+pytestmark = [pytest.mark.concurrent, pytest.mark.slow]
+
 
 def ended(process: int) -> bool:
     """Say whether the process of a pidfd ends; the wait is a bound, not a measurement."""

@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from drivers.errors import BenchError, ConfigurationError, LinkLost, RunAborted
 from drivers.virtual_clock import NOT_OPEN, Codec, VirtualClock
 
+pytestmark = pytest.mark.concurrent
+
 INT64 = st.integers(-(2**63), 2**63 - 1)
 
 

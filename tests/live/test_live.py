@@ -13,6 +13,8 @@ from bench.questions import Console, Prepared, Question
 from drivers.clock import Interrupt
 from drivers.errors import ConfigurationError, RecordError, RunAborted
 
+pytestmark = pytest.mark.concurrent
+
 NAN = float("nan")
 
 

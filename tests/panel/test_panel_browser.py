@@ -31,6 +31,8 @@ pytestmark = [
         BROWSER is None, reason="no Chromium here: `apt-get install chromium` tests the panel"
     ),
     pytest.mark.timeout(600),
+    pytest.mark.concurrent,
+    pytest.mark.slow,
 ]
 
 

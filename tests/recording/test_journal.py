@@ -12,6 +12,8 @@ import pytest
 from bench.recording import EventLog, Journal, PortJournal
 from drivers.errors import RecordError
 
+pytestmark = pytest.mark.concurrent
+
 
 def marks(path):
     return np.fromfile(path, dtype="<i8").reshape(-1, 2).tolist()

@@ -4,8 +4,11 @@ import sys
 import threading
 
 import numpy as np
+import pytest
 
 from bench.recording import PortJournal
+
+pytestmark = pytest.mark.concurrent
 
 _BLOCKS = 60_000
 

@@ -17,6 +17,8 @@ from bench.lease import lease_holder, take_lease
 from bench.recording import Run, read_exchanges
 from drivers.errors import BenchInUse
 
+pytestmark = [pytest.mark.concurrent, pytest.mark.slow]
+
 DEMO = Path(__file__).parents[2] / "examples" / "demo.toml"
 PROGRAM = Path(__file__).parent / "runner_program.py"
 STOP_TABLE = b":mode:off 1\r\n"

@@ -152,11 +152,13 @@ def unit() -> Iterator[RlgGyro]:
     os.close(master)
 
 
+@pytest.mark.concurrent
 def test_identify_hears_the_unit(unit: RlgGyro) -> None:
     unit.link.deliver(b"\x00" + frame(1, 2, 3, 4) + frame(1, 2, 3, 5), 0.0)
     assert unit.identify().model == "two-temperature ring laser"
 
 
+@pytest.mark.concurrent
 def test_identify_names_silence_and_strangers(unit: RlgGyro) -> None:
     with pytest.raises(DeviceSilent, match="no byte within"):
         unit.identify()
@@ -165,6 +167,7 @@ def test_identify_names_silence_and_strangers(unit: RlgGyro) -> None:
         unit.identify()
 
 
+@pytest.mark.concurrent
 def test_a_line_that_is_too_slow_is_refused(unit: RlgGyro) -> None:
     with pytest.raises(ConfigurationError, match="768"):
         RlgGyro(unit.link, rate_hz=1000.0, baudrate=115200)

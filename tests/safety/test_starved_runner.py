@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from bench.watchdog import HUNG_S, STARVED_S
 from bench.watchdog._process import Patience, runqueue_wait_s
 
+pytestmark = pytest.mark.concurrent
+
 BUSY = "import os; os.sched_setaffinity(0, {int(os.environ['CPU'])}); print(flush=True)\nwhile True: pass"
 
 
