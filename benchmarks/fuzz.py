@@ -35,8 +35,6 @@ from drivers.frames import (
 )
 from drivers.framing import Crc
 from drivers.kvh import KvhDecoder, encode_frames
-from drivers.rlg import RlgDecoder
-from drivers.rlg import encode_frames as encode_rlg
 from drivers.slcan_codec import SlcanParser
 
 _BLOCK = 100_000
@@ -58,7 +56,7 @@ Feed = Callable[[bytes], tuple[int, NDArray[np.int64], list[str]]]
 
 def names() -> list[str]:
     """Return every decoder: a description's name, `can:` and a layout's, or one of those written by hand."""
-    return [*shipped(), *(f"can:{name}" for name in shipped_layouts()), "kvh1750", "rlg2t", "slcan"]
+    return [*shipped(), *(f"can:{name}" for name in shipped_layouts()), "kvh1750", "slcan"]
 
 
 def fuzz(name: str, count: int, seed: int) -> Fuzzed:
@@ -148,13 +146,10 @@ def _decoder(name: str) -> tuple[Feed, list[bytes]]:
     if name == "kvh1750":
         data = encode_frames("A", np.ones((4, 3)), counter=np.arange(4), temp_c=20.0)
         return _stream_feed(KvhDecoder(nominal_rate_hz=1000.0)), [data[:36], data[36:72]]
-    if name == "rlg2t":
-        data = encode_rlg(np.ones(2), case_temp_c=20.0, block_temp_c=21.0, counter=np.arange(2))
-        return _stream_feed(RlgDecoder(100.0)), [data[: len(data) // 2], data]
     return _described(load_family(name))
 
 
-def _stream_feed(decoder: CanDecoder | KvhDecoder | RlgDecoder) -> Feed:
+def _stream_feed(decoder: CanDecoder | KvhDecoder) -> Feed:
     def feed(data: bytes) -> tuple[int, NDArray[np.int64], list[str]]:
         batch = decoder.feed(data)
         wrong = [key for key, column in batch.columns.items() if len(column) != len(batch)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
@@ -266,14 +267,9 @@ def _can(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None)
 
 
 def _rlg(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None) -> StreamingEmulator:
-    from simulators.emulators.rlg import RlgEmulator
+    from drivers.rlg import described
 
-    return RlgEmulator(
-        unit,
-        rate_hz=gyro.settings["rate_hz"],
-        baudrate=gyro.settings["baudrate"],
-        clock_error_ppm=gyro.clock_error_ppm,
-    )
+    return _frames(replace(gyro, settings=described(gyro.settings)), unit, before)
 
 
 def _frames(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | None) -> StreamingEmulator:

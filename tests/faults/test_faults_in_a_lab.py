@@ -8,9 +8,9 @@ import pytest
 from bench.benchfile import load_bench_file
 from bench.emulated import EmulatedLab, Plant, load_plant
 from drivers.errors import BenchError, ConfigurationError, LinkLost
+from drivers.frames import FrameDecoder, load_family
 from drivers.kvh import KvhDecoder
 from drivers.link import Link
-from drivers.rlg import RlgDecoder
 from drivers.virtual_clock import VirtualClock
 
 BENCH = """
@@ -79,6 +79,10 @@ def listen(file, plant, name, seconds, step_s=0.5):
     return ears, struck
 
 
+def ring_decoder():
+    return FrameDecoder(load_family("rlg2t"), rate_hz=100.0, axes="x")
+
+
 def decoded(decoder, data):
     batch = decoder.feed(data)
     return batch.columns["counter"].tolist(), decoder.counts
@@ -103,7 +107,7 @@ def test_the_same_seed_gives_the_same_damage_and_another_seed_another(file):
 def test_each_wrong_crc_costs_one_frame_and_shows_in_the_counter(file):
     plant = {"fault": [{"port": "ring_1", "kind": "bad_check", "at_s": [3.0, 5.0, 9.5]}]}
     ears, struck = listen(file, plant, "ring_1", 12.0)
-    counter, counts = decoded(RlgDecoder(100.0), ears.data)
+    counter, counts = decoded(ring_decoder(), ears.data)
     # sample k ends at (k + 1) / 100 s; its frame is out 1.3 ms later
     assert [k for k in range(max(counter) + 1) if k not in counter] == [299, 499, 949]
     assert sum(counts.rejected.values()) == 3
@@ -127,7 +131,7 @@ def test_a_counter_jump_is_not_a_loss(file):
 @pytest.mark.parametrize("ppm", [10_000.0, -10_000.0])
 def test_a_gyro_whose_clock_is_off_by_one_percent_sends_that_many_samples(file, ppm):
     ears, _ = listen(file, {"clock_error_ppm": {"ring_1": ppm}}, "ring_1", 20.0)
-    counter, _ = decoded(RlgDecoder(100.0), ears.data)
+    counter, _ = decoded(ring_decoder(), ears.data)
     assert abs(len(counter) - 2000 * (1 + ppm * 1e-6)) <= 1
 
 

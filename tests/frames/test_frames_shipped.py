@@ -12,11 +12,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.frames import FrameDecoder, FrameEncoder, MessageReader, load_family, shipped, vector_mistakes
+from drivers.frames import (
+    GYRO_ROLES,
+    FrameDecoder,
+    FrameEncoder,
+    MessageReader,
+    load_family,
+    shipped,
+    vector_mistakes,
+)
 
 CAPTURE = Path(__file__).parents[2] / ".." / "shared" / "data" / "serial_openimu" / "z1.raw"
 EXPECTED = {
-    "astrix_ns", "fg333", "hg4930", "hipnuc", "kvh", "openimu", "stim210", "stim300", "vectornav"
+    "astrix_ns", "fg333", "hg4930", "hipnuc", "kvh", "openimu", "rlg2t", "stim210", "stim300", "vectornav"
 }  # fmt: skip
 
 
@@ -136,7 +144,8 @@ def test_random_bytes_never_raise_and_frames_have_sound_checks(name: str) -> Non
         head = heads[int(rng.integers(len(heads)))]
         noise[at : at + len(head)] = head
     reader = MessageReader(family)
-    decoder = FrameDecoder(family, rate_hz=100.0, axes="z")
+    axis = next(str(spec.axis) for form in family.forms for spec in form.fields if spec.role in GYRO_ROLES)
+    decoder = FrameDecoder(family, rate_hz=100.0, axes=axis)
     at = 0
     while at < len(noise):
         chunk = bytes(noise[at : at + int(rng.integers(1, 5000))])

@@ -8,8 +8,8 @@ import pytest
 from bench.benchfile import load_bench_file
 from bench.emulated import Plant, lab_config
 from drivers.errors import ConfigurationError
-from drivers.rlg import RlgDecoder
-from simulators.emulators.rlg import RlgEmulator
+from drivers.frames import FrameDecoder, load_family
+from simulators.emulators.frames import FrameEmulator
 from simulators.lab._build import build_lab
 from simulators.lab._config import LabConfig
 from simulators.lab._power import PowerCycled, Since
@@ -39,10 +39,10 @@ unit = "R"
 
 def test_the_stream_stops_and_begins_with_frame_0() -> None:
     plant = LabPlant(PlantConfig(units=(UnitConfig("g", "rlg", 3),)))
-    unit = plant.unit("g")
-    before = RlgEmulator(unit, rate_hz=10, baudrate=115200)
+    unit, ring = plant.unit("g"), load_family("rlg2t")
+    before = FrameEmulator(unit, ring, axes="x", rate_hz=10, baudrate=115200)
     plant.advance(100.25)
-    after = RlgEmulator(Since(unit, 160.25), rate_hz=10, baudrate=115200)
+    after = FrameEmulator(Since(unit, 160.25), ring, axes="x", rate_hz=10, baudrate=115200)
     plant.power_cycle("g", 60.0)
     cycled = PowerCycled(before, after, off_s=100.25, on_s=160.25)
     counter, arrival = [], []
@@ -51,7 +51,7 @@ def test_the_stream_stops_and_begins_with_frame_0() -> None:
         block = cycled.stream(now_s)
         if block is None:
             continue
-        counter += RlgDecoder(10.0).feed(block.data).columns["counter"].tolist()
+        counter += FrameDecoder(ring, rate_hz=10.0, axes="x").feed(block.data).columns["counter"].tolist()
         arrival += (block.marks[:, 1] * 1e-9).tolist()
         assert block.marks[-1, 0] == len(block.data)
     assert counter == [*range(1002), *range(397)]

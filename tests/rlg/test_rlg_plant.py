@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from drivers.rlg import RlgDecoder
-from simulators.emulators.rlg import RlgEmulator
+from drivers.frames import FrameDecoder, load_family
+from simulators.emulators.frames import FrameEmulator
 from simulators.plant import LabPlant, PlantConfig, UnitConfig
 from simulators.plant.rlg import (
     RLG_NOISE,
@@ -91,10 +91,10 @@ def test_the_emulated_units_bytes_carry_both_sensors() -> None:
     lab = LabPlant(PlantConfig(seed=4, units=(UnitConfig("g", "rlg"),)))
     lab.chamber.demand(0.0, set_point_c=45.0, ramp_up=5.0, ramp_down=5.0, running=True)
     lab.advance(600.0)
-    emulator = RlgEmulator(lab.unit("g"), rate_hz=1.0, baudrate=115200)
+    emulator = FrameEmulator(lab.unit("g"), load_family("rlg2t"), axes="x", rate_hz=1.0, baudrate=115200)
     block = emulator.stream(600.0)
     assert block is not None
-    columns = RlgDecoder(1.0).feed(block.data).columns
+    columns = FrameDecoder(load_family("rlg2t"), rate_hz=1.0, axes="x").feed(block.data).columns
     truth = lab.true_drift("g")
     count = len(columns["counter"])
     assert count == 599  # the 600th is on its way
