@@ -83,7 +83,8 @@ class Plant(BaseModel):
         terms += [
             {"effect": term.name, "values": list(term.values), "shape": {}} for term in model.disturbances
         ]
-        return {"terms": terms, "noise": dataclasses.asdict(model.noise)}
+        channels = {term.name: list(term.values) for term in model.channel_terms}
+        return {"terms": terms, "noise": dataclasses.asdict(model.noise), "channels": channels}
 
     def model_of(self, gyro: GyroSection, axes: int = 1) -> str:
         """Return the name of the physics behind a gyro on a table of so many axes; on several it is an IMU."""
@@ -263,13 +264,14 @@ def lab_config(file: BenchFile, plant: Plant, clock: str = "virtual") -> dict[st
                 "model": plant.model_of(gyro, len(file.table.all_axes)),
                 "unit_seed": unit_seed(gyro.unit),
                 "mount_azimuth_error_deg": plant.mount_azimuth_error_deg,
-                "clock_error_ppm": plant.clock_error_ppm.get(gyro.name, 0.0),
+                "clock_error_ppm": _clock_error_ppm(plant, gyro, errors),
                 "bearing": plant.bearing[gyro.unit].model_dump(mode="json")
                 if gyro.unit in plant.bearing
                 else None,
-                "errors": plant.errors_of(gyro.unit),
+                "errors": errors,
             }
             for gyro in file.gyro
+            for errors in [plant.errors_of(gyro.unit)]
         ],
         "rotation": plant.rotation.model_dump(mode="json"),
         "faults": [fault.model_dump(mode="json") for fault in plant.fault],
@@ -285,6 +287,12 @@ def lab_config(file: BenchFile, plant: Plant, clock: str = "virtual") -> dict[st
             for platform in file.platform
         ],
     }
+
+
+def _clock_error_ppm(plant: Plant, gyro: GyroSection, errors: dict[str, Any] | None) -> float:
+    """Return how fast a gyro's sample clock is: as its model has it, else as the plant file says."""
+    modelled = (errors or {}).get("channels", {}).get("sample_clock_skew")
+    return float(modelled[0]) if modelled else plant.clock_error_ppm.get(gyro.name, 0.0)
 
 
 def _with_ports(

@@ -12,7 +12,16 @@ from rich.table import Table
 from bench.benchfile import bench_file_from, load_bench_file
 from bench.cli._run import console_for, perform, plant_with_seed, rehearse
 from bench.emulated import Plant, load_plant
-from bench.gap import LogGap, Suggestion, load_gap_runs, log_gaps, read_model
+from bench.gap import (
+    ChannelLogGap,
+    LogGap,
+    Suggestion,
+    channel_log_gaps,
+    load_channels,
+    load_gap_runs,
+    log_gaps,
+    read_model,
+)
 from bench.procedure import find_procedure
 from bench.recording import Run
 from bench.report import render_log_gaps
@@ -47,15 +56,28 @@ def gap_rehearse_command(
         folders.append(rehearsed(recorded, own, runs, console, as_json))
         stretches.append(load_gap_runs(folders[-1], gyro))
     gaps, curves = log_gaps(real, *stretches)
+    channels = channel_log_gaps(*(load_channels(each, gyro)[0] for each in (run, *folders)))
     if report is not None:
         report.parent.mkdir(parents=True, exist_ok=True)
         names = (model.name, closed.name)
-        save_file(report, render_log_gaps(recorded.manifest.run_id, unit, names, gaps, curves, utc_now()))
+        save_file(
+            report, render_log_gaps(recorded.manifest.run_id, unit, names, gaps, curves, channels, utc_now())
+        )
     if as_json:
         facts = {"run": recorded.manifest.run_id, "rehearsals": [str(each) for each in folders]}
-        console.print_json(json.dumps({**facts, "gaps": [vars(each) for each in gaps]}))
+        console.print_json(
+            json.dumps(
+                {
+                    **facts,
+                    "gaps": [vars(each) for each in gaps],
+                    "channels": [vars(each) for each in channels],
+                }
+            )
+        )
         return
     console.print(_table(gaps))
+    if channels:
+        console.print(_channel_table(channels))
     if report is not None:
         console.print(f"report: {report}", highlight=False, soft_wrap=True)
 
@@ -124,6 +146,21 @@ def _table(gaps: Sequence[LogGap]) -> Table:
             f"{each.rms_nominal_dph:.4f}",
             f"{each.rms_closed_dph:.4f}",
             f"{each.rms_floor_dph:.4f}",
+            f"{100.0 * each.share:.1f}" if each.share == each.share else "",
+        )
+    return table
+
+
+def _channel_table(gaps: Sequence[ChannelLogGap]) -> Table:
+    table = Table(
+        "channel", "nominal", "closed", "floor", "gone %", title="run less rehearsal, rms of 100 s means"
+    )
+    for each in gaps:
+        table.add_row(
+            each.channel.replace("_", " "),
+            f"{each.rms_nominal:.3g} {each.unit}",
+            f"{each.rms_closed:.3g}",
+            f"{each.rms_floor:.3g}",
             f"{100.0 * each.share:.1f}" if each.share == each.share else "",
         )
     return table

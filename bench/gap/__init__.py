@@ -21,9 +21,17 @@ from bench.gap._exam import Answer, Closed, Sealed, close, examined, make_case, 
 from bench.gap._examination import case_kinds, examine
 from bench.gap._fit import Floor
 from bench.gap._import import read_mapped_runs
-from bench.gap._model_file import ChannelTerm, Model, Term, model_text, parse_model, read_model
+from bench.gap._model_file import (
+    ChannelTerm,
+    DisturbanceTerm,
+    Model,
+    Term,
+    model_text,
+    parse_model,
+    read_model,
+)
 from bench.gap._noise import Noise
-from bench.gap._rehearsal import LogCurve, LogGap, log_gaps
+from bench.gap._rehearsal import ChannelLogGap, LogCurve, LogGap, channel_log_gaps, log_gaps
 from bench.gap._run_folder import load_gap_runs
 from bench.gap._score import Line, Marked, Reliability, reliability, shrinkage_quantiles, table
 from bench.gap._series import Difference, differences
@@ -38,6 +46,7 @@ __all__ = [
     "ChannelCause",
     "ChannelCurve",
     "ChannelDiagnosis",
+    "ChannelLogGap",
     "ChannelPlace",
     "ChannelSeries",
     "ChannelShrinkage",
@@ -45,6 +54,7 @@ __all__ = [
     "Closed",
     "Diagnosis",
     "Difference",
+    "DisturbanceTerm",
     "Floor",
     "GapRun",
     "Group",
@@ -65,6 +75,7 @@ __all__ = [
     "UnknownPart",
     "case_kinds",
     "channel_bands",
+    "channel_log_gaps",
     "check_runs",
     "close",
     "closed_model",

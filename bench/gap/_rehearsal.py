@@ -10,8 +10,10 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.gap._channel_data import ChannelSeries
 from bench.gap._data import GapRun
 from drivers.errors import ConfigurationError
+from simulators.effects import CHANNEL_UNITS, Channel
 
 Array = NDArray[np.float64]
 _MEAN_S = 100
@@ -41,6 +43,71 @@ class LogCurve:
     nominal_dph: Array
     closed_dph: Array
     floor_dph: Array
+
+
+@dataclass(frozen=True)
+class ChannelLogGap:
+    """What a run differs by from rehearsals in one channel: rms of 100 s means in the channel's `unit`.
+
+    `rms_floor` and `share` as in `LogGap`.
+    """
+
+    channel: Channel
+    unit: str
+    rms_nominal: float
+    rms_closed: float
+    rms_floor: float
+    share: float
+
+
+def channel_log_gaps(
+    run: Sequence[ChannelSeries],
+    nominal: Sequence[ChannelSeries],
+    closed: Sequence[ChannelSeries],
+    again: Sequence[ChannelSeries],
+) -> list[ChannelLogGap]:
+    """Return the gap of every channel that the run and its rehearsals have, all phases together.
+
+    Phases are laid on each other at their begins. Nothing is taken out: an offset is a gap.
+    """
+    gaps = []
+    for channel, unit in CHANNEL_UNITS.items():
+        logs = [
+            next((s for s in each if s.channel == channel), None) for each in (run, nominal, closed, again)
+        ]
+        known = [log for log in logs if log is not None]
+        if len(known) < len(logs):
+            continue
+        phases = [_phase_means(log) for log in known]
+        common = [name for name in phases[0] if all(name in each for each in phases)]
+        rows = []
+        for name in common:
+            parts = [each[name] for each in phases]
+            count = min(len(part) for part in parts)
+            rows.append(np.stack([part[:count] for part in parts]))
+        values = np.concatenate(rows, axis=1) if rows else np.zeros((4, 0))
+        real, first, then, other = values[:, ~np.isnan(values).any(axis=0)]
+        if len(real):
+            all_ = _gap("all", np.stack((real - first, real - then, then - other)))
+            sizes = (all_.rms_nominal_dph, all_.rms_closed_dph, all_.rms_floor_dph)
+            gaps.append(ChannelLogGap(channel, unit, *sizes, all_.share))
+    return gaps
+
+
+def _phase_means(series: ChannelSeries) -> dict[str, Array]:
+    """Return means over 100 s from each phase's begin, NaN without a record, by number and name of the phase."""
+    time_s = series.inputs.time_s
+    cuts = np.flatnonzero(series.phase[1:] != series.phase[:-1]) + 1
+    result: dict[str, Array] = {}
+    for number, part in enumerate(np.split(np.arange(len(time_s)), cuts)):
+        row = ((time_s[part] - time_s[part[0]]) // _MEAN_S).astype(np.int64)
+        known = ~np.isnan(series.values[part])
+        size = int(row[-1]) + 1
+        count = np.bincount(row[known], minlength=size)
+        total = np.bincount(row[known], series.values[part][known], size)
+        means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        result[f"{number} {series.phase[part[0]]}"] = means
+    return result
 
 
 def log_gaps(

@@ -14,7 +14,7 @@ from bench.report._page import Cell, Column, Fact, Figures, Headline, Key, Page,
 from bench.report._palette import AFTER, BEFORE
 
 if TYPE_CHECKING:
-    from bench.gap import LogCurve, LogGap
+    from bench.gap import ChannelLogGap, LogCurve, LogGap
 
 _HOUR_S = 3600.0
 _MOSTLY = 0.9
@@ -26,6 +26,7 @@ def render_log_gaps(
     models: tuple[str, str],
     gaps: Sequence[LogGap],
     curves: Sequence[LogCurve],
+    channels: Sequence[ChannelLogGap],
     created_utc: str,
 ) -> str:
     """Return the page; `models` are the files of the nominal and the closed model."""
@@ -57,7 +58,11 @@ def render_log_gaps(
                 )
             ],
         ),
-        sections=[Section("By phase", [_table(gaps)]), Section("Over time", [_figures(curves)])],
+        sections=[
+            Section("By phase", [_table(gaps)]),
+            Section("Over time", [_figures(curves)]),
+            Section("Other channels", [_channel_table(channels)] if channels else []),
+        ],
         colophon="Means of 100 s, each stretch's own mean taken out; phases laid on each other at their begins.",
     )
     return render_page(page)
@@ -85,6 +90,31 @@ def _table(gaps: Sequence[LogGap]) -> Table:
         for number, each in enumerate(gaps)
     ]
     return Table(heads, rows, "What the run's log differs by from the rehearsals' logs.")
+
+
+def _channel_table(gaps: Sequence[ChannelLogGap]) -> Table:
+    heads = [
+        Column("Channel"),
+        Column("Unit"),
+        Column("Nominal", "rms", True),
+        Column("Closed", "rms", True),
+        Column("Floor", "rms", True),
+        Column("Reducible gap gone", "%", True),
+    ]
+    rows = [
+        Row(
+            [
+                Cell(each.channel.replace("_", " ")),
+                Cell(each.unit),
+                Cell(significant(each.rms_nominal)),
+                Cell(significant(each.rms_closed)),
+                Cell(significant(each.rms_floor)),
+                Cell(fixed(100.0 * each.share, 1) if math.isfinite(each.share) else DASH),
+            ]
+        )
+        for each in gaps
+    ]
+    return Table(heads, rows, "What the run differs by from the rehearsals beside the gyro's rate.")
 
 
 def _figures(curves: Sequence[LogCurve]) -> Figures:

@@ -59,6 +59,7 @@ class ChamberAir:
         self._liner_c = room_temp_c
         self._unit_air_c = room_temp_c
         self._integral = 0.0
+        self._unit_gain = 1.0 - math.exp(-1.0 / parameters.unit_lag_s) if parameters.unit_lag_s else 1.0
         self._noise = TickNoise(noise, (parameters.air_noise_time_s,), parameters.air_noise_k)
 
     def unit_air_c(self, tick: int) -> float:
@@ -74,7 +75,7 @@ class ChamberAir:
         self._liner_c = (
             liner + p.liner_to_air_per_s * (air - liner) + p.liner_to_room_per_s * (self.room_temp_c - liner)
         )
-        self._unit_air_c += (self.air_c - self._unit_air_c) * (1.0 - math.exp(-1.0 / p.unit_lag_s))
+        self._unit_air_c += (self.air_c - self._unit_air_c) * self._unit_gain
 
     def apply(self, demand: ChamberDemand) -> None:
         """Put a demand in force; a controller that was off starts its ramp at the present air temperature."""

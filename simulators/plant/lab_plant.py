@@ -23,6 +23,14 @@ from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
 from simulators.plant.imu_unit import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
+from simulators.plant.modelled_channels import (
+    CASE,
+    CHAMBER,
+    OF_TABLE,
+    ModelledAir,
+    ModelledTable,
+    lab_channels,
+)
 from simulators.plant.modelled_unit import ModelledErrors, modelled
 from simulators.plant.mounting import MOUNTINGS, Mount, Mounting
 from simulators.plant.noise import NoiseSource
@@ -100,17 +108,28 @@ class LabPlant:
         self.config = config
         self.now_s = 0.0
         carrier = config.axes[-1][0]
+        models = {unit.name: unit.errors.channels for unit in config.units if unit.errors is not None}
+        shared = lab_channels(models)
         self.tables: dict[str, TableAxis] = {}
         """The table's axes by name, outermost first; each is a `TablePlant`."""
         for name, _ in config.axes:
             owner = "encoder" if name == carrier else f"encoder {name}"
-            self.tables[name] = EncodedTable(config.table, config.encoder, NoiseSource(config.seed, owner))
+            parts = (config.table, config.encoder, NoiseSource(config.seed, owner))
+            wanted = name == carrier and any(each in shared for each in OF_TABLE)
+            self.tables[name] = ModelledTable(*parts, shared) if wanted else EncodedTable(*parts)
         self._units: dict[str, Unit] = {}
         self._power_ons: dict[str, int] = {}
         self._ticks = 0
         for unit in config.units:
             self._add(unit)
-        air = ChamberAir(config.chamber, config.room_temp_c, NoiseSource(config.seed, "chamber"))
+        chamber = config.chamber
+        if any(name in channels for channels in models.values() for name in CASE):
+            # a model's case follows the air that is recorded
+            chamber = replace(chamber, unit_lag_s=0.0)
+        source = NoiseSource(config.seed, "chamber")
+        air = ChamberAir(chamber, config.room_temp_c, source)
+        if any(name in shared for name in CHAMBER):
+            air = ModelledAir(chamber, config.room_temp_c, source).follow(shared)
         glued = {unit.aux_sensor: self._units[unit.name] for unit in config.units if unit.aux_sensor}
         self._chamber = LabChamber(air, self.advance, glued)
 
@@ -201,6 +220,14 @@ class LabPlant:
             )
         source = NoiseSource(self.config.seed, f"unit {config.name}")
         if config.model in ("imu", "imu_full"):
+            if config.errors is not None:
+                raise ConfigurationError(
+                    "a model's effects act on a single-axis unit",
+                    where=config.name,
+                    found=f"model {config.model}",
+                    expected="a unit of the model fog_mid, fog_nav or rlg",
+                    remedy="leave the unit out of [gap_model]",
+                )
             full = config.model == "imu_full"
             imu = ImuUnit(
                 imu_errors(config.unit_seed, full),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,6 +21,7 @@ from simulators.effects import REFERENCE_C, Stimulus, catalogue
 from simulators.effects import Effect as Formula
 from simulators.plant.disturbances import Impulses, Line
 from simulators.plant.effect import AxisModel, Effect, RateEffect, SampleEffect, SamplePath, UnitModel
+from simulators.plant.modelled_channels import check_channels, with_heat
 from simulators.plant.noise import NoiseParameters, NoiseSource
 
 _SPAN_K = 50.0
@@ -51,11 +52,15 @@ class ModelledTerm:
 
 @dataclass(frozen=True)
 class ModelledErrors:
-    """All errors of a unit as a model has them; noise coefficients as in IEEE Std 952."""
+    """All errors of a unit as a model has them; noise coefficients as in IEEE Std 952.
+
+    `channels`: what the model says beside the gyro's rate, effect to values (see `modelled_channels`).
+    """
 
     terms: tuple[ModelledTerm, ...]
     noise: NoiseParameters
     rate_random_walk_dph_per_sqrt_h: float = 0.0
+    channels: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> ModelledErrors:
@@ -65,7 +70,8 @@ class ModelledErrors:
         terms = tuple(
             ModelledTerm(each["effect"], tuple(each["values"]), dict(each["shape"])) for each in data["terms"]
         )
-        return cls(terms, NoiseParameters(**noise), walk)
+        channels = {name: tuple(values) for name, values in data.get("channels", {}).items()}
+        return cls(terms, NoiseParameters(**noise), walk, channels)
 
 
 class _Follower:
@@ -317,6 +323,7 @@ def modelled(unit: UnitModel, errors: ModelledErrors, seed: tuple[int, ...]) -> 
             expected="a unit of the model fog_mid, fog_nav or rlg",
         )
     _check(errors.terms)
+    check_channels(errors.channels)
     effects = [
         Effect(term.effect, "bias_dph", _BIAS[term.effect](term), _SOURCE, "")
         for term in errors.terms
@@ -332,7 +339,7 @@ def modelled(unit: UnitModel, errors: ModelledErrors, seed: tuple[int, ...]) -> 
         effects.append(Effect("rate_random_walk", "bias_dph", walk, _SOURCE, ""))
     rates = tuple(_RATE[term.effect](term) for term in errors.terms if term.effect in _RATE)
     axis = AxisModel(tuple(effects), rates, errors.noise, 0.0, 0.0, _sample_effects(errors.terms, (*seed, 0)))
-    return replace(unit, axis_models=(axis,))
+    return replace(with_heat(unit, errors.channels), axis_models=(axis,))
 
 
 def _walk(coefficient: float, seed: tuple[int, ...]) -> _Value:

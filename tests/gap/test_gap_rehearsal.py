@@ -63,7 +63,7 @@ def test_the_table_has_the_size_of_what_was_put_in() -> None:
     assert by_phase["shock"].rms_closed_dph == pytest.approx(0.05, abs=0.025)
     assert by_phase["all"].share == pytest.approx(0.99, abs=0.01)
     assert len(curves[0].time_s) == 40
-    page = render_log_gaps("run", "unit 1", ("a.toml", "b.toml"), gaps, curves, "2026-01-01T00:00:00Z")
+    page = render_log_gaps("run", "unit 1", ("a.toml", "b.toml"), gaps, curves, [], "2026-01-01T00:00:00Z")
     assert "of the reducible gap is gone" in page
 
 
