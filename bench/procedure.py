@@ -5,12 +5,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import ConfigurationError
+from drivers.plugins import entry_points_of
 
 if TYPE_CHECKING:
     from bench.session import Bench
@@ -74,7 +74,7 @@ class Demands:
 
 def load_procedures() -> dict[str, Procedure]:
     """Return all installed procedures by name, third-party ones included."""
-    found = entry_points(group=ENTRY_POINT_GROUP)
+    found = entry_points_of(ENTRY_POINT_GROUP)
     return {
         point.name: cast(Procedure, point.load()) for point in sorted(found, key=lambda point: point.name)
     }

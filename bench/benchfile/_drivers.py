@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from importlib.metadata import entry_points
 
 from drivers.errors import ConfigurationError
+from drivers.plugins import entry_points_of
 
 ENTRY_POINT_GROUP = "gyrobench.drivers"
 ROLES = ("table", "chamber", "gyro", "platform")
@@ -43,7 +43,7 @@ def known_drivers(role: str) -> dict[str, str]:
     prefix = f"{role}."
     found = {
         point.name.removeprefix(prefix): point.value
-        for point in entry_points(group=ENTRY_POINT_GROUP)
+        for point in entry_points_of(ENTRY_POINT_GROUP)
         if point.name.startswith(prefix)
     }
     return found | dict(_BUILT_IN[role])

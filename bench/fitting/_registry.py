@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from importlib.metadata import entry_points
 from typing import Any, cast
 
 from bench.fitting._grey_box import GreyBoxModel
@@ -18,6 +17,7 @@ from bench.fitting._linear_models import CubicModel, LaggedRidgeModel, Multiline
 from bench.fitting._lstm import LstmModel
 from bench.fitting._types import ThermalModel
 from drivers.errors import ConfigurationError
+from drivers.plugins import entry_points_of
 
 ENTRY_POINT_GROUP = "gyrobench.models"
 
@@ -35,7 +35,7 @@ _BUILT_IN: Mapping[str, Callable[[], Any]] = {
 
 def model_names() -> tuple[str, ...]:
     """Return the names of all models, our own first, then the installed ones in alphabetical order."""
-    others = {entry.name for entry in entry_points(group=ENTRY_POINT_GROUP)} - set(_BUILT_IN)
+    others = {entry.name for entry in entry_points_of(ENTRY_POINT_GROUP)} - set(_BUILT_IN)
     return (*_BUILT_IN, *sorted(others))
 
 
@@ -43,7 +43,7 @@ def new_model(name: str) -> ThermalModel:
     """Return an unfitted model with its default settings; ConfigurationError for a name nobody has."""
     if name in _BUILT_IN:
         return cast(ThermalModel, _BUILT_IN[name]())
-    for entry in entry_points(group=ENTRY_POINT_GROUP, name=name):
+    for entry in entry_points_of(ENTRY_POINT_GROUP).select(name=name):
         return cast(ThermalModel, entry.load()())
     raise ConfigurationError(
         f"there is no thermal model named {name!r}",

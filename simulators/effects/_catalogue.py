@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
-
 from drivers.errors import ConfigurationError
+from drivers.plugins import entry_points_of
 from simulators.effects._channel import ChannelEffect
 from simulators.effects._channel_effects import CHANNEL_EFFECTS
 from simulators.effects._disturbances import DISTURBANCES
@@ -33,7 +32,7 @@ def catalogue() -> dict[str, AnyEffect]:
     ConfigurationError for a name that is there twice or an entry point that is something else.
     """
     found: dict[str, AnyEffect] = {effect.name: effect for effect in CATALOGUE}
-    for point in entry_points(group=GROUP):
+    for point in entry_points_of(GROUP):
         loaded = point.load()
         for effect in loaded if isinstance(loaded, (tuple, list)) else (loaded,):
             _check(effect, point.value, found)

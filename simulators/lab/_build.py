@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
 
 import numpy as np
 
 from drivers.errors import ConfigurationError
+from drivers.plugins import entry_points_of
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from simulators.emulators.weiss import WeissEmulator
 from simulators.faults import VANISH, Fault
@@ -232,7 +232,7 @@ def _of_others(
 
     It is called with the device's section of the bench file and its plant (`simulators.interfaces`).
     """
-    found = [] if kind in ours else list(entry_points(group="gyrobench.emulators", name=f"{role}.{kind}"))
+    found = [] if kind in ours else list(entry_points_of("gyrobench.emulators").select(name=f"{role}.{kind}"))
     return cast("Callable[[Mapping[str, Any], object], Emulator]", found[0].load()) if found else None
 
 

@@ -208,7 +208,7 @@ def test_another_package_adds_a_driver_by_an_entry_point(monkeypatch, tmp_path):
             EntryPoint("gyro.kvh1750", "our_lab.bad:KIND", "gyrobench.drivers"),
         ]
     )
-    monkeypatch.setattr("bench.benchfile._drivers.entry_points", lambda group: found.select(group=group))
+    monkeypatch.setattr("bench.benchfile._drivers.entry_points_of", lambda group: found.select(group=group))
     assert driver_path("gyro", "fg333") == "our_lab.fg333:KIND"
     assert driver_path("gyro", "kvh1750").startswith("drivers.kvh")
     assert "fg333" not in known_drivers("table")
