@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,7 @@ def recover(folder: Path) -> Manifest:
                 "ended_utc": utc_now(),
                 "duration_s": duration_s,
                 "measurements": tuple(_measurement(row) for row in rows if row["kind"] == "measurement"),
+                "repeats": dict(Counter(str(row["device"]) for row in rows if row["kind"] == "repeat")),
                 "stream": {name: dataclasses.asdict(stream) for name, stream in streams.items()},
             }
         ),

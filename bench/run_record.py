@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import platform
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -69,6 +70,7 @@ class RunRecord:
         self._devices: dict[str, DeviceEntry] = {}
         self._stream_starts: dict[str, int] = {}
         self._measurements: list[dict[str, Any]] = []
+        self._repeats: Counter[str] = Counter()
         self._mounting = ""
 
     @classmethod
@@ -113,6 +115,8 @@ class RunRecord:
         """Write one line of events.jsonl."""
         if kind == "measurement":
             self._measurements.append(fields)
+        if kind == "repeat":
+            self._repeats[str(fields["device"])] += 1
         if kind == "answer" and "mounting" in fields:
             self._mounting = str(fields["mounting"])
         self._events.event(time_s, kind, **fields)
@@ -173,7 +177,8 @@ class RunRecord:
             }
         )
         seal(self.folder, manifest)
-        warnings = (f"{name}: {text}" for name, stream in streams.items() for text in _warnings(stream))
+        warnings = [f"{name}: {text}" for name, stream in streams.items() for text in _warnings(stream)]
+        warnings += [f"{name}: {count} exchanges tried again" for name, count in self._repeats.items()]
         return Ending(outcome, reason, tuple(warnings))
 
     def _with_sources(self) -> Manifest:
@@ -182,6 +187,7 @@ class RunRecord:
                 "devices": self._devices,
                 "stream": {name: {"start_offset": offset} for name, offset in self._stream_starts.items()},
                 "measurements": tuple(self._measurements),
+                "repeats": dict(self._repeats),
                 "mounting": self._mounting,
             }
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, Literal, Protocol
 
 from bench.attendance import Attendance
@@ -106,6 +107,8 @@ class Bench:
         """Put the polled instruments in place."""
         self.table = TableStation(table, self, self.file.table.all_axes)
         self.chamber = ChamberStation(chamber, self, auxiliary)
+        for name, device in (("table", table), ("chamber", chamber)):
+            device.link.on_repeat = partial(self.repeated, name)
 
     # What a procedure says
 
@@ -206,12 +209,16 @@ class Bench:
         if kind == "alarm":
             self._alarms.append({"time_s": round(time_s, 3), **fields})
 
+    def repeated(self, device: str, why: object) -> None:
+        """Write down that an exchange with a device is tried again, and what was received of it."""
+        self.event("repeat", device=device, text=str(why))
+
     def poll(self) -> None:
         """Ask both instruments, then collect: their answers travel at the same time."""
         table, chamber = self.table, self.chamber
         table.device.request_state()
         chamber.device.request_state()
-        air = chamber.device.read_state()
+        air = chamber.read_state()
         auxiliary = (air.auxiliary_c[number] for number in chamber.auxiliary)
         chamber.history.append(self.clock.now(), air.air_temp_c, air.set_point_c, *auxiliary)
         turned = table.device.read_state()  # the quicker device: its answer has come meanwhile

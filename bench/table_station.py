@@ -168,6 +168,9 @@ class TableStation:
         last = self.history.last
         for name, axis in self.axes.items():
             check_stops(axis, self.angle_deg(name), self._where(name))
+        if any(not stays(last) for stays in self._stays.values()):
+            self._look_again()
+            last = self.history.last
         for name, stays in list(self._stays.items()):
             if stays(last):
                 continue
@@ -181,6 +184,15 @@ class TableStation:
                 expected=self._demands[name],
                 remedy="check interlock, emergency stop and the controller's error queue",
             )
+
+    def _look_again(self) -> None:
+        """Read telemetry once more, at once: on a line without a check value one digit of it may be damaged."""
+        last = self.history.last
+        seen = ", ".join(f"{last[column]:g}" for name in self.axes for column in self._columns(name))
+        self._bench.repeated("table", f"{seen} (deg, deg/s) though it had settled at {self.demand_text}")
+        self.device.request_state()
+        state = self.device.read_state()
+        self.take(self._bench.now_s, state)
 
     def _allow(self, name: str, what: str, rate_dps: float, angle_deg: float | None = None) -> None:
         """Ask the rules of the bench file; other axes go on as they do."""

@@ -10,6 +10,7 @@ import contextlib
 import math
 import os
 import select
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import serial
@@ -21,6 +22,12 @@ _BLOCK = 65536
 _FULL_S = 5.0
 _RESOLUTION_S = 1e-6
 """Deadlines are met to this: a clock may count whole ns."""
+_QUIET_S = 0.1
+_NOISY_S = 2.0
+
+
+def _nobody(error: BenchError) -> None:
+    """Nobody wants to know of repeats."""
 
 
 class Tap(Protocol):
@@ -43,6 +50,12 @@ class Link:
     go to the tap only; otherwise they queue in the input buffer for the `read_*` calls too.
     """
 
+    repeats = 2
+    """How often an exchange that failed is tried again (`drivers.repeat`)."""
+    repeating = False
+    """Whether one is being read back: what is asked meanwhile is asked once."""
+    on_repeat: Callable[[BenchError], None] = staticmethod(_nobody)
+    """Told why an exchange is tried again."""
     _discarded_s = -math.inf
 
     def __init__(self, url: str, clock: Clock, *, name: str, tap: Tap | None = None, **settings: Any) -> None:
@@ -118,6 +131,16 @@ class Link:
         stale = bytes(self._buffer)
         self._buffer.clear()
         return stale
+
+    def drain(self) -> bytes:
+        """Drop and return what arrives until nothing has for 0.1 s, at most 2 s of it."""
+        dropped, now_s = self.discard(), self.clock.now()
+        quiet_s, end_s = now_s + _QUIET_S, now_s + _NOISY_S
+        while (now_s := self.clock.now()) < min(quiet_s, end_s) - _RESOLUTION_S:
+            if more := self.read_some(min(quiet_s, end_s) - now_s):
+                dropped += more
+                quiet_s = self.clock.now() + _QUIET_S
+        return dropped + self.discard()
 
     def read_until(self, terminator: bytes, timeout_s: float, *, limit: int = _BLOCK) -> bytes:
         """Return input up to and including `terminator`; DeviceSilent after `timeout_s` of bench time."""

@@ -6,6 +6,7 @@ message classes, which know neither, are used. One request is answered before th
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import struct
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from pymodbus.pdu.register_message import (
 
 from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.link import Link
+from drivers.repeat import asked, told
 
 Framing = Literal["rtu", "tcp"]
 
@@ -95,7 +97,7 @@ class ModbusMaster:
     """Reads and writes holding registers (relative numbers, no 40001) of one device.
 
     DeviceSilent when it does not answer in time, ProtocolError for a damaged reply or somebody else's,
-    DeviceRefused with its words for an exception.
+    DeviceRefused with its words for an exception: for good when the exchange has been tried again.
     """
 
     def __init__(self, link: Link, framing: Framing, device: int) -> None:
@@ -108,12 +110,23 @@ class ModbusMaster:
 
     def read(self, start: int, count: int) -> tuple[int, ...]:
         """Return `count` registers from `start`, each 0..65535."""
-        self.request(start, count)
+
+        def ask() -> tuple[int, ...]:
+            self.request(start, count)
+            return self.take()
+
+        return asked(self._link, ask)
+
+    def collect(self, start: int, count: int) -> tuple[int, ...]:
+        """Return registers as `read` does, without asking if `request` has asked for them just before; once."""
+        if self._asked is None or (self._asked.address, self._asked.count) != (start, count):
+            self.request(start, count)
         return self.take()
 
     def request(self, start: int, count: int) -> None:
         """Ask for registers without waiting; `take` must follow."""
-        self.settle()
+        with contextlib.suppress(DeviceRefused, DeviceSilent, ProtocolError):
+            self.settle()
         self._send(ReadHoldingRegistersRequest(address=start, count=count))
 
     def take(self) -> tuple[int, ...]:
@@ -124,13 +137,18 @@ class ModbusMaster:
         return tuple(answer.registers)
 
     def write(self, start: int, words: Sequence[int]) -> None:
-        """Write registers from `start`: function 6 for one, 16 for several."""
-        self.settle()
-        if len(words) == 1:
-            self._send(WriteSingleRegisterRequest(address=start, registers=list(words)))
-        else:
-            self._send(WriteMultipleRegistersRequest(address=start, registers=list(words)))
-        self._answer()
+        """Write registers from `start`: function 6 for one, 16 for several; read back if it is not confirmed."""
+
+        def tell() -> None:
+            with contextlib.suppress(DeviceRefused, DeviceSilent, ProtocolError):
+                self.settle()
+            if len(words) == 1:
+                self._send(WriteSingleRegisterRequest(address=start, registers=list(words)))
+            else:
+                self._send(WriteMultipleRegistersRequest(address=start, registers=list(words)))
+            self._answer()
+
+        told(self._link, tell, lambda: self.read(start, len(words)) == tuple(words))
 
     def send_write(self, start: int, word: int) -> None:
         """Write one register and wait for nothing, not even for quiet on the line."""
@@ -139,12 +157,14 @@ class ModbusMaster:
         self._send(WriteSingleRegisterRequest(address=start, registers=[word]))
 
     def settle(self) -> None:
-        """Take the answer to a question nobody read, then drop late ones."""
-        if self._asked is not None:
-            self._answer()
-        self._link.discard()
-        if (left_s := self._quiet_until_s - self._link.clock.now()) > 0.0:
-            self._link.clock.sleep(left_s)
+        """Take the answer to a question nobody read, and drop late ones; raises what is wrong with it."""
+        try:
+            if self._asked is not None:
+                self._answer()
+        finally:
+            self._link.discard()
+            if (left_s := self._quiet_until_s - self._link.clock.now()) > 0.0:
+                self._link.clock.sleep(left_s)
 
     def _send(self, message: ModbusPDU) -> None:
         if self._frames.framing == "tcp":
@@ -181,6 +201,8 @@ class ModbusMaster:
             raise self._refused(asked, answer.exception_code)
         if answer.function_code != asked.function_code:
             raise self._odd(f"function {answer.function_code}", f"function {asked.function_code}")
+        if not isinstance(asked, ReadHoldingRegistersRequest) and answer.address != asked.address:
+            raise self._odd(f"register {answer.address} written", f"register {asked.address}")
         return answer
 
     def _heard(self) -> None:

@@ -1,4 +1,4 @@
-"""A gyro's driver without a port: a link in memory that is its own clock, with a device at its other end."""
+"""A driver without a port: a link in memory that is its own clock, with a device at its other end."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ from typing import cast
 import numpy as np
 
 from drivers.clock import Clock, Readable
+from drivers.instruments import Exchange
 from drivers.link import Link
 from simulators.interfaces import Emulator, GyroSignal, Reply, StreamingEmulator
+
+Answer = Callable[[bytes, float], list[tuple[float, bytes]]]
+"""(bytes written, now in s) -> (time in s, bytes) of what comes back."""
 
 
 @dataclass
@@ -27,28 +31,69 @@ class TurningPlant:
         return 28.0
 
 
-class MemoryLink(Link):
-    """A link with a device at its other end instead of a port; it is its own clock, in steps of 10 ms."""
+class ChamberPlant:
+    """A chamber that reaches every set point at once while it runs."""
 
-    def __init__(self, device: Emulator) -> None:
-        self.url, self.name, self.tap = "memory", "gyro", None
+    def __init__(self) -> None:
+        self.demands: list[tuple[float, float, float, bool]] = []
+        self.set_point = 23.0
+        self.air = 21.98765
+
+    def demand(
+        self, now_s: float, *, set_point_c: float, ramp_up: float, ramp_down: float, running: bool
+    ) -> None:
+        self.demands.append((set_point_c, ramp_up, ramp_down, running))
+        self.set_point = set_point_c
+        self.air = set_point_c if running else self.air
+
+    def air_temp_c(self, now_s: float) -> float:
+        return self.air
+
+    def set_point_c(self, now_s: float) -> float:
+        return self.set_point
+
+    def auxiliary_c(self, number: int, now_s: float) -> float:
+        return 10.0 * number + 0.1234
+
+
+class MemoryLink(Link):
+    """A link with a device at its other end instead of a port; it is its own clock.
+
+    `device`: an emulator, or a function that answers. Time goes from one reply to the next, with a streaming
+    device in steps of `step_s`. `pending`: replies on their way; `exchanges`: all bytes of both directions.
+    """
+
+    def __init__(self, device: Emulator | Answer, name: str = "port", step_s: float = 0.01) -> None:
+        self.url, self.name, self.tap = "memory", name, None
         self.clock = cast(Clock, self)
         self.streaming = False
         self.bytes_received = self.bytes_sent = 0
         self._buffer = bytearray()
-        self.device = device
+        self.device = device if hasattr(device, "receive") else None
+        self.answer: Answer = self._emulated if hasattr(device, "receive") else device
         self.now_s = 0.0
-        self.due: list[Reply] = []
-        self.sent = b""
-        self.raw = b""
+        self._step_s = step_s if hasattr(device, "stream") else float("inf")
+        self.pending: list[tuple[float, bytes]] = []
+        self.exchanges: list[Exchange] = []
+        self.sent = self.raw = b""
+
+    def _emulated(self, data: bytes, now_s: float) -> list[tuple[float, bytes]]:
+        replies: list[Reply] = cast(Emulator, self.device).receive(data, now_s)
+        return [(reply.at_s, reply.data) for reply in replies]
 
     def write(self, data: bytes) -> None:
         self.sent += data
-        self.due += self.device.receive(data, self.now_s)
+        self.exchanges.append((round(self.now_s * 1e9), "sent", data))
+        self.pending += self.answer(data, self.now_s)
 
     def deliver(self, data: bytes, arrival_s: float) -> None:
         self.raw += data
+        self.exchanges.append((round(arrival_s * 1e9), "received", data))
         super().deliver(data, arrival_s)
+
+    def discard(self) -> bytes:
+        self.advance(self.now_s)
+        return super().discard()
 
     def now(self) -> float:
         return self.now_s
@@ -57,12 +102,12 @@ class MemoryLink(Link):
         self.advance(self.now_s + duration_s)
 
     def wait_for(self, port: Readable, deadline_s: float) -> bool:
-        while self.now_s < deadline_s:
-            before = len(self.raw)
-            self.advance(min(deadline_s, self.now_s + 0.01))
-            if len(self.raw) > before:
-                return True
-        return False
+        before = len(self.raw)
+        self.advance(self.now_s)
+        while len(self.raw) == before and self.now_s < deadline_s:
+            due_s = min((at_s for at_s, _ in self.pending), default=deadline_s)
+            self.advance(min(deadline_s, max(due_s, self.now_s), self.now_s + self._step_s))
+        return len(self.raw) > before
 
     def attach(self, port: Readable) -> None:
         raise AssertionError("not called")
@@ -73,11 +118,21 @@ class MemoryLink(Link):
         self.now_s = to_s
         if hasattr(self.device, "stream"):
             block = cast(StreamingEmulator, self.device).stream(to_s)
-            if block is not None:
+            if block is not None and block.data:
                 self.deliver(block.data, int(block.marks[-1, 1]) * 1e-9)
-        for reply in [reply for reply in self.due if reply.at_s <= to_s]:
-            self.due.remove(reply)
-            self.deliver(reply.data, reply.at_s)
+        for at_s, data in [reply for reply in self.pending if reply[0] <= to_s]:
+            self.pending.remove((at_s, data))
+            self.deliver(data, max(at_s, self._discarded_s))
+
+
+def scripted(*replies: bytes, delay_s: float = 0.01) -> MemoryLink:
+    """Return a link to a device that answers the n-th write with the n-th entry, whatever was asked; nothing is
+    asked again there.
+    """
+    queue = list(replies)
+    link = MemoryLink(lambda data, now_s: [(now_s + delay_s, queue.pop(0))] if queue else [])
+    link.repeats = 0
+    return link
 
 
 class Fake:

@@ -98,6 +98,8 @@ class Manifest(_Part):
     software: dict[str, str] = Field(default_factory=dict)
     stream: dict[str, dict[str, Any]] = Field(default_factory=dict)
     measurements: tuple[dict[str, Any], ...] = ()
+    repeats: dict[str, int] = Field(default_factory=dict)
+    """How many exchanges with an instrument were tried again, by device: the `repeat` events."""
     files: dict[FileName, FileEntry] = Field(default_factory=dict)
 
     @property

@@ -7,24 +7,18 @@ from collections.abc import Mapping
 
 from drivers.acutrol._codec import (
     DYNAMIC_BITS,
-    HEADER_BYTES,
     INTERLOCK_BITS,
     SOFTWARE_FAULT_BITS,
     STATE_BITS,
-    Reply,
     bits_in_words,
-    decode_header,
-    decode_numbers,
-    decode_text,
     encode_command,
     encode_state_query,
 )
-from drivers.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.acutrol._exchange import Exchanges
+from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.instruments import Identity, Rest, TableLimits, TableState
 from drivers.link import Link
-
-REPLY_TIMEOUT_S = 2.0
-"""A reply takes about 2 ms over Ethernet, 40 ms and more through a device server at 9600 baud."""
+from drivers.repeat import asked, told_once
 
 SERVO_TIMEOUT_S = 10.0
 """Drive enable delay (parameter x029) and fail-safe test delays run before the interlock reports Close."""
@@ -35,6 +29,9 @@ SERVO_PAUSE_S = 0.25
 _REST_DPS = 0.01
 """Below this an axis stands still; its rate estimate has noise of some 1e-4 deg/s."""
 
+_TAKEN_DEG = 1e-3
+"""A turn that was begun shows by more than this."""
+
 _FAULT_STATES = ("software abort", "hardware abort")
 
 
@@ -42,9 +39,6 @@ class AcutrolTable:
     """A table behind an ACUTROL3000, over RS-232 or TCP alike (`drivers.instruments.Turntable`).
 
     `axes`: name of each axis, outermost first, and its number on the controller.
-
-    Every exchange has a deadline (DeviceSilent), a reply that is not one raises ProtocolError, and an error code
-    raises DeviceRefused with the controller's own text and the top of its error queue.
     """
 
     def __init__(self, link: Link, *, axes: Mapping[str, int] | None = None) -> None:
@@ -52,13 +46,13 @@ class AcutrolTable:
         self._numbers_by_name = dict(axes or {"table": 1})
         self.axes = tuple(self._numbers_by_name)
         self._closed_by_us = False
-        self._state_asked = False
         self._halted = False
+        self._exchanges = Exchanges(link, self._where)
 
     def identify(self) -> Identity:
         """Ask `*IDN?`: maker, model, serial number, firmware; WrongDevice unless the model is an Acutrol3000."""
         try:
-            text = self._ask("*IDN?")
+            text = self._exchanges.query(str, "*IDN?")
         except ProtocolError as error:
             raise self._wrong_device(error.found) from error
         except DeviceSilent as error:
@@ -78,13 +72,9 @@ class AcutrolTable:
         that; a limited rotary axis spans less than a turn, a continuous one keeps the default of a whole turn.
         """
         number = self._number(axis)
-        (rate,) = self._numbers(self._ask(":limit:rate?", "rate", number), 1)
-        (acceleration,) = self._numbers(self._ask(":limit:acceleration?", "rate", number), 1)
-        absolute = self._ask(":limit:absolute?", number)
-        count = absolute.replace(";", ",").count(",") + 1
-        if count < 5:
-            raise self._protocol_error(absolute, "rate, acceleration, jerk, low and high position limits")
-        low, high = self._numbers(absolute, count)[3:5]
+        rate = self._exchanges.number(":limit:rate?", "rate", number)
+        acceleration = self._exchanges.number(":limit:acceleration?", "rate", number)
+        low, high = self._exchanges.query(self._position_limits, ":limit:absolute?", number)
         continuous = high - low >= 360.0
         return TableLimits(rate, acceleration, None if continuous else low, None if continuous else high)
 
@@ -93,9 +83,9 @@ class AcutrolTable:
     ) -> None:
         """Set the limits of position mode; those of rate mode, which `limits` reads, stay as they are."""
         number = self._number(axis)
-        self._command(":limit:rate", "position", number, float(max_rate_dps))
+        self._exchanges.command(":limit:rate", "position", number, float(max_rate_dps))
         if max_acceleration_dps2 is not None:
-            self._command(":limit:acceleration", "position", number, float(max_acceleration_dps2))
+            self._exchanges.command(":limit:acceleration", "position", number, float(max_acceleration_dps2))
 
     def servo_on(self) -> None:
         """Reset and close the interlock and wait until the controller reports Close, else DeviceRefused.
@@ -103,10 +93,10 @@ class AcutrolTable:
         The mode is set to Off (zero rate) first, so that closing never starts an old demand.
         """
         for number in self._numbers_by_name.values():
-            self._command(":mode:off", number)
-            self._command(":interlock:reset", number)
+            self._exchanges.command(":mode:off", number)
+            self._exchanges.command(":interlock:reset", number)
             self.link.clock.sleep(SERVO_PAUSE_S)
-            self._command(":interlock:close", number)
+            self._exchanges.command(":interlock:close", number)
             deadline = self.link.clock.now() + SERVO_TIMEOUT_S
             while (state := self._interlock(number)) != "close":
                 if state == "fault" or self.link.clock.now() >= deadline:
@@ -117,7 +107,7 @@ class AcutrolTable:
     def servo_off(self) -> None:
         """Open the interlock: the controller shuts the axes down in an orderly fashion."""
         self._closed_by_us = False
-        self._command(":interlock:open", self._all)
+        self._exchanges.command(":interlock:open", self._all)
 
     def home(self, axis: str = "") -> None:
         """Demand position 0: the encoders are absolute, and `:Mode:Home` is marked as future in the manual."""
@@ -131,16 +121,26 @@ class AcutrolTable:
         """Demand a relative position (`:Demand:DeltaPosition`), in position mode at the present angle first."""
         self._require_finite(by_deg)
         number = self._number(axis)
+        before_deg = self._exchanges.number(":read:position?", number)
         if not self._mode(number).startswith("p"):
-            (angle_deg,) = self._numbers(self._ask(":read:position?", number), 1)
-            self._demand("position", angle_deg, number)
-        self._command(":demand:deltaposition", number, float(by_deg))
+            self._demand("position", before_deg, number)
+
+        def begun() -> bool:
+            """A turn must not be told twice: it is known by the axis having moved."""
+            moved_deg = math.remainder(self._exchanges.number(":read:position?", number) - before_deg, 360.0)
+            return (
+                abs(moved_deg) > _TAKEN_DEG or abs(self._exchanges.number(":read:rate?", number)) > _REST_DPS
+            )
+
+        told_once(
+            self.link, lambda: self._exchanges.tell(":demand:deltaposition", number, float(by_deg)), begun
+        )
 
     def spin(self, rate_dps: float, axis: str = "", acceleration_dps2: float | None = None) -> None:
         """Demand a rate in rate mode, within an acceleration limit of that mode if one is given."""
         number = self._number(axis)
         if acceleration_dps2 is not None:
-            self._command(":limit:acceleration", "rate", number, float(acceleration_dps2))
+            self._exchanges.command(":limit:acceleration", "rate", number, float(acceleration_dps2))
         self._demand("rate", rate_dps, number)
 
     def state(self) -> TableState:
@@ -150,15 +150,16 @@ class AcutrolTable:
 
     def request_state(self) -> None:
         """Ask for angle and rate without waiting; `read_state` must follow before any other exchange."""
-        self._settle_input()
-        self.link.write(encode_state_query(*self._numbers_by_name.values()))
-        self._state_asked = True
+        self._exchanges.send(encode_state_query(*self._numbers_by_name.values()))
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state`."""
-        self._state_asked = False
-        text = self._accepted(self._read_reply(REPLY_TIMEOUT_S), "state poll")
-        numbers = self._numbers(text, 2 * len(self.axes))
+        return asked(self.link, self._collect_state)
+
+    def _collect_state(self) -> TableState:
+        if not self._exchanges.unread:
+            self.request_state()
+        numbers = self._exchanges.take(2 * len(self.axes))
         outer = {
             name: TableState(numbers[2 * at], numbers[2 * at + 1]) for at, name in enumerate(self.axes[:-1])
         }
@@ -199,7 +200,7 @@ class AcutrolTable:
 
         Starts with a line end, which closes a command that was cut off halfway.
         """
-        self._state_asked = False
+        self._exchanges.unread = False
         self.link.discard()
         self.link.write(b"\r")
         self.link.write(encode_command(":mode:off", self._all))
@@ -215,10 +216,10 @@ class AcutrolTable:
             self.halt()
         self._halted = False
         try:
-            self._await_confirmation(":mode:off")
+            self._exchanges.await_confirmation(":mode:off")
         except (DeviceRefused, DeviceSilent, ProtocolError):
             self._closed_by_us = False
-            self._insist(":interlock:open")
+            self._exchanges.insist(":interlock:open", self._all)
 
     def read_rest(self) -> Rest:
         """Read the rates: at rest when that of every axis is below 0.01 deg/s."""
@@ -232,9 +233,9 @@ class AcutrolTable:
         """Demand before and after a change of mode: an old demand never runs, whichever the device keeps."""
         self._require_finite(value)
         if not self._mode(number).startswith(mode[0]):
-            self._command(f":demand:{mode}", number, float(value))
-            self._command(f":mode:{mode}", number)
-        self._command(f":demand:{mode}", number, float(value))
+            self._exchanges.command(f":demand:{mode}", number, float(value))
+            self._exchanges.command(f":mode:{mode}", number)
+        self._exchanges.command(f":demand:{mode}", number, float(value))
 
     def _require_finite(self, value: float) -> None:
         if not math.isfinite(value):
@@ -257,97 +258,29 @@ class AcutrolTable:
         return self._number("") if len(self.axes) == 1 else "ALL"
 
     def _mode(self, number: int) -> str:
-        return self._ask(":mode?", number).lower()
+        return self._exchanges.word(":mode?", number)
 
     def _interlock(self, number: int) -> str:
-        return self._ask(":interlock?", number).lower()
+        return self._exchanges.word(":interlock?", number)
 
-    def _numbers(self, text: str, count: int) -> tuple[float, ...]:
-        try:
-            return decode_numbers(text, count)
-        except ProtocolError as problem:
-            raise self._protocol_error(text, problem.expected) from problem
+    def _position_limits(self, text: str) -> tuple[float, ...]:
+        count = text.replace(";", ",").count(",") + 1
+        if count < 5:
+            raise self._exchanges.misfit(text, "rate, acceleration, jerk, low and high position limits")
+        return self._exchanges.numbers(text, count)[3:5]
 
     def _register(self, number: int, name: str) -> int:
-        text = self._ask(":status:csr?", f"A{number}{name}")
-        if not text.isdecimal():
-            raise self._protocol_error(text, f"status word A{number}{name} as an integer")
-        return int(text)
+        def word(text: str) -> int:
+            if not text.isdecimal():
+                raise self._exchanges.misfit(text, f"status word A{number}{name} as an integer")
+            return int(text)
 
-    def _command(self, header: str, *arguments: int | float | str) -> None:
-        text = self._ask(header, *arguments)
-        if text.upper() not in ("", "OK"):
-            raise self._protocol_error(text, f"OK or an empty answer to {header}")
-
-    def _ask(self, header: str, *arguments: int | float | str) -> str:
-        reply = self._exchange(header, *arguments)
-        return self._accepted(reply, encode_command(header, *arguments).decode("ascii").strip())
-
-    def _exchange(self, header: str, *arguments: int | float | str) -> Reply:
-        self._settle_input()
-        self.link.write(encode_command(header, *arguments))
-        return self._read_reply(REPLY_TIMEOUT_S)
-
-    def _settle_input(self) -> None:
-        """Take the answer to a state poll nobody read, then drop late answers."""
-        if self._state_asked:
-            self._state_asked = False
-            self._read_reply(REPLY_TIMEOUT_S)
-        self.link.discard()
-
-    def _read_reply(self, timeout_s: float) -> Reply:
-        deadline = self.link.clock.now() + timeout_s
-        header = self.link.read_exactly(HEADER_BYTES, timeout_s)
-        try:
-            error, length = decode_header(header)
-        except ProtocolError as problem:
-            rest = self.link.discard()
-            raise self._protocol_error((header + rest[:60]).decode("latin-1"), problem.expected) from problem
-        text = self.link.read_exactly(length, max(0.0, deadline - self.link.clock.now()))
-        return Reply(error, decode_text(text))
-
-    def _accepted(self, reply: Reply, request: str) -> str:
-        if reply.error == 0:
-            return reply.text
-        queue = self._exchange(":Status:MSG?", "QERROR")
-        raise self._refused(request, reply, queue.text if queue.error == 0 else "")
-
-    def _insist(self, header: str) -> None:
-        """Send a command and wait until it is confirmed."""
-        self.link.write(encode_command(header, self._all))
-        self._await_confirmation(header)
-
-    def _await_confirmation(self, header: str) -> None:
-        """Pass over replies to older commands until the last one sent is confirmed."""
-        deadline = self.link.clock.now() + REPLY_TIMEOUT_S
-        problem: BenchError | None = None
-        while (left_s := deadline - self.link.clock.now()) > 0.0:
-            try:
-                reply = self._read_reply(left_s)
-            except ProtocolError as error:
-                problem = error
-                continue
-            except DeviceSilent as error:
-                raise (problem or error) from error
-            if reply.error == 0 and reply.text.upper() in ("", "OK"):
-                return
-            problem = self._refused(header, reply, "")
-        raise problem or self._protocol_error("nothing", f"OK to {header}")
+        return self._exchanges.query(word, ":status:csr?", f"A{number}{name}")
 
     @property
     def _where(self) -> str:
         numbers = ", ".join(str(number) for number in self._numbers_by_name.values())
         return f"{self.link.name} ({self.link.url}), axis {numbers}"
-
-    def _refused(self, request: str, reply: Reply, queue: str) -> DeviceRefused:
-        return DeviceRefused(
-            f"the table refused {request!r}",
-            where=self._where,
-            found=f"error {reply.error}: {reply.text or 'no text'}"
-            + (f"; error queue: {queue}" if queue else ""),
-            expected="error code 0",
-            remedy="check the demand against the limits, the axis number and the interlock",
-        )
 
     def _not_closed(self, state: str) -> DeviceRefused:
         causes = "; ".join(self.alarms())
@@ -357,15 +290,6 @@ class AcutrolTable:
             found=f"interlock {state}" + (f" ({causes})" if causes else ""),
             expected="interlock close after reset and close",
             remedy="check emergency stop, doors, power amplifier and the controller's front panel",
-        )
-
-    def _protocol_error(self, found: str, expected: str) -> ProtocolError:
-        return ProtocolError(
-            "the table's answer does not fit the question",
-            where=self._where,
-            found=repr(found),
-            expected=expected,
-            remedy="check the line for lost bytes and that nobody else talks to this port",
         )
 
     def _wrong_device(self, found: str) -> WrongDevice:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import TypeVar
 
-from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.chamber import PolledChamber
+from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.espec._codec import (
     END,
     MINUTE_S,
@@ -17,26 +22,20 @@ from drivers.espec._codec import (
     refusal_words,
     set_temperature_text,
 )
-from drivers.instruments import (
-    ChamberCapabilities,
-    ChamberLimits,
-    ChamberState,
-    Identity,
-    Rest,
-    require_ramp,
-)
+from drivers.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.link import Link
+from drivers.repeat import asked, told
 
 REPLY_TIMEOUT_S = 3.0
 """What the maker's own library allows."""
 
-START_TIMEOUT_S = 10.0
-START_PAUSE_S = 0.5
-
 _RESTING = ("OFF", "STANDBY")
+_PROGRAM = "RUN PRGM"
+
+_T = TypeVar("_T")
 
 
-class EspecChamber:
+class EspecChamber(PolledChamber):
     """One chamber (`drivers.instruments.Chamber`) at a serial port or TCP port 10001.
 
     `address`: on RS-485, None on RS-232 and TCP. `rom`: how the ROM version of this controller begins, "" for
@@ -45,6 +44,9 @@ class EspecChamber:
     The controller has no slew rate: a ramp is a remote program of one step, from the present air temperature
     to the set point in whole minutes. A ramp demanded while the chamber stands begins when it is started.
     """
+
+    _known_by = "the ROM version of that controller, and types of sensors"
+    _check = "check which device the bench file names for this port, its address, and P-300 or SCP-220"
 
     def __init__(
         self,
@@ -55,28 +57,19 @@ class EspecChamber:
         address: int | None = None,
         safe_set_point_c: float = 23.0,
     ) -> None:
-        self.link = link
+        super().__init__(link, safe_set_point_c)
         self.model = model
         self.address = address
-        self.safe_set_point_c = safe_set_point_c
+        self._product = f"an ESPEC chamber with a {model} controller"
         self._rom = rom
         self._demand: tuple[float, float | None] | None = None
-        self._state_asked = False
-        self._halted = False
 
-    def identify(self) -> Identity:
-        """Ask ROM version and type; WrongDevice unless both fit the controller."""
-        try:
-            rom, kind = self._ask("ROM?"), self._ask("TYPE?")
-        except (ProtocolError, DeviceRefused) as error:
-            raise self._wrong_device(error.found) from error
-        except DeviceSilent as error:
-            if not (seen := self.link.discard()):
-                raise
-            raise self._wrong_device(repr(seen[:60])) from error
+    def _introduction(self) -> Identity:
+        """Ask ROM version and type, which must fit the controller."""
+        rom, kind = self._query("ROM?", str), self._query("TYPE?", str)
         fits = rom.startswith("P3") if self._rom else not rom.startswith("P3")
         if not fits or kind.count(",") not in (2, 3):
-            raise self._wrong_device(f"ROM {rom!r}, type {kind!r}")
+            raise self._odd(f"ROM {rom!r}, type {kind!r}", self._known_by)
         details = {"TYPE?": kind, "ROM?": rom}
         return Identity("ESPEC", self.model, firmware=rom, details=details)
 
@@ -87,19 +80,8 @@ class EspecChamber:
 
     def limits(self) -> ChamberLimits:
         """Read the limits at which the chamber raises an alarm."""
-        temperatures = self._temperatures()
+        temperatures = self._query("TEMP?", decode_temperatures)
         return ChamberLimits(temperatures.lower_c, temperatures.upper_c)
-
-    def start(self) -> None:
-        """Start conditioning, with the ramp demanded before if there is one; DeviceRefused if it does not
-        run."""
-        self._begin()
-        self._await_running(True)
-
-    def stop(self) -> None:
-        """Go to standby; DeviceRefused if the chamber does not within 10 s."""
-        self._command("MODE,STANDBY")
-        self._await_running(False)
 
     def set_temperature(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
         """Demand a set point, by a remote program if there is a ramp.
@@ -111,14 +93,9 @@ class EspecChamber:
         running = self._is_running()
         self._demand = (set_point_c, ramp_k_per_min)
         if ramp_k_per_min is None or not running:
-            self._command(set_temperature_text(set_point_c))
+            self._demand_constant(set_point_c)
         if running:
-            self._begin()
-
-    def state(self) -> ChamberState:
-        """Read air and set point."""
-        self.request_state()
-        return self.read_state()
+            self._switch(True)
 
     def request_state(self) -> None:
         """Send `TEMP?` without waiting; `read_state` must follow before anything else."""
@@ -128,110 +105,93 @@ class EspecChamber:
 
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state`: resolution 0.1 degC."""
-        self._state_asked = False
-        temperatures = self._decoded(self._reply())
+        temperatures = asked(self.link, self._collect_temperatures)
         return ChamberState(temperatures.measured_c, temperatures.set_point_c)
+
+    def _collect_temperatures(self) -> Temperatures:
+        if not self._state_asked:
+            self.request_state()
+        self._state_asked = False
+        return self._decoded(decode_temperatures, self._reply("TEMP?"))
 
     def alarms(self) -> list[str]:
         """Return active alarms by their code; what it means stands in the manual of the chamber."""
-        return [f"alarm {code} (see the alarm list of the chamber's manual)" for code in self._alarm_codes()]
+        codes = self._query("ALARM?", decode_alarms)
+        return [f"alarm {code} (see the alarm list of the chamber's manual)" for code in codes]
 
-    def halt(self) -> None:
-        """Send what stops conditioning and sets the safe set point, and wait for nothing.
-
-        Starts with a line end, which closes a command that was cut off halfway.
-        """
-        self._state_asked = False
-        self.link.discard()
+    def _send_stop(self) -> None:
         self.link.write(END)
         for text in self._safe_commands():
             self.link.write(encode_line(text, self.address))
-        self._halted = True
 
-    def make_safe(self) -> None:
-        """Go to standby with the safe set point; raises what was not confirmed.
-
-        What `halt` has sent is sent again only if its own confirmation does not come: replies to its line end
-        and to earlier questions are passed over.
-        """
-        if not self._halted:
-            self.halt()
-        self._halted = False
+    def _way_to_rest(self) -> Iterable[Callable[[], None]]:
         self._demand = None
-        problems = []
-        for text in self._safe_commands():
-            try:
-                if not self._confirmed(text):
-                    self._command(text)
-            except (DeviceRefused, DeviceSilent, ProtocolError) as error:
-                problems.append(error)
-        if problems:
-            raise problems[0]
+        return [partial(self._confirm, text) for text in self._safe_commands()]
 
-    def read_rest(self) -> Rest:
-        """Read mode and set point: at rest in standby or off with the safe set point."""
-        mode, set_point_c = self._ask("MODE?"), self._temperatures().set_point_c
-        safe = math.isclose(set_point_c, self.safe_set_point_c, rel_tol=0.0, abs_tol=RESOLUTION_C)
-        return Rest(safe and mode in _RESTING, f"{mode.lower()}, set point {set_point_c:g} degC")
+    def _confirm(self, text: str) -> None:
+        """Wait for the confirmation of a command that was sent, other replies passed over; else send it again."""
+        keyword = text.replace(" ", "")
+        with contextlib.suppress(DeviceSilent):
+            while True:
+                reply = self.link.read_until(END, REPLY_TIMEOUT_S).decode("latin-1").strip()
+                if reply.startswith("OK:") and reply.replace(" ", "")[3:] == keyword:
+                    return
+        self._tell(text)
 
     def _safe_commands(self) -> tuple[str, str]:
         return ("MODE,STANDBY", set_temperature_text(self.safe_set_point_c))
 
-    def _begin(self) -> None:
-        if self._demand is None or self._demand[1] is None:
-            self._command("MODE,CONSTANT")
-        else:
-            set_point_c, ramp = self._demand[0], self._demand[1]
-            self._command(ramp_text(self._temperatures().measured_c, set_point_c, ramp))
+    def _switch(self, on: bool) -> None:
+        """Start with the ramp demanded before, if there is one, or go to standby."""
+        if not on or self._demand is None or self._demand[1] is None:
+            mode = "CONSTANT" if on else "STANDBY"
+            told(self.link, lambda: self._tell(f"MODE,{mode}"), lambda: self._query("MODE?", str) == mode)
+            return
+        set_point_c, ramp = self._demand[0], self._demand[1]
+        program = ramp_text(self._query("TEMP?", decode_temperatures).measured_c, set_point_c, ramp)
+        told(self.link, lambda: self._tell(program))  # another program may have been running before
+
+    def _demand_constant(self, set_point_c: float) -> None:
+        def in_force() -> bool:
+            return math.isclose(self._demanded_c(), set_point_c, rel_tol=0.0, abs_tol=RESOLUTION_C)
+
+        told(self.link, lambda: self._tell(set_temperature_text(set_point_c)), in_force)
 
     def _is_running(self) -> bool:
-        return self._ask("MODE?") not in _RESTING
+        return self._query("MODE?", self._mode) not in _RESTING
 
-    def _await_running(self, on: bool) -> None:
-        deadline = self.link.clock.now() + START_TIMEOUT_S
-        while self._is_running() is not on:
-            if self.link.clock.now() >= deadline:
-                raise self._not_switched(on)
-            self.link.clock.sleep(START_PAUSE_S)
+    def _demanded_c(self) -> float:
+        return self._query("TEMP?", decode_temperatures).set_point_c
 
-    def _temperatures(self) -> Temperatures:
-        return self._decoded(self._ask("TEMP?"))
+    def _mode(self, reply: str) -> str:
+        if not reply.isascii() or not reply.replace(" ", "").isalnum():
+            raise self._odd(repr(reply), "OFF, STANDBY, CONSTANT or RUN")
+        return reply
 
-    def _decoded(self, reply: str) -> Temperatures:
+    def _query(self, text: str, read: Callable[[str], _T]) -> _T:
+        """Ask and return what `read` makes of the answer."""
+        return asked(self.link, lambda: self._decoded(read, self._ask(text)))
+
+    def _decoded(self, read: Callable[[str], _T], reply: str) -> _T:
         try:
-            return decode_temperatures(reply)
+            return read(reply)
         except ProtocolError as error:
             raise self._odd(error.found, error.expected) from error
 
-    def _alarm_codes(self) -> list[int]:
-        reply = self._ask("ALARM?")
-        try:
-            return decode_alarms(reply)
-        except ProtocolError as error:
-            raise self._odd(error.found, error.expected) from error
+    def _tell(self, text: str) -> None:
+        """Send a command and take its confirmation, which repeats it; of a program only that it is one."""
+        reply = self._ask(text)
+        echo, sent = reply.removeprefix("OK:").replace(" ", ""), text.replace(" ", "")
+        of_program = text.startswith(_PROGRAM) and echo.startswith(_PROGRAM.replace(" ", ""))
+        if not reply.startswith("OK:") or (echo != sent and not of_program):
+            raise self._odd(repr(reply), f"OK: in answer to {text!r}")
 
     def _ask(self, text: str) -> str:
         self._settle_input()
         self.link.write(encode_line(text, self.address))
         return self._reply(text)
 
-    def _command(self, text: str) -> None:
-        reply = self._ask(text)
-        if not reply.startswith("OK:"):
-            raise self._odd(repr(reply), f"OK: in answer to {text!r}")
-
-    def _confirmed(self, text: str) -> bool:
-        """Return whether the confirmation of a command comes, other replies passed over."""
-        keyword = text.replace(" ", "")
-        try:
-            while True:
-                reply = self.link.read_until(END, REPLY_TIMEOUT_S).decode("latin-1").strip()
-                if reply.startswith("OK:") and reply.replace(" ", "")[3:] == keyword:
-                    return True
-        except DeviceSilent:
-            return False
-
-    def _reply(self, asked: str = "TEMP?") -> str:
+    def _reply(self, asked: str) -> str:
         reply = self.link.read_until(END, REPLY_TIMEOUT_S).decode("latin-1").strip()
         if reply.startswith("NA:"):
             raise DeviceRefused(
@@ -247,21 +207,9 @@ class EspecChamber:
         """Take the answer to a state question nobody read, then drop late answers."""
         if self._state_asked:
             self._state_asked = False
-            self.link.read_until(END, REPLY_TIMEOUT_S)
+            with contextlib.suppress(DeviceSilent):
+                self.link.read_until(END, REPLY_TIMEOUT_S)
         self.link.discard()
-
-    @property
-    def _where(self) -> str:
-        return f"{self.link.name} ({self.link.url})"
-
-    def _not_switched(self, on: bool) -> DeviceRefused:
-        return DeviceRefused(
-            f"the chamber took the command and did not {'start' if on else 'stop'}",
-            where=self._where,
-            found="; ".join(self.alarms()) or "no alarm",
-            expected=f"mode {'CONSTANT or RUN' if on else 'STANDBY'} within {START_TIMEOUT_S:g} s",
-            remedy="check door and alarms",
-        )
 
     def _odd(self, found: str, expected: str) -> ProtocolError:
         return ProtocolError(
@@ -270,13 +218,4 @@ class EspecChamber:
             found=found,
             expected=expected,
             remedy="check the line for lost bytes and that nobody else talks to this port",
-        )
-
-    def _wrong_device(self, found: str) -> WrongDevice:
-        return WrongDevice(
-            f"not an ESPEC chamber with a {self.model} controller",
-            where=self._where,
-            found=found,
-            expected="a ROM version that begins with P3 and a type" if self._rom else "an SCP-220's type",
-            remedy="check which device the bench file names for this port, and its address on RS-485",
         )

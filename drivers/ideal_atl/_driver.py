@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 
 from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.ideal_atl._codec import END, POSITION, PROMPT, RATE, decode_number, encode, split_reply
 from drivers.instruments import Identity, Rest, TableLimits, TableState
 from drivers.link import Link
+from drivers.repeat import asked, told, told_once
 
 REPLY_TIMEOUT_S = 2.0
 STANDSTILL_TIMEOUT_S = 120.0
 _PAUSE_S = 0.2
 _REST_DPS = 0.01
+_TAKEN_DEG = 1e-3
+"""A turn that was begun shows by more than this."""
 _QUIET_S = 0.3
 
 
@@ -30,7 +34,7 @@ class AtlTable:
     def __init__(self, link: Link, *, axis: str = "table") -> None:
         self.link = link
         self.axes: tuple[str, ...] = (axis,)
-        self._asked = 0
+        self._state_asked = False
         self._turn_dps: float | None = None
         self._turn_dps2: float | None = None
         self._halted = False
@@ -81,14 +85,15 @@ class AtlTable:
         self._require_finite(angle_deg)
         self._come_to_rest(axis)
         self._set_turn_limits()
-        self._command("RMO", math.remainder(angle_deg - self._number(POSITION), 360.0))
+        before_deg = self._number(POSITION)
+        self._move(math.remainder(angle_deg - before_deg, 360.0), before_deg)
 
     def turn(self, by_deg: float, axis: str = "") -> None:
         """Turn from where the axis stands, in the sense of the sign."""
         self._require_finite(by_deg)
         self._come_to_rest(axis)
         self._set_turn_limits()
-        self._command("RMO", by_deg)
+        self._move(by_deg, self._number(POSITION))
 
     def spin(self, rate_dps: float, axis: str = "", acceleration_dps2: float | None = None) -> None:
         """Jog at a rate; 0 stops."""
@@ -99,11 +104,15 @@ class AtlTable:
         if rate_dps == 0.0:
             self._command("STO")
             return
-        self._settle_input()
-        self.link.write(encode("JOG", rate_dps, signed=True))
-        self.link.write(encode("STA"))
-        self._reply(f"JOG{rate_dps:+g}")
-        self._reply("STA")
+
+        def jog() -> None:
+            self._settle_input()
+            self.link.write(encode("JOG", rate_dps, signed=True))
+            self.link.write(encode("STA"))
+            self._reply(f"JOG{rate_dps:+g}")
+            self._reply("STA")
+
+        told(self.link, jog)
 
     def state(self) -> TableState:
         """Read angle and rate."""
@@ -114,13 +123,18 @@ class AtlTable:
         """Ask for the rate without waiting; `read_state` must follow before anything else."""
         self._settle_input()
         self.link.write(RATE + END)
-        self._asked = 1
+        self._state_asked = True
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state` and ask the angle."""
-        self._asked = 0
-        rate_dps = self._decoded(self._reply("PVE"))
+        rate_dps = asked(self.link, self._collect_rate)
         return TableState(self._number(POSITION) % 360.0, rate_dps)
+
+    def _collect_rate(self) -> float:
+        if not self._state_asked:
+            self.request_state()
+        self._state_asked = False
+        return self._decoded(self._reply("PVE"))
 
     def alarms(self) -> list[str]:
         """Return nothing: what the bits of STA mean is not public. A fault shows as a table that leaves its
@@ -129,7 +143,7 @@ class AtlTable:
 
     def halt(self) -> None:
         """Send a line end, which closes a command that was cut off halfway, and STO; wait for nothing."""
-        self._asked = 0
+        self._state_asked = False
         self.link.discard()
         self.link.write(END + encode("STO"))
         self._halted = True
@@ -142,9 +156,9 @@ class AtlTable:
         while self.link.read_some(_QUIET_S):
             pass
         try:
-            self._command("STO")
+            self._tell("STO")
         except (DeviceRefused, DeviceSilent, ProtocolError):
-            self._command("SRV0")
+            self._tell("SRV0")
 
     def read_rest(self) -> Rest:
         """Read the rate: at rest below 0.01 deg/s."""
@@ -175,7 +189,19 @@ class AtlTable:
                 )
             self.link.clock.sleep(_PAUSE_S)
 
+    def _move(self, by_deg: float, before_deg: float) -> None:
+        """Tell a turn that must not be told twice: it was begun if the axis has moved."""
+
+        def begun() -> bool:
+            moved_deg = math.remainder(self._number(POSITION) - before_deg, 360.0)
+            return abs(moved_deg) > _TAKEN_DEG or abs(self._number(RATE)) >= _REST_DPS
+
+        told_once(self.link, lambda: self._tell("RMO", by_deg), begun)
+
     def _number(self, query: bytes) -> float:
+        return asked(self.link, lambda: self._ask(query))
+
+    def _ask(self, query: bytes) -> float:
         self._settle_input()
         self.link.write(query + END)
         return self._decoded(self._reply(query.decode("ascii")))
@@ -189,6 +215,10 @@ class AtlTable:
             ) from error
 
     def _command(self, mnemonic: str, value: float | None = None) -> None:
+        """Tell what does the same when it is told twice; there is no query to read it back."""
+        told(self.link, lambda: self._tell(mnemonic, value))
+
+    def _tell(self, mnemonic: str, value: float | None = None) -> None:
         self._settle_input()
         self.link.write(encode(mnemonic, value))
         self._reply(mnemonic if value is None else f"{mnemonic}{value:g}")
@@ -207,9 +237,10 @@ class AtlTable:
 
     def _settle_input(self) -> None:
         """Take the answer to a state question nobody read, then drop late ones."""
-        if self._asked:
-            self._asked = 0
-            self.link.read_until(PROMPT, REPLY_TIMEOUT_S)
+        if self._state_asked:
+            self._state_asked = False
+            with contextlib.suppress(DeviceSilent):
+                self.link.read_until(PROMPT, REPLY_TIMEOUT_S)
         self.link.discard()
 
     def _require(self, axis: str) -> None:

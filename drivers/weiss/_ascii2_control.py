@@ -7,10 +7,13 @@ from collections.abc import Callable
 from drivers.errors import DeviceRefused, ProtocolError
 from drivers.instruments import ChamberState
 from drivers.link import Link
+from drivers.repeat import asked, told
 from drivers.weiss._ascii2 import CR, Values, decode_values, encode_gradient, encode_read, encode_set
 from drivers.weiss._configuration import Configuration
 
 _TIMEOUT_S = 2.0
+_RESOLUTION_C = 0.11
+"""Values are rounded to 0.1 degC."""
 _ALARM_WORDS = ("alarm", "error", "fault", "warning")
 
 
@@ -29,6 +32,7 @@ class Ascii2Control:
     def request_values(self) -> None:
         """Ask for all values; the configuration is asked before if it is not known yet."""
         self._configuration()
+        self._link.discard()
         self._link.write(encode_read(self._address))
 
     def read_state(self, timeout_s: float = _TIMEOUT_S) -> ChamberState:
@@ -48,7 +52,7 @@ class Ascii2Control:
         values = self._values()
         upwards = set_point_c >= values.numbers[self._configuration().read_fields.index("CV01")]
         up, down = (ramp_k_per_min, 0.0) if upwards else (0.0, ramp_k_per_min)
-        self._confirmed(encode_gradient(self._address, up, down))
+        self._tell(encode_gradient(self._address, up, down))
         self._target_c = set_point_c
         self._set(values, set_point_c, running=self._start_bit_set(values))
 
@@ -66,7 +70,11 @@ class Ascii2Control:
         """Stop conditioning at a set point, then take gradients away."""
         self._target_c = set_point_c
         self._set(self._values(), set_point_c, running=False)
-        self._confirmed(encode_gradient(self._address, 0.0, 0.0))
+        self._tell(encode_gradient(self._address, 0.0, 0.0))
+
+    def demanded_c(self) -> float:
+        """Return the set point in force."""
+        return self._values().numbers[self._configuration().read_fields.index("CV01")]
 
     def alarms(self) -> list[str]:
         """Return the names of digital outputs that are set and called alarm, error, fault or warning."""
@@ -78,8 +86,11 @@ class Ascii2Control:
         ]
 
     def _values(self) -> Values:
-        self.request_values()
-        return self._read_values(_TIMEOUT_S)
+        def ask() -> Values:
+            self.request_values()
+            return self._read_values(_TIMEOUT_S)
+
+        return asked(self._link, ask)
 
     def _read_values(self, timeout_s: float) -> Values:
         values = decode_values(self._link.read_until(CR, timeout_s))
@@ -111,7 +122,16 @@ class Ascii2Control:
         nominal[configuration.set_fields.index("CV01")] = set_point_c
         bits = list(values.digital.ljust(configuration.digital_count, "0")[: configuration.digital_count])
         bits[configuration.start_bit] = "1" if running else "0"
-        self._confirmed(encode_set(self._address, nominal, "".join(bits)))
+
+        def in_force() -> bool:
+            values = self._values()
+            same = abs(values.numbers[fields.index("CV01")] - set_point_c) < _RESOLUTION_C
+            return same and self._start_bit_set(values) is running
+
+        self._tell(encode_set(self._address, nominal, "".join(bits)), in_force)
+
+    def _tell(self, request: bytes, in_force: Callable[[], bool] | None = None) -> None:
+        told(self._link, lambda: self._confirmed(request), in_force, doubt_refusal=True)
 
     def _confirmed(self, request: bytes) -> None:
         self._link.discard()
@@ -119,6 +139,14 @@ class Ascii2Control:
         answer = self._link.read_until(CR, _TIMEOUT_S).strip()
         if answer == b"0":
             return
+        if not (answer.isascii() and answer.decode("ascii").isprintable()):
+            raise ProtocolError(
+                "the chamber's answer is no text",
+                where=self._where,
+                found=repr(answer),
+                expected="'0'",
+                remedy="check baud rate and wiring",
+            )
         raise DeviceRefused(
             f"the chamber refused {request.decode('ascii').strip()!r}",
             where=self._where,

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
-from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.instruments import (
-    ChamberCapabilities,
-    ChamberLimits,
-    ChamberState,
-    Identity,
-    Rest,
-    require_ramp,
-)
+from drivers.chamber import PolledChamber
+from drivers.errors import DeviceSilent
+from drivers.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.link import Link
+from drivers.repeat import asked
 from drivers.weiss._ascii2 import encode_configuration_query
 from drivers.weiss._ascii2_control import Ascii2Control
 from drivers.weiss._configuration import Configuration, decode_configuration
@@ -30,29 +27,26 @@ QUIET_S = 0.5
 SET_POINT_EVERY = 10
 """States between two readings of the set point; 1 s states give 10 s."""
 
-START_TIMEOUT_S = 10.0
-START_PAUSE_S = 0.5
-
-
-_SET_POINT_RESOLUTION_C = 0.11
-"""ASCII-2 rounds to 0.1 degC."""
-
 _SET_POINT = (Number.GET_SET_POINT, 1)
 _AIR = (Number.GET_ACTUAL, 1)
 
 
-class WeissChamber:
+class WeissChamber(PolledChamber):
     """One chamber at a serial port or TCP port 2049.
 
     `auxiliary`: numbers of the measured values (MVnn) to read with every state. `start_channel`: SimServ index of
     the digital output that starts conditioning, 1 on most controllers, 2 on some. `simserv=False` is for
     controllers without SimServ: temperatures then have a resolution of 0.1 degC, and alarms are known only as far
-    as the chamber names a digital output for them. `safe_set_point_c`: what `make_safe` leaves behind.
+    as the chamber names a digital output for them.
 
     A state is one exchange for each auxiliary sensor and one for the air, which ends it. The set point, which
     only a command, a ramp or somebody at the panel moves, is asked with every `SET_POINT_EVERY`th state and after
     a command, and held between. With ASCII-2 a state is one exchange for everything.
     """
+
+    _product = "a Weiss or Vötsch chamber"
+    _check = "check which device the bench file names for this port, its address and `simserv`"
+    _switched_by = "check door, alarms and start_channel (1 on most controllers, 2 on some)"
 
     def __init__(
         self,
@@ -64,40 +58,28 @@ class WeissChamber:
         start_channel: int = 1,
         safe_set_point_c: float = 23.0,
     ) -> None:
-        self.link = link
+        super().__init__(link, safe_set_point_c)
         self.address = address
         self.auxiliary = tuple(auxiliary)
         self.simserv = simserv
         self.start_channel = start_channel
-        self.safe_set_point_c = safe_set_point_c
+        self._known_by = "SimServ replies and an ASCII-2 configuration text" if simserv else "ASCII-2 replies"
         self._simserv = SimServControl(link)
         self._ascii2 = Ascii2Control(link, address, self.auxiliary, self.configuration)
         self._configuration: Configuration | None = None
-        self._state_asked = False
-        self._halted = False
         self._questions: list[tuple[Number, int]] = []
         self._polls_to_set_point = 0
         self._set_point_c = math.nan
 
-    def identify(self) -> Identity:
-        """Ask for type, year and serial number (SimServ) and the configuration (`$dd?`); else WrongDevice."""
-        self._settle_input()
+    def _introduction(self) -> Identity:
+        """Ask for type, year and serial number (SimServ) and the configuration (`$dd?`)."""
         details: dict[str, str] = {}
         model, year, serial_number = "chamber without SimServ", "", ""
-        try:
-            if self.simserv:
-                model, year, serial_number = (
-                    self._simserv.text(Number.CHAMBER_INFO, item) for item in (1, 2, 3)
-                )
-                details["year"] = year
-            self._configuration = None
-            configuration = self.configuration()
-        except ProtocolError as error:
-            raise self._wrong_device(error.found) from error
-        except DeviceSilent as error:
-            if not (seen := self.link.discard()):
-                raise
-            raise self._wrong_device(repr(seen[:60])) from error
+        if self.simserv:
+            model, year, serial_number = (self._simserv.text(Number.CHAMBER_INFO, item) for item in (1, 2, 3))
+            details["year"] = year
+        self._configuration = None
+        configuration = self.configuration()
         details["set values"] = " ".join(configuration.set_fields)
         details["read values"] = " ".join(configuration.read_fields)
         details["digital outputs"] = ", ".join(
@@ -108,13 +90,16 @@ class WeissChamber:
     def configuration(self) -> Configuration:
         """Return what the chamber answers to `$dd?`, asked once; raises ProtocolError if it makes no sense."""
         if self._configuration is None:
-            self._settle_input()
-            self.link.write(encode_configuration_query(self.address))
-            answer = self.link.read_until(b"\r", REPLY_TIMEOUT_S)
-            while more := self.link.read_some(QUIET_S):
-                answer += more
-            self._configuration = decode_configuration(answer.decode("latin-1"))
+            self._configuration = asked(self.link, self._ask_configuration)
         return self._configuration
+
+    def _ask_configuration(self) -> Configuration:
+        self._settle_input()
+        self.link.write(encode_configuration_query(self.address))
+        answer = self.link.read_until(b"\r", REPLY_TIMEOUT_S)
+        while more := self.link.read_some(QUIET_S):
+            answer += more
+        return decode_configuration(answer.decode("latin-1"))
 
     def capabilities(self) -> ChamberCapabilities:
         """SimServ has thousandths; ASCII-2 tenths and the measured values that the configuration names."""
@@ -132,14 +117,6 @@ class WeissChamber:
             self._simserv.value(Number.GET_INPUT_MINIMUM, 1), self._simserv.value(Number.GET_INPUT_MAXIMUM, 1)
         )
 
-    def start(self) -> None:
-        """Start conditioning and check that the chamber runs; DeviceRefused if it does not within 10 s."""
-        self._switch(True)
-
-    def stop(self) -> None:
-        """Stop conditioning and check that the chamber stopped; DeviceRefused if it does not within 10 s."""
-        self._switch(False)
-
     def set_temperature(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
         """Demand a set point; `ramp_k_per_min` limits both directions, None takes every limit away."""
         require_ramp(self.capabilities(), set_point_c, ramp_k_per_min, self._where)
@@ -153,11 +130,6 @@ class WeissChamber:
         self._simserv.command(Number.SET_SET_POINT, 1, round(float(set_point_c), 3))
         self._polls_to_set_point = 0
 
-    def state(self) -> ChamberState:
-        """Read air, auxiliary sensors and set point."""
-        self.request_state()
-        return self.read_state()
-
     def request_state(self) -> None:
         """Send the first question of a state without waiting; `read_state` must follow before anything else."""
         self._settle_input()
@@ -170,15 +142,26 @@ class WeissChamber:
 
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state` and ask the rest."""
-        self._state_asked = False
         if not self.simserv:
-            return self._ascii2.read_state()
+            return asked(self.link, self._collect_values)
         first, *rest = self._questions
-        answers = {first: self._simserv.take_value(first[0])}
+        answers = {first: asked(self.link, self._collect_first)}
         answers |= {question: self._simserv.value(*question) for question in rest}
         self._set_point_c = answers.get(_SET_POINT, self._set_point_c)
         auxiliary_c = {number: answers[Number.GET_MEASURED, number] for number in self.auxiliary}
         return ChamberState(answers[_AIR], self._set_point_c, auxiliary_c)
+
+    def _collect_first(self) -> float:
+        if not self._state_asked:
+            self._simserv.request(*self._questions[0])
+        self._state_asked = False
+        return self._simserv.take_value(self._questions[0][0])
+
+    def _collect_values(self) -> ChamberState:
+        if not self._state_asked:
+            self._ascii2.request_values()
+        self._state_asked = False
+        return self._ascii2.read_state()
 
     def _state_questions(self) -> list[tuple[Number, int]]:
         """Return what to ask, the air last: it ends a poll. The set point moves only by a ramp or on demand."""
@@ -203,57 +186,35 @@ class WeissChamber:
                 found.append(f"{kind}: {self._simserv.text(Number.MESSAGE_TEXT, index)}")
         return found or [f"chamber status {int(status)} without an active message"]
 
-    def halt(self) -> None:
-        """Send the commands that stop conditioning and set the safe set point, and wait for nothing.
-
-        Starts with a line end, which closes a command that was cut off halfway. With ASCII-2 that is all: a stop
-        there is part of a telegram for which the chamber's values must be read first.
-        """
-        self._state_asked = False
-        self.link.discard()
+    def _send_stop(self) -> None:
+        """With ASCII-2 a line end is all: a stop is part of a telegram for which values must be read first."""
         self.link.write(b"\r")
         if self.simserv:
             for number, argument, value in self._first_commands():
                 self.link.write(encode_request(number, argument, value))
-        self._halted = True
 
-    def make_safe(self) -> None:
-        """Stop conditioning, leave the safe set point and no ramp; raises what was not confirmed.
-
-        Replies to the line end of `halt` and to earlier questions are passed over. A command of `halt` that is
-        not confirmed is sent again on its own, in case the controller takes only one line at a time; a refusal
-        does not keep the others from being sent.
-        """
-        if not self._halted:
-            self.halt()
-        self._halted = False
+    def _way_to_rest(self) -> Iterable[Callable[[], None]]:
+        """A command that is not confirmed is sent again on its own, in case only one line is taken at a time."""
         if not self.simserv:
-            self.link.read_some(QUIET_S)
-            self._ascii2.rest_at(self.safe_set_point_c)
-            return
+            return (self._rest_by_ascii2,)
         sent = self._first_commands()
-        problems = []
-        for command in (*sent, (Number.SET_GRADIENT_UP, 1, 0), (Number.SET_GRADIENT_DOWN, 1, 0)):
-            try:
-                if command not in sent or not self._simserv.confirms(command[0]):
-                    self._simserv.insist(*command)
-            except (DeviceRefused, DeviceSilent, ProtocolError) as error:
-                problems.append(error)
-        if problems:
-            raise problems[0]
+        gradients = ((Number.SET_GRADIENT_UP, 1, 0), (Number.SET_GRADIENT_DOWN, 1, 0))
+        return (
+            *(partial(self._confirm, *command) for command in sent),
+            *(partial(self._simserv.insist, *command) for command in gradients),
+        )
 
-    def read_rest(self) -> Rest:
-        """Read whether conditioning is off and which set point is left: at rest if it is the safe one."""
+    def _confirm(self, number: Number, argument: int, value: float) -> None:
+        if not self._simserv.confirms(number):
+            self._simserv.insist(number, argument, value)
+
+    def _rest_by_ascii2(self) -> None:
+        self.link.read_some(QUIET_S)
+        self._ascii2.rest_at(self.safe_set_point_c)
+
+    def _demanded_c(self) -> float:
         self._settle_input()
-        running = self._is_running()
-        if self.simserv:
-            set_point_c = self._simserv.value(*_SET_POINT)
-        else:
-            self._ascii2.request_values()
-            set_point_c = self._ascii2.read_state().set_point_c
-        safe = abs(set_point_c - self.safe_set_point_c) < _SET_POINT_RESOLUTION_C
-        text = f"{'running' if running else 'stopped'}, set point {set_point_c:g} degC"
-        return Rest(safe and not running, text)
+        return self._simserv.value(*_SET_POINT) if self.simserv else self._ascii2.demanded_c()
 
     def _first_commands(self) -> list[tuple[Number, int, float]]:
         return [
@@ -267,13 +228,9 @@ class WeissChamber:
             self._simserv.command(Number.SET_DIGITAL_OUT, self.start_channel, int(on))
         else:
             self._ascii2.switch(on)
-        deadline = self.link.clock.now() + START_TIMEOUT_S
-        while self._is_running() is not on:
-            if self.link.clock.now() >= deadline:
-                raise self._not_switched(on)
-            self.link.clock.sleep(START_PAUSE_S)
 
     def _is_running(self) -> bool:
+        self._settle_input()
         return bool(self._status() & ChamberStatus.RUNNING) if self.simserv else self._ascii2.is_running()
 
     def _status(self) -> ChamberStatus:
@@ -283,29 +240,6 @@ class WeissChamber:
         """Take the answer to a state question nobody read, then drop late answers."""
         if self._state_asked:
             self._state_asked = False
-            self.link.read_until(b"\r", REPLY_TIMEOUT_S)
+            with contextlib.suppress(DeviceSilent):
+                self.link.read_until(b"\r", REPLY_TIMEOUT_S)
         self.link.discard()
-
-    @property
-    def _where(self) -> str:
-        return f"{self.link.name} ({self.link.url})"
-
-    def _not_switched(self, on: bool) -> DeviceRefused:
-        return DeviceRefused(
-            f"the chamber took the command and did not {'start' if on else 'stop'}",
-            where=self._where,
-            found="; ".join(self.alarms()) or "no alarm",
-            expected=f"conditioning {'on' if on else 'off'} within {START_TIMEOUT_S:g} s",
-            remedy="check door, alarms and start_channel (1 on most controllers, 2 on some)",
-        )
-
-    def _wrong_device(self, found: str) -> WrongDevice:
-        return WrongDevice(
-            "not a Weiss or Vötsch chamber",
-            where=self._where,
-            found=found,
-            expected="SimServ replies and an ASCII-2 configuration text"
-            if self.simserv
-            else "ASCII-2 replies",
-            remedy="check which device the bench file names for this port, its address and `simserv`",
-        )

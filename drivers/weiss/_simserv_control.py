@@ -6,6 +6,7 @@ import math
 
 from drivers.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
 from drivers.link import Link
+from drivers.repeat import asked, told
 from drivers.weiss._simserv import (
     OK,
     REPLY_END,
@@ -17,10 +18,18 @@ from drivers.weiss._simserv import (
 )
 
 _TIMEOUT_S = 2.0
+_READ_BACK = {
+    Number.SET_SET_POINT: Number.GET_SET_POINT,
+    Number.SET_DIGITAL_OUT: Number.GET_DIGITAL_OUT,
+    Number.SET_GRADIENT_UP: Number.GET_GRADIENT_UP,
+    Number.SET_GRADIENT_DOWN: Number.GET_GRADIENT_DOWN,
+}
 
 
 class SimServControl:
-    """Every exchange has a deadline (DeviceSilent); a status other than 1 raises DeviceRefused."""
+    """Every exchange has a deadline (DeviceSilent); a status other than 1 raises DeviceRefused: for good when the
+    exchange has been tried again.
+    """
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -30,20 +39,38 @@ class SimServControl:
         self._link.discard()
         self._link.write(encode_request(number, *arguments))
 
-    def command(self, number: Number, *arguments: object) -> None:
-        """Send a command and take its confirmation."""
-        self.request(number, *arguments)
-        self._accept(self._read(_TIMEOUT_S), number)
+    def command(self, number: Number, index: int, value: float) -> None:
+        """Set a value and take its confirmation; read it back if that does not come."""
+
+        def tell() -> None:
+            self.request(number, index, value)
+            reply = self._read(_TIMEOUT_S)
+            self._accept(reply, number)
+            if reply.fields:  # the late answer to a question
+                raise self._unfit(repr(reply.fields), number, "nothing but status 1")
+
+        def in_force() -> bool:
+            return math.isclose(self.value(_READ_BACK[number], index), value, rel_tol=0.0, abs_tol=1e-3)
+
+        told(self._link, tell, in_force, doubt_refusal=True)
 
     def value(self, number: Number, *arguments: object) -> float:
         """Ask for a number."""
-        self.request(number, *arguments)
-        return self.take_value(number)
+
+        def ask() -> float:
+            self.request(number, *arguments)
+            return self.take_value(number)
+
+        return asked(self._link, ask)
 
     def text(self, number: Number, *arguments: object) -> str:
         """Ask for a text."""
-        self.request(number, *arguments)
-        return self._take_field(number)
+
+        def ask() -> str:
+            self.request(number, *arguments)
+            return self._take_field(number)
+
+        return asked(self._link, ask)
 
     def take_value(self, number: Number) -> float:
         """Take the answer to `request` as a finite number."""

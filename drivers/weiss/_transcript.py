@@ -51,7 +51,9 @@ class _Reader:
         self._line = b""
         self._input = b""
         self._due: list[bytes] = []
-        self._sensors: dict[str, float] | None = {}
+        self._sensors: dict[str, float] = {}
+        self._unanswered: set[bytes] = set()
+        """Questions for sensors of the poll under way whose answer has not come; they may be asked again."""
         self._set_point_c = math.nan
         self._configuration: Configuration | None = None
 
@@ -61,10 +63,7 @@ class _Reader:
         if not requests:
             return
         if self._due:
-            if any(request.startswith(_MEASURED) for request in self._due):
-                self._sensors = None
-            if _AIR in self._due:
-                self._sensors = {}
+            self._unanswered |= {request for request in self._due if request.startswith(_MEASURED)}
             if _is_configuration(self._due[0]):
                 with contextlib.suppress(ProtocolError):
                     self._configuration = decode_configuration(self._input.decode("latin-1"))
@@ -85,7 +84,8 @@ class _Reader:
             try:
                 self._take(request, reply, at_ns)
             except ValueError:
-                self._sensors = {} if request == _AIR else None
+                if request.startswith(_MEASURED):
+                    self._unanswered.add(request)
 
     def _take(self, request: bytes, reply: bytes, at_ns: int) -> None:
         """Take one reply; raises ValueError for a bad one."""
@@ -95,10 +95,11 @@ class _Reader:
             self._set_point_c = _simserv_number(reply)
         elif request == _AIR:
             air = {"air_temp_c": _simserv_number(reply), "set_point_c": self._set_point_c}
-            if self._sensors is not None:
+            if not self._unanswered:
                 self.rows.append((at_ns, air | self._sensors))
-            self._sensors = {}
-        elif self._sensors is not None and request.startswith(_MEASURED):
+            self._sensors, self._unanswered = {}, set()
+        elif request.startswith(_MEASURED):
+            self._unanswered.discard(request)
             self._sensors[f"aux_{int(request[len(_MEASURED) :])}_temp_c"] = _simserv_number(reply)
 
     def _ascii2_row(self, reply: bytes) -> dict[str, float]:

@@ -10,58 +10,8 @@ from drivers.acutrol import AcutrolTable, decode_transcript
 from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.instruments import Rest, TableLimits, TableState
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
-
-
-class Clock:
-    def __init__(self):
-        self.time_s = 0.0
-
-    def now(self):
-        return self.time_s
-
-    def sleep(self, duration_s):
-        self.time_s += duration_s
-
-
-class Wire:
-    """What the driver needs of a Link; `answer(data, now_s)` is the device, a list of (time in s, bytes)."""
-
-    def __init__(self, answer):
-        self.answer = answer
-        self.clock = Clock()
-        self.name, self.url = "table", "memory"
-        self.sent, self.exchanges = b"", []
-        self.pending, self.buffer = [], b""
-
-    def write(self, data):
-        self.sent += data
-        self.exchanges.append((round(self.clock.now() * 1e9), "sent", data))
-        self.pending += self.answer(data, self.clock.now())
-
-    def _arrive(self, until_s):
-        while self.pending and self.pending[0][0] <= until_s:
-            at_s, data = self.pending.pop(0)
-            self.buffer += data
-            self.exchanges.append((round(at_s * 1e9), "received", data))
-
-    def discard(self):
-        self._arrive(self.clock.now())
-        stale, self.buffer = self.buffer, b""
-        return stale
-
-    def _await(self, complete, deadline_s):
-        self._arrive(self.clock.now())
-        while not complete():
-            if not self.pending or self.pending[0][0] > deadline_s:
-                self.clock.time_s = max(self.clock.time_s, deadline_s)
-                raise DeviceSilent("silent", found=repr(self.buffer))
-            self.clock.time_s = max(self.clock.time_s, self.pending[0][0])
-            self._arrive(self.clock.now())
-
-    def read_exactly(self, count, timeout_s):
-        self._await(lambda: len(self.buffer) >= count, self.clock.now() + timeout_s)
-        data, self.buffer = self.buffer[:count], self.buffer[count:]
-        return data
+from tests.memory_link import MemoryLink
+from tests.memory_link import scripted as answers
 
 
 class Plant:
@@ -104,8 +54,7 @@ def frame(text, error=0, order="<"):
 
 def scripted(*replies, delay_s=0.01):
     """Return a table that answers the n-th write with the n-th entry, whatever was asked."""
-    queue = list(replies)
-    wire = Wire(lambda data, now_s: [(now_s + delay_s, queue.pop(0))] if queue else [])
+    wire = answers(*replies, delay_s=delay_s)
     return AcutrolTable(wire), wire
 
 
@@ -113,7 +62,7 @@ def scripted(*replies, delay_s=0.01):
 def bench():
     plant = Plant()
     emulator = AcutrolEmulator(plant)
-    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in emulator.receive(data, now_s)])
+    wire = MemoryLink(emulator)
     return AcutrolTable(wire), wire, plant, emulator
 
 
@@ -237,7 +186,7 @@ def test_closing_the_interlock_never_runs_an_old_demand(bench):
 def test_limits_of_the_emulated_table(bench):
     assert bench[0].limits() == TableLimits(1000.0, 4200.0, None, None)
     emulator = AcutrolEmulator({1: AcutrolAxis(Plant(), -90.0, 95.5)})
-    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in emulator.receive(data, now_s)])
+    wire = MemoryLink(emulator)
     assert AcutrolTable(wire).limits() == TableLimits(1000.0, 4200.0, -90.0, 95.5)
 
 
@@ -289,7 +238,7 @@ def test_an_interlock_that_does_not_close_is_refused():
         ]
 
     with pytest.raises(DeviceRefused, match="does not close"):
-        AcutrolTable(Wire(answer)).servo_on()
+        AcutrolTable(MemoryLink(answer)).servo_on()
 
 
 def test_make_safe_after_a_command_cut_in_half(bench):

@@ -18,19 +18,19 @@ from drivers.espec import (
 from drivers.instruments import ChamberLimits, Rest
 from simulators.emulators.espec import EspecEmulator
 from simulators.faults import Fault
-from tests.wires import Plant, Wire
+from tests.memory_link import ChamberPlant, MemoryLink
+from tests.memory_link import scripted as answers
 
 
 def emulated(address=None, rom="P3", **options):
-    plant = Plant()
+    plant = ChamberPlant()
     device = EspecEmulator(plant, address=address, **options)
-    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in device.receive(data, now_s)])
+    wire = MemoryLink(device)
     return EspecChamber(wire, model="P-300", rom=rom, address=address), wire, plant, device
 
 
 def scripted(*replies):
-    queue = list(replies)
-    wire = Wire(lambda data, now_s: [(now_s + 0.05, queue.pop(0))] if queue else [])
+    wire = answers(*replies, delay_s=0.05)
     return EspecChamber(wire, model="P-300", rom="P3"), wire
 
 
@@ -76,7 +76,7 @@ def test_a_day_of_a_chamber():
     chamber.halt()
     chamber.make_safe()
     assert plant.demands[-1] == (23.0, 0.0, 0.0, False)
-    assert chamber.read_rest() == Rest(True, "standby, set point 23 degC")
+    assert chamber.read_rest() == Rest(True, "stopped, set point 23 degC")
     assert wire.sent.count(b"MODE,STANDBY") == 1  # what halt sent was confirmed
 
 

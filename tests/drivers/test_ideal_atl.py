@@ -12,7 +12,8 @@ from drivers.instruments import Rest
 from simulators.emulators.ideal_atl import AtlEmulator
 from simulators.faults import Fault
 from simulators.plant.table import TableAxis, TableParameters
-from tests.wires import Wire
+from tests.memory_link import MemoryLink
+from tests.memory_link import scripted as answers
 
 SETTINGS = {"axes": [{"name": "table"}]}
 
@@ -20,13 +21,12 @@ SETTINGS = {"axes": [{"name": "table"}]}
 def emulated(**options):
     plant = TableAxis(TableParameters())
     device = AtlEmulator(plant, **options)
-    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in device.receive(data, now_s)])
+    wire = MemoryLink(device)
     return AtlTable(wire), wire, plant, device
 
 
 def scripted(*replies):
-    queue = list(replies)
-    wire = Wire(lambda data, now_s: [(now_s + 0.02, queue.pop(0))] if queue else [])
+    wire = answers(*replies, delay_s=0.02)
     return AtlTable(wire), wire
 
 

@@ -16,7 +16,7 @@ from pymodbus.pdu.register_message import (
 
 from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.modbus import Frames, ModbusMaster, float_words, to_signed, words_float
-from tests.wires import Wire
+from tests.memory_link import scripted as answers
 
 
 def crc16_modbus(data: bytes) -> bytes:
@@ -137,8 +137,7 @@ def test_signed_registers():
 
 
 def scripted(*replies, framing="rtu", delay_s=0.02):
-    queue = [bytes.fromhex(reply) for reply in replies]
-    wire = Wire(lambda data, now_s: [(now_s + delay_s, queue.pop(0))] if queue else [])
+    wire = answers(*(bytes.fromhex(reply) for reply in replies), delay_s=delay_s)
     return ModbusMaster(wire, framing, 1), wire
 
 

@@ -10,22 +10,22 @@ from drivers.watlow import WatlowChamber, decode_f4, decode_f4t, scaled, unscale
 from drivers.watlow._controllers import F4Controller, F4TController
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
 from simulators.faults import Fault
-from tests.wires import Plant, Wire
+from tests.memory_link import ChamberPlant, MemoryLink
 
 
 def f4(auxiliary=(2,), start_output=1, emulator=None, **options):
-    plant = Plant()
+    plant = ChamberPlant()
     device = emulator or F4Emulator(plant, start_output=start_output, **options)
-    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in device.receive(data, now_s)])
+    wire = MemoryLink(device)
     modbus = ModbusMaster(wire, "rtu", 1)
     chamber = WatlowChamber(wire, modbus, F4Controller(modbus, start_output, auxiliary), auxiliary=auxiliary)
     return chamber, wire, plant, device
 
 
 def f4t(framing="tcp"):
-    plant = Plant()
+    plant = ChamberPlant()
     device = F4TEmulator(plant, framing=framing)
-    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in device.receive(data, now_s)])
+    wire = MemoryLink(device)
     modbus = ModbusMaster(wire, framing, 1)
     return WatlowChamber(wire, modbus, F4TController(modbus)), wire, plant, device
 
@@ -138,7 +138,7 @@ def test_another_output_can_start_the_chamber():
 
 
 def test_what_is_no_f4_is_named_so():
-    for emulator in (F4TEmulator(Plant(), framing="rtu"),):
+    for emulator in (F4TEmulator(ChamberPlant(), framing="rtu"),):
         chamber, *_ = f4(emulator=emulator)
         with pytest.raises(WrongDevice, match="not a Watlow F4 "):
             chamber.identify()
@@ -153,7 +153,7 @@ def test_a_fahrenheit_controller_is_refused_before_anything_moves():
         def read(self, register, now_s):
             return 0 if register == 901 else super().read(register, now_s)
 
-    chamber, *_ = f4(emulator=Fahrenheit(Plant()))
+    chamber, *_ = f4(emulator=Fahrenheit(ChamberPlant()))
     with pytest.raises(WrongDevice, match="degrees Celsius"):
         chamber.identify()
 

@@ -6,20 +6,20 @@ from drivers.errors import DeviceRefused, DeviceSilent, LimitExceeded, ProtocolE
 from drivers.instruments import ChamberLimits, ChamberState, Rest
 from drivers.weiss import WeissChamber, decode_transcript
 from simulators.emulators.weiss import WeissEmulator
-from tests.wires import Plant, Wire
+from tests.memory_link import ChamberPlant, MemoryLink
+from tests.memory_link import scripted as answers
 
 
 def emulated(plant=None, emulator_options=None, **options):
-    plant = plant or Plant()
+    plant = plant or ChamberPlant()
     emulator = WeissEmulator(plant, auxiliary=(1, 2), **(emulator_options or {}))
-    wire = Wire(lambda data, now_s: [(reply.at_s, reply.data) for reply in emulator.receive(data, now_s)])
+    wire = MemoryLink(emulator)
     return WeissChamber(wire, auxiliary=(2,), **options), wire, plant, emulator
 
 
 def scripted(*replies, delay_s=0.02, **options):
     """Return a chamber that answers the n-th write with the n-th entry, whatever was asked."""
-    queue = list(replies)
-    wire = Wire(lambda data, now_s: [(now_s + delay_s, queue.pop(0))] if queue else [])
+    wire = answers(*replies, delay_s=delay_s)
     return WeissChamber(wire, **options), wire
 
 
@@ -166,7 +166,7 @@ def test_ascii2_keeps_what_it_does_not_set():
             return [(now_s, running if b"$01E" in wire.sent else values)]
         return [(now_s, b"0\r")]
 
-    wire = Wire(answer)
+    wire = MemoryLink(answer)
     WeissChamber(wire, simserv=False).start()
     assert b"$01E 0050.0 0080.0 0090.0 0007.0 0000.0 0110\r" in wire.sent
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from functools import reduce
 from operator import xor
-from typing import cast
 
 import numpy as np
 import pytest
@@ -13,15 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.heading import fit_lagged, log_from_positions
-from drivers.clock import Clock, Readable
 from drivers.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
-from drivers.link import Link
 from drivers.platform import PINS, PlatformDecoder, PlatformIns, checksum, encode_position, parse, sentence
 from simulators.emulators.platform import PlatformEmulator
-from simulators.interfaces import Emulator, Reply
 from simulators.plant.lab_platform import LabPlatform
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
 from simulators.platform_interface import PlatformSignal
+from tests.memory_link import Fake, MemoryLink
 
 # The examples that NMEA 0183's descriptions are known by.
 NMEA = (
@@ -42,54 +39,6 @@ class Plant:
 
     def align(self, now_s: float) -> None:
         self.aligned_s.append(now_s)
-
-
-class MemoryLink(Link):
-    """A link with a device at its other end instead of a port; it is its own clock, in steps of 50 ms."""
-
-    def __init__(self, device: Emulator) -> None:
-        self.url, self.name, self.tap = "memory", "ins", None
-        self.clock = cast(Clock, self)
-        self.streaming = False
-        self.bytes_received = self.bytes_sent = 0
-        self._buffer = bytearray()
-        self.device, self.now_s = device, 0.0
-        self.due: list[Reply] = []
-        self.raw = b""
-
-    def write(self, data: bytes) -> None:
-        self.due += self.device.receive(data, self.now_s)
-
-    def deliver(self, data: bytes, arrival_s: float) -> None:
-        self.raw += data
-        super().deliver(data, arrival_s)
-
-    def now(self) -> float:
-        return self.now_s
-
-    def wait_for(self, port: Readable, deadline_s: float) -> bool:
-        before = len(self.raw)
-        while self.now_s < deadline_s and len(self.raw) == before:
-            self.advance(min(deadline_s, self.now_s + 0.05))
-        return len(self.raw) > before
-
-    def advance(self, to_s: float) -> None:
-        self.now_s = to_s
-        if isinstance(self.device, PlatformEmulator):
-            block = self.device.stream(to_s)
-            if block is not None:
-                self.deliver(block.data, int(block.marks[-1, 1]) * 1e-9)
-        for reply in [reply for reply in self.due if reply.at_s <= to_s]:
-            self.due.remove(reply)
-            self.deliver(reply.data, reply.at_s)
-
-
-class Fake:
-    def __init__(self, answer: bytes) -> None:
-        self.answer = answer
-
-    def receive(self, data: bytes, now_s: float) -> list[Reply]:
-        return [Reply(now_s + 0.01, self.answer)]
 
 
 @pytest.mark.parametrize("line", NMEA)
@@ -192,13 +141,13 @@ def test_driver_and_emulator() -> None:
 
 def test_devices_that_are_not_one() -> None:
     with pytest.raises(DeviceSilent, match="nothing on the line"):
-        PlatformIns(MemoryLink(Fake(b""))).identify()
+        PlatformIns(MemoryLink(Fake(lambda _: b""))).identify()
     with pytest.raises(WrongDevice, match=r"begin with \$PINS"):
-        PlatformIns(MemoryLink(Fake(b"HELLO\r\n"))).identify()
+        PlatformIns(MemoryLink(Fake(lambda _: b"HELLO\r\n"))).identify()
     with pytest.raises(DeviceRefused, match="no gyro here"):
-        PlatformIns(MemoryLink(Fake(sentence("PINSE", "no gyro here")))).identify()
+        PlatformIns(MemoryLink(Fake(lambda _: sentence("PINSE", "no gyro here")))).identify()
     with pytest.raises(ConfigurationError, match=r"whole seconds, 1 \.\. 60"):
-        PlatformIns(MemoryLink(Fake(b"")), period_s=61)
+        PlatformIns(MemoryLink(Fake(lambda _: b"")), period_s=61)
 
 
 def test_arrival_marks_follow_the_baud_rate() -> None:

@@ -1,0 +1,174 @@
+"""Exchanges with an ACUTROL3000 on a link: queries, commands that are read back, confirmations awaited."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable
+from typing import TypeVar
+
+from drivers.acutrol._codec import (
+    HEADER_BYTES,
+    Reply,
+    decode_header,
+    decode_numbers,
+    decode_text,
+    encode_command,
+)
+from drivers.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
+from drivers.link import Link
+from drivers.repeat import asked, told
+
+REPLY_TIMEOUT_S = 2.0
+"""A reply takes about 2 ms over Ethernet, 40 ms and more through a device server at 9600 baud."""
+
+Argument = int | float | str
+_T = TypeVar("_T")
+
+
+class Exchanges:
+    """Every exchange has a deadline (DeviceSilent), a reply that is not one raises ProtocolError, and an error
+    code raises DeviceRefused with the controller's own text and the top of its error queue: for good when the
+    exchange has been tried again (`drivers.repeat`). `where`: the controller, in words.
+    """
+
+    def __init__(self, link: Link, where: str) -> None:
+        self._link = link
+        self._where = where
+        self.unread = False
+        """Whether a question has been sent whose answer nobody has read yet."""
+
+    def send(self, line: bytes) -> None:
+        """Drop late answers and write a question whose answer `take` is to read."""
+        self._settle_input()
+        self._link.write(line)
+        self.unread = True
+
+    def take(self, count: int) -> tuple[float, ...]:
+        """Return the `count` numbers that answer what was sent last."""
+        self.unread = False
+        return self.numbers(self._accepted(self._read_reply(REPLY_TIMEOUT_S), "state poll"), count)
+
+    def query(self, read: Callable[[str], _T], header: str, *arguments: Argument) -> _T:
+        """Ask and return what `read` makes of the answer; ProtocolError from there has it asked again."""
+        return asked(self._link, lambda: read(self._ask(header, *arguments)))
+
+    def number(self, header: str, *arguments: Argument) -> float:
+        """Ask for a number."""
+        return self.query(lambda text: self.numbers(text, 1)[0], header, *arguments)
+
+    def word(self, header: str, *arguments: Argument) -> str:
+        """Ask for a word; return it in small letters."""
+
+        def read(text: str) -> str:
+            if not (text.isascii() and text.isalpha()):
+                raise self.misfit(text, "one word")
+            return text.lower()
+
+        return self.query(read, header, *arguments)
+
+    def numbers(self, text: str, count: int) -> tuple[float, ...]:
+        """Return the `count` numbers of an answer; raises ProtocolError."""
+        try:
+            return decode_numbers(text, count)
+        except ProtocolError as problem:
+            raise self.misfit(text, problem.expected) from problem
+
+    def command(self, header: str, *arguments: Argument) -> None:
+        """Tell what does the same when it is told twice."""
+        in_force = self._reading_back(header, *arguments)
+        told(self._link, lambda: self.tell(header, *arguments), in_force, doubt_refusal=True)
+
+    def tell(self, header: str, *arguments: Argument) -> None:
+        """Send a command once and take its confirmation."""
+        text = self._ask(header, *arguments)
+        if text.upper() not in ("", "OK"):
+            raise self.misfit(text, f"OK or an empty answer to {header}")
+
+    def insist(self, header: str, axis: int | str) -> None:
+        """Send a command and wait until it is confirmed."""
+        self._link.write(encode_command(header, axis))
+        self.await_confirmation(header)
+
+    def await_confirmation(self, header: str) -> None:
+        """Pass over replies to older commands until the last one sent is confirmed."""
+        deadline = self._link.clock.now() + REPLY_TIMEOUT_S
+        problem: BenchError | None = None
+        while (left_s := deadline - self._link.clock.now()) > 0.0:
+            try:
+                reply = self._read_reply(left_s)
+            except ProtocolError as error:
+                problem = error
+                continue
+            except DeviceSilent as error:
+                raise (problem or error) from error
+            if reply.error == 0 and reply.text.upper() in ("", "OK"):
+                return
+            problem = self._refused(header, reply, "")
+        raise problem or self.misfit("nothing", f"OK to {header}")
+
+    def misfit(self, found: str, expected: str) -> ProtocolError:
+        """Return the error for an answer that is none to the question."""
+        return ProtocolError(
+            "the table's answer does not fit the question",
+            where=self._where,
+            found=repr(found),
+            expected=expected,
+            remedy="check the line for lost bytes and that nobody else talks to this port",
+        )
+
+    def _reading_back(self, header: str, *arguments: Argument) -> Callable[[], bool] | None:
+        """Return how to see that a demand, a limit or a mode of an axis is in force; None where it cannot be."""
+        if header.startswith((":demand:", ":limit:")):
+            *which, value = arguments
+            return lambda: math.isclose(
+                self.number(f"{header}?", *which), float(value), rel_tol=1e-6, abs_tol=1e-5
+            )
+        if header.startswith(":mode:") and isinstance(axis := arguments[0], int):
+            wanted = header.removeprefix(":mode:")
+            return lambda: self.word(":mode?", axis).startswith(wanted[0])
+        return None
+
+    def _ask(self, header: str, *arguments: Argument) -> str:
+        reply = self._exchange(header, *arguments)
+        return self._accepted(reply, encode_command(header, *arguments).decode("ascii").strip())
+
+    def _exchange(self, header: str, *arguments: Argument) -> Reply:
+        self._settle_input()
+        self._link.write(encode_command(header, *arguments))
+        return self._read_reply(REPLY_TIMEOUT_S)
+
+    def _settle_input(self) -> None:
+        """Take the answer to a state poll nobody read, then drop late answers."""
+        if self.unread:
+            self.unread = False
+            with contextlib.suppress(DeviceSilent, ProtocolError):
+                self._read_reply(REPLY_TIMEOUT_S)
+        self._link.discard()
+
+    def _read_reply(self, timeout_s: float) -> Reply:
+        deadline = self._link.clock.now() + timeout_s
+        header = self._link.read_exactly(HEADER_BYTES, timeout_s)
+        try:
+            error, length = decode_header(header)
+        except ProtocolError as problem:
+            rest = self._link.discard()
+            raise self.misfit((header + rest[:60]).decode("latin-1"), problem.expected) from problem
+        text = self._link.read_exactly(length, max(0.0, deadline - self._link.clock.now()))
+        return Reply(error, decode_text(text))
+
+    def _accepted(self, reply: Reply, request: str) -> str:
+        if reply.error == 0:
+            return reply.text
+        queue = self._exchange(":Status:MSG?", "QERROR")
+        raise self._refused(request, reply, queue.text if queue.error == 0 else "")
+
+    def _refused(self, request: str, reply: Reply, queue: str) -> DeviceRefused:
+        return DeviceRefused(
+            f"the table refused {request!r}",
+            where=self._where,
+            found=f"error {reply.error}: {reply.text or 'no text'}"
+            + (f"; error queue: {queue}" if queue else ""),
+            expected="error code 0",
+            remedy="check the demand against the limits, the axis number and the interlock",
+        )
