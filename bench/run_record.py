@@ -178,7 +178,10 @@ class RunRecord:
         )
         seal(self.folder, manifest)
         warnings = [f"{name}: {text}" for name, stream in streams.items() for text in _warnings(stream)]
-        warnings += [f"{name}: {count} exchanges tried again" for name, count in self._repeats.items()]
+        warnings += [
+            f"{name}: {count} exchange{'s' * (count > 1)} tried again"
+            for name, count in self._repeats.items()
+        ]
         return Ending(outcome, reason, tuple(warnings))
 
     def _with_sources(self) -> Manifest:

@@ -6,7 +6,6 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -178,8 +177,7 @@ def _drive(
         for device, station in streams:
             device.start()
             record.stream_starts(station.name, device.link.bytes_received)
-            station.listen(clock.now())
-            clock.stream(device.link, partial(bench.lose, station))
+            bench.listen(device, station)
         if watchdog is not None:
             watchdog.arm()
         bench.table.confine()

@@ -18,6 +18,9 @@ _TRIES = 3
 _OTHERS = 16
 """Ports that may go away one after the other while one device is being stopped."""
 _TELL_AGAIN_S = 5.0
+_RETURN_S = 20.0
+"""How long the port of a device that went away is looked for."""
+_LOOK_S = 0.5
 
 
 _T = TypeVar("_T")
@@ -34,12 +37,14 @@ def bring_to_rest(
 
     The stop commands of all leave first, before any answer is awaited or anything written down. A device that
     does not answer, or a port that goes away meanwhile, does not keep the others from being told and read back.
+    A port that is away is looked for when the others rest, for 20 s, and its device told when it is back.
     `say(name, text)` gets what each one reads back.
     """
     for device in devices.values():
         with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
             device.halt()
     problems: dict[str, str] = {}
+    gone: list[str] = []
     untold = list(devices)
     for attempt in range(_TRIES):  # a refusal or a lost answer is no reason to leave a device
         if attempt and untold:
@@ -53,13 +58,43 @@ def bring_to_rest(
                 problems[name] = str(error)
                 if isinstance(error, LinkLost):
                     untold.remove(name)
+                    gone.append(name)
     deadline_s = clock.now() + timeout_s
-    for name, device in devices.items():
+
+    def read_back(name: str) -> None:
+        try:
+            say(name, f"at rest: {_await_rest(devices[name], clock, deadline_s).text}")
+        except BenchError as error:
+            problems[name] = str(error)
+            if isinstance(error, LinkLost):
+                gone.append(name)
+
+    for name in devices:
         if name not in problems:
+            read_back(name)
+    until_s = clock.now() + _RETURN_S
+    while gone:
+        for name in list(gone):
             try:
-                say(name, f"at rest: {_await_rest(device, clock, deadline_s).text}")
+                devices[name].link.reopen()
+            except BenchError:  # not yet
+                continue
+            gone.remove(name)
+            try:
+                _in_spite_of_others(devices[name], devices[name].make_safe)
             except BenchError as error:
                 problems[name] = str(error)
+                if isinstance(error, LinkLost):
+                    gone.append(name)
+                continue
+            del problems[name]
+            deadline_s = max(deadline_s, clock.now() + timeout_s)
+            read_back(name)
+        now_s = clock.now()
+        if gone and now_s < until_s:
+            _pause(clock, _LOOK_S)
+        if clock.now() <= now_s:  # time is up, or stands still: the lab behind a virtual clock is gone
+            break
     return [f"{name}: {text}" for name, text in problems.items()]
 
 

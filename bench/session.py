@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, Literal, Protocol
 
-from bench.attendance import Attendance
+from bench.attendance import Attendance, Returns
 from bench.benchfile import BenchFile
 from bench.limits import RAMP_WINDOW_S, Reach, between, check_ramp, check_rules, check_telemetry
 from bench.live import Request
@@ -19,7 +19,7 @@ from bench.stations import ChamberStation, GyroStation, PlatformStation, StreamS
 from bench.table_station import TableStation
 from drivers.clock import Clock, host_seconds
 from drivers.errors import BenchError, RunAborted
-from drivers.instruments import Chamber, ChamberState, Turntable
+from drivers.instruments import Chamber, ChamberState, Gyro, Turntable
 
 _POLL_S = 1.0
 _RESOLUTION_S = 1e-9
@@ -88,6 +88,12 @@ class Bench:
         self.phase_name = ""
         self._attendance = Attendance(
             tests, lambda unit, text: self.event("alarm", device=unit, text=text), self.invalidate
+        )
+        self._returns = Returns(
+            clock,
+            lambda unit, error: self._attendance.lose(unit, clock.now(), error),
+            lambda unit: self._attendance.back(unit, clock.now()),
+            self.note,
         )
         self._watches_door = any(rule.door for rule in file.limits.forbid)
         self._record = record
@@ -225,6 +231,7 @@ class Bench:
         table.take(self.clock.now(), turned)
         self._watch(air)
         table.watch()
+        self._returns.look()
         self._attendance.check(self.units, self.clock.now())
 
     @property
@@ -232,9 +239,10 @@ class Bench:
         """What streams: gyros and platforms."""
         return [*self.gyros.values(), *self.platforms.values()]
 
-    def lose(self, unit: StreamStation, error: BenchError) -> None:
-        """Go on without a unit whose port went away; LinkLost if none is left that the procedure tests."""
-        self._attendance.lose(unit, self.units, self.clock.now(), error)
+    def listen(self, device: Gyro, station: StreamStation) -> None:
+        """Take the stream of a unit from here on; when its port goes away it is looked for with every poll."""
+        station.listen(self.clock.now())
+        self._returns.watch(device, station)
 
     @property
     def judge(self) -> GyroStation:

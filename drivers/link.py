@@ -10,6 +10,7 @@ import contextlib
 import math
 import os
 import select
+import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -24,6 +25,7 @@ _RESOLUTION_S = 1e-6
 """Deadlines are met to this: a clock may count whole ns."""
 _QUIET_S = 0.1
 _NOISY_S = 2.0
+_REOPEN_S = 0.3
 
 
 def _nobody(error: BenchError) -> None:
@@ -40,6 +42,38 @@ class Tap(Protocol):
     def sent(self, data: bytes, time_s: float) -> None:
         """Take bytes as they were written at bench time `time_s`."""
         ...
+
+
+class _Opening:
+    """pyserial opening a port, in a thread where that may take its time (5 s for a host that is switched off)."""
+
+    def __init__(self, url: str, settings: dict[str, Any], *, in_background: bool = False) -> None:
+        self._url, self._settings = url, settings
+        self._port: Any = None
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._open, name="opens a port", daemon=True)
+        if in_background:
+            self._thread.start()
+        else:
+            self._open()
+
+    def over(self, timeout_s: float) -> bool:
+        """Wait; return whether it has ended, well or not."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def result(self) -> Any:
+        """Return the open port, or raise why there is none."""
+        if self._error is not None:
+            raise self._error
+        return self._port
+
+    def _open(self) -> None:
+        try:
+            self._port = serial.serial_for_url(self._url, timeout=0, **self._settings)
+        except (serial.SerialException, OSError, ValueError) as error:
+            self._error = error
 
 
 class Link:
@@ -69,19 +103,46 @@ class Link:
         self._buffer = bytearray()
         if "://" not in url:  # two programs that read one serial port get half the bytes each
             settings["exclusive"] = True
-        try:
-            self._port = serial.serial_for_url(url, timeout=0, **settings)
-            self._fd = self._port.fileno()
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise ConfigurationError(
-                "the port cannot be opened",
-                where=f"{name} ({url})",
-                found=str(error),
-                expected="a serial device, or socket://host:port, that exists and is not in use",
-                remedy="check cable, power and the port in the bench file; `gyrobench ports` lists what is there",
-            ) from error
-        os.set_blocking(self._fd, False)
+        self._settings = settings
+        self._opening: _Opening | None = None
+        self._take_port(_Opening(url, settings))
         clock.attach(self)
+
+    def reopen(self) -> None:
+        """Open the port anew after it was lost; what was unread is gone, bytes are counted from zero again.
+
+        ConfigurationError while it is not there, or does not open within 0.3 s: a host that is switched off keeps
+        one waiting much longer, and goes on being tried meanwhile.
+        """
+        self.clock.detach(self)
+        with contextlib.suppress(serial.SerialException, OSError):
+            self._port.close()
+        if self._opening is None:
+            self._opening = _Opening(self.url, self._settings, in_background="://" in self.url)
+        if not self._opening.over(_REOPEN_S):
+            raise self._not_opened("it does not answer yet")
+        opening, self._opening = self._opening, None
+        self._take_port(opening)
+        self._buffer.clear()
+        self.bytes_received = self.bytes_sent = 0
+        self.clock.attach(self)
+
+    def _take_port(self, opening: _Opening) -> None:
+        try:
+            self._port = opening.result()
+            self._fd: int = self._port.fileno()
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise self._not_opened(str(error)) from error
+        os.set_blocking(self._fd, False)
+
+    def _not_opened(self, found: str) -> ConfigurationError:
+        return ConfigurationError(
+            "the port cannot be opened",
+            where=f"{self.name} ({self.url})",
+            found=found,
+            expected="a serial device, or socket://host:port, that exists and is not in use",
+            remedy="check cable, power and the port in the bench file; `gyrobench ports` lists what is there",
+        )
 
     def fileno(self) -> int:
         """Return the descriptor to select on."""
@@ -218,5 +279,5 @@ class Link:
             where=f"{self.name} ({self.url})",
             found=str(cause),
             expected="an open port",
-            remedy="check cable, adapter and the device's power, then start again",
+            remedy="check cable, adapter and the device's power",
         )

@@ -23,12 +23,30 @@ _FOREVER_S = 3600.0
 
 
 class _AdapterLink(Link):
-    """A link that knows when its unread bytes came, and closes the adapter's channel before the port."""
+    """A link that knows when its unread bytes came, opens the adapter's channel and closes it before the port."""
 
-    def __init__(self, url: str, clock: Clock, *, name: str, tap: Tap | None, baudrate: int) -> None:
+    def __init__(
+        self, url: str, clock: Clock, *, name: str, tap: Tap | None, baudrate: int, setup: bytes
+    ) -> None:
         self._queued = 0
         self._blocks: deque[tuple[int, float]] = deque()
+        self._setup = setup
         super().__init__(url, clock, name=name, tap=tap, baudrate=baudrate)
+        self._open_channel()
+
+    def reopen(self) -> None:
+        """Open port and channel anew: an adapter that was pulled has forgotten its bit rate."""
+        super().reopen()
+        self._queued = 0
+        self._blocks.clear()
+        self._open_channel()
+
+    def _open_channel(self) -> None:
+        try:
+            self.write(CLOSE + self._setup + OPEN)
+        except LinkLost:
+            super().close()
+            raise
 
     def deliver(self, data: bytes, arrival_s: float) -> None:
         """Hand received bytes on as `Link` does, and note when those came that wait to be read."""
@@ -88,12 +106,9 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
         self._parser = SlcanParser()
         self._messages: deque[can.Message] = deque()
         self.channel_info = f"slcan adapter on {channel}"
-        self.link = _AdapterLink(channel, self._clock, name=name or str(channel), tap=tap, baudrate=baudrate)
-        try:
-            self.link.write(CLOSE + setup + OPEN)
-        except LinkLost:
-            self.link.close()
-            raise
+        self.link = _AdapterLink(
+            channel, self._clock, name=name or str(channel), tap=tap, baudrate=baudrate, setup=setup
+        )
         super().__init__(channel, can_filters=can_filters)
 
     @property

@@ -83,6 +83,10 @@ class MessageLink(Link):
         if self.tap is not None:
             self.tap.sent(data, now)
 
+    def reopen(self) -> None:
+        """Raise ConfigurationError: what a bus of python-can needs to come back is its driver's own business."""
+        raise self._not_opened("python-can does not open a bus again")
+
     def close(self) -> None:
         """Stop reading and shut the bus down; may be called again."""
         if self._closed:

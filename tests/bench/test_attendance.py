@@ -28,10 +28,12 @@ GONE = LinkLost("the port is gone", where="fog_1", found="end of stream")
 def test_a_unit_of_another_role_does_not_keep_a_run_alive(watched):
     platform, monitor = unit("ins", "platform"), unit("fog_1")
     attendance = watched.by("platform")
-    with pytest.raises(LinkLost, match="no platform is left") as lost:
-        attendance.lose(platform, [platform, monitor], 900.0, GONE)
-    assert "ins was lost at 900.0 s" in str(lost.value)
+    attendance.lose(platform, 900.0, GONE)
     monitor.heard_s = platform.heard_s + ALL_SILENT_S
+    attendance.check([platform, monitor], ALL_SILENT_S - 0.1)
+    with pytest.raises(LinkLost, match="no platform is left") as lost:
+        attendance.check([platform, monitor], ALL_SILENT_S)
+    assert "ins was lost at 900.0 s" in str(lost.value)
     platform.gone = False
     with pytest.raises(DeviceSilent, match="no platform"):
         watched.by("platform").check([platform, monitor], ALL_SILENT_S)
@@ -40,13 +42,36 @@ def test_a_unit_of_another_role_does_not_keep_a_run_alive(watched):
 def test_the_last_loss_names_all_that_were_lost(watched):
     first, second = unit("fog_1"), unit("can_1")
     attendance = watched.by("gyro")
-    attendance.lose(first, [first, second], 10.0, GONE)
-    assert watched.invalid == [
-        "fog_1 was lost at 10.0 s (the port is gone: end of stream) and its record ends there"
-    ]
+    attendance.lose(first, 10.0, GONE)
+    assert watched.invalid == ["fog_1 was lost at 10.0 s (the port is gone: end of stream)"]
+    attendance.lose(second, 20.0, GONE)
     with pytest.raises(LinkLost) as lost:
-        attendance.lose(second, [first, second], 20.0, GONE)
+        attendance.check([first, second], ALL_SILENT_S)
     assert "fog_1 was lost at 10.0 s" in str(lost.value) and "can_1 was lost at 20.0 s" in str(lost.value)
+
+
+def test_a_unit_that_is_back_is_told_and_its_silence_counts_again(watched):
+    gyro = unit("fog_1", heard_s=20.0)
+    attendance = watched.by("gyro")
+    attendance.lose(gyro, 20.5, GONE)
+    attendance.check([gyro], 20.0 + SILENT_S)  # told already
+    attendance.back(gyro, 20.5 + SILENT_S)
+    assert not gyro.gone
+    assert watched.told[-1] == ("fog_1", "back: its port is open again, 10.5 s after the last it sent")
+    attendance.check([gyro], 21.0 + SILENT_S)
+    assert watched.invalid[1:] == ["fog_1 fell silent at 20.0 s"]
+
+
+def test_a_port_that_goes_with_the_power_of_its_unit_is_no_fault_while_that_is_intended(watched):
+    gyro = unit("fog_1", heard_s=20.0)
+    attendance = watched.by("gyro")
+    attendance.excuse(100.0)
+    attendance.lose(gyro, 20.5, GONE)
+    attendance.back(gyro, 90.0)
+    assert watched.invalid == [] and len(watched.told) == 2
+    attendance.lose(gyro, 95.0, GONE)
+    attendance.check([gyro], 100.0 + SILENT_S)  # it was to be back by then
+    assert watched.invalid == ["fog_1 fell silent at 20.0 s"]
 
 
 def test_intended_silence_is_no_alarm_and_counts_from_its_end(watched):

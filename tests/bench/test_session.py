@@ -10,7 +10,7 @@ from bench.live import Request
 from bench.questions import AssumeYes
 from bench.session import Bench
 from drivers.clock import Interrupt
-from drivers.errors import DeviceSilent, LimitExceeded, LinkLost, RunAborted
+from drivers.errors import ConfigurationError, DeviceSilent, LimitExceeded, LinkLost, RunAborted
 from drivers.instruments import ChamberState, Rest, TableState
 
 
@@ -38,7 +38,12 @@ class Device:
     def __init__(self, clock, log, name, state):
         self.clock, self.log, self.name, self.state = clock, log, name, state
         self.faults, self.silent = [], False
+        self.link = SimpleNamespace(reopen=self._reopen, on_repeat=None)
         self.rests = [Rest(True, "0 deg/s")]
+
+    def _reopen(self):
+        self.log.append(f"{self.name} looked for")
+        raise ConfigurationError("the port cannot be opened")
 
     def request_state(self):
         self.log.append(f"{self.name} asked")
@@ -200,7 +205,7 @@ def test_a_port_lost_meanwhile_does_not_keep_the_instruments_from_being_stopped(
     assert made.bench.confirmed == ["table at rest: 0 deg/s", "chamber at rest: 0 deg/s"]
 
 
-def test_an_instrument_whose_own_port_is_gone_is_given_up_at_once(made, monkeypatch):
+def test_an_instrument_whose_own_port_is_gone_is_looked_for_when_the_others_rest(made, monkeypatch):
     def gone():
         raise LinkLost("the port is gone", where="table")
 
@@ -208,7 +213,8 @@ def test_an_instrument_whose_own_port_is_gone_is_given_up_at_once(made, monkeypa
         monkeypatch.setattr(made.table, call, gone)
     assert made.bench.make_safe("a test") is False
     assert made.bench.unconfirmed == ["table: table: the port is gone."]
-    assert made.clock.now() < 5.0 and made.bench.confirmed == ["chamber at rest: 0 deg/s"]
+    assert made.log.index("chamber rest") < made.log.index("table looked for")
+    assert made.clock.now() < 25.0 and made.bench.confirmed == ["chamber at rest: 0 deg/s"]
 
 
 def test_a_way_to_the_safe_state_that_is_cut_off_is_not_confirmed(made, monkeypatch):

@@ -15,10 +15,12 @@ from drivers.errors import DeviceRefused, LimitExceeded, RunAborted
 from drivers.instruments import (
     ChamberCapabilities,
     ChamberLimits,
+    ChamberState,
     FrameBatch,
     GyroKind,
     StreamCounts,
     TableLimits,
+    TableState,
 )
 
 LIMITS = LimitsSection()
@@ -29,7 +31,7 @@ class Table:
 
     def __init__(self, polls=3, off=0.0, own_limit=1000.0):
         self.polls, self.off, self.own_limit = polls, off, own_limit
-        self.told, self.left = [], 0
+        self.told, self.left, self.looked = [], 0, 0
         self.target = {"angle_deg": 0.0, "rate_dps": 0.0}
 
     def limits(self, axis=""):
@@ -46,6 +48,12 @@ class Table:
         self.told.append(("spin", rate_dps))
         self.left, self.target = self.polls, {"angle_deg": 1.0, "rate_dps": rate_dps + self.off}
 
+    def request_state(self):
+        self.looked += 1
+
+    def read_state(self):
+        return TableState(**self.target)
+
     def alarms(self):
         return ["rate trip"]
 
@@ -57,6 +65,13 @@ class Bench:
         self.file = SimpleNamespace(limits=LIMITS, chamber=SimpleNamespace(door_message=None))
         self.commands, self.time_s = [], 0.0
         self.station = TableStation(table, self, (AxisSection(name="table", number=1, direction="up"),))
+
+    @property
+    def now_s(self):
+        return self.time_s
+
+    def repeated(self, device, why):
+        self.commands.append((device, why))
 
     def command(self, device, text):
         self.commands.append((device, text))
@@ -117,6 +132,31 @@ def test_a_settled_table_that_leaves_its_demand_ends_the_run():
     with pytest.raises(RunAborted, match="left its demand") as left:
         bench.poll()
     assert "rate trip" in left.value.found and left.value.expected == "10 deg/s"
+
+
+def test_one_damaged_reading_of_a_settled_table_is_looked_at_again():
+    bench = Bench(Table())
+    bench.station.spin(10.0)
+    bench.station.history.append(bench.time_s, 1.0, 30.0)  # "10" with one bit flipped
+    bench.station.watch()
+    assert bench.station.device.looked == 1 and "settled at 10 deg/s" in bench.commands[-1][1]
+    assert bench.station.history.last["rate_dps"] == 10.0
+
+
+def test_air_that_moves_as_no_air_does_is_asked_again_and_then_believed():
+    bench, answers = Bench(Table()), [24.5, 94.5, 24.6, 94.5, 94.6]
+    device = SimpleNamespace(
+        request_state=lambda: None, read_state=lambda: ChamberState(answers.pop(0), 23.0, {})
+    )
+    chamber = ChamberStation(device, bench, ())
+    seen = []
+    for _ in range(3):
+        state = chamber.read_state()
+        seen.append(state.air_temp_c)
+        bench.time_s += 1.0
+        chamber.history.append(bench.time_s, state.air_temp_c, state.set_point_c)
+    assert seen == [24.5, 24.6, 94.6] and len(bench.commands) == 2
+    assert "94.5 degC" in bench.commands[0][1]
 
 
 def test_a_new_demand_is_not_taken_for_leaving_the_old_one():

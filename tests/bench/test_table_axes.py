@@ -10,7 +10,7 @@ from drivers.acutrol import Acutrol3000, AcutrolTable
 from drivers.errors import ConfigurationError, DeviceRefused, LimitExceeded
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from simulators.plant.table import TableAxis, TableParameters
-from tests.drivers.test_acutrol_driver import Wire
+from tests.memory_link import MemoryLink
 
 FILE = {
     "bench": {"name": "two axes", "latitude_deg": 45.0},
@@ -45,7 +45,7 @@ class TwoAxes:
     def __init__(self, axes=None, **limited):
         plants = {1: TableAxis(TableParameters()), 2: TableAxis(TableParameters())}
         self.plants = plants
-        self.wire = Wire(self._answer)
+        self.wire = MemoryLink(self._answer)
         self.emulator = AcutrolEmulator(
             {1: AcutrolAxis(plants[1], **limited), 2: AcutrolAxis(plants[2])}
             if axes is None

@@ -45,7 +45,7 @@ def test_of_two_gyros_one_dies_and_the_record_of_the_other_is_whole(bench, both_
     assert bench.problems(result.folder) == []
 
 
-def test_the_last_gyro_that_dies_ends_the_run_at_once(bench, fog_file, tmp_path):
+def test_the_last_gyro_that_dies_ends_the_run_a_minute_later(bench, fog_file, tmp_path):
     with bench.thread_lab(fog_file, plant("fog_1", "vanish", 25.5, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=600.0)
     assert result.outcome == "aborted" and isinstance(result.error, LinkLost)
@@ -85,13 +85,15 @@ def test_east_is_judged_by_the_other_gyro_when_the_first_is_unplugged_meanwhile(
 
 
 @pytest.mark.parametrize("at_s", [10.0, 900.0])
-def test_a_cold_shock_ends_safe_at_once_when_its_only_gyro_is_unplugged(bench, fog_file, tmp_path, at_s):
+def test_a_cold_shock_ends_safe_when_its_only_gyro_is_unplugged_and_stays_away(
+    bench, fog_file, tmp_path, at_s
+):
     procedure = find_procedure("zero-bias-cold-shock")
     with EmulatedLab(fog_file, plant("fog_1", "vanish", at_s, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path, procedure, StageHand(lab.perform))
     assert result.outcome == "aborted" and "NOT CONFIRMED" not in result.reason
     assert "no gyro is left to test" in result.reason and "start the run again" in result.reason
-    assert at_s <= result.duration_s < at_s + 60.0
+    assert at_s + 60.0 <= result.duration_s < at_s + 80.0
     assert bench.problems(result.folder) == []
 
 
