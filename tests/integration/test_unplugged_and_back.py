@@ -115,6 +115,7 @@ def test_one_that_stays_away_is_said_to_be_not_confirmed(bench, fog_file, tmp_pa
     assert [text.split()[0] for text in result.safe] == ["table"] and result.duration_s < 60.0
 
 
+@pytest.mark.concurrent
 def test_on_the_wall_clock_and_a_real_terminal(tmp_path):
     name, clock = tmp_path / "ttyGYRO", WallClock()
     far, near = os.openpty()
