@@ -65,7 +65,7 @@ def test_a_unit_that_is_back_is_told_and_its_silence_counts_again(watched):
 def test_a_port_that_goes_with_the_power_of_its_unit_is_no_fault_while_that_is_intended(watched):
     gyro = unit("fog_1", heard_s=20.0)
     attendance = watched.by("gyro")
-    attendance.excuse(100.0)
+    attendance.excuse_until(100.0)
     attendance.lose(gyro, 20.5, GONE)
     attendance.back(gyro, 90.0)
     assert watched.invalid == [] and len(watched.told) == 2
