@@ -3,7 +3,9 @@
 Run as `python -m benchmarks can_decode`. The yardstick gets its frames as (identifier, bytes) pairs, ready to
 decode; ours gets arrays of frames, as the slcan parser gives them, as many as a megabyte of text holds, the block
 that a recording is read in. Layouts: a little-endian unit (SBG Ellipse), a big-endian one (Xsens MTi), a J1939
-one. One row adds the slcan text, which the yardstick does not have to read. Processor time, in turns.
+one. One row adds the slcan text, which the yardstick does not have to read; further rows give ours the small
+blocks of live reception, where the cost of a NumPy call, about sixty a block of any size, outweighs the work.
+Processor time, in turns.
 """
 
 from __future__ import annotations
@@ -24,6 +26,10 @@ from drivers.sbg import ELLIPSE_DBC
 from drivers.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frames
 
 _SAMPLES, _BLOCK, _FRAMES, _FEW = 100_000, 1 << 20, 47_000, 20_000
+_LIVE = (64, 250, 1000, 4000)
+"""Frames a call when received live: what one second of a slow unit gives, or a read of a fast bus."""
+_ONE_READ = 4095
+"""Characters that one read of a pseudo-terminal gives at most: 190 frames."""
 _FOLDER = Path(drivers.can_dbc.__file__).parent
 _UNITS = {
     "sbg_ellipse": ELLIPSE_DBC,
@@ -46,18 +52,18 @@ def frames_of(layout: CanLayout, count: int) -> NDArray[np.void]:
     return flat
 
 
-def by_us(layout: CanLayout, frames: NDArray[np.void]) -> None:
-    """Decode arrays of frames to columns."""
+def by_us(layout: CanLayout, frames: NDArray[np.void], block: int = _FRAMES) -> None:
+    """Decode arrays of frames to columns, `block` of them a call."""
     decoder = CanDecoder(layout, 100.0)
-    rows = sum(len(decoder.feed_frames(frames[at : at + _FRAMES])) for at in range(0, len(frames), _FRAMES))
+    rows = sum(len(decoder.feed_frames(frames[at : at + block])) for at in range(0, len(frames), block))
     assert rows == len(frames) // len(layout.sample)
 
 
-def by_us_from_text(layout: CanLayout, text: bytes) -> None:
-    """Decode slcan text to columns."""
+def by_us_from_text(layout: CanLayout, text: bytes, block: int = _BLOCK) -> None:
+    """Decode slcan text to columns, `block` characters a call."""
     decoder = CanDecoder(layout, 100.0)
-    for at in range(0, len(text), _BLOCK):
-        decoder.feed(text[at : at + _BLOCK])
+    for at in range(0, len(text), block):
+        decoder.feed(text[at : at + block])
 
 
 def by_cantools(frames: NDArray[np.void], dbc: Path) -> Callable[[], None]:
@@ -86,6 +92,11 @@ def rows() -> Iterator[Row]:
             assert len(SlcanParser().feed(text)) == len(frames)
             own = partial(by_us_from_text, layout, text)
             works.append(("slcan text to columns", own, f"{name}, text not counted"))
+            works += [
+                (f"{block} frames a call", partial(by_us, layout, frames, block), name) for block in _LIVE
+            ]
+            own = partial(by_us_from_text, layout, text, _ONE_READ)
+            works.append((f"slcan text, {_ONE_READ} characters a call", own, f"{name}, text not counted"))
         for title, ours, against in works:
             pair = in_turns(ours, peer)
             scaled = Pair(pair.ours_s, pair.other_s, pair.ratio * len(frames) / _FEW)

@@ -1,109 +1,59 @@
 """Decoding described frames: the compiled decoder against the loop people write, and against copying the bytes.
 
-Run as `python -m benchmarks frames`. The loop finds the sync with `bytes.find`, checks each frame with a table
-in Python and unpacks all of its numbers with `struct`. Both take turns on the same 1 MiB, clean and with 1 % of
-the bytes changed or lost; ours must find every intact frame; figures are medians of processor time, each of at
-least 20 ms. The last rows
-count false frames in random bytes.
+Run as `python -m benchmarks frames`. The loops (`benchmarks/_loops.py`) find the head with `bytes.find`, check
+each frame in Python and unpack all of its numbers with `struct`; those of ASCII lines split. Ours and the loop
+take turns on the same bytes, clean and with 1 % of the bytes changed or lost; ours must find every intact frame.
+Processor time. The last rows count false frames in random bytes.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks._loops import LINE_LOOPS, LOOPS, LineLoop, Loop
 from benchmarks._measure import Row, figure, in_turns, speed_row
-from benchmarks.decode_kvh import copy_row, table_crc
-from drivers.frames import FrameDecoder, FrameEncoder, MessageReader, load_family
+from benchmarks.decode_kvh import copy_row
+from drivers.frames import FrameDecoder, FrameEncoder, LineEncoder, MessageReader, load_family
 from drivers.kvh import KvhDecoder
 
-_MIB = 2**20
-_TURNS = 7
+_BYTES = 2**19
+_TURNS = 5
 _RANDOM = 20_000_000
-
-
-def crc16(data: bytes, register: int = 0x1D0F) -> int:
-    """CRC-16 by one table, byte after byte."""
-    for byte in data:
-        register = (register << 8 & 0xFFFF) ^ _TABLE16[register >> 8 ^ byte]
-    return register
-
-
-_TABLE16 = [0] * 256
-for _byte in range(256):
-    _value = _byte << 8
-    for _ in range(8):
-        _value = (_value << 1 ^ (0x11021 if _value & 0x8000 else 0)) & 0xFFFF
-    _TABLE16[_byte] = _value
-
-
-def _kvh(frame: bytes) -> tuple[float, ...] | None:
-    return struct.unpack(">4x6fBBh4x", frame) if table_crc(frame) == 0 else None
-
-
-def _stim(frame: bytes) -> tuple[float, ...] | None:
-    if table_crc(frame[:-4] + b"\0\0") != int.from_bytes(frame[-4:], "big"):  # 38 bytes, padded to 36
-        return None
-    numbers = [
-        int.from_bytes(frame[at : at + 3], "big", signed=True) for at in (1, 4, 7, 11, 14, 17, 21, 24, 27)
-    ]
-    return (*numbers, frame[10], frame[31], int.from_bytes(frame[32:34], "big"))
-
-
-def _openimu(frame: bytes) -> tuple[float, ...] | None:
-    if crc16(frame[2:-2]) != int.from_bytes(frame[-2:], "big"):
-        return None
-    return struct.unpack("<5xI9f2x", frame)
-
-
-CASES: dict[str, tuple[str | None, bytes, int, Callable[[bytes], tuple[float, ...] | None]]] = {
-    "kvh": ("a", bytes.fromhex("FE81FF55"), 36, _kvh),
-    "stim300": ("rate_acc_incl", b"\x93", 38, _stim),
-    "openimu": (None, bytes.fromhex("55557A3128"), 47, _openimu),
-}
-
-
-def loop(
-    data: bytes, sync: bytes, length: int, read: Callable[[bytes], tuple[float, ...] | None]
-) -> list[tuple[float, ...]]:
-    """Decode frame after frame."""
-    found = []
-    at = data.find(sync)
-    while 0 <= at <= len(data) - length:
-        numbers = read(data[at : at + length])
-        if numbers is not None:
-            found.append(numbers)
-            at += length
-        else:
-            at += 1
-        at = data.find(sync, at)
-    return found
+_AXES = {"fg333": "z", "kvh_dsp3000": "z", "rlg2t": "x"}
 
 
 def ours(name: str, message: str | None) -> Callable[[bytes], int]:
     """Return what decodes a stream call by call and says how many frames there were."""
-    decoder = FrameDecoder(load_family(name), rate_hz=100.0, axes="xyz", message=message)
+    decoder = FrameDecoder(load_family(name), rate_hz=100.0, axes=_AXES.get(name, "xyz"), message=message)
     return lambda data: len(decoder.feed(data))
 
 
 def stream(name: str, message: str | None) -> list[bytes]:
-    """Return 1 MiB of frames with noise in every channel."""
+    """Return half a MiB of frames, or 10,000 lines, with noise in every channel."""
     rng = np.random.default_rng(1)
-    encoder = FrameEncoder(load_family(name), message)
-    count = _MIB // encoder.layout.length
+    family = load_family(name)
+    encoder: FrameEncoder | LineEncoder
+    if name in LINE_LOOPS:
+        encoder, count = LineEncoder(family), 10_000
+    else:
+        encoder = FrameEncoder(family, message)
+        count = _BYTES // encoder.layout.length
     values: dict[str, NDArray[np.float64]] = {
         spec.name: rng.normal(0.0, 0.01, count)
         for spec in encoder.form.fields
         if spec.axis and spec.type != "u8"
     }
-    counter = load_family(name).description.counter
+    counter = family.description.counter
     if counter is not None:
-        values[counter.field] = np.arange(count, dtype=np.float64)
+        spec = next(each for each in encoder.form.fields if each.name == counter.field)
+        values[counter.field] = np.arange(count, dtype=np.float64) * (0.01 if spec.unit == "s" else 1.0)
     data = encoder.encode(count, values)
+    if name in LINE_LOOPS:
+        return data.splitlines(keepends=True)
     size = len(data) // count
     return [data[at : at + size] for at in range(0, len(data), size)]
 
@@ -115,28 +65,32 @@ def damaged(frames: list[bytes], share: float) -> tuple[bytes, int]:
     changed = rng.random(clean.size) < share / 2
     lost = rng.random(clean.size) < share / 2
     noise = np.where(changed, rng.integers(1, 256, clean.size), 0).astype(np.uint8)
-    intact = ~(changed | lost).reshape(len(frames), -1).any(axis=1)
-    return (clean ^ noise)[~lost].tobytes(), int(intact.sum())
+    whole = np.add.reduceat(changed | lost, np.cumsum([0, *map(len, frames[:-1])])) == 0
+    return (clean ^ noise)[~lost].tobytes(), int(whole.sum())
 
 
 def rows() -> Iterator[Row]:
     """Yield a row a comparison."""
-    for name, (message, sync, length, read) in CASES.items():
+    loops: dict[str, Loop | LineLoop] = {**LOOPS, **LINE_LOOPS}
+    for name, loop in loops.items():
+        message = loop.message if isinstance(loop, Loop) else None
         frames = stream(name, message)
         for title, share in (("clean", 0.0), ("1 % of bytes damaged", 0.01)):
             data, intact = damaged(frames, share)
-            if not intact <= ours(name, message)(data) <= intact + 3:
-                raise AssertionError(f"{name}, {title}: {ours(name, message)(data)} frames, {intact} intact")
+            found = ours(name, message)(data)
+            # A line is sound without its CR, and the DSP-3000's has no check: damage there is not seen.
+            if found < intact or (name in LOOPS and found > intact + 3 + 0.002 * len(frames)):
+                raise AssertionError(f"{name}, {title}: {found} frames, {intact} intact")
             pair = in_turns(
                 partial(lambda run, data: run(data), ours(name, message), data),
-                partial(loop, data, sync, length, read),
+                partial(loop, data),
                 turns=_TURNS,
             )
-            yield speed_row(
-                f"decode {name}, {title}", len(frames) / 1e6, pair, "struct + table loop", "million frames/s"
-            )
-        data = b"".join(frames)
-        yield copy_row(f"decode {name}, clean", partial(ours(name, message), data), len(data))
+            kind = "struct + check loop" if isinstance(loop, Loop) else "split + check loop"
+            yield speed_row(f"decode {name}, {title}", len(frames) / 1e6, pair, kind, "million frames/s")
+        if name in ("kvh", "stim300", "openimu"):
+            data = b"".join(frames)
+            yield copy_row(f"decode {name}, clean", partial(ours(name, message), data), len(data))
     yield from _of_its_own()
     for name in ("fg333", "stim210"):
         yield _false(name)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.can_dbc._layout import CanLayout, SignalUse, Slot, ValidRule, outer_multiplexer
+from drivers.can_dbc._layout import CanLayout, SignalUse, ValidRule, outer_multiplexer
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
 from drivers.errors import ConfigurationError
 from drivers.instruments import FrameBatch, LossSide, StreamCounts
@@ -17,6 +17,9 @@ from drivers.slcan_codec import FRAME_DTYPE, SlcanParser
 _ROWS = 1 << 62
 """Modulo of the row number that stands in for a counter."""
 _HELD, _KNOWN, _FOREIGN = 253, 254, 255
+_WHOLE = np.dtype(f"V{FRAME_DTYPE.itemsize}")
+_EXTENDED = 1 << 31
+"""Bit of a key, beside the identifier's 29, that is set in frames with an extended one."""
 _Index = slice | NDArray[np.intp]
 
 
@@ -61,6 +64,10 @@ class CanDecoder:
         self._source = source_address
         self._slots = [(slot, layout.messages[slot.message]) for slot in layout.sample]
         self._least = np.array([message.length for _, message in self._slots], np.uint8)
+        self._sent = {name: _sender(each, source_address) for name, each in layout.messages.items()}
+        self._known = [
+            (mask | _EXTENDED, at & mask | extended * _EXTENDED) for at, mask, extended in layout.known
+        ]
         self._counter = layout.use("time", "counter")
         self.counter_modulo = self._counter.modulo if self._counter else _ROWS
         self.counter_step = self._counter.step if self._counter else 1.0
@@ -101,46 +108,34 @@ class CanDecoder:
 
     def _kinds(self, frames: NDArray[np.void]) -> NDArray[np.uint8]:
         """Return what each frame is: the number of its slot, held, known otherwise, or foreign; (n,)."""
-        identifiers, extended = frames["id"], frames["extended"]
+        key = _keys(frames)
         kind = np.full(len(frames), _FOREIGN, np.uint8)
-        for number, (slot, message) in enumerate(self._slots):
-            kind[self._is(message, slot, frames)] = number
+        for number, (slot, _) in enumerate(self._slots):
+            found = _are(key, self._sent[slot.message])
+            if (selector := self.layout.selector(slot)) is not None:
+                found &= selector.raw(frames["data"]) == slot.selection
+            np.putmask(kind, found, number)
         if not (kind == _FOREIGN).any():
             return kind
         rest = np.flatnonzero(kind == _FOREIGN)
-        identifiers, extended = identifiers[rest], extended[rest]
-        for identifier, mask, is_extended in self.layout.known:
-            same = ((identifiers & np.uint32(mask)) == (identifier & mask)) & (extended == is_extended)
-            kind[rest[same]] = _KNOWN
+        key = key[rest]
+        for known in self._known:
+            kind[rest[_are(key, known)]] = _KNOWN
         for name in self._held:
-            found = self._from_source(frames[rest], self.layout.messages[name])
-            kind[rest[found]] = _HELD
+            kind[rest[_are(key, self._sent[name])]] = _HELD
         self._reject("unknown_id", np.count_nonzero(kind == _FOREIGN))
         return kind
-
-    def _is(self, message: MessageLayout, slot: Slot, frames: NDArray[np.void]) -> NDArray[np.bool_]:
-        found = self._from_source(frames, message)
-        selector = self.layout.selector(slot)
-        if selector is not None:
-            found &= selector.raw(frames["data"]) == slot.selection
-        return found
-
-    def _from_source(self, frames: NDArray[np.void], message: MessageLayout) -> NDArray[np.bool_]:
-        found = message.sent_by(frames["id"], frames["extended"])
-        if self._source is not None and message.extended:
-            found &= (frames["id"] & np.uint32(0xFF)) == self._source
-        return found
 
     def _take_held(self, frames: NDArray[np.void], kind: NDArray[np.uint8]) -> dict[str, NDArray[np.void]]:
         """Return, by message, the frames that values are held from: the last of before, then these."""
         result = {}
         for name, before in self._held.items():
             message = self.layout.messages[name]
-            own = frames[kind == _HELD]
-            own = own[self._from_source(own, message)] if len(self._held) > 1 else own
+            own = _chosen(frames, kind == _HELD)
+            own = own[_are(_keys(own), self._sent[name])] if len(self._held) > 1 else own
             whole = own["length"] >= message.length
             self._reject("short_message", np.count_nonzero(~whole))
-            result[name] = np.concatenate((before, own[whole]))
+            result[name] = _joined(before, own[whole])
             self._held[name] = _last_of_each(result[name], outer_multiplexer(message))
         return result
 
@@ -151,11 +146,11 @@ class CanDecoder:
         count = len(self._slots)
         is_sample = kind < count
         if not is_sample.all():
-            frames, kind = frames[is_sample], kind[is_sample]
+            frames, kind = _chosen(frames, is_sample), kind[is_sample]
         new = frames["length"] >= self._least[kind]
         self._reject("short_message", len(new) - np.count_nonzero(new))
         if len(self._waiting):
-            frames = np.concatenate((self._waiting, frames))
+            frames = _joined(self._waiting, frames)
             kind = np.concatenate((self._waiting_kind, kind))
             new = frames["length"] >= self._least[kind]
         whole, others = new, frames["others_before"]
@@ -320,3 +315,31 @@ def _last_of_each(frames: NDArray[np.void], multiplexer: SignalLayout | None) ->
         return frames[-1:].copy()
     back = np.unique(multiplexer.raw(frames["data"])[::-1], return_index=True)[1]
     return frames[np.sort(len(frames) - 1 - back)]
+
+
+def _joined(before: NDArray[np.void], frames: NDArray[np.void]) -> NDArray[np.void]:
+    """Return both, moved frame by frame: NumPy moves structures field by field."""
+    return np.concatenate((before.view(_WHOLE), frames.view(_WHOLE))).view(FRAME_DTYPE)
+
+
+def _chosen(frames: NDArray[np.void], which: NDArray[np.bool_]) -> NDArray[np.void]:
+    """Return those of the frames, likewise."""
+    return frames.view(_WHOLE)[which].view(FRAME_DTYPE)
+
+
+def _keys(frames: NDArray[np.void]) -> NDArray[np.uint32]:
+    """Return identifier and kind of identifier of each frame as one number, (n,)."""
+    return frames["id"] | frames["extended"].astype(np.uint32) << np.uint32(31)
+
+
+def _sender(message: MessageLayout, source: int | None) -> tuple[int, int]:
+    """Return mask and value of the keys of a message, from the J1939 node `source` if it is given."""
+    mask, value = message.identifier_mask, message.identifier
+    if source is not None and message.extended:
+        mask, value = mask | 0xFF, value & ~0xFF | source
+    return mask | _EXTENDED, value & mask | message.extended * _EXTENDED
+
+
+def _are(keys: NDArray[np.uint32], sender: tuple[int, int]) -> NDArray[np.bool_]:
+    mask, value = sender
+    return np.asarray((keys & np.uint32(mask)) == np.uint32(value))
