@@ -329,7 +329,8 @@ def _chosen(frames: NDArray[np.void], which: NDArray[np.bool_]) -> NDArray[np.vo
 
 def _keys(frames: NDArray[np.void]) -> NDArray[np.uint32]:
     """Return identifier and kind of identifier of each frame as one number, (n,)."""
-    return frames["id"] | frames["extended"].astype(np.uint32) << np.uint32(31)
+    keys: NDArray[np.uint32] = frames["id"] | frames["extended"].astype(np.uint32) << np.uint32(31)
+    return keys
 
 
 def _sender(message: MessageLayout, source: int | None) -> tuple[int, int]:
