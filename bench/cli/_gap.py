@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.cli._gap_channels import channel_facts, diagnosed_channels, print_channels
+from bench.cli._gap_platform import of_platform, platform_close_command, platform_diagnose_command
 from bench.gap import (
     Cause,
     Diagnosis,
@@ -64,6 +65,9 @@ def gap_diagnose_command(
 
     `then`: run what would decide most, and diagnose again with that run among the others.
     """
+    if of_platform([*runs, *(path for path in held_out if path.exists())]):
+        platform_diagnose_command(runs, model, held_out, as_json, report)
+        return
     console = Console()
     nominal = read_model(model)
     with console.status("diagnosing"):
@@ -126,6 +130,9 @@ def _run_next(
 
 def gap_close_command(runs: Sequence[Path], model: Path, gyro: str | None, out: Path | None) -> None:
     """Write the nominal model with the effects that the runs show: fitted parameters, uncertainties, runs."""
+    if of_platform(runs):
+        platform_close_command(runs, model, out)
+        return
     console = Console()
     nominal = read_model(model)
     found = diagnose(_load(runs, gyro), nominal)

@@ -31,6 +31,15 @@ from bench.gap._model_file import (
     read_model,
 )
 from bench.gap._noise import Noise
+from bench.gap._platform import (
+    HeadingPlace,
+    PlatformDiagnosis,
+    PlatformShrinkage,
+    diagnose_platform,
+    is_platform_run,
+    load_platform_run,
+    platform_closed,
+)
 from bench.gap._rehearsal import ChannelLogGap, LogCurve, LogGap, channel_log_gaps, log_gaps
 from bench.gap._run_folder import load_gap_runs
 from bench.gap._score import Line, Marked, Reliability, reliability, shrinkage_quantiles, table
@@ -58,6 +67,7 @@ __all__ = [
     "Floor",
     "GapRun",
     "Group",
+    "HeadingPlace",
     "Line",
     "LogCurve",
     "LogGap",
@@ -66,6 +76,8 @@ __all__ = [
     "Noise",
     "PhasePlace",
     "Place",
+    "PlatformDiagnosis",
+    "PlatformShrinkage",
     "RegimePlace",
     "Reliability",
     "Sealed",
@@ -81,17 +93,21 @@ __all__ = [
     "closed_model",
     "diagnose",
     "diagnose_channels",
+    "diagnose_platform",
     "differences",
     "examine",
     "examined",
     "group_runs",
+    "is_platform_run",
     "load_channels",
     "load_gap_runs",
+    "load_platform_run",
     "log_gaps",
     "make_case",
     "model_text",
     "nominal_model",
     "parse_model",
+    "platform_closed",
     "read_mapped_runs",
     "read_model",
     "reliability",

@@ -42,7 +42,7 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
             found=f"{run.manifest.procedure} of "
             + (", ".join(f"{n} ({each.role})" for n, each in run.manifest.devices.items()) or "no device"),
             expected="a run with a gyro: the gap is looked for in its rate",
-            remedy="the drift of a platform over heading is fitted by `gyrobench fit heading-effect`",
+            remedy="runs of a platform INS are diagnosed by themselves, without runs of a gyro among them",
         )
     name = gyro or units[0]
     if name not in units:

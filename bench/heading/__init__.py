@@ -26,7 +26,14 @@ from bench.heading._nine import (
     integrate,
     solve_nine,
 )
-from bench.heading._study import DriftCourse, HeadingStudy, Judgement, judge, study_heading
+from bench.heading._study import (
+    DriftCourse,
+    HeadingStudy,
+    Judgement,
+    judge,
+    study_heading,
+    without_start,
+)
 from bench.heading._temperature import ReferenceTemperature, fit_reference, fourier_terms, lagged
 from bench.heading._window import MovingWindow, WindowEstimate, extract
 
@@ -84,4 +91,5 @@ __all__ = [
     "solve_nine",
     "stays",
     "study_heading",
+    "without_start",
 ]

@@ -122,10 +122,10 @@ def judge(
     made: list[tuple[str, Array, float]] = [(model.form, done.phi_as, float(done.outside.mean()))]
     if nine is not None:
         made.append(("nine coefficients", compensate_nine(nine, log), 0.0))
-    before = _without(name, log, first, swung)
+    before = without_start(name, log, first, swung)
     judged = []
     for method, phi, outside in made:
-        after = _without(name, log, first, swung + phi)
+        after = without_start(name, log, first, swung + phi)
         judged.append(
             Judgement(
                 name=name,
@@ -144,7 +144,7 @@ def judge(
     return judged
 
 
-def _without(name: str, log: PlatformLog, first: Stay, phi_as: Array) -> PlatformLog:
+def without_start(name: str, log: PlatformLog, first: Stay, phi_as: Array) -> PlatformLog:
     """Return the log less the errors of misalignments `phi_as` and less what its first stay then foretells."""
     corrector = PositionCorrector(log.latitude_deg, log.delay_s)
     north, east = corrector.correction(log.time_s, log.sidereal_rad, phi_as)

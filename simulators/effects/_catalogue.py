@@ -9,6 +9,7 @@ from simulators.effects._channel_effects import CHANNEL_EFFECTS
 from simulators.effects._disturbances import DISTURBANCES
 from simulators.effects._effect import Disturbance, Effect, NoiseEffect
 from simulators.effects._noise_effects import NOISE_EFFECTS
+from simulators.effects._platform_effects import PLATFORM_EFFECTS
 from simulators.effects._rate_effects import RATE_EFFECTS
 from simulators.effects._response_effects import RESPONSE_EFFECTS
 from simulators.effects._temperature_effects import TEMPERATURE_EFFECTS
@@ -22,6 +23,7 @@ CATALOGUE: tuple[AnyEffect, ...] = (
     *NOISE_EFFECTS,
     *DISTURBANCES,
     *CHANNEL_EFFECTS,
+    *PLATFORM_EFFECTS,
 )
 
 

@@ -18,8 +18,15 @@ from simulators.effects._effect import Parameter
 
 Array = NDArray[np.float64]
 Channel = Literal[
-    "chamber_air", "case_temperature", "gyro_temperature", "table_angle", "table_rate", "time_stamps"
+    "chamber_air",
+    "case_temperature",
+    "gyro_temperature",
+    "table_angle",
+    "table_rate",
+    "time_stamps",
+    "platform_drift",
 ]
+"""All but the last have a simulator here; a platform's drift shows in its position only (`bench.gap`)."""
 CHANNEL_UNITS: Mapping[Channel, str] = {
     "chamber_air": "K",
     "case_temperature": "K",

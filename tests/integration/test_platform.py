@@ -1,13 +1,15 @@
 """A platform INS on the emulated bench: heading change from bytes to a log that can be fitted."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bench.benchfile import load_bench_file
+from bench.cli._gap import gap_diagnose_command
 from bench.emulated import EmulatedLab, Plant, unit_seed
-from bench.gap import load_gap_runs
+from bench.gap import is_platform_run, load_gap_runs, load_platform_run
 from bench.heading import SIDEREAL_DAY_S, load_log, site_of_run, stays
 from bench.procedure import find_procedure
 from bench.questions import AssumeYes
@@ -133,6 +135,13 @@ def test_a_procedure_for_what_the_bench_has_not_is_refused(
     assert has in result.error.found and f"[[{needs}]]" in result.error.expected
 
 
-def test_a_gap_diagnosis_says_that_a_platform_has_no_gyro(heading_run):
+def test_a_gap_diagnosis_takes_a_platform_s_run_for_what_it_is(heading_run):
+    assert is_platform_run(heading_run)
+    _, unit, log, _ = load_platform_run(heading_run)
+    assert unit == "PINS-001"
+    assert len(log.time_s) > 100
+    model = Path(__file__).parents[2] / "examples" / "nominal" / "heading_change.toml"
+    with pytest.raises(RecordError, match="at least three are needed"):
+        gap_diagnose_command([heading_run], model, [], None, False)
     with pytest.raises(ConfigurationError, match="the run has no gyro"):
         load_gap_runs(heading_run)
