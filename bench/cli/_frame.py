@@ -18,12 +18,16 @@ from drivers.frames import (
     FrameFamily,
     LineDescription,
     load_family,
+    reader_of,
     refusal,
     shipped,
     vector_mistakes,
 )
 
 _RANDOM_BYTES = 1e9
+_TRIED = 1 << 17
+"""Bytes of a capture in which the other descriptions look for their messages."""
+_ENOUGH = 5
 
 
 def frames_list_command() -> None:
@@ -104,7 +108,7 @@ def _decode(console: Console, family: FrameFamily, path: Path, out: Path, parque
             where=str(path),
             found=_beginning(capture),
             expected=f"messages of {family.description.title}",
-            remedy="check that the capture is of this device, and that it was taken at the right baud rate",
+            remedy=_remedy(path),
         )
     out.mkdir(parents=True, exist_ok=True)
     for name, columns in capture.tables.items():
@@ -122,6 +126,21 @@ def _decode(console: Console, family: FrameFamily, path: Path, out: Path, parque
     plot = out / f"{path.stem}.png"
     if write_plot(plot, family, capture):
         console.print(f"plot: {plot}", highlight=False)
+
+
+def _remedy(path: Path) -> str:
+    """Return what to do about a capture of another device; if one of ours fits, which."""
+    with path.open("rb") as file:
+        data = file.read(_TRIED)
+    fits: dict[str, int] = {}
+    for name in shipped():
+        reader = reader_of(load_family(name))
+        reader.feed(data)
+        if reader.counts.frames >= _ENOUGH:
+            fits[name] = len(data) - reader.counts.bytes_skipped
+    if fits and 2 * max(fits.values()) > len(data):
+        return f"`gyrobench frames check {max(fits, key=lambda name: fits[name])}` fits it"
+    return "check that the capture is of this device, and that it was taken at the right baud rate"
 
 
 def _count(columns: dict[str, NDArray[Any]]) -> int:

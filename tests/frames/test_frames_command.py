@@ -45,6 +45,13 @@ def test_a_capture_of_another_device_and_an_empty_one_are_named(tmp_path: Path) 
             frames_check_command("stim300", tmp_path / name, tmp_path, False)
 
 
+def test_the_description_that_fits_is_named(tmp_path: Path) -> None:
+    data = FrameEncoder(load_family("openimu")).encode(20, {"time": np.arange(20)})
+    (tmp_path / "other.bin").write_bytes(data[30:])
+    with pytest.raises(ConfigurationError, match="frames check openimu` fits"):
+        frames_check_command("stim300", tmp_path / "other.bin", tmp_path, False)
+
+
 FIELD = '[[field]]\nname = "rate_z"\naxis = "z"\nat = 2'
 
 

@@ -173,3 +173,16 @@ def test_thermistors_of_the_astrix_by_the_user_guides_formula() -> None:
     assert columns["sia_temp"][0] == pytest.approx(sia_c, abs=1e-9) and 30.0 < sia_c < 40.0
     assert 50.0 < columns["board_temp"][0] < 60.0
     assert np.isnan([columns["organizer_temp"][0], columns["interface_temp"][0]]).all()
+
+
+def test_one_false_frame_in_1e9_random_bytes_is_promised_but_for_the_ones_named() -> None:
+    """docs/frames.md names these; `frames check` prints the figures."""
+    weak = {}
+    for name in shipped():
+        false = 1e9 * sum(form.false_per_byte for form in load_family(name).forms if form.measures)
+        if false > 1.0:
+            weak[name] = false
+    assert set(weak) == {"fg333", "stim210", "astrix_ns", "kvh_dsp3000"}
+    assert weak["fg333"] == pytest.approx(1e9 / 2**24)  # two bytes of head, one of check
+    assert weak["stim210"] == pytest.approx(9e9 / 2**16)  # nine messages, one byte of each
+    assert weak["astrix_ns"] == pytest.approx(7e9 / 2**32)
