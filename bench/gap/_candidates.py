@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bench.gap._data import GapRun
 from bench.gap._evidence import Candidate
-from bench.gap._generic import PREFIX, free_curves
+from bench.gap._generic import PREFIX, free_curves, grid_points
 from bench.gap._model_file import Model
 from bench.gap._response import proposed_variants
 from simulators.effects import Effect, Variant, catalogue
@@ -35,7 +35,7 @@ def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:
         k = len(variant.effect.parameters)
         own = tuple(range(column, column + k))
         odds = FREE_CURVE if variant.effect.name.startswith(PREFIX) else 0.0
-        result.append(Candidate(variant.effect.name, index, own, len(variant.effect.shapes), odds))
+        result.append(Candidate(variant.effect.name, index, own, grid_points(variant.effect), odds))
         column += k
     return result
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,10 @@ AMBIGUOUS = 0.02
 _MIMICRY = 0.05
 """Probability that what looks like an effect only resembles it: 26 of 388 sure claims of the exams before."""
 _SURE = 0.8
-"""Probability that a cause beside something unknown needs: the unknown often resembles several effects a bit."""
+"""Probability that a cause beside something unknown needs: the unknown often resembles several effects a bit.
+
+Where a free curve stands for the unknown it is that of the cause or of what may stand in its place.
+"""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,11 @@ def causes_of(
             variants[member].effect.meaning,
             _fitted_rivals(candidate.effect, alternatives, best, judged, posterior, variants, q),
         )
-        doubt = unknown > 0.5 and (trust < CREDIBLE or cause.probability < _SURE)
+        # a curve in the set competes for the effect's place; what nothing in the set describes does not
+        place = cause.probability
+        if best.curved and not best.remains:
+            place = _of_any(weights, {candidate.effect, *alternatives})
+        doubt = unknown > 0.5 and (trust < CREDIBLE or place < _SURE)
         stated = replace(cause, probability=(1.0 - _MIMICRY) * cause.probability)
         if doubt or absorbed(variants[member].effect, curves):
             # fitted beside a curve it would not stand alone
@@ -83,6 +90,11 @@ def causes_of(
         else:
             named.append(stated)
     return tuple(named), tuple(doubtful)
+
+
+def _of_any(weights: Mapping[frozenset[str], tuple[float, float]], names: Set[str]) -> float:
+    """Return the probability that at least one of some effects acts."""
+    return sum(sum(both) for own, both in weights.items() if own & names)
 
 
 def _fitted(

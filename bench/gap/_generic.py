@@ -22,8 +22,9 @@ _LAGS_S = (0.0, 150.0, 400.0)
 _FINE_LAGS_S = (0.0, 250.0)
 _FINE = 18
 """Nodes of a curve over temperature that shows lines and ripples some kelvins wide."""
-_LEAST_SPAN = {"T_in": 10.0, "dT_in/dt": 0.5, "T_in - T_out": 1.0}
-_HATS = {"T_in": 9, "dT_in/dt": 9, "T_in - T_out": 9}
+_NODES = (2, 3, 5, 9)
+"""How finely a curve is drawn is not known before: a straight one costs one parameter, a winding one many."""
+_LEAST_SPAN = {"T_in": 10.0, "T_out": 10.0, "dT_in/dt": 0.5, "T_in - T_out": 1.0}
 _ANGLE = "table angle"
 _ANGLES = {
     PREFIX + "rate over table angle": "a turn, proportional to rate",
@@ -34,6 +35,7 @@ _TURNING_DPS = 1.0
 _STEADY_DPS = 0.01
 _INPUTS: dict[str, Callable[[Stimulus], Array]] = {
     "T_in": lambda s: s.warm_k,
+    "T_out": lambda s: s.case_warm_k,
     "dT_in/dt": lambda s: s.warming_k_per_min,
     "T_in - T_out": lambda s: s.gradient_k,
 }
@@ -45,25 +47,36 @@ def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
     turning = any(
         np.ptp(run.stimulus.axis_rate_dps) + abs(run.stimulus.axis_rate_dps[0]) > _TURNING_DPS for run in runs
     )
+    apart = any(np.ptp(run.stimulus.gradient_k) >= _LEAST_SPAN["T_in - T_out"] for run in runs)
     for name, of in _INPUTS.items():
+        if name == "T_out" and not apart:
+            continue
         low = min(float(of(run.stimulus).min()) for run in runs)
         high = max(float(of(run.stimulus).max()) for run in runs)
         if high - low < _LEAST_SPAN[name]:
             continue
-        nodes = np.linspace(low, high, _HATS[name])
-        effects += [_curve(f"bias over {name}", name, nodes, of, _LAGS_S, rate=False)]
-        if turning:
-            effects += [_curve(f"scale factor over {name}", name, nodes, of, _LAGS_S, rate=True)]
-        if name == "T_in":
-            # of one name: a set holds either the coarse or the fine curve
-            fine = np.linspace(low, high, _FINE)
-            effects += [_curve("bias over T_in", name, fine, of, _FINE_LAGS_S, rate=False)]
+        # of one name: a set holds one of them, coarse or fine
+        for count, lags_s in _grids(name):
+            nodes = np.linspace(low, high, count)
+            effects += [_curve(f"bias over {name}", name, nodes, of, lags_s, rate=False)]
             if turning:
-                effects += [_curve("scale factor over T_in", name, fine, of, _FINE_LAGS_S, rate=True)]
+                effects += [_curve(f"scale factor over {name}", name, nodes, of, lags_s, rate=True)]
     if turning:
         effects.append(_harmonics("rate over table angle", rate=True))
     effects.append(_harmonics("bias over table angle", rate=False))
     return [variant for effect in effects for variant in effect.variants()]
+
+
+def _grids(name: str) -> list[tuple[int, tuple[float, ...]]]:
+    """Return numbers of nodes, each with its lags."""
+    return [(count, _LAGS_S) for count in _NODES] + [(_FINE, _FINE_LAGS_S)] * (name == "T_in")
+
+
+def grid_points(effect: Effect) -> int:
+    """Return how many variants of an effect compete, those of other effects of its name among them."""
+    if effect.name.startswith(PREFIX) and effect.follows in _INPUTS:
+        return sum(len(lags_s) for _, lags_s in _grids(effect.follows))
+    return len(effect.shapes)
 
 
 def smooth(effect: Effect, runs: Sequence[GapRun]) -> bool:

@@ -40,12 +40,21 @@ def best_of_each(posterior: SetPosterior) -> list[int]:
 
 
 def sets_of_note(posterior: SetPosterior, within: float, most: int) -> list[frozenset[int]]:
-    """Return the best sets of catalogue effects, each at its best shapes, with evidence close to the best."""
+    """Return the best sets with catalogue effects, at their best shapes: `most` without free curves, one with.
+
+    Their evidence is close to that of the best of their kind.
+    """
     best = posterior.best_variants()
-    known = [names for names in best if names and not any(name.startswith(PREFIX) for name in names)]
-    ranked = sorted(known, key=lambda names: -posterior.log_evidence[best[names]])[:most]
-    highest = posterior.log_evidence[best[ranked[0]]] if ranked else 0.0
-    return [best[names] for names in ranked if posterior.log_evidence[best[names]] > highest - within]
+    known = [names for names in best if any(not name.startswith(PREFIX) for name in names)]
+    ranked = sorted(known, key=lambda names: -posterior.log_evidence[best[names]])
+    curved = [names for names in ranked if any(name.startswith(PREFIX) for name in names)]
+    result = []
+    for own, count in (([names for names in ranked if names not in curved], most), (curved, 1)):
+        highest = posterior.log_evidence[best[own[0]]] if own else 0.0
+        result += [
+            best[names] for names in own[:count] if posterior.log_evidence[best[names]] > highest - within
+        ]
+    return result
 
 
 def between_grid_points(variants: Sequence[Variant], gram: Gram) -> list[Variant]:
@@ -105,8 +114,10 @@ def _moves(now: Sequence[Variant], gram: Gram) -> list[Mapping[str, float]]:
 
 
 def _spacing(variant: Variant) -> dict[str, float]:
-    """Return the distance between grid points about a variant, for every shape that has a grid."""
-    result = {}
+    """Return the distance between grid points about a variant, for every shape that moves; a curve's do not."""
+    result: dict[str, float] = {}
+    if variant.effect.name.startswith(PREFIX):
+        return result
     for key, grid in _grids(variant.effect).items():
         if len(grid) > 1:
             near = int(np.argmin(np.abs(np.array(grid) - float(variant.shape[key]))))

@@ -17,12 +17,17 @@ _PENALTY = 7.0
 _LEAST_SHARE = 0.10
 _MISFIT_OF_FLOOR = 0.03
 _ACTIVE = 4.0
+_BEYOND = 2.0
+"""Standard deviations of the noise in a cell below which nothing is left there that speaks against a name."""
 CREDIBLE = 0.75
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """Evidence that something is left, by cell (cells,) and pooled; the part of each cell's gap that is left."""
+    """Evidence that something is left, by cell (cells,) and pooled; the part of each cell's gap that is left.
+
+    `share` counts only what is left beyond twice the noise's standard deviation.
+    """
 
     log_evidence: Array
     pooled: float
@@ -50,7 +55,9 @@ def remainder(cells: Sequence[Cell], variance: Array, gap: Array, left: Array, f
     own = number[active].sum()
     ratio = (left[active] / expected[active] * number[active]).sum()
     pooled = float(_support(np.array([ratio]), np.array([own]), np.array([own]))[0]) if own else 0.0
-    return Remainder(evidence, pooled, share)
+    deviation = np.sqrt(2.0 * number) + number * floor.sigma[band]
+    sure = np.maximum(excess - _BEYOND * deviation, 0.0)
+    return Remainder(evidence, pooled, sure / np.maximum(np.maximum(gap - number, excess), 1e-12))
 
 
 def _support(left: Array, expected: Array, number: Array) -> Array:

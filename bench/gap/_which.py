@@ -18,6 +18,7 @@ from bench.gap._fit import (
     MISFIT,
     TOLERANCE,
     Solution,
+    energies,
     left_energies,
     nominal_energies,
     solve,
@@ -46,7 +47,7 @@ _REFINED = 3
 class Judged:
     """A set of effects, fitted; `left` (cells,) is the energy it leaves, `line` log evidence of a line.
 
-    `without_curves` is the fit of its catalogue effects alone.
+    `without_curves` is the fit of its catalogue effects alone, `in_form` that with the real forms of its effects.
     """
 
     names: frozenset[str]
@@ -56,12 +57,18 @@ class Judged:
     left: Array
     rest: Remainder
     without_curves: Solution
+    in_form: Solution
     line: float = 0.0
 
     @property
     def curved(self) -> bool:
         """Whether a free curve is a member."""
         return any(name.startswith(PREFIX) for name in self.names)
+
+    @property
+    def remains(self) -> bool:
+        """Whether something is left that is more probably an effect than not, free curves taken out."""
+        return self.rest.total + self.line > _UNKNOWN_PRIOR
 
     @property
     def unknown(self) -> float:
@@ -98,7 +105,8 @@ def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tupl
     fresh: dict[tuple[str, tuple[float, ...]], Variant] = {}
     for members in sets_of_note(posterior, _SHOWN, _REFINED):
         for each in between_grid_points([variants[index] for index in sorted(members)], gram):
-            fresh[each.effect.name, tuple(each.shape.values())] = each
+            if not each.effect.name.startswith(PREFIX):
+                fresh[each.effect.name, tuple(each.shape.values())] = each
     for each in variants:
         fresh.pop((each.effect.name, tuple(each.shape.values())), None)
     few, data = narrowed(found.data, model, variants, kept, list(fresh.values()))
@@ -149,7 +157,7 @@ def judged_sets(
     gaps = dict.fromkeys((cell.profile for cell in cells), 0.0)
     for cell, own in zip(cells, before, strict=True):
         gaps[cell.profile] += max(own - cell.count, 0.0) if cell.repeatable else 0.0
-    line = strongest_line(data.groups, left_of_runs(data, best.solution), data.noise.noise, gaps)
+    line = strongest_line(data.groups, left_of_runs(data, best.in_form), data.noise.noise, gaps)
     turning = any("a turn" in variants[each].effect.follows for each in best.members)
     if line is not None and not (line.harmonic and turning):
         # harmonics of a ripple that is named already are its waveform, no effect of their own
@@ -170,8 +178,8 @@ def _judge_sets(
     highest = max(by_effects.values())
     kept = [names for names, value in by_effects.items() if value > highest - _SHOWN or not names]
     kept = sorted(kept, key=lambda names: -by_effects[names])[:60]
-    if frozenset() not in kept:
-        kept.append(frozenset())
+    instead = (_instead_of(curve, names, by_effects) for names in kept for curve in names)
+    kept = list(dict.fromkeys([*kept, *(names for names in instead if names is not None), frozenset()]))
     strict = tolerated(data.cells, before, MISFIT)
     best = posterior.best_variants()
     solutions = {names: solve(gram, sigmas, _columns(posterior, best[names], len(sigmas))) for names in kept}
@@ -185,7 +193,7 @@ def _judge_sets(
         rest = remainder(data.cells, strict, before, left, data.floor)
         known = frozenset(each for each in members if not variants[each].effect.name.startswith(PREFIX))
         alone = solve(gram, sigmas, _columns(posterior, known, len(sigmas))) if known != members else solution
-        judged.append(Judged(names, members, by_effects[names], solution, left, rest, alone))
+        judged.append(Judged(names, members, by_effects[names], solution, left, rest, alone, solution))
 
     def left_without(one: Judged, names: frozenset[str]) -> float:
         rest = frozenset(each for each in one.members if posterior.candidates[each].effect not in names)
@@ -193,8 +201,52 @@ def _judge_sets(
         at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
         return float(left_energies(products[:, at[:, None], at], solution.values).sum())
 
+    def in_form(one: Judged) -> Judged:
+        """Take out what curves over the very inputs of a set's effects take away, if that may be their form."""
+        members = set(one.members)
+        for name in sorted(one.names):
+            theirs = left_without(one, frozenset([name])) - float(one.left.sum())
+            for curve in curves:
+                if not absorbed(effects[name], [variants[curve].effect]):
+                    continue
+                solution = solve(gram, sigmas, _columns(posterior, one.members | {curve}, len(sigmas)))
+                gained = float(one.left.sum()) - float(energies(data.cells, solution).sum())
+                if gained <= TOLERANCE**2 * theirs:
+                    members.add(curve)
+        if members == one.members:
+            return one
+        solution = solve(gram, sigmas, _columns(posterior, frozenset(members), len(sigmas)))
+        rest = remainder(data.cells, strict, before, energies(data.cells, solution), data.floor)
+        return replace(one, rest=rest, in_form=solution)
+
     effects = {candidate.effect: variants[candidate.variant].effect for candidate in posterior.candidates}
-    return _curves_that_matter(judged, left_without, effects)
+    curves = [
+        next(iter(members))
+        for names, members in best.items()
+        if len(names) == 1 and next(iter(names)).startswith(PREFIX)
+    ]
+    matter = _curves_that_matter(judged, left_without, effects)
+    return [in_form(each) if each.rest.total and not each.curved else each for each in matter]
+
+
+def _instead_of(
+    curve: str, names: frozenset[str], by_effects: Mapping[frozenset[str], float]
+) -> frozenset[str] | None:
+    """Return the best set with an effect of the catalogue in a curve's place, however improbable; None if none.
+
+    Whether the curve is more than that effect's form is judged by what they take away.
+    """
+    if not curve.startswith(PREFIX):
+        return None
+    others = names - {curve}
+    possible = [
+        each
+        for each in by_effects
+        if others < each
+        and len(each) == len(names)
+        and not any(name.startswith(PREFIX) for name in each - others)
+    ]
+    return max(possible, key=lambda each: by_effects[each], default=None)
 
 
 def _curves_that_matter(

@@ -80,6 +80,11 @@ class Stimulus:
         return self._smooth(self.t_in_c) - REFERENCE_C
 
     @cached_property
+    def case_warm_k(self) -> Array:
+        """T_out above 25 degC, smoothed over a minute, (n,)."""
+        return self._smooth(self.t_out_c) - REFERENCE_C
+
+    @cached_property
     def gradient_k(self) -> Array:
         """T_in - T_out, smoothed over a minute, (n,)."""
         return self._smooth(self.t_in_c - self.t_out_c)
