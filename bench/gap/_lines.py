@@ -26,7 +26,7 @@ _MISFIT_SHARE = 0.1
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A line in the runs of one profile: period, amplitude there, log evidence; what part of a turn it lasts."""
+    """A line in the runs of one profile, or of several: period, amplitude there, log evidence; what part of a turn it lasts."""
 
     profile: str
     period_s: float
@@ -54,13 +54,17 @@ def strongest_line(
     """Return the strongest line in whitened residuals (runs, n - 1) of each group; None without a clear one.
 
     `gaps` holds each profile's energy above the floor under the nominal model: a line that is a small part of
-    it may be an effect's misfit. Probability is of the strongest of all windows looked at (Sidak).
+    it may be an effect's misfit. Looked at are the runs of each profile, and those of all profiles of one length:
+    what hums in a laboratory does so at one frequency in all of them. Probability is of the strongest of all
+    windows looked at (Sidak).
     """
     found: list[SpectralLine] = []
-    looked_at = sum(max(residual.shape[1] // _WIDTH, 1) for residual in residuals)
-    for group, residual in zip(groups, residuals, strict=True):
-        run = group.runs[0][0]
-        period_s = run.stimulus.period_s
+    pools = _of_one_length(groups)
+    looked_at = sum(max(residuals[pool[0]].shape[1] // _WIDTH, 1) for pool in pools)
+    for pool in pools:
+        residual = np.concatenate([residuals[each] for each in pool])
+        runs = [groups[each].runs[0][0] for each in pool]
+        period_s = runs[0].stimulus.period_s
         windows = residual.shape[1] // _WIDTH
         energy = (residual[:, : windows * _WIDTH].reshape(len(residual), windows, _WIDTH) ** 2).sum(
             axis=(0, 2)
@@ -75,15 +79,24 @@ def strongest_line(
         k = int(np.argmin(log_p)) + first
         excess = float(energy[k] - around[k])
         evidence = -float(log_p[k - first]) - math.log(looked_at) - _CAUTION
-        if evidence <= 0.0 or excess < _MISFIT_SHARE * gaps.get(group.profile, 0.0):
+        if evidence <= 0.0 or excess < _MISFIT_SHARE * sum(gaps.get(run.profile, 0.0) for run in runs):
             continue
         middle = (k + 0.5) * _WIDTH + 1.0
         own_s = 2.0 * (residual.shape[1] + 1) * period_s / middle
         power = float(spectrum(noise, np.array([middle / (residual.shape[1] + 1)]), period_s)[0])
         amplitude = math.sqrt(2.0 * excess * power / residual.size)
-        rate = float(np.median(np.abs(run.stimulus.table_rate_dps)))
-        found.append(SpectralLine(group.profile, own_s, amplitude, evidence, rate * own_s / 360.0))
+        rate = max(float(np.median(np.abs(run.stimulus.table_rate_dps))) for run in runs)
+        found.append(SpectralLine(", ".join(run.profile for run in runs), own_s, amplitude, evidence, rate * own_s / 360.0))
     return max(found, key=lambda line: line.log_evidence) if found else None
+
+
+def _of_one_length(groups: Sequence[Group]) -> list[list[int]]:
+    """Return the places of each group alone, and of groups whose windows are of the same frequencies together."""
+    alike: dict[tuple[int, float], list[int]] = {}
+    for place, group in enumerate(groups):
+        run = group.runs[0][0]
+        alike.setdefault((len(run.stimulus), run.stimulus.period_s), []).append(place)
+    return [[place] for place in range(len(groups))] + [each for each in alike.values() if len(each) > 1]
 
 
 def _surroundings(energy: Array) -> Array:
