@@ -26,7 +26,7 @@ _MISFIT_SHARE = 0.1
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A line in the runs of one profile, or of several: period, amplitude there, log evidence; what part of a turn it lasts."""
+    """A line in the runs of `profile`, or of several: period, amplitude, log evidence, part of a turn it lasts."""
 
     profile: str
     period_s: float
@@ -75,7 +75,7 @@ def strongest_line(
             continue
         around = _surroundings(energy)
         ratio = np.maximum(around / size, 1.0)
-        log_p = chi2.logsf(energy[first:] / ratio[first:], size)
+        log_p = _log_tail(energy[first:] / ratio[first:], size)
         k = int(np.argmin(log_p)) + first
         excess = float(energy[k] - around[k])
         evidence = -float(log_p[k - first]) - math.log(looked_at) - _CAUTION
@@ -86,8 +86,17 @@ def strongest_line(
         power = float(spectrum(noise, np.array([middle / (residual.shape[1] + 1)]), period_s)[0])
         amplitude = math.sqrt(2.0 * excess * power / residual.size)
         rate = max(float(np.median(np.abs(run.stimulus.table_rate_dps))) for run in runs)
-        found.append(SpectralLine(", ".join(run.profile for run in runs), own_s, amplitude, evidence, rate * own_s / 360.0))
+        names = ", ".join(run.profile for run in runs)
+        found.append(SpectralLine(names, own_s, amplitude, evidence, rate * own_s / 360.0))
     return max(found, key=lambda line: line.log_evidence) if found else None
+
+
+def _log_tail(energy: Array, count: float) -> Array:
+    """Return the logarithm of the chi-square tail, beyond what numbers hold too (its leading term)."""
+    half = 0.5 * np.maximum(energy, 1e-12)
+    leading = -half + (0.5 * count - 1.0) * np.log(half) - math.lgamma(0.5 * count)
+    exact = chi2.logsf(energy, count)
+    return np.asarray(np.where(np.isfinite(exact), exact, leading))
 
 
 def _of_one_length(groups: Sequence[Group]) -> list[list[int]]:

@@ -172,3 +172,20 @@ def test_a_slow_line_is_described_by_its_frequency(nominal: Model) -> None:
     (part,) = found.unknown_parts
     assert part.frequency_hz == pytest.approx(1.0 / 65.0, rel=0.03)
     assert "not bound" in part.sentence
+
+
+def test_a_straight_dependence_outside_the_catalogue_is_no_lag(nominal: Model) -> None:
+    """Scale factor proportional to T_in - T_out, hardly above the noise: a straight curve costs one parameter."""
+    rng = np.random.default_rng(22)
+    runs = []
+    for rate in (20.0, -20.0):
+        for name in "ab":
+            s = stimulus(8000, rate_dps=rate)
+            extra = 0.02e-6 * s.input_rate_dph * s.gradient_k
+            runs.append(made_run(f"{rate:+g} {name}", s, rng, extra, condition=f"{rate:+g}"))
+    found = diagnose(runs, nominal)
+    assert found.verdict == "unknown"
+    (part,) = found.unknown_parts
+    assert part.follows == "T_in - T_out"
+    assert part.unit == "ppm of rate"
+    assert not found.causes
