@@ -26,7 +26,7 @@ _MISFIT_SHARE = 0.1
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A line in the runs of `profile`, or of several: period, amplitude, log evidence, part of a turn it lasts."""
+    """A line in the runs of `profile`, or of several: period, amplitude, log evidence; part of a turn it is."""
 
     profile: str
     period_s: float
