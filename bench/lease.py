@@ -7,6 +7,7 @@ one finds, reports and replaces. A watchdog that inherits the descriptors keeps 
 bench to rest.
 
 Benches are told apart by their ports, not by their files: two bench files that share a chamber share its lease.
+The pseudo-terminals of a lab that was killed are other devices than those that get their numbers afterwards.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from bench.benchfile import BenchFile
 from drivers.clock import utc_now
 from drivers.errors import BenchInUse, ConfigurationError
 
+_PSEUDO_TERMINALS = "/dev/pts/"
 _FLOCK = struct.Struct("hhqqi4x")
 """struct flock of Linux on 64 bits: type, whence, start, length, pid (0 with open file description locks)."""
 
@@ -164,7 +166,22 @@ def _paths(file: BenchFile) -> list[tuple[str, Path]]:
     ports = [file.table.port, file.chamber.port, *(gyro.port or gyro.channel or "" for gyro in file.gyro)]
     places = sorted({os.path.realpath(port) if port.startswith("/") else port for port in ports})
     folder = state_folder() / "leases"
-    return [(place, folder / f"{hashlib.sha256(place.encode()).hexdigest()[:24]}.json") for place in places]
+    names = [hashlib.sha256(_device(place).encode()).hexdigest()[:24] for place in places]
+    return [(place, folder / f"{name}.json") for place, name in zip(places, names, strict=True)]
+
+
+def _device(place: str) -> str:
+    """Return what tells the device at a place from another one that has its name later.
+
+    A pseudo-terminal, which an emulated lab is reached by, leaves its number to the next one; when it was made
+    stays the same however it is used (not so its change time if somebody changes its owner or mode).
+    """
+    if not place.startswith(_PSEUDO_TERMINALS):
+        return place
+    try:
+        return f"{place} {Path(place).stat().st_ctime_ns}"
+    except OSError:
+        return place
 
 
 def _lock(path: Path, port: str) -> int:

@@ -151,3 +151,22 @@ def test_a_state_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
     with pytest.raises(ConfigurationError, match="XDG_STATE_HOME"):
         take_lease(bench_file(), "mine")
+
+
+def test_another_terminal_that_gets_the_number_of_a_dead_one_is_another_bench(tmp_path, monkeypatch):
+    """The watchdog of a killed run keeps its lease while it looks for the ports of a lab that was killed, too.
+
+    Files in place of terminals: which number the kernel gives next is not ours to say.
+    """
+    monkeypatch.setattr("bench.lease._PSEUDO_TERMINALS", f"{tmp_path}/")
+    number = tmp_path / "7"
+    number.touch()
+    made_ns = number.stat().st_ctime_ns
+    other = bench_file(table=str(number), chamber="socket://10.0.0.3:2049", gyro="/dev/ttyG1")
+    with take_lease(bench_file(table=str(number)), "run on the dead lab"):
+        with pytest.raises(BenchInUse, match="dead lab"):
+            take_lease(other, "too soon")
+        while number.stat().st_ctime_ns == made_ns:
+            number.unlink()
+            number.touch()
+        take_lease(other, "run on the new lab").release()
