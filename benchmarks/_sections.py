@@ -28,6 +28,7 @@ RELIABILITY = Page(
     _FOLDER / "reliability.md",
     "# Reliability\n\nEvery section is written by the command that it names, with what that command found.\n",
     (
+        "Guards",
         "Kills",
         "Kills of commands",
         "Soak",

@@ -72,6 +72,14 @@ def test_one_shared_port_is_enough_and_no_half_lease_stays(another):
         pass
 
 
+def test_a_platform_has_a_lease_too():
+    platform = {"name": "ins", "driver": "platform_ins", "unit": "P1", "port": "/dev/ttyP0"}
+    data = bench_data(table="/dev/ttyT5", chamber="/dev/ttyC5", gyro="/dev/ttyG5") | {"platform": [platform]}
+    other = bench_data(table="/dev/ttyT6", chamber="/dev/ttyC6", gyro="/dev/ttyP0")
+    with take_lease(bench_file_from(data), "with a platform"), pytest.raises(BenchInUse):
+        take_lease(bench_file_from(other), "the same port for a gyro")
+
+
 def test_two_names_of_one_port_are_one_port(tmp_path):
     real = tmp_path / "ttyUSB0"
     real.touch()

@@ -105,3 +105,19 @@ def test_every_server_of_the_lab_listens_on_loopback() -> None:
         and path.is_relative_to(ROOT / "simulators")
     ]
     assert calls and all("'127.0.0.1'" in call for call in calls), calls
+
+
+def test_tokens_are_compared_in_constant_time() -> None:
+    """`==` ends at the first letter that differs, and how soon it ends can be measured from outside."""
+    compared = [
+        f"{path.relative_to(ROOT)}: {ast.unparse(node)}"
+        for path in SOURCES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Compare)
+        and any(isinstance(each, ast.Eq | ast.NotEq | ast.In) for each in node.ops)
+        and any("token" in ast.unparse(side).lower() for side in (node.left, *node.comparators))
+    ]
+    assert compared == []
+    access = ast.parse((ROOT / "bench/panel/_access.py").read_text(encoding="utf-8"))
+    equal = next(n for n in ast.walk(access) if isinstance(n, ast.FunctionDef) and n.name == "_equal")
+    assert "hmac.compare_digest" in ast.unparse(equal)

@@ -1,0 +1,552 @@
+"""Does a test fail when what it guards is switched off? Each mechanism of the three promises, one at a time.
+
+Run as `python -m benchmarks.guards [WORDS]` (only mechanisms whose name has the WORDS); writes its section of
+benchmarks/reliability.md. In a copy of the sources a few characters are changed that take the mechanism away, and
+the test that guards it is run there: it must pass before and fail after. 1 if a mechanism has no guard, or if the
+text to be changed is not found exactly once: the list is kept with the code.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks._sections import write_section
+
+ROOT = Path(__file__).parents[1]
+_COPIED = (
+    "bench",
+    "drivers",
+    "simulators",
+    "procedures",
+    "benchmarks",
+    "tests",
+    "examples",
+    "pyproject.toml",
+)
+_TIMEOUT_S = 280
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """What is switched off: in `file` the text `on` becomes `off`; `guard` is the test that must see it."""
+
+    promise: int
+    name: str
+    file: str
+    on: str
+    off: str
+    guard: str
+
+
+_JOURNAL, _APPEND, _RECOVER = "bench/recording/_journal.py", "bench/recording/_append.py", "bench/recover.py"
+_FILES, _STATE, _SAFE = "drivers/files.py", "bench/state_file.py", "bench/safe_state.py"
+_GUARDIAN, _SESSION, _LIMITS = "bench/watchdog/_process.py", "bench/session.py", "bench/limits.py"
+_ACCESS, _FOLDERS = "bench/panel/_access.py", "bench/panel/_folders.py"
+_T_JOURNAL, _T_CUT = "tests/recording/test_journal.py", "tests/reliability/test_power_cut.py"
+_T_WHOLE, _T_RUNS = "tests/safety/test_whole_files.py", "tests/recording/test_runs.py"
+_T_SESSION, _T_DOG = "tests/bench/test_session.py", "tests/reliability/test_watchdog.py"
+_T_LIMITS, _T_LEASE = "tests/integration/test_limits.py", "tests/bench/test_lease.py"
+_T_FILES, _T_PANEL = "tests/safety/test_hostile_files.py", "tests/panel/test_panel_parts.py"
+_T_CODE = "tests/contracts/test_nothing_executes.py"
+
+MECHANISMS = (
+    Mechanism(
+        1,
+        "bytes are written four times in the interval",
+        _JOURNAL,
+        "_LONGEST_INTERVAL_S) / 4.0",
+        "_LONGEST_INTERVAL_S) * 400.0",
+        _T_JOURNAL,
+    ),
+    Mechanism(1, "what is written is synced", _APPEND, "os.fdatasync(self._fd)", "pass", _T_CUT),
+    Mechanism(
+        1,
+        "a mark never speaks of bytes that are not there",
+        _JOURNAL,
+        "self._write_marks(self._handed_on - len(self.data.pending))",
+        "self._write_marks(self._handed_on)",
+        _T_JOURNAL,
+    ),
+    Mechanism(
+        1,
+        "a disk that is full is told",
+        _APPEND,
+        "raise record_error(self.path, error) from error\n        finally",
+        "return\n        finally",
+        _T_JOURNAL,
+    ),
+    Mechanism(
+        1,
+        "a disk that stalls stalls nobody",
+        _JOURNAL,
+        "if waiting >= _BLOCK_BYTES:\n            self._writer.wake()",
+        "if waiting >= _BLOCK_BYTES:\n            self._write()",
+        _T_JOURNAL,
+    ),
+    Mechanism(
+        1,
+        "memory does not run out behind a slow disk",
+        _JOURNAL,
+        "if waiting > _MOST_WAITING_BYTES:",
+        "if False:",
+        _T_JOURNAL,
+    ),
+    Mechanism(
+        1,
+        "a torn event is cut off by recovery",
+        _RECOVER,
+        "    if torn:\n        _cut(path",
+        "    if False:\n        _cut(path",
+        _T_CUT,
+    ),
+    Mechanism(
+        1,
+        "a torn mark is cut off by recovery",
+        _RECOVER,
+        "        _cut(index, index",
+        "        len((index, index",
+        "tests/recording/test_recover.py",
+    ),
+    Mechanism(
+        1,
+        "a recovered run is not complete",
+        _RECOVER,
+        '"outcome": "aborted",\n                "reason"',
+        '"outcome": "completed",\n                "reason"',
+        _T_CUT,
+    ),
+    Mechanism(
+        1,
+        "a run that may still go on is left alone",
+        _RECOVER,
+        "if holder is not None:",
+        "if False:",
+        "tests/recording/test_recover.py",
+    ),
+    Mechanism(
+        1,
+        "checksums are compared",
+        "bench/recording/_verify.py",
+        "elif (found := checksum(path)) != entry:",
+        "elif (found := checksum(path)) is None:",
+        _T_RUNS,
+    ),
+    Mechanism(
+        1,
+        "tables are rebuilt and compared",
+        "bench/recording/_verify.py",
+        "if left.tobytes() == right.tobytes():",
+        "if True:",
+        _T_RUNS,
+    ),
+    Mechanism(
+        1,
+        "a result takes the old one's place in one piece",
+        _FILES,
+        'part = path.with_name(f"{path.name}.part")',
+        "part = path",
+        _T_WHOLE,
+    ),
+    Mechanism(
+        1,
+        "a result is on the disk before it takes the place",
+        _FILES,
+        "os.fsync(file.fileno())",
+        "pass",
+        _T_WHOLE,
+    ),
+    Mechanism(
+        1,
+        "files of two results do not lie side by side",
+        _STATE,
+        "(folder / name).unlink(missing_ok=True)",
+        "pass",
+        _T_WHOLE,
+    ),
+    Mechanism(
+        2,
+        "stop commands leave before any answer is awaited",
+        _SAFE,
+        "            device.halt()\n    problems",
+        "            pass\n    problems",
+        "tests/integration/test_aborts.py::test_stop_commands_leave_on_both_ports_before_any_answer_is_awaited",
+    ),
+    Mechanism(
+        2,
+        "safe is what is read back",
+        _SAFE,
+        "            if rest.reached:",
+        "            if True:",
+        _T_SESSION,
+    ),
+    Mechanism(
+        2,
+        "a device that fails does not keep the other from being told",
+        _SAFE,
+        "BenchError as error:\n                problems[name] = str(error)\n                if",
+        "KeyError as error:\n                problems[name] = str(error)\n                if",
+        _T_SESSION,
+    ),
+    Mechanism(
+        2,
+        "the loss of another port is no end",
+        _SAFE,
+        "            if _is_gone(device):\n                raise",
+        "            raise",
+        _T_SESSION,
+    ),
+    Mechanism(
+        2,
+        "a way to the safe state that is cut off is not confirmed",
+        _SESSION,
+        '["bench: the way to the safe state was cut off"]',
+        "[]",
+        _T_SESSION,
+    ),
+    Mechanism(
+        2,
+        "a signal stops the run",
+        "bench/runner.py",
+        'clock.interrupt.request(f"stopped by {name}")',
+        "pass",
+        "tests/integration/test_aborts.py::test_signals_to_a_run_on_the_wall_clock",
+    ),
+    Mechanism(
+        2,
+        "a lost last unit ends the run",
+        _SESSION,
+        "self._attendance.lose(unit, self.units, self.clock.now(), error)",
+        "pass",
+        "tests/integration/test_lost_units.py::test_the_last_gyro_that_dies_ends_the_run_at_once",
+    ),
+    Mechanism(
+        2,
+        "the watchdog takes over from the dead",
+        _GUARDIAN,
+        'cause = "the runner\'s process has ended"\n            break',
+        "return 0",
+        f"{_T_DOG} -k 9-the",
+    ),
+    Mechanism(
+        2,
+        "the watchdog takes over from one that hangs",
+        "bench/watchdog/__init__.py",
+        "HUNG_S = 2.0",
+        "HUNG_S = 2e6",
+        "tests/safety/test_starved_runner.py",
+    ),
+    Mechanism(
+        2,
+        "who stops the runner does not stop its watchdog",
+        _GUARDIAN,
+        "signal.signal(number, signal.SIG_IGN)",
+        "pass",
+        f"{_T_DOG} -k 9-the",
+    ),
+    Mechanism(
+        2,
+        "the watchdog is armed",
+        "bench/runner.py",
+        "            watchdog.arm()",
+        "            pass",
+        f"{_T_DOG} -k 9-the",
+    ),
+    Mechanism(
+        2,
+        "rules are asked before a command and on telemetry",
+        _LIMITS,
+        "        if breaks(rule, reach):",
+        "        if False:",
+        _T_LIMITS,
+    ),
+    Mechanism(
+        2,
+        "telemetry is held against the limits",
+        _SESSION,
+        "check_telemetry(limits, rate_dps, air.air_temp_c)",
+        "pass",
+        _T_SESSION,
+    ),
+    Mechanism(
+        2,
+        "the ramp of the air is held against its limit",
+        _SESSION,
+        'check_ramp(limits, air.air_temp_c - before["air_temp_c"], window_s)',
+        "pass",
+        _T_LIMITS,
+    ),
+    Mechanism(
+        2,
+        "a rate is held against its limit before it is sent",
+        "bench/table_station.py",
+        "        if max_rate_dps > allowed:",
+        "        if False:",
+        "tests/integration/test_trouble.py -k beyond",
+    ),
+    Mechanism(
+        2,
+        "an axis beyond its stops ends the run",
+        _LIMITS,
+        "if span < 360.0 and",
+        "if False and",
+        "tests/bench/test_limits.py",
+    ),
+    Mechanism(
+        2,
+        "one user a bench",
+        "bench/lease.py",
+        "            _set_lock(descriptor, fcntl.F_WRLCK)",
+        "            pass",
+        _T_LEASE,
+    ),
+    Mechanism(2, "a stale lease is recognised", "bench/lease.py", "stale.append(left)", "pass", _T_LEASE),
+    Mechanism(
+        2,
+        "a platform's port is leased",
+        "bench/lease.py",
+        "    ports += [platform.port for platform in file.platform]\n",
+        "",
+        _T_LEASE,
+    ),
+    Mechanism(
+        3,
+        "the panel listens on this machine",
+        "bench/panel/_server.py",
+        'host: str = "127.0.0.1"',
+        'host: str = "0.0.0.0"',
+        _T_CODE,
+    ),
+    Mechanism(
+        3,
+        "an open panel wants a token",
+        "bench/panel/_server.py",
+        "if self.token is None and not is_local(self.host):",
+        "if False:",
+        _T_PANEL,
+    ),
+    Mechanism(
+        3,
+        "without the token nothing is served",
+        _ACCESS,
+        "elif self._token is None or self._has_token(headers):",
+        "elif True:",
+        _T_PANEL,
+    ),
+    Mechanism(
+        3,
+        "tokens are compared in constant time",
+        _ACCESS,
+        "hmac.compare_digest(given.encode(), self._token.encode())",
+        "given == self._token",
+        _T_CODE,
+    ),
+    Mechanism(
+        3,
+        "no requests from other sites' pages",
+        _ACCESS,
+        "urlsplit(origin).netloc != host:",
+        "False:",
+        _T_PANEL,
+    ),
+    Mechanism(
+        3,
+        "no name of another site's that leads here",
+        _ACCESS,
+        "host_name(host) not in LOCAL_NAMES:",
+        "False:",
+        _T_PANEL,
+    ),
+    Mechanism(
+        3,
+        "no path from the web leads out",
+        _FOLDERS,
+        "return path if path != self.root and path.is_relative_to(self.root) else None",
+        "return path",
+        _T_PANEL,
+    ),
+    Mechanism(
+        3,
+        "no path of a session leads out",
+        _FOLDERS,
+        "return found if found.is_relative_to(self.root) else None",
+        "return found",
+        _T_PANEL,
+    ),
+    Mechanism(
+        3,
+        "no name in a manifest leads out",
+        "bench/recording/_manifest.py",
+        'if any(part in ("", ".", "..") for part in name.split("/")):',
+        "if False:",
+        _T_FILES,
+    ),
+    Mechanism(
+        3,
+        "no run id leads out",
+        "bench/run_record.py",
+        'if name == ".." or Path(name).name != name or not name.isprintable():',
+        "if False:",
+        _T_FILES,
+    ),
+    Mechanism(
+        3,
+        "no pipe or device is read",
+        _FILES,
+        "if not stat.S_ISREG(os.fstat(descriptor).st_mode):",
+        "if False:",
+        f"{_T_FILES} -k device",
+    ),
+    Mechanism(
+        3,
+        "no more is read than is allowed",
+        _FILES,
+        "if len(content) > most_bytes:",
+        "if False:",
+        f"{_T_FILES} -k as_many",
+    ),
+    Mechanism(
+        3,
+        "no TOML is nested without end",
+        _FILES,
+        '            return data\n    raise ValueError("nested too deep")',
+        "            return data\n    return data",
+        _T_FILES,
+    ),
+    Mechanism(
+        3,
+        "no JSON is nested without end",
+        _FILES,
+        'RecursionError as error:\n        raise ValueError("nested too deep") from error\n\n\ndef',
+        'KeyError as error:\n        raise ValueError("nested too deep") from error\n\n\ndef',
+        _T_FILES,
+    ),
+    Mechanism(
+        3,
+        "no archive unpacks to more than it may",
+        _STATE,
+        "if sum(sizes.values()) > _MOST_BYTES:",
+        "if False:",
+        _T_FILES,
+    ),
+    Mechanism(
+        3,
+        "no array is as large as it claims",
+        _STATE,
+        "math.prod(shape) * kind.itemsize != len(rest)",
+        "False",
+        _T_FILES,
+    ),
+    Mechanism(3, "no array of objects", _STATE, "if kind.hasobject or", "if", _T_FILES),
+    Mechanism(
+        3,
+        "no table is larger than the memory",
+        "bench/recording/_read.py",
+        "if 2 * 8 * rows * columns > room:",
+        "if False:",
+        _T_FILES,
+    ),
+    Mechanism(
+        3,
+        "text in a report stays text",
+        "bench/report/_layout.py",
+        "autoescape=True",
+        "autoescape=False",
+        "tests/report/test_report_html.py",
+    ),
+    Mechanism(
+        3,
+        "nothing is evaluated, no pickle is loaded",
+        "bench/history.py",
+        "from __future__ import annotations\n",
+        "from __future__ import annotations\nimport pickle\n",
+        _T_CODE,
+    ),
+    Mechanism(
+        3,
+        "a known vulnerability fails the audit",
+        "benchmarks/audit.py",
+        "return 1 if verdict.reachable else 0",
+        "return 0",
+        "tests/safety/test_audit.py",
+    ),
+)
+
+
+def _run(copy: Path, guard: str) -> tuple[bool, str]:
+    """Run a guard in the copy; return whether all passed, and the first test that did not."""
+    command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *guard.split()]
+    # started by a copy: what is changed there must not be found in the folder that is installed
+    environment = os.environ | {"PYTHONPATH": str(copy)}
+    try:
+        done = subprocess.run(
+            command,
+            cwd=copy,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=_TIMEOUT_S,
+        )
+    except subprocess.TimeoutExpired:
+        return False, "(it does not end)"
+    if done.returncode == 0:
+        return True, ""
+    failed = re.search(r"^(?:FAILED|ERROR) \S+?(?:::(\w+)\S*)?(?: |$)", done.stdout, re.MULTILINE)
+    if failed is None or done.returncode != 1:
+        raise RuntimeError(done.stdout[-2000:] + done.stderr[-1000:])
+    return False, failed[1] or "(it cannot be read)"
+
+
+def main() -> int:
+    """Switch each mechanism off, run its guard, write the section; 1 if one is not guarded."""
+    words = " ".join(sys.argv[1:])
+    chosen = [each for each in MECHANISMS if words in each.name]
+    rows, bad = ["| promise | mechanism | test that fails without it |", "|---|---|---|"], []
+    with tempfile.TemporaryDirectory() as root:
+        copy = Path(root) / "copy"
+        copy.mkdir()
+        for name in _COPIED:
+            if (ROOT / name).is_dir():
+                shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+            else:
+                shutil.copy(ROOT / name, copy / name)
+        for guard in sorted({each.guard for each in chosen}):
+            passed, failed = _run(copy, guard)
+            if not passed:
+                raise RuntimeError(f"{guard}: {failed} fails with nothing switched off")
+        for each in chosen:
+            path = copy / each.file
+            text = path.read_text(encoding="utf-8")
+            if text.count(each.on) != 1:
+                bad.append(f"{each.name}: {each.on!r} is {text.count(each.on)} times in {each.file}")
+                print(bad[-1], flush=True)
+                continue
+            path.write_text(text.replace(each.on, each.off), encoding="utf-8")
+            passed, failed = _run(copy, each.guard)
+            path.write_text(text, encoding="utf-8")
+            if passed:
+                bad.append(f"{each.name}: nothing in {each.guard} fails without it")
+            file = each.guard.split()[0].split("::")[0]
+            rows.append(f"| {each.promise} | {each.name} | {'NONE' if passed else f'`{file}::{failed}`'} |")
+            print(rows[-1], flush=True)
+    lines = [
+        f"{len(chosen)} mechanisms, {len(bad)} without a guard.",
+        "",
+        *rows,
+        "",
+        *(f"- {each}" for each in bad),
+    ]
+    if not words:
+        print(write_section("Guards", "python -m benchmarks.guards", lines))
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
