@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.benchfile import bench_file_from
 from bench.lease import lease_holder
-from bench.recording import Manifest, read_events, read_manifest, seal
+from bench.recording import Manifest, local_run, read_events, read_manifest, seal
 from bench.run_record import decode_run
 from drivers.clock import utc_now
 from drivers.errors import BenchInUse, RecordError
@@ -27,7 +27,7 @@ def recover(folder: Path) -> Manifest:
     BenchInUse while somebody has its bench, for then the run may still go on; RecordError if the folder cannot be
     read or written.
     """
-    manifest = read_manifest(folder)
+    manifest = read_manifest(local_run(folder))
     if manifest.complete:
         return manifest
     holder = lease_holder(bench_file_from(manifest.bench))

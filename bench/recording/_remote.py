@@ -10,10 +10,12 @@ import contextlib
 import hashlib
 import json
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from bench.recording._journal import RAW_FOLDER
 from bench.recording._manifest import checksum, read_manifest
 from bench.run_folder import MANIFEST_FILE, url_of
 from drivers.errors import BenchError, RecordError
@@ -30,6 +32,7 @@ def local_run(place: Path | str, *, everything: bool = False) -> Path:
     """
     url = url_of(place)
     if not url:
+        _check_kinds(Path(place))
         return Path(place)
     parent, _, name = url.rpartition("/")
     folder = _cache(parent) / name
@@ -62,6 +65,28 @@ def local_run(place: Path | str, *, everything: bool = False) -> Path:
         expected="a folder with manifest.json, events.jsonl and raw/",
         remedy=f"`gyrobench runs list --runs {parent}` lists the runs there are",
     )
+
+
+def _check_kinds(folder: Path) -> None:
+    """Refuse a run with a pipe or a device in it (a link to one, too): reading it would never end."""
+    for place in (folder, folder / RAW_FOLDER):
+        try:
+            entries = list(os.scandir(place))
+        except OSError:
+            continue
+        for entry in entries:
+            try:
+                mode = entry.stat().st_mode
+            except OSError:  # a link to nothing: whoever needs the file says that it is missing
+                continue
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                raise RecordError(
+                    "a run folder holds files only",
+                    where=entry.path,
+                    found="a pipe, a device or a link to one",
+                    expected="regular files, or links to them",
+                    remedy="nothing of gyrobench makes such a folder: do not trust it",
+                )
 
 
 def local_manifests(place: Path) -> Path:

@@ -18,8 +18,9 @@ from bench.catalogue import read_row
 from bench.exchange import read_mapping
 from bench.live import read_history
 from bench.panel._tails import EventTail
-from bench.recording import read_events, read_manifest, read_table, verify
-from bench.run_record import _new_folder
+from bench.recording import Run, read_events, read_manifest, read_table, verify
+from bench.recover import recover
+from bench.run_record import _new_folder, decode_run
 from bench.state_file import read_arrays, read_state, write_state
 from drivers.can_dbc import load_layout
 from drivers.errors import ConfigurationError, RecordError
@@ -264,3 +265,27 @@ def test_a_hostile_dbc_is_refused_or_read_as_data(hostile, tmp_path, monkeypatch
     with suppress(ConfigurationError):
         load_layout(str(tmp_path / "bad.toml"))
     assert sorted(each.name for each in tmp_path.iterdir()) == ["bad.dbc", "bad.toml"]
+
+
+@pytest.mark.parametrize("name", ["raw/fog_1.bin", "raw/fog_1.idx", "events.jsonl", "gyro_fog_1.parquet"])
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+@pytest.mark.parametrize("reader", [Run.open, recover, lambda folder: verify(folder, decode_run)])
+def test_a_run_folder_with_a_pipe_or_a_device_in_it_is_refused(name, kind, reader, tmp_path):
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST))
+    if kind == "pipe":
+        os.mkfifo(tmp_path / name)
+    else:
+        (tmp_path / name).symlink_to("/dev/zero")
+    with pytest.raises(RecordError, match="files only"):
+        reader(tmp_path)
+
+
+def test_a_raw_file_that_has_grown_to_a_terabyte_is_not_summed(tmp_path):
+    (tmp_path / "raw").mkdir()
+    entry = {"sha256": "0" * 64, "bytes": 10}
+    (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST | {"files": {"raw/fog_1.bin": entry}}))
+    with (tmp_path / "raw" / "fog_1.bin").open("wb") as file:
+        file.truncate(1 << 40)
+    report = verify(tmp_path, lambda source, out: pytest.fail("decoded"))
+    assert any("1099511627776 bytes" in problem.text for problem in report.problems)
