@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import re
 
-from drivers.errors import BenchError, ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
+from drivers.conversation import TRIES, ConversingGyro
+from drivers.errors import DeviceRefused, DeviceSilent, WrongDevice
 from drivers.instruments import Identity
 from drivers.kvh._commands import SETTINGS
 from drivers.kvh._decode import KvhDecoder
 from drivers.kvh._format import AXES, Format, Rotation, TempUnits
 from drivers.link import Link
 
-_REPLY_S = 1.0
-_TRIES = 3
-_SEEN = 4096  # Bytes in which to look for a reply; what came before cannot be part of it.
-_REFUSAL = re.compile(rb"(?:INVALID|USAGE|ERROR)[ -~]*(?=[\r\n])")
+_REFUSAL = rb"(?:INVALID|USAGE|ERROR)[ -~]*(?=[\r\n])"
 _HEADER = re.compile(rb"\xfe\x81\xff[\x55-\x57]")
 
 
-class KvhGyro:
+class KvhGyro(ConversingGyro):
     """A KVH DSP-1750, DSP-1760 or 1775 on an RS-422 port (921600 8N1 as delivered).
 
     `rate_hz` is one of the unit's data rates; `axes` are those the unit has, "x" for a single-axis gyro. Rotation
     is sent in radians. `identify` and `stop` leave the unit in configuration mode, where it is quiet.
     """
+
+    what = "a KVH gyro"
 
     def __init__(
         self,
@@ -36,7 +36,7 @@ class KvhGyro:
         temp_units: TempUnits = "C_100",
     ) -> None:
         """Raise ConfigurationError for what no such unit can be set to."""
-        self.link = link
+        super().__init__(link)
         self._rate_hz = rate_hz
         self._format = frame_format
         self._rotation = rotation
@@ -90,9 +90,9 @@ class KvhGyro:
         """Stop the stream by entering configuration mode."""
         self._configuration_mode()
 
-    def close(self) -> None:
-        """Close the port."""
-        self.link.close()
+    def streams(self, data: bytes) -> bool:
+        """Whether a header of a data message is in it."""
+        return _HEADER.search(data) is not None
 
     def decoder(self) -> KvhDecoder:
         """Return a fresh decoder of what `start` makes the unit send."""
@@ -107,7 +107,7 @@ class KvhGyro:
     def _configuration_mode(self) -> None:
         """Enter configuration mode from whatever state; a first command may meet half a line in the unit."""
         self.link.streaming = False
-        for last in range(1 - _TRIES, 1):
+        for last in range(1 - TRIES, 1):
             try:
                 self._ask("=CONFIG,1", "CONFIG, *1")
                 return
@@ -117,7 +117,7 @@ class KvhGyro:
 
     def _query(self, name: str) -> str:
         """Ask what changes nothing in the unit; again if a bit flipped on the way there or back."""
-        for last in range(1 - _TRIES, 1):
+        for last in range(1 - TRIES, 1):
             try:
                 return self._ask(f"?{name}", rf"{name}, *([ -~]*)").strip()
             except (DeviceSilent, DeviceRefused, WrongDevice):
@@ -131,61 +131,13 @@ class KvhGyro:
         Bytes of messages under way may stand before the reply, without a line end between.
         """
         # With =ECHO on the unit repeats the command first: that one has the "=" or "?" before it.
-        pattern = re.compile(rb"(?<![=?])" + expected.encode("ascii") + rb"(?=[\r\n])")
+        pattern = rb"(?<![=?])" + expected.encode("ascii") + rb"(?=[\r\n])"
         self.link.discard()
         self.link.write(command.encode("ascii") + b"\r\n")
-        deadline_s = self.link.clock.now() + _REPLY_S
-        seen = b""
-        while (remaining_s := deadline_s - self.link.clock.now()) > 0.0:
-            seen = (seen + self.link.read_some(remaining_s))[-_SEEN:]
-            if match := pattern.search(seen):
-                return match[1].decode("ascii") if pattern.groups else ""
-            if refusal := _REFUSAL.search(seen):
-                raise self._refused(command, refusal[0].decode("ascii"))
-        raise self._unanswered(command, seen)
-
-    def _where(self) -> str:
-        return f"{self.link.name} ({self.link.url})"
-
-    def _refused(self, command: str, reply: str) -> DeviceRefused:
-        return DeviceRefused(
-            f"the gyro refused {command}",
-            where=self._where(),
-            found=reply,
-            expected=command[1:],
-            remedy="check the unit's software version, and that its baud rate carries the data rate",
-        )
-
-    def _unanswered(self, command: str, seen: bytes) -> BenchError:
-        if not seen:
-            return DeviceSilent(
-                f"no answer to {command} within {_REPLY_S:g} s",
-                where=self._where(),
-                found="nothing on the line",
-                expected="a KVH gyro",
-                remedy="check power, cable and both RS-422 pairs",
-            )
-        if _HEADER.search(seen):
-            return DeviceSilent(
-                f"the gyro streams but does not answer {command}",
-                where=self._where(),
-                found=f"KVH data messages, {len(seen)} bytes in {_REPLY_S:g} s",
-                expected=command[1:],
-                remedy="check the RS-422 pair from the bench to the gyro",
-            )
-        return WrongDevice(
-            f"something answers {command}, but not as a KVH gyro does",
-            where=self._where(),
-            found=repr(seen[-60:]),
-            expected=command[1:],
-            remedy="check port and baud rate in the bench file",
-        )
-
-    def _unusable(self, found: str, expected: str) -> ConfigurationError:
-        return ConfigurationError(
-            "a KVH gyro cannot be set so",
-            where=self._where(),
-            found=found,
-            expected=expected,
-            remedy="correct the gyro's entry in the bench file",
-        )
+        seen = self._read_until(re.compile(pattern + rb"|" + _REFUSAL))
+        if match := re.search(pattern, seen):
+            return match[1].decode("ascii") if match.re.groups else ""
+        if refusal := re.search(_REFUSAL, seen):
+            remedy = "check the unit's software version, and that its baud rate carries the data rate"
+            raise self._refused(command, refusal[0], command[1:], remedy)
+        raise self._unanswered(command, seen, command[1:])
