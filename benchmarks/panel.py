@@ -6,11 +6,11 @@ Run as `python -m benchmarks panel`; needs Chromium. The yardsticks are the limi
 * server load: a session 24 h into its run (86,400 lines of history), `now.json` replaced ten times a second, one
   page open in Chromium with six traces; CPU time of the server's process over wall time.
 * memory: growth of the server's resident memory over that time, and of the curves' over 24 h of updates at 10 Hz.
-* recorder: the same emulated run beside a panel with a page open, and beside one whose server is stopped
-  (SIGSTOP), in the order A B B A; CPU time of run and lab, less that of a run of no length; the median of the
-  pairs' ratios, and the same of pairs without a panel at all, which says how far the figure can be trusted. It
-  needs a machine with a processor to spare: live files are written ten times a *host* second, so that an emulated
-  run which anything else slows down (here Chromium drawing) takes longer and writes more of them.
+* recorder: one emulated run that records in blocks of equally many frames, in the order A B B A beside a panel
+  with a page open (A) and beside the same panel stopped by SIGSTOP (B), in turns with four blocks without it, the
+  control; the median over the turns with its interval by bootstrap. CPU time of the threads that drive and
+  record, a frame, and of the one that writes the live files, a host second. The recorder has a processor of its
+  own if there are two.
 """
 
 from __future__ import annotations
@@ -26,11 +26,14 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
+
+import numpy as np
 
 from bench.panel._series import MinMax
 from benchmarks._measure import Row, figure, usual
@@ -39,18 +42,14 @@ from drivers.clock import WallClock, host_seconds, utc_now
 _LIMIT = "limit of the design"
 _OPENINGS = 5
 _WATCHED_S = 30.0
-_PAIRS = 8
-_RUN_S = 1800.0
+_TURNS = 48
+_BLOCK_S = 100.0
+_SETTLE_S = 0.1
+_ABBA = (True, False, False, True)
 _FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
+_processors = sorted(os.sched_getaffinity(0))
 _TICKS_S = os.sysconf("SC_CLK_TCK")
 _CLI = "from bench.cli import main; main()"
-_RECORDER = """
-import sys
-sys.path.insert(0, {tests!r})
-import session
-from pathlib import Path
-session.main(Path(sys.argv[1]), sys.argv[2], hold_s=float(sys.argv[3]), ask=False)
-"""
 
 
 def rows() -> Iterator[Row]:
@@ -62,7 +61,8 @@ def rows() -> Iterator[Row]:
     from playwright.sync_api import sync_playwright
 
     with tempfile.TemporaryDirectory(prefix="gyrobench-panel-bench-") as scratch, sync_playwright() as player:
-        chromium = player.chromium.launch(executable_path=browser, args=_FLAGS)
+        with _on(_spare()):
+            chromium = player.chromium.launch(executable_path=browser, args=_FLAGS)
         runs = Path(scratch) / "runs"
         write_day(runs / "day")
         with panel(runs) as (process, url):
@@ -95,11 +95,15 @@ def rows() -> Iterator[Row]:
             yield figure(f"server memory growth in {watched_s:g} s", growth_mb, 1.0, _LIMIT, "MB", least=True)
         growth_mb = curves_growth_mb()
         yield figure("curves' memory growth over 24 h at 10 Hz", growth_mb, 1.0, _LIMIT, "MB", least=True)
-        pairs = usual(_PAIRS, 2)
-        watched, control = recorder_ratios(Path(scratch), chromium, pairs)
-        name = f"recorder's CPU without panel / with panel, median of {pairs}"
-        yield figure(name, watched, 0.98, _LIMIT, "ratio")
-        yield figure(f"the same of {pairs // 2} pairs without panel", control, 1.0, "no difference", "ratio")
+        turns = usual(_TURNS, 4)
+        for what, (found, control) in recorder_ratios(Path(scratch), chromium, turns).items():
+            name = f"recorder's CPU without / with panel, {what}, median of {turns} turns"
+            yield figure(name, found.median, 0.98, _LIMIT, "ratio")
+            yield figure(f"{what}: low end of its 95 % interval", found.low, 0.98, _LIMIT, "ratio")
+            name = f"{what}: without a panel at all (control)"
+            yield figure(name, control.median, 1.0, "no difference", "ratio")
+            for end, value in (("low", control.low), ("high", control.high)):
+                yield figure(f"{what}: {end} end of the control's", value, 1.0, "no difference", "ratio")
         chromium.close()
 
 
@@ -212,38 +216,86 @@ def curves_growth_mb() -> float:
     return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb) / 1024.0
 
 
-def recorder_ratios(scratch: Path, chromium: Any, pairs: int) -> tuple[float, float]:
-    """Return the recorder's CPU time without a panel over that with one, and over that without one again."""
-    runs = scratch / "recorder"
+@dataclass(frozen=True)
+class Spread:
+    """A median and its 95 % interval by bootstrap."""
+
+    median: float
+    low: float
+    high: float
+
+
+def recorder_ratios(scratch: Path, chromium: Any, turns: int) -> dict[str, tuple[Spread, Spread]]:
+    """Return the recorder's CPU time without a panel over that with one, and the same without one at all.
+
+    One run, recording in blocks: `turns` times A B B A with the panel going in A and stopped in B, each followed
+    by four blocks without it. "recording": of the threads that drive and record, a frame; "live files": of the
+    one that writes them, a host second.
+    """
+    runs, clock = scratch / "recorder", WallClock()
     runs.mkdir()
-    ratios, alone = [], []
-    with panel(runs) as (process, url):
+    ratios: dict[str, tuple[list[float], list[float]]] = {"recording": ([], []), "live files": ([], [])}
+    with _on(_spare()), panel(runs) as (process, url):
+        with _on(_processors[:1]):
+            recorder = subprocess.Popen(
+                [sys.executable, "-m", "benchmarks._recorder", str(runs)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
         page = chromium.new_page()
         page.goto(url)
-        page.wait_for_function("window.gyrobench?.messages > 0")
-        empty_s = min(_record(runs, f"empty-{number}", 0.0) for number in range(3))
-        for number in range(pairs):
-            found = {}
-            for stopped in (True, False) if number % 2 == 0 else (False, True):
-                process.send_signal(signal.SIGSTOP if stopped else signal.SIGCONT)
-                found[stopped] = _record(runs, f"{number}-{stopped}", _RUN_S) - empty_s
+
+        def cost(going: bool) -> dict[str, float]:
+            process.send_signal(signal.SIGCONT if going else signal.SIGSTOP)
+            clock.sleep(_SETTLE_S)
+            assert recorder.stdin is not None and recorder.stdout is not None
+            recorder.stdin.write(f"{_BLOCK_S}\n")
+            recorder.stdin.flush()
+            found = json.loads(recorder.stdout.readline())
+            return {
+                "recording": found["record_s"] / found["frames"],
+                "live files": found["live_s"] / found["host_s"],
+            }
+
+        try:
+            cost(True)
+            page.wait_for_function("window.gyrobench?.messages > 3")
+            for _ in range(turns):
+                watched, alone = ([cost(going) for going in order] for order in (_ABBA, (False,) * 4))
+                for what, kept in ratios.items():
+                    for blocks, into in zip((watched, alone), kept, strict=True):
+                        outer_1, inner_1, inner_2, outer_2 = (block[what] for block in blocks)
+                        into.append((inner_1 + inner_2) / (outer_1 + outer_2))
+        finally:
             process.send_signal(signal.SIGCONT)
-            ratios.append(found[True] / found[False])
-            alone.append(found[True])
-        page.close()
-    control = [one / other for one, other in zip(alone[::2], alone[1::2], strict=True)]
-    return statistics.median(ratios), statistics.median(control)
+            page.close()
+            recorder.communicate()
+            clock.close()
+    return {what: (spread(found), spread(control)) for what, (found, control) in ratios.items()}
 
 
-def _record(runs: Path, name: str, hold_s: float) -> float:
-    """Record an emulated run; return the CPU time of its process and the lab's."""
-    code = _RECORDER.format(tests=str(Path(__file__).parents[1] / "tests" / "panel"))
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(
-        [sys.executable, "-c", code, str(runs), name, str(hold_s)], check=True, stdout=subprocess.DEVNULL
-    )
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+def spread(values: Sequence[float]) -> Spread:
+    """Return the median of `values` and its interval over 2,000 draws with replacement."""
+    drawn = np.random.default_rng(1).choice(np.asarray(values), (2000, len(values)))
+    low, high = np.percentile(np.median(drawn, axis=1), [2.5, 97.5])
+    return Spread(statistics.median(values), float(low), float(high))
+
+
+def _spare() -> list[int]:
+    """Return the processors that are not the recorder's, all if there is one."""
+    return _processors[1:] or _processors
+
+
+@contextmanager
+def _on(processors: Sequence[int]) -> Iterator[None]:
+    """Have processes that are started meanwhile run on `processors`."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, processors)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 def _cpu_s(pid: int) -> float:

@@ -141,16 +141,17 @@ def _layout(key: str, section: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _shared_ports(devices: _Devices, resolve_links: bool) -> Iterator[Mistake]:
-    seen: dict[str, str] = {}
+    seen: dict[str, tuple[str, bool]] = {}
     for _, key, section in devices:
         name = "channel" if section.get("port") is None else "port"
         port = section.get(name)
-        if not isinstance(port, str) or (name == "channel" and section.get("interface") in _SHARED):
+        if not isinstance(port, str):
             continue
+        shared = name == "channel" and section.get("interface") in _SHARED
         place = os.path.realpath(port) if resolve_links and port.startswith("/") else port
-        if place in seen:
-            yield Mistake(f"{key}.{name}", repr(port), f"a port of its own ({seen[place]} is on this one)")
-        seen.setdefault(place, key)
+        first, both = seen.setdefault(place, (key, shared))
+        if first != key and not (shared and both):
+            yield Mistake(f"{key}.{name}", repr(port), f"a port of its own ({first} is on this one)")
 
 
 def _axes_and_sensors(data: Mapping[str, Any], devices: _Devices) -> Iterator[Mistake]:

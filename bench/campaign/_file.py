@@ -169,7 +169,7 @@ def _wrong_units(campaign: Campaign, file: BenchFile) -> Iterator[str]:
             yield f"unit {unit.serial}: there is no gyro {unit.gyro!r} on the bench, which has {have}"
         elif section is None:
             near = difflib.get_close_matches(unit.serial, [gyro.unit for gyro in file.gyro], n=1)
-            hint = f"; did you mean {near[0]}" if near else "; say which with gyro = ..."
+            hint = f"; did you mean {near[0]}" if near else "; say which it is on with gyro = 'name'"
             yield f"unit {unit.serial} is not on the bench, which has {have}{hint}"
         elif section.name in used:
             yield f"units {used[section.name]} and {unit.serial} are both on gyro {section.name!r}"

@@ -11,6 +11,7 @@ from bench.benchfile import BenchFile
 from bench.campaign._file import Campaign, CampaignRun, bench_of
 from bench.campaign._places import EmulatedPlace
 from bench.emulated import Plant
+from bench.live import Live
 from bench.questions import AssumeYes, StageHand
 from bench.runner import RunRequest, RunResult, run_procedure
 
@@ -49,7 +50,7 @@ def rehearse_run(
     run: CampaignRun, file: BenchFile, plant: Plant, number: int, runs_folder: Path, lane: int | None = None
 ) -> RunResult:
     """Run one run of a campaign, `number` counted from 0, on an emulated lab of its own."""
-    with EmulatedPlace(file, plant, lane=lane).open(number) as place:
+    with EmulatedPlace(file, plant, lane=lane).open(number) as place, Live() as live:
         return run_procedure(
             RunRequest(
                 run.test,
@@ -60,5 +61,6 @@ def rehearse_run(
                 run_id=run.name,
                 emulated=place.emulated,
                 before_close=place.before_close,
+                live=live,
             )
         )

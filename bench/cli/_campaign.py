@@ -148,6 +148,7 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
     say_warnings(console, plan_warnings(campaign), as_json=as_json)
     with ExitStack() as stack:
         shown: list[ExitStack] = []
+        reasons = [""]
 
         def hide() -> None:
             while shown:
@@ -161,6 +162,7 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
 
         def say(result: RunResult) -> None:
             hide()
+            reasons.append(result.reason)
             say_result(console, result, as_json=as_json)
             _report_run(result, console, as_json)
 
@@ -171,8 +173,8 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
         folder.event("fitting", gyro=campaign.gyro)
         fit_campaign(campaign, ending.folders, folder.path, fan=ALONE, console=console, quiet=as_json)
         folder.event("fitted", gyro=campaign.gyro, folder=".")
-    code = _certify(folder, console, quiet=as_json)
-    return _say_ending(console, folder, ending, as_json) or code
+    verdict = _certify(folder, console, quiet=as_json or ending.outcome != "completed")
+    return _say_ending(console, folder, ending, verdict, as_json, said=reasons[-1])
 
 
 def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
@@ -188,23 +190,28 @@ def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
             console.print(f"no report of this run: {error}", style="yellow", highlight=False, markup=False)
 
 
-def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> int:
-    """Write the campaign's certificate, whatever became of it; exit code 4 if it says "not passed"."""
-    from bench.cli._report import CERTIFICATE_FILE, NOT_PASSED, certify_campaign
+def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
+    """Write the campaign's certificate, whatever became of it; return its verdict, if there is one."""
+    from bench.cli._report import CERTIFICATE_FILE, certify_campaign
 
     try:
         verdict = certify_campaign(folder, Console(quiet=True) if quiet else console)
     except ConfigurationError:  # not one run was begun: nothing to certify
-        return 0
+        return ""
     except RecordError as error:
         console.print(str(error), style="red", highlight=False, markup=False)
-        return NOT_PASSED
+        return "not passed"
     passed = {"passed": True, "not passed": False, "not judged": None}[verdict]
     folder.event("certificate", file=CERTIFICATE_FILE, passed=passed)
-    return NOT_PASSED if passed is False else 0
+    if not quiet:
+        path = folder.path / CERTIFICATE_FILE
+        console.print(f"certificate: {path}", highlight=False, markup=False, soft_wrap=True)
+    return verdict
 
 
-def _say_ending(console: Console, folder: CampaignFolder, ending: CampaignEnding, as_json: bool) -> int:
+def _say_ending(
+    console: Console, folder: CampaignFolder, ending: CampaignEnding, verdict: str, as_json: bool, said: str
+) -> int:
     invalid = [state.run.name for state in ending.states if state.outcome == "invalid"]
     done = sum(state.state == "done" for state in ending.states)
     if as_json:
@@ -216,16 +223,18 @@ def _say_ending(console: Console, folder: CampaignFolder, ending: CampaignEnding
             done=done,
             count=len(ending.states),
             invalid=invalid,
+            certificate=verdict or None,
             folder=str(folder.path),
         )
     else:
         style = "green" if ending.outcome == "completed" else "red"
         console.print(f"campaign {ending.outcome}, {done} of {len(ending.states)} runs recorded", style=style)
         if ending.reason:
-            console.print(ending.reason, style=style, highlight=False, markup=False)
+            if ending.reason != said:  # else it stands above, with the run
+                console.print(ending.reason, style=style, highlight=False, markup=False)
             console.print(f"`gyrobench campaign resume {folder.path}` goes on", highlight=False)
         if invalid:
             console.print(f"invalid for their purpose: {', '.join(invalid)}", style="yellow")
     if ending.outcome != "completed":
         return 3
-    return 4 if invalid else 0
+    return 4 if invalid or verdict == "not passed" else 0

@@ -18,6 +18,8 @@ from bench.progress import GyroProgress, Progress
 from drivers.clock import host_seconds
 
 _PLAIN_EVERY_S = 5.0
+_PLAIN_AGAIN_S = 30.0
+"""Between plain lines that say that the same goes on."""
 _JSON_EVERY_S = 1.0
 _LOG_LINES = 4
 
@@ -37,6 +39,7 @@ class RunDisplay:
         self._live = Live(console=console, auto_refresh=False, transient=True) if living else None
         self._every_s = _JSON_EVERY_S if as_json else _PLAIN_EVERY_S
         self._said_at = -self._every_s
+        self._said = ""
         self._started = host_seconds()
 
     def __enter__(self) -> RunDisplay:
@@ -54,8 +57,8 @@ class RunDisplay:
         """Show where the run is."""
         if self._live is not None:
             self._live.update(self._view(progress), refresh=True)
-        elif host_seconds() - self._said_at >= self._every_s:
-            self._said_at = host_seconds()
+        elif host_seconds() - self._said_at >= self._wait_s(progress):
+            self._said_at, self._said = host_seconds(), progress.step + progress.doing
             if self._json:
                 say_json(
                     self._console,
@@ -66,6 +69,10 @@ class RunDisplay:
                 )
             else:
                 self._console.print(self._line(progress), highlight=False, markup=False, soft_wrap=True)
+
+    def _wait_s(self, progress: Progress) -> float:
+        same = not self._json and progress.step + progress.doing == self._said
+        return _PLAIN_AGAIN_S if same else self._every_s
 
     def _left_s(self, progress: Progress) -> float:
         return max(0.0, self._expected_s - progress.time_s)

@@ -110,6 +110,7 @@ def rehearse(
     check_disk(estimated_bytes(expected_s, file), runs, "the rehearsal", "--runs")
     with (
         EmulatedLab(file, plant) as lab,
+        Live() as live,
         RunDisplay(console, f"rehearsal of {procedure.name}", expected_s, as_json=as_json) as display,
     ):
         request = RunRequest(
@@ -121,6 +122,7 @@ def rehearse(
             display,
             emulated=plant.told(file),
             before_close=lambda folder: save_truth(lab, folder),
+            live=live,
         )
         return run_procedure(request)
 

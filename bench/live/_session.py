@@ -88,7 +88,7 @@ class Live:
         self._campaign = fields
 
     def begin_run(self, folder: Path, **fields: Any) -> None:
-        """Say which run begins: run_id, procedure, expected_s, started_utc, units."""
+        """Say which run begins: run_id, procedure, expected_s, started_utc, units, emulated."""
         self._run_folder, self._progress = folder.absolute(), None
         self._history_from_s = -math.inf
         self._run_started = host_seconds()

@@ -31,7 +31,7 @@ def texts(now: Mapping[str, Any] | None, age_s: float) -> dict[str, str]:
         "phase": str(now.get("phase") or "").replace("_", " ") or DASH,
         "elapsed": duration(time_s),
         "left": duration(left_s),
-        "speed": _speed(now.get("speed")),
+        "speed": _speed(now.get("speed"), bool(run.get("emulated"))),
         "progress": f"{_share(time_s, left_s):.4f}",
         "age": "" if age_s < 2.0 or now.get("state") == "ended" else f"last news {age_s:.0f} s ago",
         "air": number(chamber.get("air_temp_c"), 2),
@@ -88,10 +88,11 @@ def duration(seconds: object) -> str:
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
 
 
-def _speed(value: object) -> str:
-    if not isinstance(value, int | float) or value < 1.5:
-        return ""
-    return f"emulated, {value:,.0f} × real time"
+def _speed(value: object, emulated: bool) -> str:
+    fast = isinstance(value, int | float) and value >= 1.5
+    if fast:
+        return f"emulated, {value:,.0f} × real time"
+    return "emulated" if emulated else ""
 
 
 def _share(time_s: object, left_s: object) -> float:

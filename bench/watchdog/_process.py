@@ -62,7 +62,10 @@ def main() -> int:
         runner = os.pidfd_open(order.runner)
     except ProcessLookupError:
         return 0
-    os.write(1, b"ready\n")
+    try:
+        os.write(1, b"ready\n")
+    except BrokenPipeError:  # dismissed while it came up: nothing was moved
+        return 0
     armed, clock = False, WallClock()
     patience = Patience(clock.now(), runqueue_wait_s(order.runner))
     while True:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -30,10 +31,11 @@ class StageDoor:
         return self._input
 
     def say(self, message: dict[str, Any]) -> None:
-        """Write one line."""
+        """Write one line; if whoever should hear it has gone, the closed door ends the lab."""
         view = memoryview(json.dumps(message).encode() + b"\n")
-        while view:
-            view = view[os.write(self._output, view) :]
+        with suppress(BrokenPipeError):
+            while view:
+                view = view[os.write(self._output, view) :]
 
     def answer(self) -> bool:
         """Answer what has arrived; False when the door is closed."""

@@ -94,3 +94,6 @@ def test_two_units_may_share_a_bus_that_several_can_open(tmp_path: Path) -> None
         load_bench_file(write(tmp_path, two))
     shared = two.replace("gyrobench_slcan", "socketcan").replace("/dev/ttyACM0", "can0")
     assert len(load_bench_file(write(tmp_path, shared)).gyro) == 2
+    clash = shared.replace('channel = "can0"', 'channel = "/dev/ttyUSB0"', 1)
+    with pytest.raises(ConfigurationError, match="table is on this one"):
+        load_bench_file(write(tmp_path, clash))

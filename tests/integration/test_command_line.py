@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from bench.cli import main
+from bench.live import read_now
 
 BRISK = ("soak_min=1", "hold_min=10", "warm_up_min=0", "east_after_min=0", "east_dwell_s=60")
 
@@ -111,6 +112,8 @@ def test_a_weak_chamber_gives_an_invalid_run_with_the_figure_and_exit_code_4(cli
     (folder,) = (tmp_path / "runs").iterdir()
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["outcome"] == "invalid"
+    shown = read_now(folder)  # a panel sees rehearsals
+    assert shown["state"] == "ended" and shown["outcome"] == "invalid" and shown["run"]["emulated"]
     rate = next(row for row in manifest["measurements"] if row["name"] == "shock_rate_10_90")
     assert not rate["passed"] and 0.0 < rate["value"] < 10.0
     assert f"shock rate {rate['value']:.2f} K/min" in manifest["reason"]
