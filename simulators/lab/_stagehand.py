@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import json
 import os
-from contextlib import suppress
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 from drivers.errors import BenchError
