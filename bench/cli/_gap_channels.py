@@ -11,7 +11,6 @@ from rich.table import Table
 
 from bench.gap import (
     SIGNIFICANT,
-    ChannelCause,
     ChannelDiagnosis,
     ChannelSeries,
     Model,
@@ -54,7 +53,8 @@ def print_channels(console: Console, channels: Sequence[ChannelDiagnosis]) -> No
     console.print(table)
     for each in seen:
         for cause in each.causes:
-            console.print(f"  {_sentence(cause)}", highlight=False)
+            chance = f"{100 * cause.probability:.0f} %"
+            console.print(f"  {cause.effect.name} ({chance}): {cause.sentence}", highlight=False)
         for name, size in each.stochastic.items():
             console.print(f"  {scatter_sentence(name, size)}", highlight=False)
     for each in channels:
@@ -74,19 +74,6 @@ def _gone(found: ChannelDiagnosis) -> str:
         return ""
     held = found.held_out
     return f"{100 * held.share:.1f} %: {held.rms_before:.3g} -> {held.rms_after:.3g} {found.unit}"
-
-
-def _sentence(cause: ChannelCause) -> str:
-    values = ", ".join(
-        f"{parameter.name} = {value:.4g} +- {sigma:.2g} (nominal {nominal:.4g})"
-        for parameter, value, sigma, nominal in zip(
-            cause.effect.parameters, cause.values, cause.sigmas, cause.nominal, strict=True
-        )
-    )
-    rivals = ", ".join(f"{name} {100 * value:.0f} %" for name, value in cause.alternatives.items())
-    told = f"; in its place could stand {rivals}" if rivals else ""
-    chance = f"{100 * cause.probability:.0f} %"
-    return f"{cause.effect.name} ({chance}): {cause.effect.meaning} {values}{told}"
 
 
 def channel_facts(found: ChannelDiagnosis) -> dict[str, Any]:

@@ -4,11 +4,11 @@ from bench.gap._causes import Cause
 from bench.gap._cells import BANDS
 from bench.gap._channel_cells import ChannelPlace, channel_bands
 from bench.gap._channel_data import ChannelSeries, load_channels
+from bench.gap._channel_shrinkage import ChannelShrinkage
 from bench.gap._channels import (
     ChannelCause,
     ChannelCurve,
     ChannelDiagnosis,
-    ChannelShrinkage,
     diagnose_channels,
     scatter_sentence,
     with_channels,

@@ -15,7 +15,7 @@ from bench.report._page import Block, Cell, Column, Figures, Key, Notes, Row, Ta
 from bench.report._palette import AFTER, BEFORE
 
 if TYPE_CHECKING:
-    from bench.gap import ChannelCause, ChannelDiagnosis, ChannelPlace
+    from bench.gap import ChannelDiagnosis, ChannelPlace
 
 _HOUR_S = 3600.0
 _SIGNIFICANT = 0.01
@@ -64,21 +64,9 @@ def _row(found: ChannelDiagnosis) -> Row:
         Cell(fixed(100.0 * found.explained, 0) if found.causes else DASH),
         Cell(fixed(100.0 * held.share, 1) if held is not None else DASH),
     ]
-    notes = [_sentence(cause) for cause in found.causes]
+    notes = [f"{_plain(cause.effect.name).capitalize()}: {cause.sentence}" for cause in found.causes]
     notes += [scatter_sentence(name, size) + "." for name, size in found.stochastic.items()]
     return Row(cells, note=" ".join(notes))
-
-
-def _sentence(cause: ChannelCause) -> str:
-    values = ", ".join(
-        f"{parameter.name} = {value:.4g} ± {sigma:.2g} (nominal {nominal:.4g})"
-        for parameter, value, sigma, nominal in zip(
-            cause.effect.parameters, cause.values, cause.sigmas, cause.nominal, strict=True
-        )
-    )
-    rivals = ", ".join(f"{_plain(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
-    told = f" In its place could stand {rivals}: they do the same in these runs." if rivals else ""
-    return f"{_plain(cause.effect.name).capitalize()}: {cause.effect.meaning} {values}.{told}"
 
 
 def _of_channel(found: ChannelDiagnosis) -> list[Block]:

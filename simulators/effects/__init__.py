@@ -2,7 +2,7 @@
 
 from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue
 from simulators.effects._channel import CHANNEL_UNITS, Channel, ChannelEffect, ChannelInputs, Demand
-from simulators.effects._channel_effects import simulate
+from simulators.effects._channel_simulators import simulate
 from simulators.effects._effect import Disturbance, Effect, NoiseEffect, Parameter, Variant
 from simulators.effects._stimulus import EARTH_RATE_DPH, REFERENCE_C, Stimulus
 
