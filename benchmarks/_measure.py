@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import math
 import multiprocessing
 import statistics
 from collections.abc import Callable
@@ -101,7 +102,7 @@ def figure(
         "yardstick": yardstick,
         "yardstick_name": yardstick_name,
         "unit": unit,
-        "ratio": yardstick / ours if least else ours / yardstick,
+        "ratio": (yardstick / ours if ours > 0 else math.inf) if least else ours / yardstick,
         "kept": False,
     }
 

@@ -73,7 +73,7 @@ def rows(dwell_s: float = 180.0) -> list[Row]:
         shown = ", ".join(f"{name} {sizes[PARAMETER_NAMES.index(name)]:.2f}" for name in _SHOWN)
         title = f"{scheme}, {dwell_s:g} s dwell, through the bench: {shown}; NEES/24 {nees:.2f}"
         name = "prediction of `scheme evaluate`"
-        rows.append(figure(title, worst, promised.merit.worst, name, "worst sigma/target"))
+        rows.append(figure(title, worst, promised.merit.worst, name, "worst sigma/target", least=True))
     return rows
 
 

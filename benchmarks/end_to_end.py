@@ -39,7 +39,6 @@ RATE_HZ = 100
 PROCEDURE = "zero-bias-cold-shock"
 _DAY = """
 title = "A day of cold shocks"
-gyro = "fog_1"
 [[run]]
 name = "shock"
 procedure = "zero-bias-cold-shock"

@@ -8,7 +8,6 @@ much memory rose at its peak. The exponent is that of the last factor of ten: 1 
 from __future__ import annotations
 
 import math
-import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -30,6 +29,7 @@ from bench.fitting import (
 from bench.gap import diagnose
 from bench.gap._exam import make_case, nominal_model
 from bench.recording import GyroSource, Journal, PortJournal, decode_stream, read_table
+from benchmarks._marks import fill
 from benchmarks._measure import Cost, Row, Work, cost, figure
 from benchmarks.catalogue import make_runs
 from benchmarks.fitting import thermal_run
@@ -39,8 +39,8 @@ from drivers.kvh import KvhDecoder, encode_frames, rate_dps
 TIMES = (1, 10, 100)
 _TABLE = "| path | once is | times | processor s | exponent | memory MiB |\n|---|---|---|---|---|---|\n"
 _DOCS = Path(__file__).parents[1] / "docs"
-_FRAMES = 60_000
-_SECOND = 100
+FRAMES = 60_000
+SECOND = 100
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def _journal(folder: Path, times: int, ports: bool) -> Work:
         for sample in range(1000 if ports else 6000 * times):
             for gyro in gyros:
                 gyro.received(frame, 0.01 * sample)
-            if sample % _SECOND == 0:
+            if sample % SECOND == 0:
                 journal.check()
         journal.close()
 
@@ -72,16 +72,14 @@ def _journal(folder: Path, times: int, ports: bool) -> Work:
 
 def _raw(folder: Path, times: int) -> Work:
     """Decode a gyro's raw bytes into its table."""
-    port = PortJournal(folder, "fog")
-    block = np.arange(_FRAMES)
-    data = encode_frames("A", np.full((_FRAMES, 3), 1e-6), counter=block % 128, temp_c=25.0)
-    size = len(data) // _FRAMES * _SECOND
+    port, rng = PortJournal(folder, "fog"), np.random.default_rng(0)
     for repeat in range(times):
-        first = repeat * _FRAMES
-        # The counter runs modulo 128, which a block of 60,000 is no multiple of.
-        data = encode_frames("A", np.full((_FRAMES, 3), 1e-6), counter=(block + first) % 128, temp_c=25.0)
+        first = repeat * FRAMES
+        counter = (np.arange(FRAMES) + first) % 128  # which a block of 60,000 is no multiple of
+        data = encode_frames("A", rng.normal(1e-6, 1e-7, (FRAMES, 3)), counter=counter, temp_c=25.0)
+        size = len(data) // FRAMES * SECOND
         for at in range(0, len(data), size):
-            port.received(data[at : at + size], 0.01 * (first + (at // size + 1) * _SECOND))
+            port.received(data[at : at + size], 0.01 * (first + (at // size + 1) * SECOND))
         port.flush(False)
     source = GyroSource(
         "fog",
@@ -245,15 +243,8 @@ def main() -> None:
         print(line(path, costs), flush=True)
         found.append((path, costs))
     plot(found, _DOCS / "images" / "growth.png")
-    page = _DOCS / "scale.md"
     table = _TABLE + "".join(f"{line(path, costs)}\n" for path, costs in found)
-    text = page.read_text(encoding="utf-8")
-    new, count = re.subn(
-        r"(<!-- growth -->\n).*?(<!-- /growth -->)", lambda m: m[1] + table + m[2], text, flags=re.DOTALL
-    )
-    if count != 1:
-        raise ValueError(f"{page}: no place for the table, expected one pair of growth marks")
-    page.write_text(new, encoding="utf-8")
+    fill(_DOCS / "scale.md", "growth", table)
 
 
 if __name__ == "__main__":

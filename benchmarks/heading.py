@@ -172,7 +172,7 @@ def rows() -> list[Row]:
         ),
         ("heading effect, fits and runs of 200 h in a second", 1.0 / (fit_s + run_s), 1.0, "demanded", "1/s"),
     )
-    return [figure(*each) for each in figures]
+    return [figure(*each, least=each[0].endswith("rest")) for each in figures]
 
 
 def main(plants: int) -> None:

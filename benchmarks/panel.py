@@ -200,6 +200,26 @@ def watch(pid: int, session: Path, page: object, watched_s: float) -> tuple[floa
     return (_cpu_s(pid) - cpu_s) / wall_s, _resident_mb(pid) - memory, seen / wall_s
 
 
+def server_load(watched_s: float = 10.0) -> float | None:
+    """Return the share of a processor that a panel with one page open takes at 10 Hz; None without Chromium."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        return None
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory(prefix="gyrobench-panel-bench-") as scratch, sync_playwright() as player:
+        chromium = player.chromium.launch(executable_path=browser, args=_FLAGS)
+        runs = Path(scratch) / "runs"
+        write_day(runs / "day")
+        with panel(runs) as (process, url):
+            page = chromium.new_page()
+            page.goto(url)
+            page.wait_for_function("window.gyrobench?.messages > 3")
+            load, _, _ = watch(process.pid, runs / "day", page, watched_s)
+        chromium.close()
+    return load
+
+
 def curves_growth_mb() -> float:
     """Return by how much the peak memory of this process grows while curves take 24 h at 10 Hz."""
     levels = [MinMax(7, width_s, 480, growing=width_s == 1.0) for width_s in (300 / 480, 3600 / 480, 1.0)]

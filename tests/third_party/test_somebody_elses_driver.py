@@ -70,7 +70,7 @@ def test_the_example_is_short():
 
 def test_its_driver_runs_a_procedure_by_name(installed, tmp_path):
     (tmp_path / "lab.toml").write_text(BENCH)
-    arguments = ["rehearse", "constant-rotation"]
+    arguments = ["rehearse", "constant-rotation", "--turns", "6"]
     done = gyrobench(arguments, installed, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     (run,) = (tmp_path / "runs").iterdir()
