@@ -134,17 +134,18 @@ def measured(name: str, *, guarded: bool = True) -> Found:
     return found
 
 
-def write(everything: Sequence[Found], took_s: float, *, quick: bool, whole: bool) -> None:
-    """Put what was found into the page, a section a benchmark; machine and guard if it is the `whole`."""
-    command = "python -m benchmarks" + (" --quick" if quick else "")
-    for found in everything:
-        lines = [table(found.rows)] if found.rows else []
-        lines += [f"Failed: {found.failure}"] if found.failure else []
-        write_section(found.name, f"{command} {found.name}", [*lines, f"Took {found.took_s:.0f} s."], RESULTS)
-    if whole:
-        told = [f"{machine()}.", "", f"All took {took_s / 60.0:.1f} minutes."]
-        write_section("Machine", command, told, RESULTS)
-        write_section("Guard", command, trouble(everything), RESULTS)
+def write(found: Found, command: str) -> None:
+    """Put what was found of a benchmark into its section of the page."""
+    lines = [table(found.rows)] if found.rows else []
+    lines += [f"Failed: {found.failure}", ""] if found.failure else []
+    write_section(found.name, f"{command} {found.name}", [*lines, f"Took {found.took_s:.0f} s."], RESULTS)
+
+
+def write_whole(everything: Sequence[Found], command: str, took_s: float) -> None:
+    """Put machine, versions, and what was lost or failed at the page's head."""
+    told = [f"{machine()}.", "", f"All took {took_s / 60.0:.1f} minutes."]
+    write_section("Machine", command, told, RESULTS)
+    write_section("Guard", command, trouble(everything), RESULTS)
 
 
 def trouble(everything: Sequence[Found]) -> list[str]:
@@ -171,6 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown := sorted(set(asked.names) - set(known)):
         parser.error(f"no benchmark {', '.join(unknown)}; there are {', '.join(known)}")
     be_quick(asked.quick)
+    command = "python -m benchmarks" + (" --quick" if asked.quick else "")
     begin, everything = host_seconds(), []
     chosen = asked.names or known
     for number, name in enumerate(chosen, 1):
@@ -180,12 +182,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         found = measured(name, guarded=not asked.keep)
         everything.append(found)
+        if asked.write:
+            write(found, command)
         if asked.keep and not found.failure:
             keep(name, found.rows)
     print(f"\n## All\n\n{machine()}\n\n{table(row for found in everything for row in found.rows)}")
     print("\n".join(trouble(everything)), flush=True)
-    if asked.write:
-        write(everything, host_seconds() - begin, quick=asked.quick, whole=not asked.names)
+    if asked.write and not asked.names:
+        write_whole(everything, command, host_seconds() - begin)
     return 1 if any(found.losses or found.failure for found in everything) else 0
 
 

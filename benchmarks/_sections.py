@@ -63,15 +63,19 @@ _COMMIT = _commit()
 """Asked for when the command begins: an hour later the working tree may be another."""
 
 
+def stamp(command: str) -> str:
+    """Return in a line by which command, when, from which commit and on what something was measured."""
+    return (
+        f"`{command}`, {utc_now()[:10]}, commit {_COMMIT}, {os.cpu_count()} processors, "
+        f"load {os.getloadavg()[0]:.1f}, Python {platform.python_version()}."
+    )
+
+
 def write_section(title: str, command: str, lines: Sequence[str], page: Page = RELIABILITY) -> str:
     """Put a section into the page in place of the one that was there; return its text."""
     text = page.path.read_text(encoding="utf-8") if page.path.exists() else ""
     sections = dict(_split(text))
-    stamp = (
-        f"`{command}`, {utc_now()[:10]}, commit {_COMMIT}, {os.cpu_count()} processors, "
-        f"load {os.getloadavg()[0]:.1f}, Python {platform.python_version()}."
-    )
-    sections[title] = "\n".join([f"## {title}", "", stamp, "", *lines]).rstrip() + "\n"
+    sections[title] = "\n".join([f"## {title}", "", stamp(command), "", *lines]).rstrip() + "\n"
     known = [name for name in page.order if name in sections]
     rest = sorted(set(sections) - set(known))
     replace_file(page.path, "\n".join([page.head, *(sections[name] for name in [*known, *rest])]))

@@ -31,6 +31,7 @@ from bench.gap._exam import make_case, nominal_model
 from bench.recording import GyroSource, Journal, PortJournal, decode_stream, read_table
 from benchmarks._marks import fill
 from benchmarks._measure import Cost, Row, Work, cost, figure
+from benchmarks._sections import stamp
 from benchmarks.catalogue import make_runs
 from benchmarks.fitting import thermal_run
 from benchmarks.recording import day, write
@@ -244,7 +245,7 @@ def main() -> None:
         found.append((path, costs))
     plot(found, _DOCS / "images" / "growth.png")
     table = _TABLE + "".join(f"{line(path, costs)}\n" for path, costs in found)
-    fill(_DOCS / "scale.md", "growth", table)
+    fill(_DOCS / "scale.md", "growth", f"{table}\n{stamp('python -m benchmarks.growth')}\n")
 
 
 if __name__ == "__main__":

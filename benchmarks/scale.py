@@ -18,6 +18,7 @@ from bench.fitting import ThermalRun, model_names, new_model, prepare
 from benchmarks import growth
 from benchmarks._marks import fill
 from benchmarks._measure import Cost, Work, cost
+from benchmarks._sections import stamp
 from benchmarks.end_to_end import run_once
 from benchmarks.panel import server_load
 from simulators.plant import cold_shock
@@ -208,7 +209,7 @@ def main() -> None:
     """Measure, print, and put the table into docs/scale.md."""
     text = table(measured())
     print(text)
-    fill(_PAGE, "scale", text)
+    fill(_PAGE, "scale", f"{text}\n{stamp('python -m benchmarks.scale')}\n")
 
 
 if __name__ == "__main__":
