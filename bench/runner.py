@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
@@ -127,6 +127,9 @@ def _run(request: RunRequest) -> RunResult:
             request.before_close(record.folder)
     except BenchError as problem:
         outcome, error, reason = "aborted", problem, str(problem)
+        if request.before_close is not None:
+            with suppress(BenchError, OSError):  # what it asks may be what is gone
+                request.before_close(record.folder)
     except BaseException as problem:
         outcome, error, reason = "aborted", problem, f"{type(problem).__name__}: {problem}"
         raise

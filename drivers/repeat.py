@@ -13,7 +13,7 @@ from typing import TypeVar
 from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.link import Link
 
-PATIENCE_S = 3.5
+PATIENCE_S = 4.5
 """No repeat begins later than this after the first try: a device that stays dead is known to be soon."""
 
 _TROUBLES = (DeviceSilent, ProtocolError, DeviceRefused)

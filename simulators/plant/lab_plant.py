@@ -170,7 +170,12 @@ class LabPlant:
         unit = self.unit(unit_name)
         if isinstance(unit, ImuUnit):
             raise ConfigurationError(
-                "an IMU is mounted at an attitude", where=unit_name, found=mounting, expected="a matrix"
+                "an IMU is mounted at an attitude",
+                where=unit_name,
+                found=mounting,
+                expected="a matrix",
+                remedy="rehearse it on a bench file without [[table.axes]]: on a table of several axes "
+                "the lab emulates IMUs",
             )
         unit.mount(self.now_s, mounting)
 
