@@ -80,6 +80,7 @@ class CanDecoder:
             self.loss_taints |= {"before"} if slot < last else set()
             self.loss_taints |= {"after"} if slot > 0 else set()
         used: list[SignalUse | ValidRule] = [*layout.uses, *layout.valid]
+        self._rules = _merged([rule for rule in layout.valid if not rule.axis or rule.axis in axes])
         self._held = {use.message: np.empty(0, FRAME_DTYPE) for use in used if layout.slot_of(use) is None}
         self._lines = SlcanParser()
         self._own_rejected: dict[str, int] = {}
@@ -173,11 +174,12 @@ class CanDecoder:
     def _keep(self, frames: NDArray[np.void], kind: NDArray[np.uint8]) -> None:
         """Keep the frames at the end that may begin a sample."""
         tail = max(0, len(kind) - len(self._slots) + 1)
-        begins = np.flatnonzero(kind[tail:] == 0)
+        last = kind[tail:].tolist()
         keep = len(kind)
-        if len(begins) and len(self._slots) > 1:
-            at = tail + int(begins[-1])
-            keep = at if (kind[at:] == np.arange(len(kind) - at)).all() else keep
+        if 0 in last:
+            at = len(last) - 1 - last[::-1].index(0)
+            if last[at:] == list(range(len(last) - at)):
+                keep = tail + at
         self._waiting, self._waiting_kind = frames[keep:].copy(), kind[keep:].copy()
 
     def _columns(
@@ -229,21 +231,12 @@ class CanDecoder:
         held: Mapping[str, NDArray[np.void]],
         rows: int,
     ) -> NDArray[np.bool_]:
-        """Return which rows keep every rule; rules about one signal are asked at once."""
-        rules: dict[tuple[str, str], list[ValidRule]] = {}
-        for rule in self.layout.valid:
-            if not rule.axis or rule.axis in self.axes:
-                rules.setdefault((rule.message, rule.signal), []).append(rule)
+        """Return which rows keep every rule."""
         good = np.ones(rows, np.bool_)
-        for same in rules.values():
-            raw, known = self._raw(same[0], parts, end_offset, held)
+        for rule, mask, equals in self._rules:
+            raw, known = self._raw(rule, parts, end_offset, held)
             good &= known
-            agreeing = [rule for rule in same if rule.mask == rule.equals]
-            mask = np.bitwise_or.reduce([rule.mask for rule in agreeing]) if agreeing else 0
-            good &= (raw & mask) == mask
-            for rule in same:
-                if rule.mask != rule.equals:
-                    good &= (raw & rule.mask) == rule.equals
+            good &= (raw & mask) == equals
         return good
 
     def _payload(
@@ -315,6 +308,22 @@ def _last_of_each(frames: NDArray[np.void], multiplexer: SignalLayout | None) ->
         return frames[-1:].copy()
     back = np.unique(multiplexer.raw(frames["data"])[::-1], return_index=True)[1]
     return frames[np.sort(len(frames) - 1 - back)]
+
+
+def _merged(rules: list[ValidRule]) -> list[tuple[ValidRule, int, int]]:
+    """Return rules, masks and values: those about one signal are one, unless they contradict each other."""
+    found: list[tuple[ValidRule, int, int]] = []
+    for rule in rules:
+        for at, (other, mask, equals) in enumerate(found):
+            both = mask & rule.mask
+            if (other.message, other.signal) == (rule.message, rule.signal) and not (
+                equals ^ rule.equals
+            ) & both:
+                found[at] = other, mask | rule.mask, equals | rule.equals
+                break
+        else:
+            found.append((rule, rule.mask, rule.equals))
+    return found
 
 
 def _joined(before: NDArray[np.void], frames: NDArray[np.void]) -> NDArray[np.void]:
