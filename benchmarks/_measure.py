@@ -11,6 +11,7 @@ import ctypes
 import gc
 import math
 import multiprocessing
+import resource
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,6 +57,12 @@ def in_turns(
         statistics.median(its for _, its in times),
         statistics.median(its / max(mine, 1e-9) for mine, its in times),
     )
+
+
+def all_cpu_s() -> float:
+    """Return the processor time of this process and of those it has started and that have ended."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
 def _seconds(work: Work, repeats: int, timer: Timer) -> float:

@@ -30,7 +30,7 @@ from bench.procedure import find_procedure
 from bench.questions import StageHand
 from bench.run_record import Ending, RunRecord
 from bench.runner import RunRequest, run_procedure
-from benchmarks._measure import Row, figure, usual
+from benchmarks._measure import Pair, Row, all_cpu_s, figure, row, usual
 from drivers.clock import host_seconds
 
 REPEATS = 3
@@ -50,12 +50,13 @@ THREE_HOURS = {"soak_min": 20, "hold_min": 15, "east_after_min": 10, "east_dwell
 
 @dataclass(frozen=True)
 class Timing:
-    """One run: bench time, and wall seconds of driving it, and of decoding and sealing it."""
+    """One run: bench time, wall seconds of driving it and of decoding and sealing it, processor time of all."""
 
     bench_s: float
     start_s: float
     drive_s: float
     close_s: float
+    cpu_s: float
 
     @property
     def speed(self) -> float:
@@ -85,7 +86,7 @@ def run_once() -> Timing:
     RunRecord.close = timed_close  # type: ignore[method-assign, assignment]  # the only seam of driving and sealing
     try:
         with tempfile.TemporaryDirectory() as folder:
-            begin = host_seconds()
+            begin, cpu_s = host_seconds(), all_cpu_s()
             with EmulatedLab(file, plant) as lab:
                 ready = host_seconds()
                 request = RunRequest(
@@ -96,7 +97,8 @@ def run_once() -> Timing:
     finally:
         RunRecord.close = close  # type: ignore[method-assign]
     assert result.outcome == "completed", result.reason
-    return Timing(result.duration_s, ready - begin, marks[0] - ready, end - marks[0])
+    cpu_s = all_cpu_s() - cpu_s  # the lab has ended
+    return Timing(result.duration_s, ready - begin, marks[0] - ready, end - marks[0], cpu_s)
 
 
 def side_by_side() -> tuple[int, float]:
@@ -161,6 +163,12 @@ def _through_pty(n_bytes: int, block: int, read: Callable[[serial.Serial, int], 
     return elapsed
 
 
+def _cpu_s(work: Callable[[], object]) -> float:
+    begin = all_cpu_s()
+    work()
+    return all_cpu_s() - begin
+
+
 def _read_blocks(port: serial.Serial, n_bytes: int) -> None:
     got = 0
     while got < n_bytes:
@@ -189,6 +197,12 @@ def rows() -> Iterator[Row]:
     yield figure(name, middle.speed, limit, "limit: gyro bytes through a pty and dropped", unit)
     yield figure(name, middle.speed, loop, "pyserial read(36) + struct loop, gyro bytes only", unit)
     yield figure(name, middle.speed, 2000.0, "goal", unit)
+    loops = [_cpu_s(lambda: frame_loop(n_bytes // 10)) * 10.0 for _ in range(repeats)]
+    cpu_s, loop_s = statistics.median(each.cpu_s for each in timings), statistics.median(loops)
+    pair = Pair(cpu_s, loop_s, loop_s / cpu_s)
+    yield row(
+        f"{name}, processor time of bench and lab", pair, "pyserial read(36) + struct loop of its bytes"
+    )
     count, together = side_by_side()
     yield figure(f"{count} of them side by side, all imports included", together, 2000.0, "goal", unit)
     with tempfile.TemporaryDirectory(prefix="gyrobench-day-") as folder:

@@ -7,17 +7,15 @@ cold shocks of one unit, seven to learn from and two to choose by.
 
 from __future__ import annotations
 
-import resource
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from time import process_time
 
 from bench.fitting import ThermalRun, model_names, new_model, prepare
 from benchmarks import growth
 from benchmarks._marks import fill
-from benchmarks._measure import Cost, Work, cost
+from benchmarks._measure import Cost, Work, all_cpu_s, cost
 from benchmarks._sections import stamp
 from benchmarks.end_to_end import run_once
 from benchmarks.panel import server_load
@@ -126,14 +124,9 @@ def _shock(number: int, cold_c: float, ramp_k_per_min: float) -> ThermalRun:
 
 def _rehearsed_hour() -> float:
     """Return the processor seconds of bench and lab together for an hour of bench time."""
-    begin, children = process_time(), _children_s()
+    begin = all_cpu_s()
     timing = run_once()
-    return (process_time() - begin + _children_s() - children) / (timing.bench_s / 3600.0)
-
-
-def _children_s() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+    return (all_cpu_s() - begin) / (timing.bench_s / 3600.0)
 
 
 def table(found: Costs) -> str:

@@ -13,7 +13,7 @@ from bench.cli._runs_list import STYLES
 from bench.cli._texts import duration
 from bench.recording import Run, read_manifest, verify
 from bench.recover import recover
-from bench.run_folder import MANIFEST_FILE
+from bench.run_folder import MANIFEST_FILE, url_of
 from bench.run_record import decode_run
 from drivers.errors import BenchError
 
@@ -102,14 +102,14 @@ def verify_command(folders: Sequence[Path]) -> int:
     console = Console()
     failed = False
     for folder in folders:
-        report = verify(folder, decode_run)
+        report, name = verify(folder, decode_run), url_of(folder) or folder
         if report.passed:
             console.print(
-                f"[green]verified[/green]  {folder}: {report.files} checksums, {report.tables} tables rebuilt"
+                f"[green]verified[/green]  {name}: {report.files} checksums, {report.tables} tables rebuilt"
             )
             continue
         failed = True
-        console.print(f"[red]differs[/red]  {folder}", highlight=False)
+        console.print(f"[red]differs[/red]  {name}", highlight=False)
         for problem in report.problems:
             console.print(f"  {problem.path}: {problem.text}", highlight=False, markup=False)
     return 1 if failed else 0
