@@ -12,6 +12,7 @@ from drivers.errors import BenchError
 
 _LISTED = 40
 _LOOKED_AT = 200
+_REHEARSED = 20
 NOW = Path("live") / "now.json"
 REPORTS = ("report.html", "certificate.html")
 
@@ -26,7 +27,7 @@ class Entry:
 
 
 class RunsFolder:
-    """A runs folder: run folders and campaign folders (with run folders of their own) directly below it."""
+    """A runs folder: in it run folders, and campaigns and rehearsals with run folders of their own."""
 
     def __init__(self, root: Path) -> None:
         self.root = root.resolve()
@@ -54,13 +55,17 @@ class RunsFolder:
         return found if found.is_relative_to(self.root) else None
 
     def sessions(self) -> list[Path]:
-        """Return the folders with live files, the one that was written to last first."""
+        """Return the folders with live files, the one that was written to last first.
+
+        A campaign has them itself; of a rehearsal each run has its own.
+        """
         found = []
         for folder in [self.root, *self._newest(self.root)]:
-            try:
-                found.append(((folder / NOW).stat().st_mtime_ns, folder))
-            except OSError:
-                continue
+            if changed_ns := _live_ns(folder):
+                found.append((changed_ns, folder))
+            elif not (folder / MANIFEST_FILE).exists():
+                runs = self._newest(folder / "runs")[:_REHEARSED]
+                found += [(run_ns, run) for run in runs if (run_ns := _live_ns(run))]
         return [folder for _, folder in sorted(found, reverse=True)]
 
     def session(self, name: str) -> Path | None:
@@ -120,6 +125,14 @@ class RunsFolder:
         except OSError:
             return []
         return [Path(path) for _, path in sorted(found, reverse=True)[:_LOOKED_AT]]
+
+
+def _live_ns(session: Path) -> int:
+    """Return when a folder's live state was written last, 0 if it has none."""
+    try:
+        return (session / NOW).stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _two_down(folder: Path) -> list[Path]:

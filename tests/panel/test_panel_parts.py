@@ -133,6 +133,17 @@ def runs(tmp_path: Path) -> Path:
     return root
 
 
+def test_the_runs_of_a_rehearsal_are_sessions_and_those_of_a_campaign_are_not(tmp_path: Path) -> None:
+    for name in ("rehearsal/runs/a", "rehearsal/runs/b", "campaign", "single"):
+        (tmp_path / name / "live").mkdir(parents=True)
+        (tmp_path / name / "live" / "now.json").write_text('{"format": 1}')
+    (tmp_path / "campaign/runs/a/live").mkdir(parents=True)  # holds its history only
+    found = {str(path.relative_to(tmp_path)) for path in RunsFolder(tmp_path).sessions()}
+    assert found == {"rehearsal/runs/a", "rehearsal/runs/b", "campaign", "single"}
+    own = RunsFolder(tmp_path / "rehearsal")
+    assert len(own.sessions()) == 2 and own.session("runs/a") is not None
+
+
 @pytest.mark.parametrize(
     "name",
     [
