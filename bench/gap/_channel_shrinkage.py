@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from bench.gap._channel_cells import band_name, channel_cells, channel_places
 from bench.gap._channel_data import ChannelSeries
@@ -17,6 +18,7 @@ from bench.gap._where import SIGNIFICANT
 from simulators.effects import ChannelEffect
 
 Array = NDArray[np.float64]
+_TWO_SIDED = 1.96
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class ChannelShrinkage:
 
 def judge_channel(
     held_out: Sequence[ChannelSeries],
+    diagnosed: Sequence[ChannelSeries],
     effects: Sequence[ChannelEffect],
     floor: ChannelFloor,
     nominal: ChannelFit,
@@ -39,29 +42,30 @@ def judge_channel(
 ) -> ChannelShrinkage:
     """Judge the fitted values on runs that took no part; energy in squares of the channel's unit.
 
-    The interval has the noise, and what a formula's misfit does: runs and phases in which another part of the gap
-    is left say how well the share of all is known (ratio of sums over clusters; Cochran, Sampling Techniques,
-    1977, 6.3).
+    The interval has the noise, and what a formula's misfit and a run's own parameters do: by how much the share
+    differs from run to run, those diagnosed among them, with Student's factor for so few.
     """
     cells = channel_cells(held_out, floor)
     places = channel_places(cells, cells.whitened(channel_rests(cells.series, effects, nominal.values)))
     clear = {(place.phase, place.band) for place in places if place.p_value < SIGNIFICANT}
-    parts = [_parts(each, effects, floor, nominal, best, clear) for each in held_out]
-    before, after, variance = np.concatenate(parts, axis=1)
-    total = float(before.sum())
-    if total <= 0.0:
+    runs = [_energies(each, effects, floor, nominal, best, clear) for each in (*held_out, *diagnosed)]
+    before, after, variance = np.sum(runs[: len(held_out)], axis=0).tolist()
+    if before <= 0.0:
         return ChannelShrinkage(math.nan, math.nan, math.nan, 0.0, 0.0)
-    left = float(after.sum()) / total
-    apart = float(((after - left * before) ** 2).sum())
-    clusters = int((before > 0.0).sum())
-    sigma = math.sqrt(float(variance.sum()) + apart * clusters / max(clusters - 1, 1)) / total
+    shares = [1.0 - max(own[1], 0.0) / own[0] for own in runs if own[0] > 0.0]
+    noise = _TWO_SIDED * math.sqrt(variance) / before
+    if len(shares) > 1:
+        factor = float(student.ppf(0.975, len(shares) - 1)) / math.sqrt(len(held_out))
+        noise = math.hypot(noise, factor * float(np.std(shares, ddof=1)))
+    # what is left cannot be less than the floor: by as much as it seems so, the floor is not known
+    noise = math.hypot(noise, _TWO_SIDED * max(-after, 0.0) / before)
     count = sum(piece.stop - piece.start for each in held_out for _, piece in each.pieces())
-    sizes = [math.sqrt(max(float(each.sum()), 0.0) / count) for each in (before, after)]
-    share = 1.0 - left
-    return ChannelShrinkage(share, share - 1.96 * sigma, min(share + 1.96 * sigma, 1.0), *sizes)
+    sizes = [math.sqrt(max(each, 0.0) / count) for each in (before, after)]
+    share = 1.0 - max(after, 0.0) / before
+    return ChannelShrinkage(share, share - noise, min(share + noise, 1.0), *sizes)
 
 
-def _parts(
+def _energies(
     series: ChannelSeries,
     effects: Sequence[ChannelEffect],
     floor: ChannelFloor,
@@ -69,7 +73,7 @@ def _parts(
     best: ChannelFit,
     clear: set[tuple[str, str]],
 ) -> Array:
-    """Return a run's energy above the floor before and after, and the latter's variance, by phase, (3, p)."""
+    """Return a run's energy above the floor in clear cells, before and after, and the latter's variance, (3,)."""
     cells = channel_cells([series], floor)
     first, then = (
         cells.whitened(channel_rests(cells.series, effects, fit.values)) for fit in (nominal, best)
@@ -78,8 +82,5 @@ def _parts(
     power = cells.sums(cells.floor) / number
     before, after = ((cells.sums(each**2) - number) * power for each in (first, then))
     noise = 2.0 * number + 4.0 * np.maximum(after / power, 0.0)
-    on = np.array([(phase, band_name(band)) in clear for phase, band in cells.names], dtype=np.float64)
-    rows = np.stack((before, after, noise * power**2)) * on
-    phases = list(dict.fromkeys(phase for phase, _ in cells.names))
-    at = np.array([phases.index(phase) for phase, _ in cells.names])
-    return np.stack([np.bincount(at, row, len(phases)) for row in rows])
+    on = np.array([(phase, band_name(band)) in clear for phase, band in cells.names], dtype=bool)
+    return np.asarray(np.stack((before, after, noise * power**2))[:, on].sum(axis=1))

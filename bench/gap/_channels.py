@@ -169,7 +169,7 @@ def _diagnosed(
         for term in [next((each for each in terms if each.name == effect.name), None)]
         if term is not None or effect.name in best.names
     )
-    judged = judge_channel(held_out, effects, floor, nominal, best) if held_out and causes else None
+    judged = judge_channel(held_out, series, effects, floor, nominal, best) if held_out and causes else None
     return ChannelDiagnosis(
         channel,
         CHANNEL_UNITS[channel],

@@ -183,3 +183,26 @@ def test_bad_input_is_named(model: Model) -> None:
     text = model_text(replace(model, accuracy={})) + '\n[[effect]]\nname = "chamber_offset"\n'
     with pytest.raises(ConfigurationError, match="out of bounds"):
         parse_model(text + "parameters = { offset_k = 99.0 }\nsigma = { offset_k = 1.0 }\n", "here")
+
+
+def test_the_interval_on_a_held_out_run_covers_what_other_runs_show(model: Model) -> None:
+    """Tables whose rubbing, no sine, differs from run to run by a tenth: noise alone says far too little."""
+    covered = []
+    for table in range(8):
+        rng = np.random.default_rng((7, table))
+        error, rub = rng.normal(0.0, 60.0), rng.uniform(20.0, 80.0)
+        runs = [
+            turned(
+                1000 * table + k,
+                error_ppm=error + rng.normal(0.0, 2.0),
+                bearing_ppm=rub * rng.uniform(0.9, 1.1),
+            )
+            for k in range(5)
+        ]
+        held = [_of(diagnose_channels(runs[:2], model, [run]), "table_rate").held_out for run in runs[2:]]
+        judged, *others = [each for each in held if each is not None]
+        truth = float(np.mean([each.share for each in others]))
+        covered.append(judged.low <= truth <= judged.high)
+        assert judged.high - judged.low < 0.6
+    # at 95 %, two or more of eight fail once in 16 times; these seeds are what they are
+    assert sum(covered) >= 7
