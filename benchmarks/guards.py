@@ -30,7 +30,8 @@ _COPIED = (
     "examples",
     "pyproject.toml",
 )
-_TIMEOUT_S = 280
+_TIMEOUT_S = 200
+_BASE_TIMEOUT_S = 900
 
 
 @dataclass(frozen=True)
@@ -110,8 +111,8 @@ MECHANISMS = (
         1,
         "a torn mark is cut off by recovery",
         _RECOVER,
-        "        _cut(index, index",
-        "        len((index, index",
+        "_cut(index, index.stat().st_size // _PAIR_BYTES * _PAIR_BYTES)",
+        "pass",
         "tests/recording/test_recover.py",
     ),
     Mechanism(
@@ -479,7 +480,11 @@ MECHANISMS = (
 )
 
 
-def _run(copy: Path, guard: str) -> tuple[bool, str]:
+def _file(guard: str) -> str:
+    return guard.split()[0].split("::")[0]
+
+
+def _run(copy: Path, guard: str, timeout_s: float = _TIMEOUT_S) -> tuple[bool, str]:
     """Run a guard in the copy; return whether all passed, and the first test that did not."""
     command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *guard.split()]
     # started by a copy: what is changed there must not be found in the folder that is installed
@@ -492,14 +497,14 @@ def _run(copy: Path, guard: str) -> tuple[bool, str]:
             capture_output=True,
             text=True,
             check=False,
-            timeout=_TIMEOUT_S,
+            timeout=timeout_s,
         )
     except subprocess.TimeoutExpired:
         return False, "(it does not end)"
     if done.returncode == 0:
         return True, ""
     failed = re.search(r"^(?:FAILED|ERROR) \S+?(?:::(\w+)\S*)?(?: |$)", done.stdout, re.MULTILINE)
-    if failed is None or done.returncode != 1:
+    if failed is None or done.returncode != 1:  # what was changed is no program any more
         raise RuntimeError(done.stdout[-2000:] + done.stderr[-1000:])
     return False, failed[1] or "(it cannot be read)"
 
@@ -517,10 +522,9 @@ def main() -> int:
                 shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
             else:
                 shutil.copy(ROOT / name, copy / name)
-        for guard in sorted({each.guard for each in chosen}):
-            passed, failed = _run(copy, guard)
-            if not passed:
-                raise RuntimeError(f"{guard}: {failed} fails with nothing switched off")
+        passed, failed = _run(copy, " ".join(sorted({_file(each.guard) for each in chosen})), _BASE_TIMEOUT_S)
+        if not passed:
+            raise RuntimeError(f"{failed} fails with nothing switched off")
         for each in chosen:
             path = copy / each.file
             text = path.read_text(encoding="utf-8")
@@ -529,12 +533,14 @@ def main() -> int:
                 print(bad[-1], flush=True)
                 continue
             path.write_text(text.replace(each.on, each.off), encoding="utf-8")
+            compile(text.replace(each.on, each.off), each.file, "exec")
             passed, failed = _run(copy, each.guard)
             path.write_text(text, encoding="utf-8")
             if passed:
                 bad.append(f"{each.name}: nothing in {each.guard} fails without it")
-            file = each.guard.split()[0].split("::")[0]
-            rows.append(f"| {each.promise} | {each.name} | {'NONE' if passed else f'`{file}::{failed}`'} |")
+            rows.append(
+                f"| {each.promise} | {each.name} | {'NONE' if passed else f'`{_file(each.guard)}::{failed}`'} |"
+            )
             print(rows[-1], flush=True)
     lines = [
         f"{len(chosen)} mechanisms, {len(bad)} without a guard.",
