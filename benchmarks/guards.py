@@ -191,8 +191,8 @@ MECHANISMS = (
         2,
         "a device that fails does not keep the other from being told",
         _SAFE,
-        "BenchError as error:\n                problems[name]",
-        "KeyError as error:\n                problems[name]",
+        "problems.pop(name, None)\n            except BenchError",
+        "problems.pop(name, None)\n            except KeyError",
         _T_SESSION,
     ),
     Mechanism(
