@@ -1,5 +1,12 @@
 """What of pip-audit's report fails CI: a known vulnerability that nobody has accepted with a reason."""
 
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from benchmarks import audit
 from benchmarks.audit import judge
 
 REPORT = {
@@ -27,3 +34,37 @@ def test_an_accepted_one_is_named_by_any_of_its_identifiers():
         verdict = judge(REPORT, {name: "b's parser is not used"})
         assert verdict.reachable == () and verdict.accepted == ("b 2 PYSEC-1",)
     assert judge(REPORT, {"CVE-2": ""}).reachable
+
+
+def answered(monkeypatch, text):
+    """Have pip-audit say `text`."""
+    done = subprocess.CompletedProcess([], 1, text, "")
+    monkeypatch.setattr(audit.subprocess, "run", lambda *_, **__: done)
+
+
+def test_the_command_fails_for_a_known_vulnerability_and_names_it(monkeypatch, capsys):
+    answered(monkeypatch, json.dumps(REPORT))
+    assert audit.main() == 1
+    assert "VULNERABLE: b 2 PYSEC-1" in capsys.readouterr().err
+    monkeypatch.setattr(audit, "ACCEPTED", {"CVE-1": "b's parser is not used"})
+    assert audit.main() == 0
+    assert "accepted: b 2 PYSEC-1" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["", "Traceback ...", "{}", "[]"])
+def test_an_index_that_does_not_answer_is_said_aloud_and_fails_nothing(monkeypatch, capsys, text):
+    answered(monkeypatch, text)
+    assert audit.main() == 0
+    assert "AUDIT NOT MADE" in capsys.readouterr().err
+
+
+def test_packages_that_the_index_does_not_know_are_counted_aloud(monkeypatch, capsys):
+    answered(
+        monkeypatch, json.dumps({"dependencies": [REPORT["dependencies"][0], REPORT["dependencies"][2]]})
+    )
+    assert audit.main() == 0
+    assert "AUDIT INCOMPLETE: of 2 pinned packages" in capsys.readouterr().err
+
+
+def test_ci_asks():
+    assert "make audit" in (Path(__file__).parents[2] / ".ci" / "run").read_text()
