@@ -86,7 +86,10 @@ def rows() -> Iterator[Row]:
                 partial(loop, data),
                 turns=_TURNS,
             )
-            kind = "struct + check loop" if isinstance(loop, Loop) else "split + check loop"
+            kind = "split + check loop"
+            if isinstance(loop, Loop):
+                sums = load_family(name).form(message).checksums[0].kind.startswith("sum")
+                kind = "struct + sum loop" if sums else "struct + table loop"
             yield speed_row(f"decode {name}, {title}", len(frames) / 1e6, pair, kind, "million frames/s")
         if name in ("kvh", "stim300", "openimu"):
             data = b"".join(frames)
