@@ -230,10 +230,12 @@ class Watch:
 
 
 def _what(now: Mapping[str, Any], name: str) -> str:
-    """Return what a session does: the campaign's title and the run, or the run alone, and its units."""
+    """Return what a session does: the campaign's title, or the run by its name and procedure, and its units."""
     campaign, run = now.get("campaign") or {}, now.get("run") or {}
     units = ", ".join(str(unit) for unit in (run.get("units") or {}).values())
     what = str(campaign.get("title") or run.get("procedure") or name)
+    if not campaign and what not in str(run.get("run_id") or what):
+        what = f"{run['run_id']}, {what}"
     asking = ", waits for an answer" if now.get("prompts") else ""
     return f"{what} ({units or name}){asking}"
 
