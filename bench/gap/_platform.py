@@ -39,6 +39,8 @@ _SURE = 0.95
 """Highest probability stated: something else may resemble the effect."""
 _AMBIGUOUS = 0.02
 _CLEAR = 5.0
+_DOUBTED = 0.1
+"""Probability of no effect from which on none is named."""
 _DRAWS = 2000
 _HEADING_EFFECT, _STEPS = "heading_effect", "heading_steps"
 
@@ -144,10 +146,14 @@ def diagnose_platform(
     null, *chances = (weights / weights.sum()).tolist()
     by_name = dict(zip((_HEADING_EFFECT, _STEPS), chances, strict=True))
     name = {"temperature": _HEADING_EFFECT, "heading": _STEPS, "none": ""}[found.cause]
+    if null > _DOUBTED:
+        name = ""
     other = {_HEADING_EFFECT: _STEPS, _STEPS: _HEADING_EFFECT}.get(name, "")
     chance = min(by_name.get(name, 0.0), _SURE)
     alternatives = {other: by_name[other]} if name and by_name[other] > _AMBIGUOUS else {}
     verdict = "no gap" if not name else "explained in part" if found.mixed else "explained"
+    if not name and null < 0.5:
+        verdict = "unknown"
     warnings = [f"{finding.what}: {finding.consequence}" for finding in study.findings]
     return PlatformDiagnosis(
         unit_id,
@@ -155,7 +161,7 @@ def diagnose_platform(
         {name: chance} if name else {},
         alternatives,
         null,
-        found.mixed,
+        found.mixed and bool(name),
         _term(name, study.model, term),
         _places(fitted, left[fitted], study),
         tuple(_shrinkage(each, study, left[each]) for each in others) if name == _HEADING_EFFECT else (),

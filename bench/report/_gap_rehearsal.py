@@ -114,7 +114,7 @@ def _channel_table(gaps: Sequence[ChannelLogGap]) -> Table:
         )
         for each in gaps
     ]
-    return Table(heads, rows, "What the run differs by from the rehearsals beside the gyro's rate.")
+    return Table(heads, rows, "What the run differs by beside the gyro's rate; nothing taken out.")
 
 
 def _figures(curves: Sequence[LogCurve]) -> Figures:
