@@ -38,10 +38,12 @@ def better(
 
 
 def keep(module: str, rows: Iterable[Mapping[str, object]], file: Path | None = None) -> None:
-    """Write the ratios of `module` into the file in place of those kept."""
+    """Write the ratios of `module` into the file in place of those kept; nothing if it has none."""
     file = file or FILE
+    if not (found := ratios(rows)):
+        return
     kept = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-    kept[module] = {name: float(f"{ratio:.3g}") for name, ratio in ratios(rows).items()}
+    kept[module] = {name: float(f"{ratio:.3g}") for name, ratio in found.items()}
     file.write_text(json.dumps(kept, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
 

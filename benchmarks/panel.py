@@ -36,7 +36,7 @@ from urllib.request import urlopen
 import numpy as np
 
 from bench.panel._series import MinMax
-from benchmarks._measure import Row, figure, usual
+from benchmarks._measure import Row, Work, cost, figure, usual
 from drivers.clock import WallClock, host_seconds, utc_now
 
 _LIMIT = "limit of the design"
@@ -60,6 +60,8 @@ def rows() -> Iterator[Row]:
         return
     from playwright.sync_api import sync_playwright
 
+    growth_mb = curves_growth_mb()
+    yield figure("curves' memory growth over 24 h at 10 Hz", growth_mb, 1.0, _LIMIT, "MB", least=True)
     with tempfile.TemporaryDirectory(prefix="gyrobench-panel-bench-") as scratch, sync_playwright() as player:
         with _on(_spare()):
             chromium = player.chromium.launch(executable_path=browser, args=_FLAGS)
@@ -93,8 +95,6 @@ def rows() -> Iterator[Row]:
                 "server load at 10 Hz, six traces, one page", share, 5.0, _LIMIT, "% of a core", least=True
             )
             yield figure(f"server memory growth in {watched_s:g} s", growth_mb, 1.0, _LIMIT, "MB", least=True)
-        growth_mb = curves_growth_mb()
-        yield figure("curves' memory growth over 24 h at 10 Hz", growth_mb, 1.0, _LIMIT, "MB", least=True)
         turns = usual(_TURNS, 4)
         for what, (found, control) in recorder_ratios(Path(scratch), chromium, turns).items():
             name = f"recorder's CPU without / with panel, {what}, median of {turns} turns"
@@ -221,7 +221,7 @@ def server_load(watched_s: float = 10.0) -> float | None:
 
 
 def curves_growth_mb() -> float:
-    """Return by how much the peak memory of this process grows while curves take 24 h at 10 Hz."""
+    """Return by how many MiB peak memory grows while curves take a day at 10 Hz, after its start."""
     levels = [MinMax(7, width_s, 480, growing=width_s == 1.0) for width_s in (300 / 480, 3600 / 480, 1.0)]
 
     def take(ticks: range) -> None:
@@ -230,10 +230,11 @@ def curves_growth_mb() -> float:
             for level in levels:
                 level.add(0.1 * tick, values)
 
-    take(range(86_400))
-    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    take(range(86_400, 864_000))
-    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb) / 1024.0
+    def ready() -> Work:
+        take(range(86_400))
+        return lambda: take(range(86_400, 864_000))
+
+    return cost(ready).memory_mib
 
 
 @dataclass(frozen=True)
