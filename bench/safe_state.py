@@ -91,9 +91,10 @@ def bring_to_rest(
             deadline_s = max(deadline_s, clock.now() + timeout_s)
             read_back(name)
         now_s = clock.now()
-        if gone and now_s < until_s:
-            _pause(clock, _LOOK_S)
-        if clock.now() <= now_s:  # time is up, or stands still: the lab behind a virtual clock is gone
+        if not gone or now_s >= until_s:
+            break
+        _pause(clock, _LOOK_S)
+        if clock.now() <= now_s:  # it stands still: the lab behind a virtual clock is gone
             break
     return [f"{name}: {text}" for name, text in problems.items()]
 
