@@ -106,7 +106,7 @@ def _print(console: Console, found: PlatformDiagnosis) -> None:
             highlight=False,
         )
     if found.unknown:
-        console.print("  part of it steps with heading beside the temperature", highlight=False)
+        console.print("  part of the gap follows neither temperature nor heading alone", highlight=False)
     table = Table(
         "heading", "hours", "before arcsec", "after arcsec", "share %", title="where: position error rms"
     )

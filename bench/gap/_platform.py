@@ -146,7 +146,7 @@ def diagnose_platform(
     null, *chances = (weights / weights.sum()).tolist()
     by_name = dict(zip((_HEADING_EFFECT, _STEPS), chances, strict=True))
     name = {"temperature": _HEADING_EFFECT, "heading": _STEPS, "none": ""}[found.cause]
-    if null > _DOUBTED:
+    if null > _DOUBTED or (name and by_name[name] < 0.5):
         name = ""
     other = {_HEADING_EFFECT: _STEPS, _STEPS: _HEADING_EFFECT}.get(name, "")
     chance = min(by_name.get(name, 0.0), _SURE)
@@ -161,7 +161,7 @@ def diagnose_platform(
         {name: chance} if name else {},
         alternatives,
         null,
-        found.mixed and bool(name),
+        verdict in ("explained in part", "unknown"),
         _term(name, study.model, term),
         _places(fitted, left[fitted], study),
         tuple(_shrinkage(each, study, left[each]) for each in others) if name == _HEADING_EFFECT else (),
