@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bench.stations import GyroStation, StreamStation
 
 SILENT_S = 10.0
-"""A unit that has sent nothing for so long is reported, and the run is invalid."""
+"""A unit that has sent nothing for so long beyond its own interval is reported, and the run is invalid."""
 
 ALL_SILENT_S = 60.0
 """With no unit left that has sent anything for so long the run ends: there is nothing to record."""
@@ -42,6 +42,8 @@ class Attendance:
         self._lost: list[str] = []
         self._told: set[str] = set()
         """Units that are away, and the run invalid for it."""
+        self._were_silent: set[str] = set()
+        """Units that fell silent before: the reason has the first time, the events have all."""
         self._judge: GyroStation | None = None
         self._excused_s = float("-inf")
         self.units_off = False
@@ -80,7 +82,9 @@ class Attendance:
             if quiet_s >= SILENT_S and not unit.silent:
                 unit.silent = True
                 self._report(unit.name, f"silent: nothing has come since {unit.heard_s:.1f} s")
-                self._invalidate(f"{unit.name} fell silent at {unit.heard_s:.1f} s")
+                if unit.name not in self._were_silent:
+                    self._were_silent.add(unit.name)
+                    self._invalidate(f"{unit.name} fell silent at {unit.heard_s:.1f} s")
             elif quiet_s < SILENT_S and unit.silent:
                 unit.silent = False
                 self._report(unit.name, f"speaks again at {unit.heard_s:.1f} s")
@@ -119,7 +123,8 @@ class Attendance:
         return [unit for unit in units if unit.role == self._tests]
 
     def _quiet_s(self, unit: StreamStation, now_s: float) -> float:
-        return 0.0 if self.units_off else now_s - max(unit.heard_s, self._excused_s)
+        """Return for how long a unit has sent nothing although it was due to."""
+        return 0.0 if self.units_off else now_s - unit.interval_s - max(unit.heard_s, self._excused_s)
 
 
 class Returns:

@@ -146,9 +146,16 @@ class StreamStation:
     role: ClassVar[Literal["gyro", "platform"]]
 
     def __init__(
-        self, name: str, decoder: Callable[[], StreamDecoder], columns: tuple[str, ...], values: Values
+        self,
+        name: str,
+        interval_s: float,
+        decoder: Callable[[], StreamDecoder],
+        columns: tuple[str, ...],
+        values: Values,
     ) -> None:
         self.name = name
+        self.interval_s = interval_s
+        """Time from sample to sample, as the bench file has it."""
         self.history = History(("samples", *columns))
         self._new_decoder = decoder
         self._values = values
@@ -252,7 +259,13 @@ class GyroStation(StreamStation):
         def values(columns: Columns) -> tuple[NDArray[Any], ...]:
             return kind.rates(settings, columns, settings["rate_hz"])[self.axis], columns["temp_c"]
 
-        super().__init__(settings["name"], lambda: kind.decoder(settings), ("rate_dps", "temp_c"), values)
+        super().__init__(
+            settings["name"],
+            1.0 / settings["rate_hz"],
+            lambda: kind.decoder(settings),
+            ("rate_dps", "temp_c"),
+            values,
+        )
 
     def mean_rate_dps(self, start_s: float, end_s: float | None = None) -> float:
         """Return the mean output from `start_s` to `end_s` (default now), NaN without samples."""
@@ -273,6 +286,7 @@ class PlatformStation(StreamStation):
         names = ("latitude_deg", "longitude_deg", "temp_c")
         super().__init__(
             settings["name"],
+            float(settings["period_s"]),
             lambda: kind.decoder(settings),
             names,
             lambda rows: tuple(rows[n] for n in names),

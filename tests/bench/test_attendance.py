@@ -8,8 +8,10 @@ from bench.attendance import ALL_SILENT_S, SILENT_S, Attendance
 from drivers.errors import DeviceSilent, LinkLost
 
 
-def unit(name, role="gyro", heard_s=0.0):
-    return SimpleNamespace(name=name, role=role, heard_s=heard_s, gone=False, silent=False)
+def unit(name, role="gyro", heard_s=0.0, interval_s=0.0):
+    return SimpleNamespace(
+        name=name, role=role, heard_s=heard_s, interval_s=interval_s, gone=False, silent=False
+    )
 
 
 @pytest.fixture
@@ -84,6 +86,28 @@ def test_intended_silence_is_no_alarm_and_counts_from_its_end(watched):
     assert watched.invalid == ["fog_1 fell silent at 0.0 s"]
     with pytest.raises(DeviceSilent):
         attendance.check([gyro], 100.0 + ALL_SILENT_S)
+
+
+def test_a_unit_that_speaks_once_a_minute_is_not_silent_in_between(watched):
+    platform = unit("ins", "platform", interval_s=60.0)
+    attendance = watched.by("platform")
+    for now_s in range(0, 600, 5):
+        platform.heard_s = 60.0 * (now_s // 60)
+        attendance.check([platform], float(now_s))
+    assert (watched.told, watched.invalid) == ([], [])
+    attendance.check([platform], platform.heard_s + 60.0 + SILENT_S)
+    assert watched.invalid == ["ins fell silent at 540.0 s"]
+
+
+def test_a_unit_that_stutters_is_one_reason_and_all_its_events(watched):
+    gyro = unit("fog_1")
+    attendance = watched.by("gyro")
+    for k in range(5):
+        gyro.heard_s = 20.0 * k
+        attendance.check([gyro], gyro.heard_s)
+        attendance.check([gyro], gyro.heard_s + SILENT_S)
+    assert watched.invalid == ["fog_1 fell silent at 0.0 s"]
+    assert len([text for _, text in watched.told if text.startswith("silent")]) == 5
 
 
 def test_the_judge_changes_when_it_is_lost_and_does_not_change_back(watched):
