@@ -1,9 +1,9 @@
 """SIGKILLs at random moments of the commands that make results: what is left is whole, what is repeated works.
 
 Run as `python -m benchmarks.command_kills [KILLS] [SEED]`; writes its section of benchmarks/reliability.md. Every
-kill strikes a `gyrobench` process of its own: fits of five kinds, `gap close`, `report`, `runs recover`, and a
-campaign on emulated labs. Every other kill comes at any moment of the command, the rest from when the first file
-of a result appears; a fit begins beside the complete result of other runs.
+kill strikes a process of its own that runs a `gyrobench` command: fits of four kinds, `gap close`, `report`,
+`runs recover`, and a campaign on emulated labs. Every other kill comes at any moment of the command, the rest
+from when the first file of a result appears; a fit begins beside the complete result of other runs.
 
 Judged afterwards: a file with a final name is that of the earlier result or the one that the undisturbed command
 makes (time stamps and paths aside), never a part of it; files of two results do not lie side by side; the run
@@ -18,19 +18,21 @@ import os
 import random
 import re
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
 import zipfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from bench.benchfile import BenchFile, bench_file_from
 from bench.campaign import CampaignFolder
+from bench.cli import main as bench_main
 from bench.emulated import EmulatedLab, Plant
 from bench.gap import Model, Noise, model_text, nominal_model
 from bench.procedure import find_procedure
@@ -46,7 +48,7 @@ from drivers.errors import BenchError
 from simulators.plant.space_stable import draw_platform
 
 _LOOK_S = 0.002
-_CODE = "import sys; from bench.cli import main; sys.argv[0] = 'gyrobench'; main()"
+_COMMANDS = ("_campaign", "_cycle", "_fit", "_gap", "_heading", "_report", "_runs", "_whirl")
 _GYRO = {"name": "fog_1", "driver": "kvh1750", "port": "pty", "rate_hz": 10, "axis": "x", "unit": "F1"}
 _FILE = {
     "bench": {"name": "kills of commands", "latitude_deg": 40.0},
@@ -119,15 +121,56 @@ class Tally:
     problems: list[str] = field(default_factory=list)
 
 
-def _start(words: Sequence[str], said: Path) -> subprocess.Popen[bytes]:
-    with said.open("wb") as output:
-        return subprocess.Popen(
-            [sys.executable, "-c", _CODE, *words],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            cwd=Path(__file__).parents[1],
-        )
+class _Command:
+    """A `gyrobench` command in a process of its own that begins with everything imported.
+
+    A new interpreter imports for most of its life, where a kill finds nothing to break.
+    """
+
+    def __init__(self, words: Sequence[str], said: Path) -> None:
+        self.returncode: int | None = None
+        self.pid = os.fork()
+        if self.pid == 0:
+            self._work(words, said)
+
+    @staticmethod
+    def _work(words: Sequence[str], said: Path) -> None:
+        code = 99
+        try:
+            output = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+            os.dup2(output, 1)
+            os.dup2(output, 2)
+            sys.argv = ["gyrobench", *words]
+            bench_main()
+            code = 0
+        except SystemExit as ended:
+            code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+        finally:
+            sys.stdout.flush()
+            os._exit(code)
+
+    def poll(self) -> int | None:
+        """Return the exit code once there is one."""
+        if self.returncode is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if pid else None
+        return self.returncode
+
+    def wait(self) -> int:
+        """Wait for the end; return the exit code."""
+        if self.returncode is None:
+            self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        return self.returncode
+
+    def kill(self) -> None:
+        """Send SIGKILL, if it has not ended."""
+        if self.poll() is None:
+            os.kill(self.pid, signal.SIGKILL)
+
+
+def _start(words: Sequence[str], said: Path) -> _Command:
+    return _Command(words, said)
 
 
 def _identify(path: Path) -> str:
@@ -193,7 +236,7 @@ class Commands:
         folder.mkdir()
         return folder
 
-    def _await_result(self, process: subprocess.Popen[bytes], folder: Path) -> float:
+    def _await_result(self, process: _Command, folder: Path) -> float:
         """Wait until anything in the case's folder changes but what the command says; return the time."""
         before = _names(folder)
         while process.poll() is None and _names(folder) == before:
@@ -460,12 +503,15 @@ def command_kills(root: Path, kills: int, seed: int) -> Iterator[Tally]:
     torn = _torn(root, root / "reads")
     (root / "bench.toml").write_text(_BENCH_TOML, encoding="utf-8")
     (root / "campaign.toml").write_text(_CAMPAIGN_TOML, encoding="utf-8")
+    for name in _COMMANDS:
+        import_module(f"bench.cli.{name}")
     commands, number = Commands(root, seed), 0
     while commands.tally.kills.total() < kills:
         for kind in kinds:
             commands.kill(kind, late=number % 2 == 1)
         commands.kill_recover(torn, late=number % 2 == 1)
-        commands.kill_campaign(root / "campaign.toml", root / "bench.toml")
+        if number % 4 == 0:
+            commands.kill_campaign(root / "campaign.toml", root / "bench.toml")
         number += 1
         yield commands.tally
 

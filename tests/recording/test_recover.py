@@ -63,7 +63,7 @@ def test_what_a_crash_left_is_completed_as_aborted_and_verifies(crashed):
     rows = Run.open(folder).events
     assert rows[-1]["outcome"] == "aborted" and any("cut off" in str(row.get("text")) for row in rows)
     assert not verify(folder, decode_run).problems
-    assert (folder / "raw" / "fog_1.idx").stat().st_size == 16  # one pair; the torn half of another is cut off
+    assert (folder / "raw" / "fog_1.idx").stat().st_size == 16  # the torn mark is cut off
     before = (folder / "manifest.json").read_bytes()
     recover(folder)
     assert (folder / "manifest.json").read_bytes() == before
