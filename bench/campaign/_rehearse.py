@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
+from types import FrameType
 
 from bench.benchfile import BenchFile
 from bench.campaign._file import Campaign, CampaignRun, bench_of
@@ -14,6 +19,7 @@ from bench.emulated import Plant
 from bench.live import Live
 from bench.questions import AssumeYes, StageHand
 from bench.runner import RunRequest, RunResult, run_procedure
+from drivers.errors import RunAborted
 
 
 def rehearse_campaign(
@@ -27,23 +33,71 @@ def rehearse_campaign(
 ) -> dict[str, RunResult]:
     """Run a campaign on emulated labs, one fresh lab a run, `jobs` at a time; results by run name.
 
-    The bytes do not depend on `jobs`.
+    The bytes do not depend on `jobs`. Stopped by a signal or an error, no further run begins, those that go on
+    end safely first, and no process is left; RunAborted for SIGTERM. If this process is killed they do the same.
     """
     file = bench_of(campaign, file)
     results = {}
-    with ProcessPoolExecutor(max_workers=jobs, mp_context=get_context("spawn")) as pool:
-        tasks = {
-            pool.submit(
-                rehearse_run, run, file, plant, number, runs_folder, number % jobs if jobs > 1 else None
-            ): (run.name)
-            for number, run in enumerate(campaign.runs)
-        }
-        for task in as_completed(tasks):
-            result = task.result()
-            results[tasks[task]] = result
-            if finished is not None:
-                finished(result)
+    waiting = list(enumerate(campaign.runs))
+    going: dict[Future[RunResult], str] = {}
+    with _workers(jobs) as pool:
+        while waiting or going:
+            # no more than can begin at once: what waits in the pool's own queue could not be taken back
+            while waiting and len(going) < jobs:
+                number, run = waiting.pop(0)
+                lane = number % jobs if jobs > 1 else None
+                task = pool.submit(_work, run, file, plant, number, runs_folder, lane)
+                going[task] = run.name
+            for task in wait(going, return_when=FIRST_COMPLETED).done:
+                result = task.result()
+                results[going.pop(task)] = result
+                if finished is not None:
+                    finished(result)
     return {run.name: results[run.name] for run in campaign.runs}
+
+
+@contextmanager
+def _workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that run runs; told to stop when this one is stopped, or is no more."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise RunAborted(f"stopped by {signal.Signals(number).name}")
+
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, stop) if main else None
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_end_with_parent)
+    try:
+        yield pool
+    except BaseException:
+        for process in active_children():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+        if main:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _end_with_parent() -> None:
+    """Stop this process's run when the process that began it is no more; `_work` ends it then."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
+
+
+def _work(
+    run: CampaignRun, file: BenchFile, plant: Plant, number: int, runs_folder: Path, lane: int | None
+) -> RunResult:
+    result = rehearse_run(run, file, plant, number, runs_folder, lane)
+    parent = parent_process()
+    if parent is not None and not parent.is_alive():
+        os._exit(3)  # nobody will ever ask for the result
+    return result
 
 
 def rehearse_run(

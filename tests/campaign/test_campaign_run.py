@@ -4,6 +4,7 @@ import json
 import select
 import shutil
 import signal
+from pathlib import Path
 
 import pytest
 
@@ -243,3 +244,41 @@ def test_a_campaign_whose_devices_did_not_answer_goes_on_without_a_check(campaig
     manifest = folder.path / "runs" / "turn-1.2" / "manifest.json"
     manifest.write_text(manifest.read_text().replace('"aborted"', '"running"'))
     assert folder.moved()
+
+
+@pytest.mark.concurrent
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_stopped_rehearsal_leaves_no_process_and_no_open_run(
+    gyrobench, campaign_path, bench_path, tmp_path, number
+):
+    out = tmp_path / "out"
+    campaign_path.write_text(campaign_path.read_text().replace("turns = 2", "turns = 2000"))
+    process = gyrobench(
+        "campaign", "rehearse", campaign_path, "--bench", bench_path, "--out", out, "--jobs", "2"
+    )
+    going = [out / "runs" / name / "events.jsonl" for name in ("turn-1", "turn-2")]
+    while not all(path.exists() and '"phase"' in path.read_text() for path in going):
+        assert process.poll() is None, process.ended()
+        select.select([], [], [], 0.02)
+    workers = children_of(process.pid)
+    process.send_signal(number)
+    said = process.ended()
+    assert process.returncode == (3 if number == signal.SIGTERM else -number), said
+    for worker in workers:  # every process of the rehearsal ends by itself
+        while Path(f"/proc/{worker}").exists() and state_of(worker) != "Z":
+            select.select([], [], [], 0.02)
+    assert [read_manifest(path.parent).outcome for path in going] == ["aborted", "aborted"]
+    assert not (out / "runs" / "last").exists()
+
+
+def children_of(pid):
+    lists = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for path in lists for child in path.read_text().split()]
+
+
+def state_of(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return "Z"
