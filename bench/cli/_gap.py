@@ -193,7 +193,7 @@ def _judged(found: Diagnosis, held_out: Sequence[GapRun], nominal: Model) -> Shr
 def _print(console: Console, found: Diagnosis, shrunk: Shrinkage | None) -> None:
     console.print(f"unit {found.unit_id}: [bold]{found.verdict}[/bold]")
     for cause in found.causes:
-        console.print(f"  {_sentence(cause)}", highlight=False)
+        console.print(f"  {_sentence(cause, found.model.noise.coarseness)}", highlight=False)
     for name, probability in found.stochastic.items():
         parts = [f"  {name} ({100 * probability:.0f} %)", found.size_of(name)]
         console.print(": ".join(filter(None, parts)), highlight=False)
@@ -218,12 +218,8 @@ def _print(console: Console, found: Diagnosis, shrunk: Shrinkage | None) -> None
         console.print(f"  not to be seen in these runs: {names}", style="dim", highlight=False)
 
 
-def _sentence(cause: Cause) -> str:
-    names = [parameter.name for parameter in cause.term.variant.effect.parameters]
-    values = ", ".join(
-        f"{name} = {value:.4g} +- {sigma:.2g}"
-        for name, value, sigma in zip(names, cause.term.values, cause.term.sigmas, strict=True)
-    )
+def _sentence(cause: Cause, coarseness: float) -> str:
+    values = cause.term.fitted(coarseness, "+-")
     rivals = ", ".join(f"{name} {100 * value:.0f} %" for name, value in cause.alternatives.items())
     told = f"; in its place could stand {rivals}" if rivals else ""
     return f"{cause.name} ({100 * cause.probability:.0f} %): {cause.meaning} {values}{told}"

@@ -40,6 +40,24 @@ class Term:
         """The effect's name."""
         return self.variant.effect.name
 
+    def fitted(self, coarseness: float, plus_minus: str) -> str:
+        """Return name, value and uncertainty of every parameter; in words where the runs do not bound it.
+
+        `coarseness`: the gyro's, see `Noise`.
+        """
+        parts = []
+        for parameter, value, sigma in zip(
+            self.variant.effect.parameters, self.values, self.sigmas, strict=True
+        ):
+            low, high = parameter.bounds(coarseness)
+            seen = sigma < high - low
+            parts.append(
+                f"{parameter.name} = {value:.4g} {plus_minus} {sigma:.2g}"
+                if seen
+                else f"{parameter.name} not to be seen in these runs"
+            )
+        return ", ".join(parts)
+
 
 @dataclass(frozen=True)
 class ChannelTerm:

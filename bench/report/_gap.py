@@ -257,8 +257,9 @@ def _regime_maps(found: Diagnosis) -> list[Block]:
 
 
 def _causes(found: Diagnosis) -> list[Block]:
-    rows = [_cause_row(cause, "named") for cause in found.causes]
-    rows += [_cause_row(cause, "resembles a part") for cause in found.resembles]
+    coarseness = found.model.noise.coarseness
+    rows = [_cause_row(cause, coarseness, "named") for cause in found.causes]
+    rows += [_cause_row(cause, coarseness, "resembles a part") for cause in found.resembles]
     rows += [
         Row(
             [
@@ -283,12 +284,8 @@ def _causes(found: Diagnosis) -> list[Block]:
     return [Table(heads, rows, "Effects that explain the gap.")]
 
 
-def _cause_row(cause: Cause, status: str) -> Row:
-    names = [parameter.name for parameter in cause.term.variant.effect.parameters]
-    fitted = ", ".join(
-        f"{name} = {value:.4g} ± {sigma:.2g}"
-        for name, value, sigma in zip(names, cause.term.values, cause.term.sigmas, strict=True)
-    )
+def _cause_row(cause: Cause, coarseness: float, status: str) -> Row:
+    fitted = cause.term.fitted(coarseness, "±")
     shape = ", ".join(f"{key} = {value:g}" for key, value in cause.term.variant.shape.items())
     rivals = ", ".join(f"{_plain(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
     effect = cause.term.variant.effect

@@ -192,3 +192,14 @@ def test_a_plants_impulses_have_their_rate_and_size() -> None:
     assert np.abs(angle[hits]) == pytest.approx(np.full(hits.sum(), 4.0), abs=0.01)
     assert 280 < hits.sum() < 440  # Poisson about 360
     assert 0.4 < (angle[hits] > 0.0).mean() < 0.6
+
+
+def test_a_parameter_that_the_runs_do_not_bound_is_said_so() -> None:
+    shupe = catalogue()["shupe"]
+    assert isinstance(shupe, Effect)
+    width = shupe.parameters[1].high - shupe.parameters[1].low
+    term = Term(Variant(shupe, {}), (0.25, 0.0), (0.01, 2.0 * width))
+    assert term.fitted(1.0, "+-") == (
+        "bias_dph_per_k_per_min = 0.25 +- 0.01, gradient_dph_per_k_per_min not to be seen in these runs"
+    )
+    assert "not to be seen" not in term.fitted(3.0, "+-")  # a coarser gyro's bounds are wider
