@@ -167,11 +167,11 @@ def _paths(file: BenchFile) -> list[tuple[str, Path]]:
     ports += [platform.port for platform in file.platform]
     places = sorted({os.path.realpath(port) if port.startswith("/") else port for port in ports})
     folder = state_folder() / "leases"
-    names = [hashlib.sha256(_device(place).encode()).hexdigest()[:24] for place in places]
+    names = [hashlib.sha256(device_at(place).encode()).hexdigest()[:24] for place in places]
     return [(place, folder / f"{name}.json") for place, name in zip(places, names, strict=True)]
 
 
-def _device(place: str) -> str:
+def device_at(place: str) -> str:
     """Return what tells the device at a place from another one that has its name later.
 
     A pseudo-terminal, which an emulated lab is reached by, leaves its number to the next one; when it was made

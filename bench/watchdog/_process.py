@@ -18,6 +18,7 @@ from typing import Any
 
 from bench.benchfile import bench_file_from
 from bench.devices import chamber_kind, chamber_settings, table_kind, table_settings
+from bench.lease import device_at
 from bench.recording import EventLog, Journal
 from bench.safe_state import bring_to_rest
 from bench.watchdog import ARMED, DISMISSED, FOLDER, HUNG_S, STARVED_S
@@ -33,6 +34,13 @@ _FIRST_TRY_S = 1.0
 _AGAIN_S = 0.02
 
 
+_Opener = Callable[[Clock, Tap], Instrument]
+
+
+class _Replaced(BenchError):
+    """Another device has the name of one that is no more."""
+
+
 @dataclass(frozen=True)
 class Order:
     """What the runner wants guarded."""
@@ -40,7 +48,7 @@ class Order:
     run_folder: Path
     runner: int
     lease: tuple[int, ...]
-    openers: dict[str, Callable[[Clock, Tap], Instrument]]
+    openers: dict[str, _Opener]
 
 
 class _Quiet:
@@ -133,10 +141,25 @@ def _read_order() -> Order:
         runner=int(data["runner"]),
         lease=tuple(data["lease"]),
         openers={
-            "table": lambda clock, tap: table.open(of_table, clock, tap),
-            "chamber": lambda clock, tap: chamber.open(of_chamber, clock, tap),
+            "table": _of(file.table.port, lambda clock, tap: table.open(of_table, clock, tap)),
+            "chamber": _of(file.chamber.port, lambda clock, tap: chamber.open(of_chamber, clock, tap)),
         },
     )
+
+
+def _of(port: str, opener: _Opener) -> _Opener:
+    """Return what opens a port as long as it leads to the device that it leads to now.
+
+    The numbers of a killed emulated lab's terminals are taken by the next one, whose run is not ours to stop.
+    """
+    device = device_at(port)
+
+    def opened(clock: Clock, tap: Tap) -> Instrument:
+        if device_at(port) != device:
+            raise _Replaced("the device is no more", where=port, found="nothing, or another of its name")
+        return opener(clock, tap)
+
+    return opened
 
 
 def _take_over(order: Order, runner: int, cause: str) -> list[str]:
@@ -157,6 +180,9 @@ def _take_over(order: Order, runner: int, cause: str) -> list[str]:
             for name in list(closed):
                 try:
                     opened[name] = closed[name](clock, notes.tap(name))
+                    del closed[name]
+                except _Replaced as error:
+                    problems[name] = str(error)
                     del closed[name]
                 except BenchError as error:
                     problems[name] = str(error)
