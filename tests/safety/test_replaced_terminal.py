@@ -12,6 +12,7 @@ def made_ns(name):
     return Path(name).stat().st_ctime_ns if Path(name).exists() else 0
 
 
+@pytest.mark.concurrent
 def test_a_terminal_is_opened_only_while_it_is_the_one_that_was_guarded():
     ends = os.openpty()
     name, opened = os.ttyname(ends[1]), []
