@@ -86,6 +86,26 @@ class Plant(BaseModel):
         channels = {term.name: list(term.values) for term in model.channel_terms}
         return {"terms": terms, "noise": dataclasses.asdict(model.noise), "channels": channels}
 
+    def heading_effect_of(self, unit: str) -> list[float] | None:
+        """Return the values of the `heading_effect` of the model that a platform is to follow, None without one.
+
+        ConfigurationError for a model with effects that a platform does not have.
+        """
+        errors = self.errors_of(unit)
+        if errors is None:
+            return None
+        others = [term["effect"] for term in errors["terms"]]
+        others += [name for name in errors["channels"] if name != "heading_effect"]
+        if others:
+            raise ConfigurationError(
+                "an emulated platform cannot follow these effects of its model",
+                where=str(self.gap_model[unit]),
+                found=", ".join(others),
+                expected="heading_effect, or none",
+            )
+        values: list[float] | None = errors["channels"].get("heading_effect")
+        return values
+
     def model_of(self, gyro: GyroSection, axes: int = 1) -> str:
         """Return the name of the physics behind a gyro on a table of so many axes; on several it is an IMU."""
         if axes > 1:
@@ -105,7 +125,10 @@ class Plant(BaseModel):
             + (f" with the errors of {self.gap_model[gyro.unit].name}" if gyro.unit in self.gap_model else "")
             for gyro in file.gyro
         ]
-        units += [f"{platform.name} space-stable platform" for platform in file.platform]
+        for platform in file.platform:
+            model = self.gap_model.get(platform.unit)
+            drift = "" if model is None else f" with the drift of {model.name}"
+            units.append(f"{platform.name} space-stable platform{drift}")
         faults = f", {len(self.fault)} faults" if self.fault else ""
         return f"{self.chamber} chamber, {', '.join(units)}{faults}"
 
@@ -283,6 +306,8 @@ def lab_config(file: BenchFile, plant: Plant, clock: str = "virtual") -> dict[st
                 "settings": platform.model_dump(mode="json"),
                 "unit_seed": unit_seed(platform.unit),
                 "effect_dph": plant.heading_effect_dph,
+                "modelled": platform.unit in plant.gap_model,
+                "heading_effect": plant.heading_effect_of(platform.unit),
             }
             for platform in file.platform
         ],

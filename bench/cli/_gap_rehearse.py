@@ -17,11 +17,15 @@ from bench.gap import (
     LogGap,
     Suggestion,
     channel_log_gaps,
+    heading_log_gaps,
+    is_platform_run,
     load_channels,
     load_gap_runs,
+    load_platform_run,
     log_gaps,
     read_model,
 )
+from bench.heading import PlatformLog
 from bench.procedure import find_procedure
 from bench.recording import Run
 from bench.report import render_log_gaps
@@ -43,19 +47,23 @@ def gap_rehearse_command(
 ) -> None:
     """Rehearse a run's procedure with both models, and print what its log differs by from theirs."""
     console = console_for(as_json)
-    real = load_gap_runs(run, gyro)
     recorded = Run.open(run)
     _check_model(run, closed)
+    models = ((model, seed), (closed, seed), (closed, seed + 1))
     plant = load_plant(plant_file)
+    if is_platform_run(run):
+        if report is not None:
+            raise ConfigurationError(
+                "there is no report of a platform's rehearsal", expected="the table, or --json"
+            )
+        _, unit, log, _ = load_platform_run(run)
+        folders = _rehearsals(recorded, plant, unit, models, runs, console, as_json)
+        _print_headings(console, recorded, log, folders, as_json)
+        return
+    real = load_gap_runs(run, gyro)
     unit = real[0].unit_id
-    folders, stretches = [], []
-    for file, number in ((model, seed), (closed, seed), (closed, seed + 1)):
-        own = plant.model_copy(
-            update={"seed": number, "gap_model": {**plant.gap_model, unit: file.resolve()}}
-        )
-        folders.append(rehearsed(recorded, own, runs, console, as_json))
-        stretches.append(load_gap_runs(folders[-1], gyro))
-    gaps, curves = log_gaps(real, *stretches)
+    folders = _rehearsals(recorded, plant, unit, models, runs, console, as_json)
+    gaps, curves = log_gaps(real, *(load_gap_runs(each, gyro) for each in folders))
     channels = channel_log_gaps(*(load_channels(each, gyro)[0] for each in (run, *folders)))
     if report is not None:
         report.parent.mkdir(parents=True, exist_ok=True)
@@ -80,6 +88,39 @@ def gap_rehearse_command(
         console.print(_channel_table(channels))
     if report is not None:
         console.print(f"report: {report}", highlight=False, soft_wrap=True)
+
+
+def _rehearsals(
+    recorded: Run,
+    plant: Plant,
+    unit: str,
+    models: Sequence[tuple[Path, int]],
+    runs: Path,
+    console: Console,
+    as_json: bool,
+) -> list[Path]:
+    """Rehearse a run with the unit following each model, with its seed; return the new folders."""
+    folders = []
+    for file, seed in models:
+        own = plant.model_copy(update={"seed": seed, "gap_model": {**plant.gap_model, unit: file.resolve()}})
+        folders.append(rehearsed(recorded, own, runs, console, as_json))
+    return folders
+
+
+def _print_headings(
+    console: Console, recorded: Run, log: PlatformLog, folders: Sequence[Path], as_json: bool
+) -> None:
+    gaps = heading_log_gaps(log, *(load_platform_run(each)[2] for each in folders))
+    if as_json:
+        facts = {"run": recorded.manifest.run_id, "rehearsals": [str(each) for each in folders]}
+        console.print_json(json.dumps({**facts, "headings": [vars(each) for each in gaps]}))
+        return
+    table = Table("heading", "nominal", "closed", "floor", "gone %", title="run less rehearsal, rms arcsec")
+    for each in gaps:
+        sizes = (each.rms_nominal_as, each.rms_closed_as, each.rms_floor_as)
+        gone = f"{100.0 * each.share:.1f}" if each.share == each.share else ""
+        table.add_row(each.heading, *(f"{size:.1f}" for size in sizes), gone)
+    console.print(table)
 
 
 def _check_model(run: Path, closed: Path) -> None:

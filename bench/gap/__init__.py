@@ -40,6 +40,7 @@ from bench.gap._platform import (
     load_platform_run,
     platform_closed,
 )
+from bench.gap._platform_rehearsal import HeadingLogGap, heading_log_gaps
 from bench.gap._rehearsal import ChannelLogGap, LogCurve, LogGap, channel_log_gaps, log_gaps
 from bench.gap._run_folder import load_gap_runs
 from bench.gap._score import Line, Marked, Reliability, reliability, shrinkage_quantiles, table
@@ -67,6 +68,7 @@ __all__ = [
     "Floor",
     "GapRun",
     "Group",
+    "HeadingLogGap",
     "HeadingPlace",
     "Line",
     "LogCurve",
@@ -98,6 +100,7 @@ __all__ = [
     "examine",
     "examined",
     "group_runs",
+    "heading_log_gaps",
     "is_platform_run",
     "load_channels",
     "load_gap_runs",

@@ -307,13 +307,16 @@ def _stim300(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | N
 def _pins(platform: PlatformConfig, config: LabConfig, plant: LabPlant) -> StreamingEmulator:
     from simulators.emulators.platform import PlatformEmulator
     from simulators.plant.lab_platform import LabPlatform
-    from simulators.plant.space_stable import draw_platform
+    from simulators.plant.space_stable import draw_platform, with_heading_effect
 
     def heading_deg(time_s: float) -> float:
         return plant.table.total_angle_deg(time_s) - platform.north_deg
 
+    drawn = draw_platform(
+        platform.unit_seed, effect_dph=platform.effect_dph, latitude_deg=config.latitude_deg
+    )
     physics = LabPlatform(
-        draw_platform(platform.unit_seed, effect_dph=platform.effect_dph, latitude_deg=config.latitude_deg),
+        with_heading_effect(drawn, platform.heading_effect) if platform.modelled else drawn,
         config.seed,
         heading_deg,
         longitude_deg=platform.settings["longitude_deg"],

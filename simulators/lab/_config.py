@@ -47,6 +47,7 @@ class PlatformConfig:
     """A platform INS: `settings` as in the bench file; `unit_seed` draws its physics.
 
     `effect_dph`: rms over headings of the change of its mean drift; `north_deg`: table angle at heading 0.
+    `modelled`: its drift is that of a model, `heading_effect` the model's values (None: it has none).
     """
 
     name: str
@@ -56,6 +57,8 @@ class PlatformConfig:
     unit_seed: int
     effect_dph: float = 1e-3
     north_deg: float = 0.0
+    modelled: bool = False
+    heading_effect: list[float] | None = None
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ lab (advanced as time goes) and a campaign (advanced once over a whole run): the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -131,6 +132,30 @@ def draw_platform(
         gradient=other,
         gradient_share=gradient_share,
     )
+
+
+def with_heading_effect(drawn: PlatformParameters, values: Sequence[float] | None) -> PlatformParameters:
+    """Return the platform with the drift of a fitted `heading_effect` in place of its own; None: without any.
+
+    `values`: for x, y, z the drift in deg/h for every K of the lagged temperature, its part with the cosine and
+    its part with the sine of the sidereal angle; then the lag in h. Heat, noise and wander stay.
+    """
+    bare = replace(
+        drawn,
+        square=np.zeros(3),
+        rate=np.zeros(3),
+        scale_dph=1.0,
+        second_pole_h=0.0,
+        gradient_share=0.0,
+        gradient=None,
+        friction_dph=0.0,
+    )
+    if values is None:
+        return replace(bare, gravity=np.zeros((3, 3)), constant=np.zeros(3))
+    gains = np.array(values[:9]).reshape(3, 3)
+    level = math.cos(math.radians(drawn.latitude_deg))
+    gravity = np.column_stack((gains[:, 1:] / level, np.zeros(3)))
+    return replace(bare, gravity=gravity, constant=gains[:, 0], core_tau_h=float(values[9]))
 
 
 def _draw(random: np.random.Generator, latitude_deg: float, core_tau_h: float | None) -> PlatformParameters:
@@ -356,4 +381,5 @@ __all__ = [
     "PlatformSamples",
     "SpaceStablePlatform",
     "draw_platform",
+    "with_heading_effect",
 ]

@@ -8,10 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.gap import Model, Noise, diagnose_platform, model_text, parse_model, platform_closed
+from bench.gap import (
+    Model,
+    Noise,
+    diagnose_platform,
+    heading_log_gaps,
+    model_text,
+    parse_model,
+    platform_closed,
+)
 from bench.heading import PlatformLog
 from drivers.errors import ConfigurationError, RecordError
-from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
+from simulators.plant.space_stable import SpaceStablePlatform, draw_platform, with_heading_effect
 from tests.heading.conftest import SIX, _fly
 
 Fly = Callable[..., tuple[PlatformLog, PlatformLog, SpaceStablePlatform]]
@@ -68,3 +76,36 @@ def test_friction_steps_with_heading_and_is_not_called_temperature() -> None:
 def test_too_few_headings_are_refused() -> None:
     with pytest.raises(RecordError, match="at least three are needed"):
         diagnose_platform("p", {"a": _run(3, ((0.0, 48.0), (90.0, 48.0)))}, NOMINAL)
+
+
+def test_a_plant_drifts_as_its_heading_effect_says() -> None:
+    own = draw_platform(3, in_class=True).quiet()
+    level, up = np.cos(np.radians(own.latitude_deg)), np.sin(np.radians(own.latitude_deg))
+    # drift is K (x * constant + x * gravity times the vertical, [level cos, level sin, up]): by hand
+    gains = np.column_stack(
+        (own.constant + up * own.gravity[:, 2], level * own.gravity[:, 0], level * own.gravity[:, 1])
+    )
+    values = [*(own.scale_dph * gains).ravel().tolist(), own.core_tau_h]
+    headings = np.repeat([0.0, 60.0, 240.0], 400)
+    drifts = [
+        SpaceStablePlatform(each, 1).advance(headings).thermal_dph
+        for each in (own, with_heading_effect(own, values), with_heading_effect(own, None))
+    ]
+    np.testing.assert_allclose(drifts[1], drifts[0], atol=1e-12)
+    assert np.abs(drifts[0]).max() > 1e-4
+    assert not drifts[2].any()
+
+
+def test_rehearsals_with_the_closed_model_come_nearer_to_a_run_that_was_not_fitted() -> None:
+    first, second = _run(3), _run(3, OTHER)
+    (term,) = platform_closed(diagnose_platform("p", {"a": first}, NOMINAL), NOMINAL).channel_terms
+    drawn = draw_platform(3)
+    logs = [
+        _fly(with_heading_effect(drawn, values), seed, OTHER)[1]
+        for values, seed in ((None, 51), (term.values, 51), (term.values, 52))
+    ]
+    all_, *stays = heading_log_gaps(second, *logs)
+    assert [each.heading for each in stays] == ["120 deg", "240 deg", "300 deg", "180 deg"]
+    assert all_.share > 0.9
+    assert all_.rms_closed_as < 0.35 * all_.rms_nominal_as
+    assert all_.rms_floor_as < 0.35 * all_.rms_nominal_as
