@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -14,6 +15,7 @@ from bench.cli._run import console_for, perform, plant_with_seed, rehearse
 from bench.emulated import Plant, load_plant
 from bench.gap import (
     ChannelLogGap,
+    HeadingLogGap,
     LogGap,
     Suggestion,
     channel_log_gaps,
@@ -83,7 +85,7 @@ def gap_rehearse_command(
             )
         )
         return
-    console.print(_table(gaps))
+    console.print(_phase_table(gaps))
     if channels:
         console.print(_channel_table(channels))
     if report is not None:
@@ -115,12 +117,7 @@ def _print_headings(
         facts = {"run": recorded.manifest.run_id, "rehearsals": [str(each) for each in folders]}
         console.print_json(json.dumps({**facts, "headings": [vars(each) for each in gaps]}))
         return
-    table = Table("heading", "nominal", "closed", "floor", "gone %", title="run less rehearsal, rms arcsec")
-    for each in gaps:
-        sizes = (each.rms_nominal_as, each.rms_closed_as, each.rms_floor_as)
-        gone = f"{100.0 * each.share:.1f}" if each.share == each.share else ""
-        table.add_row(each.heading, *(f"{size:.1f}" for size in sizes), gone)
-    console.print(table)
+    console.print(_heading_table(gaps))
 
 
 def _check_model(run: Path, closed: Path) -> None:
@@ -177,31 +174,33 @@ def run_suggestion(
     return result.folder
 
 
-def _table(gaps: Sequence[LogGap]) -> Table:
-    table = Table(
-        "phase", "nominal", "closed", "floor", "gone %", title="run less rehearsal, rms deg/h of 100 s means"
-    )
-    for each in gaps:
-        table.add_row(
-            each.phase.replace("_", " "),
-            f"{each.rms_nominal_dph:.4f}",
-            f"{each.rms_closed_dph:.4f}",
-            f"{each.rms_floor_dph:.4f}",
-            f"{100.0 * each.share:.1f}" if each.share == each.share else "",
-        )
+def _table(first: str, what: str, rows: Iterable[tuple[str, str, str, str, float]]) -> Table:
+    """Return a table of place, nominal, closed, floor, and the share that is gone (NaN: none is known)."""
+    table = Table(first, "nominal", "closed", "floor", "gone %", title=f"run less rehearsal, {what}")
+    for place, *sizes, share in rows:
+        table.add_row(place.replace("_", " "), *sizes, "" if math.isnan(share) else f"{100.0 * share:.1f}")
     return table
+
+
+def _phase_table(gaps: Sequence[LogGap]) -> Table:
+    rows = (
+        (g.phase, f"{g.rms_nominal_dph:.4f}", f"{g.rms_closed_dph:.4f}", f"{g.rms_floor_dph:.4f}", g.share)
+        for g in gaps
+    )
+    return _table("phase", "rms deg/h of 100 s means", rows)
 
 
 def _channel_table(gaps: Sequence[ChannelLogGap]) -> Table:
-    table = Table(
-        "channel", "nominal", "closed", "floor", "gone %", title="run less rehearsal, rms of 100 s means"
+    rows = (
+        (g.channel, f"{g.rms_nominal:.3g} {g.unit}", f"{g.rms_closed:.3g}", f"{g.rms_floor:.3g}", g.share)
+        for g in gaps
     )
-    for each in gaps:
-        table.add_row(
-            each.channel.replace("_", " "),
-            f"{each.rms_nominal:.3g} {each.unit}",
-            f"{each.rms_closed:.3g}",
-            f"{each.rms_floor:.3g}",
-            f"{100.0 * each.share:.1f}" if each.share == each.share else "",
-        )
-    return table
+    return _table("channel", "rms of 100 s means", rows)
+
+
+def _heading_table(gaps: Sequence[HeadingLogGap]) -> Table:
+    rows = (
+        (g.heading, f"{g.rms_nominal_as:.1f}", f"{g.rms_closed_as:.1f}", f"{g.rms_floor_as:.1f}", g.share)
+        for g in gaps
+    )
+    return _table("heading", "rms arcsec", rows)

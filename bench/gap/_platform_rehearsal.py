@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.gap._rehearsal import share_gone
 from bench.heading import PlatformLog, stays, without_start
 
 Array = NDArray[np.float64]
@@ -61,6 +62,5 @@ def _position(log: PlatformLog) -> Array:
 
 def _gap(heading: str, apart: Array) -> HeadingLogGap:
     nominal, closed, floor = np.nanmean((apart**2).sum(axis=1), axis=1).tolist()
-    reducible = nominal - floor
-    share = 1.0 - (closed - floor) / reducible if reducible > floor else math.nan
+    share = share_gone(nominal, closed, floor)
     return HeadingLogGap(heading, math.sqrt(nominal), math.sqrt(closed), math.sqrt(floor), share)

@@ -169,8 +169,13 @@ def _means(values: Array) -> Array:
     return np.asarray(np.nanmean(rows, axis=1)) if len(rows) else np.zeros(0)
 
 
+def share_gone(nominal: float, closed: float, floor: float) -> float:
+    """Return the part of the reducible energy that is gone, of mean squares; NaN where it is below the floor."""
+    reducible = nominal - floor
+    return 1.0 - (closed - floor) / reducible if reducible > floor else math.nan
+
+
 def _gap(name: str, values: Array) -> LogGap:
     nominal, closed, floor = (np.nanmean(values**2, axis=1)).tolist()
-    reducible = nominal - floor
-    share = 1.0 - (closed - floor) / reducible if reducible > floor else math.nan
+    share = share_gone(nominal, closed, floor)
     return LogGap(name, math.sqrt(nominal), math.sqrt(closed), math.sqrt(floor), share)

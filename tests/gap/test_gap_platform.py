@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from bench.cli._gap_rehearse import _heading_table
+from bench.emulated import Plant
 from bench.gap import (
+    HeadingLogGap,
     Model,
     Noise,
     diagnose_platform,
@@ -109,3 +114,20 @@ def test_rehearsals_with_the_closed_model_come_nearer_to_a_run_that_was_not_fitt
     assert all_.share > 0.9
     assert all_.rms_closed_as < 0.35 * all_.rms_nominal_as
     assert all_.rms_floor_as < 0.35 * all_.rms_nominal_as
+
+
+def test_a_platform_follows_its_model_and_no_other_sort_of_model(tmp_path: Path) -> None:
+    nominal = tmp_path / "nominal.toml"
+    nominal.write_text(model_text(NOMINAL))
+    examples = Path(__file__).parents[2] / "examples" / "nominal"
+    plant = Plant(gap_model={"PINS-001": nominal, "PINS-002": examples / "rlg_ramp.toml"})
+    assert plant.heading_effect_of("PINS-001") is None
+    with pytest.raises(ConfigurationError, match=r"cannot follow.*scale_factor"):
+        plant.heading_effect_of("PINS-002")
+
+
+def test_a_rehearsals_table_has_a_row_for_every_heading(capsys: pytest.CaptureFixture[str]) -> None:
+    gaps = [HeadingLogGap("all", 289.7, 40.5, 35.6, 0.996), HeadingLogGap("60 deg", 3.0, 2.0, 9.0, np.nan)]
+    Console(width=80).print(_heading_table(gaps))
+    said = capsys.readouterr().out
+    assert "289.7" in said and "99.6" in said and "nan" not in said
