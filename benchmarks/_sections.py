@@ -59,14 +59,14 @@ def _commit() -> str:
     return f"{commit} with changes" if changed else commit
 
 
-_COMMIT = _commit()
+COMMIT = _commit()
 """Asked for when the command begins: an hour later the working tree may be another."""
 
 
 def stamp(command: str) -> str:
     """Return in a line by which command, when, from which commit and on what something was measured."""
     return (
-        f"`{command}`, {utc_now()[:10]}, commit {_COMMIT}, {os.cpu_count()} processors, "
+        f"`{command}`, {utc_now()[:10]}, commit {COMMIT}, {os.cpu_count()} processors, "
         f"load {os.getloadavg()[0]:.1f}, Python {platform.python_version()}."
     )
 
@@ -80,6 +80,12 @@ def write_section(title: str, command: str, lines: Sequence[str], page: Page = R
     rest = sorted(set(sections) - set(known))
     replace_file(page.path, "\n".join([page.head, *(sections[name] for name in [*known, *rest])]))
     return sections[title]
+
+
+def section(title: str, page: Page = RELIABILITY) -> str:
+    """Return a section of the page as it is, empty if there is none."""
+    text = page.path.read_text(encoding="utf-8") if page.path.exists() else ""
+    return dict(_split(text)).get(title, "")
 
 
 def _split(text: str) -> list[tuple[str, str]]:

@@ -96,19 +96,23 @@ class Verdict:
 
     case: Case
     outcome: str
+    reason: str
     problems: list[str] = field(default_factory=list)
     false_frames: dict[str, int] = field(default_factory=dict)
 
 
 def cases(count: int, seed: int) -> list[Case]:
-    """Return `count` cases: the scenarios, every wire fault on every port, then pairs drawn from `seed`."""
+    """Return `count` cases: the scenarios, every wire fault on every port, then pairs drawn from `seed`.
+
+    Fewer than all of the first two are drawn from them, those that take long only when needed.
+    """
     draw = random.Random(seed)
     singles = [(port, kind) for port in _PORTS for kind in _WIRE if kind != "bad_check" or port in _CHECKED]
     singles += [(port, kind) for port in ("table", "chamber") for kind in _TO_DEVICE]
     found = [*_scenarios(), *(_wire_case(draw, [each]) for each in singles)]
     if count < len(found):
         quick = [case for case in found if case.scenario != "operator" and case.scenario != "disk"]
-        return draw.sample(quick, count)
+        return draw.sample(quick if count <= len(quick) else found, count)
     while len(found) < count:
         found.append(_wire_case(draw, [draw.choice(singles), draw.choice(singles)]))
     return found
@@ -234,7 +238,7 @@ class Soak:
         plant = Plant(seed=11, delivery_s=1.0, fault=case.faults)
         with EmulatedLab(self._file, plant, start=self._start) as lab:
             result = self._drive(lab.file, case)
-            verdict = Verdict(case, _outcome(result))
+            verdict = Verdict(case, _outcome(result), result.reason)
             if "not confirmed" not in verdict.outcome and (found := _not_at_rest(lab)):
                 verdict.problems.append(f"said to be safe and is not: {found}")
         self._judge(case, result, verdict)
@@ -380,7 +384,8 @@ def main() -> int:
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
 
     def say(verdict: Verdict) -> None:
-        print(f"{verdict.case.name}: {verdict.outcome} {'; '.join(verdict.problems)}", flush=True)
+        problems = "".join(f" PROBLEM: {each}" for each in verdict.problems)
+        print(f"{verdict.case.name}: {verdict.outcome}. {verdict.reason}{problems}", flush=True)
 
     verdicts = soak(count, seed, say)
     bad = [verdict for verdict in verdicts if verdict.problems]
