@@ -18,7 +18,7 @@ _TRIES = 3
 _OTHERS = 16
 """Ports that may go away one after the other while one device is being stopped."""
 _TELL_AGAIN_S = 5.0
-_RETURN_S = 20.0
+RETURN_S = 20.0
 """How long the port of a device that went away is looked for."""
 _LOOK_S = 0.5
 
@@ -31,14 +31,16 @@ def bring_to_rest(
     clock: Clock,
     say: Callable[[str, str], None],
     *,
+    away: Callable[[str], None] = lambda _: None,
     timeout_s: float = REST_TIMEOUT_S,
-) -> list[str]:
-    """Stop every device, wait for its word and read back that it is at rest; return what was not confirmed.
+) -> dict[str, str]:
+    """Stop every device, wait for its word, read back that it is at rest; return by name what was not confirmed.
 
     The stop commands of all leave first, before any answer is awaited or anything written down. A device that
     does not answer, or a port that goes away meanwhile, does not keep the others from being told and read back.
     A port that is away is looked for when the others rest, for 20 s, and its device told when it is back.
-    `say(name, text)` gets what each one reads back.
+    `say(name, text)` gets what each one reads back; `away(name)` whose port is gone, as soon as all others have
+    been told and with every look: somebody may stand beside it.
     """
     for device in devices.values():
         with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
@@ -59,6 +61,8 @@ def bring_to_rest(
                 if isinstance(error, LinkLost):
                     untold.remove(name)
                     gone.append(name)
+    for name in gone:
+        away(name)
     deadline_s = clock.now() + timeout_s
 
     def read_back(name: str) -> None:
@@ -72,12 +76,13 @@ def bring_to_rest(
     for name in devices:
         if name not in problems:
             read_back(name)
-    until_s = clock.now() + _RETURN_S
+    until_s = clock.now() + RETURN_S
     while gone:
         for name in list(gone):
             try:
                 devices[name].link.reopen()
             except BenchError:  # not yet
+                away(name)
                 continue
             gone.remove(name)
             try:
@@ -96,7 +101,9 @@ def bring_to_rest(
         _pause(clock, _LOOK_S)
         if clock.now() <= now_s:  # it stands still: the lab behind a virtual clock is gone
             break
-    return [f"{name}: {text}" for name, text in problems.items()]
+    for name in gone:
+        problems[name] = f"its port is gone and has not come back within {RETURN_S:g} s"
+    return problems
 
 
 def _in_spite_of_others(device: Instrument, work: Callable[[], _T]) -> _T:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, Literal, Protocol
 
@@ -415,10 +415,23 @@ class Bench:
         read_back: list[tuple[str, str]] = []
         devices = {"table": self.table.device, "chamber": self.chamber.device}
         self.confirmed, self.unconfirmed = [], ["bench: the way to the safe state was cut off"]
+        seen = {"table": self.table.last_seen, "chamber": self.chamber.last_seen}
+        told: set[str] = set()
+
+        def away(name: str) -> None:
+            with suppress(BenchError, OSError):  # whatever is wrong with record or display, the way goes on
+                if name not in told:
+                    told.add(name)
+                    text = f"its port is gone{seen[name]()}: STOP IT BY HAND. Being made safe: {reason}"
+                    self.event("alarm", device=name, text=f"not confirmed safe: {text}")
+                if self._display is not None:
+                    self._display(self.progress(f"making the bench safe, looking for the port of the {name}"))
+
         with self.clock.interrupt.ignored():
-            problems = self.unconfirmed = bring_to_rest(
-                devices, self.clock, lambda name, text: read_back.append((name, text))
+            left = bring_to_rest(
+                devices, self.clock, lambda name, text: read_back.append((name, text)), away=away
             )
+            problems = self.unconfirmed = [f"{name}: {text}{seen[name]()}" for name, text in left.items()]
         self._note_requests()
         self.event("note", text=f"{'not ' if problems else ''}made safe: {reason}")
         self.confirmed = [f"{name} {text}" for name, text in read_back]

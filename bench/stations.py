@@ -86,6 +86,14 @@ class ChamberStation:
         self.device.request_state()
         return self.device.read_state()
 
+    def last_seen(self) -> str:
+        """Return in words what telemetry said last, empty before the first."""
+        if not (last := self.history.last):
+            return ""
+        ago_s = self._bench.now_s - last["time_s"]
+        air, target = last["air_temp_c"], last["set_point_c"]
+        return f" ({ago_s:.0f} s ago its air was at {air:.1f} degC, the set point {target:.1f} degC)"
+
     @property
     def auxiliary_c(self) -> list[float]:
         """What the auxiliary sensors said last, degC."""

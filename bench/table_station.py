@@ -52,6 +52,13 @@ class TableStation:
         """The newest rate of every axis."""
         return tuple(self.history.last[self._columns(name)[1]] for name in self.axes)
 
+    def last_seen(self) -> str:
+        """Return in words what telemetry said last, empty before the first."""
+        if not (last := self.history.last):
+            return ""
+        rates = ", ".join(f"{rate:.3f} deg/s" for rate in self.rates_dps)
+        return f" ({self._bench.now_s - last['time_s']:.0f} s ago it turned at {rates})"
+
     def take(self, time_s: float, state: TableState) -> None:
         """Keep telemetry."""
         outer = [state.outer[name] for name in self.axes if name != self._carrier]

@@ -200,7 +200,7 @@ def _aftermath(result: RunResult, *, alone: bool) -> list[str]:
     """Say what the bench has done after a run that ended early, what is kept, and (`alone`) what is next."""
     bench = "; ".join(result.safe) or "nothing was told to move or to heat"
     if "NOT CONFIRMED SAFE" in result.reason:
-        bench = "; ".join([*result.safe, "the rest NOT CONFIRMED: go and look before anything else"])
+        bench = "; ".join([*result.safe, "the rest NOT CONFIRMED: go and look, stop it by hand"])
     said = [
         f"bench: {bench}",
         f"kept: all that came in {duration(result.duration_s)}; `gyrobench report {result.folder}` shows it",

@@ -101,9 +101,7 @@ def _ended(now: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> Banner
         return Banner("good", "Completed", "", done)
     if outcome == "invalid":
         return Banner("doubt", "Invalid", reason, done, "Read the reason; repeat the run if needed.")
-    unsafe = "NOT CONFIRMED SAFE" in reason or any(
-        "not confirmed safe" in str(line.get("text")) for line in lines
-    )
+    unsafe = "NOT CONFIRMED SAFE" in reason or "not confirmed safe" in done
     press = _GO_AND_LOOK if unsafe else "Nothing is urgent. Clear the cause before starting again."
     return Banner(
         "bad", "Aborted" if outcome == "aborted" else outcome.capitalize() or "Ended", reason, done, press
@@ -119,6 +117,8 @@ def _made_safe(lines: Sequence[Mapping[str, Any]]) -> str:
         text = str(line.get("text", ""))
         if "made safe" in text or text.startswith(("table ", "chamber ", "not confirmed safe")):
             ending.append(text)
+        if text.startswith(("made safe", "not made safe")):  # what stands before was said on the way
+            break
     if not any("made safe" in text for text in ending):
         return ""
     return "; ".join(_shortened(text) for text in reversed(ending))

@@ -173,6 +173,7 @@ def _take_over(order: Order, runner: int, cause: str) -> list[str]:
     closed = dict(order.openers)
     problems: dict[str, str] = {}
     confirmed: list[str] = []
+    told: set[str] = set()
     deadline_s = clock.now() + _FIRST_TRY_S
     while closed:
         opened: dict[str, Instrument] = {}
@@ -189,12 +190,17 @@ def _take_over(order: Order, runner: int, cause: str) -> list[str]:
             if closed:
                 if clock.now() >= _PORTS_TIMEOUT_S:
                     break
+                for name in closed if clock.now() >= deadline_s else ():
+                    if name not in told:
+                        told.add(name)
+                        text = (
+                            f"not stopped yet, STOP IT BY HAND; its port is tried for 60 s: {problems[name]}"
+                        )
+                        notes.say("alarm", device=name, text=text)
                 clock.sleep(_AGAIN_S)
         if not opened:
             break
-        for problem in bring_to_rest(opened, clock, lambda name, text: confirmed.append(f"{name} {text}")):
-            name, _, text = problem.partition(": ")
-            problems[name] = text
+        problems |= bring_to_rest(opened, clock, lambda name, text: confirmed.append(f"{name} {text}"))
         for line in confirmed:
             problems.pop(line.partition(" ")[0], None)
             notes.say("note", text=line)
@@ -251,7 +257,7 @@ def _words(kind: str, fields: dict[str, Any], run: Path) -> str:
         return (
             f"{fields['outcome']}{after}. What had come is kept: `gyrobench runs recover {run}` completes it"
         )
-    return str(fields["text"])
+    return f"{fields['device']}: {fields['text']}" if kind == "alarm" else str(fields["text"])
 
 
 def _tell(text: str) -> None:

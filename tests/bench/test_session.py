@@ -209,12 +209,29 @@ def test_an_instrument_whose_own_port_is_gone_is_looked_for_when_the_others_rest
     def gone():
         raise LinkLost("the port is gone", where="table")
 
+    made.table.state = TableState(10.0, 7.0)
+    made.bench.wait(1.5)
+    made.log.clear()
+    shown = []
+    made.bench._display = lambda progress: shown.append((progress, tuple(made.log)))
     for call in ("halt", "make_safe", "read_rest"):
         monkeypatch.setattr(made.table, call, gone)
     assert made.bench.make_safe("a test") is False
-    assert made.bench.unconfirmed == ["table: table: the port is gone."]
+    first, told = shown[0]
+    assert "chamber safe" in told  # a terminal that is slow keeps nobody from being told
+    assert "chamber rest" not in told
+    assert "port of the table" in first.doing and len(shown) > 20
+    (alarm,) = (row for row in made.record.of("alarm") if row["device"] == "table")
+    assert alarm["text"] == (
+        "not confirmed safe: its port is gone (0 s ago it turned at 7.000 deg/s): STOP IT BY HAND. "
+        "Being made safe: a test"
+    )
+    assert first.alarms[-1]["text"] == alarm["text"]
+    assert made.bench.unconfirmed == [
+        "table: its port is gone and has not come back within 20 s (21 s ago it turned at 7.000 deg/s)"
+    ]
     assert made.log.index("chamber rest") < made.log.index("table looked for")
-    assert made.clock.now() < 25.0 and made.bench.confirmed == ["chamber at rest: 0 deg/s"]
+    assert made.clock.now() < 27.0 and made.bench.confirmed == ["chamber at rest: 0 deg/s"]
 
 
 def test_a_way_to_the_safe_state_that_is_cut_off_is_not_confirmed(made, monkeypatch):

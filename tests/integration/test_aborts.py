@@ -124,7 +124,7 @@ def test_a_killed_lab_ends_the_run_with_one_clear_paragraph(bench, fog_file, tmp
     assert "NOT CONFIRMED SAFE" in result.reason and "table" in result.reason and "chamber" in result.reason
     assert Run.open(result.folder).manifest.reason == result.reason
     alarms = [row["text"] for row in events(result.folder) if row["kind"] == "alarm"]
-    assert len(alarms) == 2 and all(text.startswith("not confirmed safe: ") for text in alarms)
+    assert len(alarms) == 4 and all(text.startswith("not confirmed safe: ") for text in alarms)
     table = Run.open(result.folder).gyro("fog_1", ("time_ns",))
     assert len(table["time_ns"]) > 100 * 25
     assert bench.problems(result.folder) == []

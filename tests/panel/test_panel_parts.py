@@ -317,6 +317,21 @@ def test_what_is_not_confirmed_safe_sends_the_operator_there() -> None:
         )
 
 
+def test_a_port_that_is_gone_is_told_while_it_is_looked_for_and_forgotten_when_it_came_back() -> None:
+    gone = {"kind": "alarm", "device": "table",
+            "text": "not confirmed safe: its port is gone (1 s ago it turned at 7 deg/s): STOP IT BY HAND. "
+                    "Being made safe: the port is gone."}  # fmt: skip
+    told = banner({"state": "running", "alive": True, "alarms": [gone]}, [gone], 0.0)
+    assert (told.word, told.press[:11], told.happened) == (
+        "Not confirmed safe",
+        "GO AND LOOK",
+        "The port is gone.",
+    )
+    assert "turned at 7 deg/s" in told.done
+    back = banner({"state": "ended", "outcome": "aborted", "reason": "x"}, [gone, *SAFE[1:]], 0.0)
+    assert back.press.startswith("Nothing is urgent") and "gone" not in back.done
+
+
 def test_an_alarm_while_the_run_goes_on_says_that_nothing_was_stopped() -> None:
     now = {"state": "running", "alive": True, "alarms": [{"device": "chamber", "text": "door open"}]}
     told = banner(now, [{"kind": "alarm", "device": "chamber", "text": "door open"}], 0.0)
