@@ -33,7 +33,7 @@ def check_disk(needed: int, folder: Path, what: str, option: str) -> None:
         raise LimitExceeded(
             f"{what} does not fit on the disk",
             where=str(folder),
-            found=f"{free / 1e9:.1f} GB free",
-            expected=f"about {needed / 1e9:.1f} GB",
+            found=f"{free / 1e6:,.0f} MB free",
+            expected=f"about {needed / 1e6:,.0f} MB",
             remedy=f"free space, or name a folder on another disk with {option}",
         )

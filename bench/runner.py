@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -31,7 +31,7 @@ from bench.session import Bench
 from bench.stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from bench.watchdog import Watchdog
 from drivers.clock import Clock, WallClock
-from drivers.errors import BenchError, ConfigurationError, RunAborted
+from drivers.errors import BenchError, ConfigurationError, RecordError, RunAborted, RunUnsealed
 from drivers.instruments import Gyro, Identity
 from drivers.virtual_clock import VirtualClock
 
@@ -76,7 +76,8 @@ class RunResult:
 def run_procedure(request: RunRequest) -> RunResult:
     """Run a procedure and return how it ended; the folder is complete whatever happened.
 
-    Raises only what prevents a record from being made at all: BenchInUse, RecordError or ConfigurationError.
+    Raises only what prevents a record from being made at all: BenchInUse, RecordError or ConfigurationError; and
+    RunUnsealed, with what became of the bench, if the folder of a run that was driven cannot be closed.
     """
     if request.lease is None:
         with take_lease(request.file, f"run {request.run_id or request.procedure.name}") as lease:
@@ -137,11 +138,32 @@ def _run(request: RunRequest) -> RunResult:
         if unsafe:
             outcome = "aborted"
             reason = f"{reason} NOT CONFIRMED SAFE, go and look: {' '.join(unsafe)}".strip()
-        ending = record.close(outcome, reason, duration_s)
+        try:
+            ending = record.close(outcome, reason, duration_s)
+        except RecordError as problem:
+            if request.live is not None:
+                request.live.end("aborted", f"{reason} {problem}".strip())
+            raise _unsealed(record.folder, problem, outcome, reason, safe) from problem
         if request.live is not None:
             request.live.end(ending.outcome, ending.reason)
     return RunResult(
         record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings), safe
+    )
+
+
+def _unsealed(
+    folder: Path, problem: RecordError, outcome: str, reason: str, safe: Sequence[str]
+) -> RunUnsealed:
+    """Say what became of the bench first, then of the record: nothing but this text tells the operator."""
+    bench = "; ".join(safe) or "nothing was told to move or to heat"
+    ended = f"the run ended as {outcome}" + (f": {reason}" if reason else "")
+    return RunUnsealed(
+        f"the run folder could not be closed. Bench: {bench}",
+        where=str(folder),
+        found=f"{problem.found}; {ended}",
+        expected=problem.expected,
+        remedy=f"what is on the disk can be read: with the folder back and room on its disk, "
+        f"`gyrobench runs recover {folder}` completes it",
     )
 
 

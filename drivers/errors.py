@@ -66,3 +66,7 @@ class RunAborted(BenchError):
 
 class RecordError(BenchError):
     """A run folder that cannot be written or that does not verify."""
+
+
+class RunUnsealed(RecordError):
+    """A run that ended, its bench made safe as far as the text says, and whose folder could not be closed."""

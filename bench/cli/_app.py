@@ -15,7 +15,7 @@ from bench.cli._fits import fit_app, scheme_app
 from bench.cli._frames import frames_app
 from bench.cli._gaps import gap_app
 from bench.cli._options import TextCommand, TextGroup
-from drivers.errors import BenchError, RunAborted
+from drivers.errors import BenchError, RunAborted, RunUnsealed
 
 app = typer.Typer(
     cls=TextGroup,
@@ -68,7 +68,7 @@ def main() -> None:
         app()
     except BenchError as error:
         _complain(str(error))
-        sys.exit(3 if isinstance(error, RunAborted) else 2)
+        sys.exit(3 if isinstance(error, RunAborted | RunUnsealed) else 2)
     except KeyboardInterrupt:
         _complain("stopped by Ctrl-C")
         sys.exit(130)

@@ -40,6 +40,7 @@ class RunDisplay:
         self._every_s = _JSON_EVERY_S if as_json else _PLAIN_EVERY_S
         self._said_at = -self._every_s
         self._said = ""
+        self._alarm: tuple[Any, ...] = ()
         self._started = host_seconds()
 
     def __enter__(self) -> RunDisplay:
@@ -57,7 +58,8 @@ class RunDisplay:
         """Show where the run is."""
         if self._live is not None:
             self._live.update(self._view(progress), refresh=True)
-        elif host_seconds() - self._said_at >= self._wait_s(progress):
+        elif progress.alarms[-1:] != self._alarm or host_seconds() - self._said_at >= self._wait_s(progress):
+            self._alarm = progress.alarms[-1:]
             self._said_at, self._said = host_seconds(), progress.step + progress.doing
             if self._json:
                 say_json(

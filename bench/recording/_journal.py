@@ -138,6 +138,7 @@ class Journal:
 
     def __init__(self, folder: Path, flush_interval_s: float) -> None:
         self.folder = folder
+        self._place = _place(folder)
         self._ports: list[PortJournal] = []
         self._events: EventLog | None = None
         self._failure: Exception | None = None
@@ -207,8 +208,21 @@ class Journal:
             self._events.write()
 
     def _sync(self) -> None:
+        if (
+            _place(self.folder) != self._place
+        ):  # moved, or its mount is gone: it could not be closed at the end
+            raise record_error(self.folder, FileNotFoundError(2, "the run folder is no longer in its place"))
         files = [file for port in self._ports for file in port.files]
         _sync(files if self._events is None else [self._events.file, *files])
+
+
+def _place(folder: Path) -> tuple[int, int]:
+    """Return what tells a folder from another one of its name, zeros if there is none."""
+    try:
+        found = folder.stat()
+    except FileNotFoundError:
+        return (0, 0)
+    return (found.st_dev, found.st_ino)
 
 
 def _sync(files: Iterable[AppendFile]) -> None:

@@ -76,3 +76,13 @@ def test_json_is_one_object_a_line_without_nan():
     assert row["kind"] == "progress" and row["run"] == "run 7" and row["left_s"] == 3600.0
     assert row["auxiliary_c"] == {"1": None}
     assert row["gyros"]["fog_1"]["lost"] == 3 and row["alarms"][0]["text"] == "door [open]"
+
+
+def test_an_alarm_is_said_at_once_though_the_same_goes_on():
+    output = io.StringIO()
+    with RunDisplay(Console(file=output, width=120), "run 7", 7200.0) as display:
+        display(progress())
+        display(progress())
+        said = output.getvalue().count("\n")
+        display(progress(alarms=({"time_s": 3501.0, "device": "table", "text": "its port is gone"},)))
+    assert said == 1 and output.getvalue().count("\n") == 2 and "its port is gone" in output.getvalue()

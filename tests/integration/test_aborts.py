@@ -22,7 +22,7 @@ from bench.procedure import find_procedure
 from bench.questions import AssumeYes, Question
 from bench.recording import Run, read_exchanges
 from bench.runner import RunRequest, run_procedure
-from drivers.errors import BenchError, LinkLost, RecordError, RunAborted
+from drivers.errors import BenchError, LinkLost, RecordError, RunAborted, RunUnsealed
 from drivers.virtual_clock import VirtualClock
 
 CLI = "import bench.cli; bench.cli.main()"
@@ -253,7 +253,9 @@ def test_a_run_folder_that_is_gone_ends_the_run_with_the_bench_at_rest(bench, fo
             shutil.rmtree(tmp_path / "run", ignore_errors=True)
 
     with bench.thread_lab(fog_file, Plant(seed=5)) as lab:
-        with pytest.raises(RecordError, match="run"):
+        with pytest.raises(
+            RunUnsealed, match=f"{tmp_path / 'run'}: the run folder could not be closed"
+        ) as told:
             bench.drive(lab.file, tmp_path, display=remove, hold_s=1e5)
         clock = VirtualClock(lab.file.bench.clock)
         rests = []
@@ -266,3 +268,6 @@ def test_a_run_folder_that_is_gone_ends_the_run_with_the_bench_at_rest(bench, fo
             device.link.close()
         clock.close()
     assert [rest.reached for rest in rests] == [True, True], rests
+    text = str(told.value)
+    assert "Bench: table at rest: 0.0000 deg/s; chamber at rest: stopped" in text
+    assert "the run ended as aborted: " in text and f"`gyrobench runs recover {tmp_path / 'run'}`" in text

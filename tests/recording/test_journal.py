@@ -136,6 +136,26 @@ def test_a_vanished_folder_is_told(tmp_path):
         port.flush(sync=False)
 
 
+def test_a_folder_that_was_moved_or_whose_mount_is_gone_is_told(tmp_path, monkeypatch):
+    """Its open files take every byte still: only its name tells that it cannot be closed."""
+    monkeypatch.setattr("bench.recording._journal.Ticker", Writer)
+    folder, moved = tmp_path / "run", tmp_path / "moved"
+    folder.mkdir()
+    journal = Journal(folder, flush_interval_s=1.0)
+    port = journal.port("fog_1")
+    journal._syncer.call()
+    journal.check()
+    folder.rename(moved)
+    folder.mkdir()
+    port.received(b"abc", 1.0)
+    journal._writer.call()
+    journal._syncer.call()
+    with pytest.raises(RecordError, match="no longer in its place"):
+        journal.check()
+    journal.close()
+    assert (moved / "raw" / "fog_1.bin").read_bytes() == b"abc"
+
+
 def test_a_full_disk_is_told_and_what_fitted_can_be_read(tmp_path):
     """A file-size limit makes the same partial write and error as a full disk does."""
     port = PortJournal(tmp_path, "p")
