@@ -102,8 +102,8 @@ def write_plot(target: Path, family: FrameFamily, capture: Capture) -> bool:
 
 def _losses(family: FrameFamily, name: str, columns: Columns) -> str:
     """Return what the counter says about lost messages, empty without one."""
-    counter = family.description.counter
     form = family.form(name)
+    counter = form.counter
     if counter is None or not form.measures or len(columns["end_offset"]) < 3:
         return ""
     if not isinstance(columns[counter.field][0], np.integer):

@@ -192,7 +192,7 @@ LOOPS = {
     "vectornav": Loop("imu", bytes.fromhex("FA010102"), 38, _vectornav),
     "hipnuc": Loop(None, bytes.fromhex("5AA54C00"), 82, _hipnuc),
     "rlg2t": Loop(None, bytes.fromhex("EB90"), 15, _rlg2t),
-    "hg4930": Loop("inertial", b"\x0e\x01", 20, _hg4930),
+    "hg4930": Loop("control", b"\x0e\x01", 20, _hg4930),
     "astrix_ns": Loop("filtered", b"\x87\x14", 26, _astrix),
     "fg333": Loop(None, bytes.fromhex("EB90"), 19, _fg333),
 }

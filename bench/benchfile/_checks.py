@@ -97,6 +97,10 @@ def _formats(devices: _Devices) -> Iterator[Mistake]:
             )
         elif given is not None and not described:
             yield Mistake(f"{key}.description", "a frame description", "driver = 'frames' with it, or none")
+        if section.get("settings") and section.get("driver") not in ("frames", "stim300"):
+            yield Mistake(
+                f"{key}.settings", f"driver {section.get('driver')!r}", "settings only of a described gyro"
+            )
         frame_format = section.get("frame_format")
         if section.get("driver") == "kvh1750" and frame_format not in (None, "A", "B", "C"):
             yield Mistake(f"{key}.frame_format", repr(frame_format), "'A', 'B' or 'C'")

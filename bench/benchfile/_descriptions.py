@@ -25,14 +25,19 @@ def with_descriptions(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def _completed(gyro: Any, folder: Path) -> Any:
     description = gyro.get("description") if isinstance(gyro, dict) else None
+    settings = gyro.get("settings", {}) if isinstance(gyro, dict) else {}
+    if not isinstance(settings, dict) or not all(isinstance(words, str) for words in settings.values()):
+        return gyro  # the bench file's own checks say what is wrong with it
+    if isinstance(gyro, dict) and gyro.get("driver") == "stim300" and settings:
+        family_of("stim300", settings)
     if not isinstance(description, (str, dict)) or gyro.get("driver") != _DRIVER:
         return gyro
     if isinstance(description, str) and is_path(description):
         path = folder / description
         description = load_toml(path)
-        family = family_from(description, str(path))
+        family = family_from(description, str(path), settings)
     else:
-        family = family_of(description)
+        family = family_of(description, settings)
     link, axes = family.description.link, gyro.get("axes", "x")
     if isinstance(axes, str) and axes and set(axes) <= set("xyz"):  # else others say what is wrong with it
         message = gyro.get("frame_format")

@@ -154,6 +154,11 @@ class GyroSection(_UnitSection):
         default=None,
         description="a frame description: a name that `gyrobench frames list` shows, or a path to a TOML file",
     )
+    settings: dict[str, str] = Field(
+        default_factory=dict,
+        description="how the unit was ordered or set up, e.g. { gyro_output = 'incremental_angle' }: of the "
+        "settings that `gyrobench frames check` shows",
+    )
     interface: str | None = Field(
         default=None,
         min_length=1,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from drivers.frames import (
     Form,
     FrameFamily,
     LineDescription,
+    choices_of,
     load_family,
     reader_of,
     refusal,
@@ -42,19 +44,26 @@ def frames_list_command() -> None:
 
 
 def frames_check_command(
-    description: str, capture: Path | None, out: Path, parquet: bool, console: Console | None = None
+    description: str,
+    capture: Path | None,
+    out: Path,
+    parquet: bool,
+    settings: Mapping[str, str] | None = None,
+    console: Console | None = None,
 ) -> None:
-    """Show what the description says, raise for a vector that fails, decode the capture."""
+    """Show what the description says, raise for a vector or a choice that fails, decode the capture."""
     console = console or Console()
-    family = load_family(description)
+    family = load_family(description, settings)
     if mistakes := list(vector_mistakes(family)):
         raise refusal(family.where, mistakes)
-    _show(console, family)
+    for choices in choices_of(family.description):
+        family.set_up(choices)
+    _show(console, family, settings or {})
     if capture is not None:
         _decode(console, family, capture, out, parquet)
 
 
-def _show(console: Console, family: FrameFamily) -> None:
+def _show(console: Console, family: FrameFamily, settings: Mapping[str, str]) -> None:
     about = family.description
     console.print(f"{about.name}: {about.title}", highlight=False)
     grid = Grid(
@@ -72,6 +81,10 @@ def _show(console: Console, family: FrameFamily) -> None:
         heads = " or ".join(sync.hex(" ") for sync in form.syncs)
         grid.add_row(form.name, heads, size, kinds, _channels(form), _false_frames(form))
     console.print(grid)
+    for name, setting in about.setting.items():
+        chosen = settings.get(name, setting.default)
+        others = ", ".join(each for each in setting.choice if each != chosen)
+        console.print(f"setting {name} = {chosen} (or {others}): {setting.what}", highlight=False)
     weak = sum(form.false_per_byte for form in family.forms if form.measures)
     if _RANDOM_BYTES * weak > 1.0:
         console.print(

@@ -29,8 +29,13 @@ def frames_check(
     ] = None,
     out: Annotated[Path, typer.Option(help="folder for the tables and the plot of a capture")] = Path(),
     parquet: Annotated[bool, typer.Option("--parquet", help="tables as Parquet instead of CSV")] = False,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", "-s", help="how the unit was set up, as name=choice; repeat for several"),
+    ] = None,
 ) -> None:
     """Check a description, run its vectors, and decode a capture into tables and a plot."""
     from bench.cli._frame import frames_check_command
+    from bench.cli._settings import parse_settings
 
-    frames_check_command(description, capture, out, parquet)
+    frames_check_command(description, capture, out, parquet, parse_settings(settings or []))

@@ -1,6 +1,13 @@
 """Gyros on a serial port described by a TOML file: decoder, encoder and driver made from the description."""
 
-from drivers.frames._decode import FrameDecoder, MessageReader, Messages, channels, reader_of
+from drivers.frames._decode import (
+    FrameDecoder,
+    MessageReader,
+    Messages,
+    channels,
+    messages_of,
+    reader_of,
+)
 from drivers.frames._driver import FrameGyro, bits_a_byte
 from drivers.frames._encode import FrameEncoder
 from drivers.frames._form import Form
@@ -19,6 +26,7 @@ from drivers.frames._load import (
     shipped,
 )
 from drivers.frames._model import GYRO_ROLES, Description
+from drivers.frames._settings import choices_of
 from drivers.frames._split import StreamSplitter
 from drivers.frames._units import factor as to_bench_unit
 from drivers.frames._vectors import vector_mistakes
@@ -40,6 +48,7 @@ __all__ = [
     "StreamSplitter",
     "bits_a_byte",
     "channels",
+    "choices_of",
     "description_path",
     "family_from",
     "family_in",
@@ -47,6 +56,7 @@ __all__ = [
     "is_path",
     "load_family",
     "load_toml",
+    "messages_of",
     "reader_of",
     "refusal",
     "shipped",

@@ -112,11 +112,11 @@ class FrameDecoder:
         message: str | None = None,
     ) -> None:
         """Raise ConfigurationError for a message or an axis that the description does not have."""
-        wanted = message or family.description.message
-        self._form = None if wanted is None else family.form(wanted)
-        measuring = [form for form in family.forms if form.measures] if self._form is None else [self._form]
+        wanted = messages_of(family, message)
+        measuring = wanted or [form for form in family.forms if form.measures]
         for form in measuring:
             channels(family, form, axes)
+        self._forms = wanted
         forms = [form for form in family.forms if form in measuring or not form.measures]
         self._reader = reader_of(family, forms)
         self._family = family
@@ -124,12 +124,17 @@ class FrameDecoder:
         self._axis = axis or axes[0]
         self.counts = self._reader.counts
         self.nominal_rate_hz = rate_hz
-        self.counter_modulo, self.counter_step = _counting(family, measuring[0], rate_hz)
+        self.counter_modulo, self.counter_step = _counting(measuring[0], rate_hz)
         self._plans: dict[int, _Plan] = {}
         self._count = 0  # Of frames by bytes, where the frame has no counter.
         self._end = -1
-        self._angles: dict[str, int] = {}
+        self._angles: dict[str, float] = {}
         self._counter = 0
+
+    @property
+    def expected(self) -> str:
+        """The messages that it reads, by name; empty for the first it hears."""
+        return " or ".join(form.name for form in self._forms)
 
     @property
     def by_message(self) -> dict[str, int]:
@@ -139,27 +144,31 @@ class FrameDecoder:
     def feed(self, data: bytes) -> FrameBatch:
         """Decode the next bytes of the stream; an incomplete frame is kept for the next call."""
         found = [messages for messages in self._reader.feed(data) if messages.form.measures]
-        if self._form is None and found:
-            self._form = min(found, key=lambda messages: int(messages.end_offset[0])).form
-        found = [messages for messages in found if messages.form is self._form]
+        if not self._forms and found:
+            self._forms = [min(found, key=lambda messages: int(messages.end_offset[0])).form]
+        found = [messages for messages in found if messages.form in self._forms]
         if not found:
-            form = self._form or next(form for form in self._reader.forms if form.measures)
+            form = next(iter(self._forms), None) or next(f for f in self._reader.forms if f.measures)
             layout = form.layout(form.shortest)
             nothing = np.empty((0, layout.length), np.uint8)
             found = [Messages(layout, nothing, np.empty(0, np.int64))]
         parts = [self._plan(messages.layout).columns(messages.rows) for messages in found]
         ends = found[0].end_offset
         columns = parts[0]
+        lengths = np.full(len(ends), found[0].layout.length)
+        if len(self._forms) > 1:  # What all of them have, so that the table is one whatever came first.
+            columns = {name: columns[name] for name in columns if name in self._common()}
         if len(parts) > 1:
             ends = np.concatenate([messages.end_offset for messages in found])
+            lengths = np.repeat([each.layout.length for each in found], [len(each.rows) for each in found])
             columns = {name: np.concatenate([part[name] for part in parts]) for name in columns}
             if (ends[1:] < ends[:-1]).any():  # Frames of several lengths.
                 order = np.argsort(ends)
-                ends = ends[order]
+                ends, lengths = ends[order], lengths[order]
                 columns = {name: column[order] for name, column in columns.items()}
         if "counter" not in columns:
             numbers = found[0].numbers
-            counted = self._counted(ends, found[0].layout.length) if numbers is None else numbers
+            counted = self._counted(ends, lengths) if numbers is None else numbers
             columns = {"counter": counted, **columns}
         self._increments(columns)
         return FrameBatch(columns, ends)
@@ -169,12 +178,18 @@ class FrameDecoder:
             self._plans[layout.length] = _Plan(self._family, layout, self._axes, self._axis)
         return self._plans[layout.length]
 
-    def _counted(self, ends: NDArray[np.int64], length: int) -> NDArray[np.int64]:
+    def _common(self) -> set[str]:
+        """Return the columns that every message of those in turn has."""
+        plans = [self._plan(form.layout(form.shortest)) for form in self._forms]
+        return set.intersection(*(set(plan.names) for plan in plans))
+
+    def _counted(self, ends: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.int64]:
         """Count frames by the bytes from end to end: bytes in between that were none leave a gap."""
         if not len(ends):
             return ends
-        before = ends[0] - length if self._end < 0 else self._end
-        steps = np.maximum(1, np.rint(np.diff(ends, prepend=before) / length).astype(np.int64))
+        before = ends[0] - lengths[0] if self._end < 0 else self._end
+        between = np.diff(ends, prepend=before) - lengths
+        steps = 1 + np.maximum(0, np.rint(between / lengths).astype(np.int64))
         count: NDArray[np.int64] = self._count + np.cumsum(steps)
         self._count, self._end = int(count[-1]), int(ends[-1])
         return count - 1
@@ -182,10 +197,10 @@ class FrameDecoder:
     def _increments(self, columns: dict[str, Array]) -> None:
         """Turn cumulative angles into what was turned in one sample."""
         counter = columns["counter"]
-        form = self._form
-        if form is None or not len(counter):
+        if not self._forms or not len(counter):
             return
-        turned = [spec for spec in form.fields if spec.role == "cumulative_angle" and spec.name in columns]
+        fields = self._forms[0].fields
+        turned = [spec for spec in fields if spec.role == "cumulative_angle" and spec.name in columns]
         if not turned:
             return
         first = self._counter if self._angles else int(counter[0]) - self.counter_step
@@ -193,16 +208,22 @@ class FrameDecoder:
         samples = np.maximum(1.0, np.rint(ticks / self.counter_step))
         for spec in turned:
             raw = columns[spec.name]
-            span = 1 << (8 * spec.bytes if spec.bits is None else spec.bits[1])
             before = self._angles.get(spec.name)
             step = np.diff(raw, prepend=raw[0] if before is None else before)
-            step = (step + span // 2) % span - span // 2
+            if raw.dtype.kind == "f":  # Wraps, if it does, at a full turn.
+                span = 360.0 / factor(spec.unit) / abs(spec.scale.factor)
+                with np.errstate(invalid="ignore"):
+                    step = step - span * np.rint(step / span)
+                columns["valid"] &= np.isfinite(step)
+            else:
+                bits = 8 * spec.bytes if spec.bits is None else spec.bits[1]
+                step = (step + (1 << bits - 1)) % (1 << bits) - (1 << bits - 1)
             angle = step * spec.scale.factor / samples
             if before is None:
                 angle[0] = np.nan
                 columns["valid"][0] = False
             columns[spec.name] = angle
-            self._angles[spec.name] = int(raw[-1])
+            self._angles[spec.name] = raw[-1].item()
         self._counter = int(counter[-1])
 
 
@@ -213,8 +234,8 @@ class _Plan:
         description, form = family.description, layout.form
         by_name = {spec.name: spec for spec in form.fields}
         self._layout = layout
-        self._counter = None if description.counter is None else description.counter.field
-        self._ticks = (description.counter.ticks_per_s if description.counter else None) or 1.0
+        self._counter = None if form.counter is None else form.counter.field
+        self._ticks = (form.counter.ticks_per_s if form.counter else None) or 1.0
         self._status = next((spec.name for spec in form.fields if spec.role == "status"), None)
         self._gyros = [by_name[name] for name in channels(family, form, axes).values()]
         self._temps = [spec for spec in form.fields if spec.role == "temp"]
@@ -236,6 +257,7 @@ class _Plan:
         needed |= {rule.field for spec in self._kept for rule in (spec.when, spec.valid) if rule is not None}
         needed |= {name for name in (self._counter, self._status) if name is not None}
         self._codecs = {name: layout.codecs[name] for name in by_name if name in needed}
+        self.names = list(self.columns(np.empty((0, layout.length), np.uint8)))
 
     def columns(self, rows: NDArray[np.uint8]) -> dict[str, Array]:
         """Return the columns of `rows`, see FrameDecoder."""
@@ -269,6 +291,12 @@ class _Plan:
         return columns
 
 
+def messages_of(family: FrameFamily, named: str | None) -> list[Form]:
+    """Return the messages that a bench reads: named, or the description's; empty for the first it hears."""
+    wanted = named or family.description.message or ()
+    return [family.form(name) for name in ((wanted,) if isinstance(wanted, str) else wanted)]
+
+
 def channels(family: FrameFamily, form: Form, axes: str) -> dict[str, str]:
     """Return axis -> field of the gyro channels that a bench reads from a message; the file's first role."""
     role = next((spec.role for spec in form.fields if spec.role in GYRO_ROLES), None)
@@ -292,9 +320,9 @@ def celsius(spec: FieldSection, columns: Mapping[str, Array]) -> NDArray[np.floa
         return value.astype(np.float32)
 
 
-def _counting(family: FrameFamily, form: Form, rate_hz: float) -> tuple[int, float]:
+def _counting(form: Form, rate_hz: float) -> tuple[int, float]:
     """Return where the counter wraps, and how much it rises a sample."""
-    counter = family.description.counter
+    counter = form.counter
     if counter is None:
         return _NO_WRAP, 1.0
     spec = next(each for each in form.fields if each.name == counter.field)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from drivers.errors import ConfigurationError, DeviceSilent, WrongDevice
-from drivers.frames._decode import FrameDecoder
+from drivers.frames._decode import FrameDecoder, reader_of
 from drivers.frames._load import FrameFamily
 from drivers.instruments import Identity
 from drivers.link import Link
 
 _LISTEN_S = 5.0
 _ENOUGH = 2
+_KEPT = 8192
+"""Bytes kept to say what was heard instead."""
 
 
 def bits_a_byte(family: FrameFamily) -> int:
@@ -47,7 +49,7 @@ class FrameGyro:
         deadline_s = self.link.clock.now() + limit_s
         while frames < _ENOUGH and (left_s := deadline_s - self.link.clock.now()) > 0.0:
             data = self.link.read_some(left_s)
-            heard = (heard + data)[:60]
+            heard = (heard + data)[:_KEPT]
             frames += len(decoder.feed(data))
         where = f"{self.link.name} ({self.link.url})"
         if not heard:
@@ -59,11 +61,14 @@ class FrameGyro:
                 remedy="check power, cable and port",
             )
         if frames < _ENOUGH:
-            others = {name: n for name, n in decoder.by_message.items() if n}
+            everything = reader_of(self._family)
+            everything.feed(heard)
+            others = ", ".join(name for name, n in everything.by_form.items() if n)
             raise WrongDevice(
-                f"what sends on this port is not {description.title}",
+                f"what sends on this port is not {description.title}"
+                + (f" with the message {decoder.expected}" if others else ""),
                 where=where,
-                found=f"messages {others}" if others else heard.hex(" "),
+                found=f"messages {others}" if others else heard[:60].hex(" "),
                 expected=_beginnings(self._family),
                 remedy="check the baud rate, and port, description and frame_format in the bench file",
             )

@@ -22,7 +22,7 @@ class FrameEncoder:
         self.form = family.form(message)
         self.layout = self.form.layout(length or self.form.shortest)
         self._family = family
-        self._counter = family.description.counter
+        self._counter = self.form.counter
         self._good: dict[str, int] = {}
         for bit in family.description.status:
             self._good[bit.field] = self._good.get(bit.field, 0) | bit.good << bit.bit
@@ -60,10 +60,10 @@ class FrameEncoder:
                     span = codec.limits()[1] - codec.limits()[0] + 1
                     numbers = np.mod(numbers - codec.limits()[0], span) + codec.limits()[0]
                 raw[name] = numbers
-            elif name in self._good:
-                raw[name] = np.full(count, self._good[name], np.uint64)
             elif spec.usual is not None:
                 raw[name] = np.broadcast_to(codec.unphysical(np.array([spec.usual])), (count,))
+            elif name in self._good:
+                raw[name] = np.full(count, self._good[name], np.uint64)
             elif spec.type.startswith("text:"):
                 raw[name] = np.zeros(count, f"S{spec.bytes}")
             else:

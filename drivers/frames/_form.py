@@ -15,6 +15,7 @@ from drivers.frames._find import Bytes, Ints, Pattern
 from drivers.frames._model import (
     GYRO_ROLES,
     Checksum,
+    Counter,
     Description,
     Endian,
     FieldSection,
@@ -46,6 +47,7 @@ class Form:
     fields: tuple[FieldSection, ...]
     key: str
     """Where it stands in the file, for errors."""
+    counter: Counter | None = None
     _layouts: dict[int, Layout] = field(default_factory=dict)
 
     @cached_property
@@ -183,6 +185,7 @@ def _form(description: Description, own: FrameSection, key: str) -> Form:
         checksums=checksums or (),
         fields=tuple(fields.values()),
         key=key,
+        counter=own.counter if isinstance(own, Variant) and own.counter else description.counter,
     )
 
 

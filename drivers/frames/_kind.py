@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.errors import ConfigurationError
-from drivers.frames._decode import FrameDecoder, celsius, channels
+from drivers.frames._decode import FrameDecoder, celsius, channels, messages_of
 from drivers.frames._driver import FrameGyro
 from drivers.frames._form import Form
 from drivers.frames._load import FrameFamily, family_of
@@ -32,7 +32,7 @@ def family_in(settings: Settings) -> FrameFamily:
             found="no description",
             expected='description = "stim300" or another name that `gyrobench frames list` shows, or a TOML file',
         )
-    return family_of(description)
+    return family_of(description, settings.get("settings"))
 
 
 def _open(settings: Settings, clock: Clock, tap: Tap) -> FrameGyro:
@@ -63,12 +63,16 @@ def _decoder(settings: Settings) -> FrameDecoder:
 
 def _form_of(family: FrameFamily, settings: Settings, columns: Columns) -> Form:
     """Return the message that `columns` came from."""
-    named = settings.get("frame_format") or family.description.message
-    if named is not None:
-        return family.form(named)
-    forms = [form for form in family.forms if form.measures]
-    fits = [form for form in forms if set(channels(family, form, settings["axes"]).values()) <= set(columns)]
-    return fits[0]
+    if named := messages_of(family, settings.get("frame_format")):
+        return named[0]
+    kept = {
+        form.name: set(channels(family, form, settings["axes"]).values())
+        | {spec.name for spec in form.fields if spec.role in (*ACCEL_ROLES, "temp", "case_temp")}
+        for form in family.forms
+        if form.measures
+    }
+    fits = {name: len(names) for name, names in kept.items() if names <= set(columns)}
+    return family.form(max(fits, key=lambda name: fits[name]))
 
 
 def _rates(settings: Settings, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
@@ -88,7 +92,12 @@ def _accelerations(settings: Settings, columns: Columns, sample_rate_hz: float) 
     family = family_in(settings)
     found: dict[str, NDArray[Any]] = {}
     for spec in _form_of(family, settings, columns).fields:
-        if spec.role in ACCEL_ROLES and spec.axis is not None and spec.axis not in found:
+        if (
+            spec.role in ACCEL_ROLES
+            and spec.axis is not None
+            and spec.axis not in found
+            and spec.name in columns
+        ):
             scale = factor(spec.unit) * (1.0 if spec.role == "accel" else sample_rate_hz)
             with np.errstate(invalid="ignore", over="ignore"):
                 found[spec.axis] = columns[spec.name] * scale
@@ -107,4 +116,5 @@ def _temperatures(settings: Settings, columns: Columns, sample_rate_hz: float) -
 Frames = GyroKind(
     open=_open, decoder=_decoder, rates=_rates, accelerations=_accelerations, temperatures=_temperatures
 )
-"""Settings used: `name`, `port`, `baudrate`, `rate_hz`, `axes`, `axis`, `description`, `frame_format`."""
+"""Settings used: `name`, `port`, `baudrate`, `rate_hz`, `axes`, `axis`, `description`,
+`settings`, `frame_format`."""

@@ -61,6 +61,7 @@ class LineVector(_Part):
     tolerance: float = Field(default=1e-6, ge=0, description="relative tolerance of numbers")
     origin: str = Field(default="", description="who says so")
     variant: None = Field(default=None, description="nothing: there is one kind of line")
+    settings: dict[str, str] = Field(default_factory=dict, description="setting = choice, as the unit had it")
 
 
 class LineDescription(Description):
@@ -107,6 +108,7 @@ def line_form(description: LineDescription) -> LineForm:
         checksums=(),
         fields=fields,
         key="line",
+        counter=description.counter,
     )
     form.section = description.line
     return form

@@ -18,23 +18,39 @@ from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 from drivers.frames._form import Form, forms_of
 from drivers.frames._lines import LineDescription, line_form, verify_lines
 from drivers.frames._model import Description
+from drivers.frames._settings import setting_mistakes, with_settings
 from drivers.frames._verify import Mistake, verify
 
 Model = TypeVar("Model", bound=BaseModel)
+_Settings = tuple[tuple[str, str], ...]
 
 
 class FrameFamily:
     """A description with its forms: what decoder, encoder and driver are made from."""
 
-    def __init__(self, description: Description, forms: list[Form], where: str) -> None:
+    def __init__(
+        self,
+        description: Description,
+        forms: list[Form],
+        where: str,
+        data: dict[str, Any],
+        settings: Mapping[str, str],
+    ) -> None:
         self.description = description
         self.forms = forms
         self.where = where
+        self._data = data
+        self._settings = dict(settings)
 
     @property
     def name(self) -> str:
         """The description's name."""
         return self.description.name
+
+    def set_up(self, settings: Mapping[str, str]) -> FrameFamily:
+        """Return the same description with `settings` chosen, the others at their defaults."""
+        same = dict(settings) == self._settings
+        return self if same else family_from(self._data, self.where, settings)
 
     def form(self, name: str | None) -> Form:
         """Return the message of that name, None for the first that carries a gyro channel."""
@@ -103,48 +119,65 @@ def load_toml(path: Path) -> dict[str, Any]:
         ) from error
 
 
-def load_family(description: str) -> FrameFamily:
-    """Return the description of a name of ours or a path, checked; ConfigurationError lists every mistake."""
+def load_family(description: str, settings: Mapping[str, str] | None = None) -> FrameFamily:
+    """Return the description of a name of ours or a path, checked; ConfigurationError lists every mistake.
+
+    `settings`: choices among the description's settings, by name; the others have their defaults.
+    """
     path = description_path(description)
     try:
         changed = path.stat().st_mtime_ns
     except OSError:
         changed = 0
-    return _loaded(str(path), changed)
+    return _loaded(str(path), changed, _fixed(settings))
 
 
 @lru_cache(maxsize=64)
-def _loaded(path: str, _changed: int) -> FrameFamily:
-    return family_from(load_toml(Path(path)), path)
+def _loaded(path: str, _changed: int, settings: _Settings) -> FrameFamily:
+    return family_from(load_toml(Path(path)), path, dict(settings))
 
 
-def family_of(description: str | Mapping[str, Any]) -> FrameFamily:
-    """Return the family a bench file's `description` means: a name of ours, a path, or a description itself."""
+def family_of(description: str | Mapping[str, Any], settings: Mapping[str, str] | None = None) -> FrameFamily:
+    """Return the family a bench file's `description` and `settings` mean.
+
+    `description`: a name of ours, a path, or a description itself.
+    """
     if isinstance(description, str):
-        return load_family(description)
-    return _parsed(json.dumps(description, sort_keys=True))
+        return load_family(description, settings)
+    return _parsed(json.dumps(description, sort_keys=True), _fixed(settings))
 
 
 @lru_cache(maxsize=64)
-def _parsed(text: str) -> FrameFamily:
+def _parsed(text: str, settings: _Settings) -> FrameFamily:
     data = json.loads(text)
-    return family_from(data, f"description {data.get('name', '')!r} in the bench file")
+    return family_from(data, f"description {data.get('name', '')!r} in the bench file", dict(settings))
 
 
-def family_from(data: dict[str, Any], where: str) -> FrameFamily:
-    """Check a description given as parsed TOML; `where` stands for the file in errors."""
+def _fixed(settings: Mapping[str, str] | None) -> _Settings:
+    return tuple(sorted((settings or {}).items()))
+
+
+def family_from(data: dict[str, Any], where: str, settings: Mapping[str, str] | None = None) -> FrameFamily:
+    """Check a description given as parsed TOML with `settings` chosen; `where` stands for the file in errors."""
+    kind = LineDescription if "line" in data else Description
+    asked = validated(kind, data, where)
+    if mistakes := list(setting_mistakes(asked, settings or {})):
+        raise refusal(where, mistakes)
+    given = data
+    if asked.setting:
+        data = with_settings(data, asked, settings or {})
     if "line" in data:
         lines = validated(LineDescription, data, where)
         if mistakes := list(verify_lines(lines)):
             raise refusal(where, mistakes)
         if mistakes := list(verify(lines, [form := line_form(lines)])):
             raise refusal(where, mistakes)
-        return FrameFamily(lines, [form], where)
+        return FrameFamily(lines, [form], where, given, settings or {})
     description = validated(Description, data, where)
     forms = forms_of(description)
     if mistakes := list(verify(description, forms)):
         raise refusal(where, mistakes)
-    return FrameFamily(description, forms, where)
+    return FrameFamily(description, forms, where, given, settings or {})
 
 
 def validated(model: type[Model], data: dict[str, Any], where: str) -> Model:

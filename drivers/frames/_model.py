@@ -278,8 +278,43 @@ class Variant(FrameSection):
     """
 
     name: str = Field(pattern=_NAME, description="a name for the message")
+    counter: Counter | None = Field(
+        default=None, description="a [variant.counter] section in place of [counter]"
+    )
     without: tuple[str, ...] = Field(default=(), description="names of the description's fields it lacks")
     field: tuple[FieldSection, ...] = Field(default=(), description="[[variant.field]] entries")
+
+
+class FieldChange(_Part):
+    """What a choice makes of a field: the keys given replace the field's own, of a scale each part by itself."""
+
+    scale: dict[Literal["mul", "div", "pow2"], float | int] | None = Field(
+        default=None, description="{mul=..., div=..., pow2=...}"
+    )
+    offset: float | None = Field(default=None, description="added after scaling")
+    unit: Unit | None = Field(default=None, description="the unit after scaling")
+    role: Role | None = Field(default=None, description="what the field is to the bench")
+    type: str | None = Field(default=None, description="another number type of the same size")
+    axis: Literal["x", "y", "z"] | None = Field(default=None, description="'x', 'y' or 'z'")
+
+
+class Choice(_Part):
+    """One of the ways in which a unit may be set up or made."""
+
+    field: dict[str, FieldChange] = Field(
+        default_factory=dict, description="field = {keys that differ}, in [[field]] and every variant"
+    )
+    message: str | tuple[str, ...] | None = Field(
+        default=None, description="the message or messages that a bench reads then"
+    )
+
+
+class Setting(_Part):
+    """`[setting.<name>]`: what the bytes do not tell, since the unit was ordered or set up so."""
+
+    what: str = Field(default="", description="what it is about, in words")
+    default: str = Field(description="the choice where the bench file names none")
+    choice: dict[str, Choice] = Field(min_length=1, description="choice = {field = {...}}")
 
 
 class Vector(_Part):
@@ -290,6 +325,7 @@ class Vector(_Part):
     variant: str | None = Field(default=None, description="which variant it is")
     tolerance: float = Field(default=1e-6, ge=0, description="relative tolerance of numbers")
     origin: str = Field(default="", description="who says so")
+    settings: dict[str, str] = Field(default_factory=dict, description="setting = choice, as the unit had it")
 
 
 class Description(_Part):
@@ -302,8 +338,13 @@ class Description(_Part):
     model: str = Field(default="", description="the device's model")
     source: str = Field(default="", description="document or code the layout is from")
     note: str = Field(default="", description="anything a user should know")
-    message: str | None = Field(
-        default=None, description="the message a bench reads unless told another; default the first it hears"
+    message: str | tuple[str, ...] | None = Field(
+        default=None,
+        description="the message a bench reads unless told another, or a list of those that take turns; default "
+        "the first it hears",
+    )
+    setting: dict[Annotated[str, Field(pattern=_NAME)], Setting] = Field(
+        default_factory=dict, description="[setting.<name>] sections"
     )
     link: Link = Field(default=Link(), description="a [link] section")
     frame: FrameSection = Field(description="a [frame] section with sync, length and checksum")

@@ -20,8 +20,10 @@ def vector_mistakes(family: FrameFamily) -> Iterator[Mistake]:
     if isinstance(family.description, LineDescription):
         yield from _line_mistakes(family, family.description)
         return
+    given = family
     for number, vector in enumerate(family.description.vector):
         key = f"vector[{number}]"
+        family = given.set_up(vector.settings)
         found = MessageReader(family).feed(vector.hex)
         if len(found) != 1 or found[0].rows.size != len(vector.hex):
             yield Mistake(f"{key}.hex", _why(family, vector), "one whole frame whose check is right")
@@ -40,8 +42,10 @@ def vector_mistakes(family: FrameFamily) -> Iterator[Mistake]:
 
 
 def _line_mistakes(family: FrameFamily, description: LineDescription) -> Iterator[Mistake]:
+    given = family
     for number, vector in enumerate(description.vector):
         key = f"vector[{number}]"
+        family = given.set_up(vector.settings)
         line = vector.text.encode("latin-1")
         reader = reader_of(family)
         found = reader.feed(line + b"\r\n")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from drivers.frames._checks import check_bytes, places
 from drivers.frames._form import Form
-from drivers.frames._model import Description, FieldSection
+from drivers.frames._model import GYRO_ROLES, Description, FieldSection
 from drivers.frames._units import UNITS
 
 
@@ -181,8 +181,10 @@ def _fields(form: Form) -> Iterator[Mistake]:
                 )
         if spec.type.startswith("text:") and spec.role != "aux":
             yield Mistake(f"{key}.role", spec.role, "'aux' for a text")
-        if spec.role == "cumulative_angle" and (spec.type[0] not in "ui" or spec.offset or spec.transform):
-            yield Mistake(f"{key}.type", spec.type, "a whole number that wraps, without offset or transform")
+        if spec.role == "cumulative_angle" and (
+            spec.type.startswith("text:") or spec.offset or spec.transform
+        ):
+            yield Mistake(f"{key}.type", spec.type, "a number, without offset or transform")
         if spec.sentinel and spec.type.startswith("text:"):
             yield Mistake(f"{key}.sentinel", "a text", "a number")
         for value in spec.sentinel:
@@ -279,15 +281,35 @@ def _references(description: Description, forms: list[Form]) -> Iterator[Mistake
                     f"variant {own.name!r}.without", repr(gone), "names of the description's own fields"
                 )
     names = {form.name for form in forms}
-    measuring = {form.name for form in forms if form.measures}
-    if description.message is not None and description.message not in measuring:
-        yield Mistake("message", repr(description.message), _one_of(measuring))
+    yield from _message(description, {form.name: form for form in forms if form.measures})
     for number, vector in enumerate(description.vector):
         if vector.variant is not None and vector.variant not in names:
             yield Mistake(f"vector[{number}].variant", repr(vector.variant), _one_of(names))
         for name in vector.expect:
             if name not in all_names:
                 yield Mistake(f"vector[{number}].expect", repr(name), _one_of(all_names))
+
+
+def _message(description: Description, measuring: dict[str, Form]) -> Iterator[Mistake]:
+    """Yield what keeps `message` from naming what a bench reads."""
+    wanted = description.message or ()
+    wanted = (wanted,) if isinstance(wanted, str) else wanted
+    if unknown := [name for name in wanted if name not in measuring]:
+        yield Mistake("message", ", ".join(map(repr, unknown)), _one_of(measuring))
+        return
+    if len({str(form.counter) for form in measuring.values()}) > 1 and not wanted:
+        yield Mistake("message", "nothing, but messages with different counters", _one_of(measuring))
+    kinds = {name: str((measuring[name].counter, _channels_of(measuring[name]))) for name in wanted}
+    if len(set(kinds.values())) > 1:
+        yield Mistake("message", f"{', '.join(kinds)}: they differ", "messages of the same rates and counter")
+
+
+def _channels_of(form: Form) -> list[FieldSection]:
+    return [spec for spec in form.fields if spec.role in GYRO_ROLES and spec.role == _first_role(form)]
+
+
+def _first_role(form: Form) -> str:
+    return next(spec.role for spec in form.fields if spec.role in GYRO_ROLES)
 
 
 def _told_apart(forms: list[Form]) -> Iterator[Mistake]:

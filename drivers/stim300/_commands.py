@@ -29,6 +29,39 @@ DATAGRAMS: dict[str, str] = {
     "all_pps": "t",
 }
 """Message of the frame description -> parameter of `d` (table 9-13)."""
+OUTPUTS: dict[str, tuple[str, str, dict[str, tuple[str, str]]]] = {
+    "gyro_output": (
+        "g",
+        "GYRO",
+        {
+            "rate": ("0", "ANGULAR RATE"),
+            "incremental_angle": ("1", "INCREMENTAL ANGLE"),
+            "average_rate": ("2", "AVERAGE ANGULAR RATE"),
+            "integrated_angle": ("3", "INTEGRATED ANGLE"),
+        },
+    ),
+    "accelerometer_output": (
+        "a",
+        "ACCELEROMETER",
+        {
+            "acceleration": ("0", "ACCELERATION"),
+            "incremental_velocity": ("1", "INCREMENTAL VELOCITY"),
+            "average_acceleration": ("2", "AVERAGE ACCELERATION"),
+            "integrated_velocity": ("4", "INTEGRATED VELOCITY"),
+        },
+    ),
+    "inclinometer_output": (
+        "i",
+        "INCLINOMETER",
+        {
+            "acceleration": ("0", "ACCELERATION"),
+            "incremental_velocity": ("1", "INCREMENTAL VELOCITY"),
+            "average_acceleration": ("2", "AVERAGE ACCELERATION"),
+            "integrated_velocity": ("4", "INTEGRATED VELOCITY"),
+        },
+    ),
+}
+"""Setting of the description -> sensor of `u`, its name in replies, choice -> (parameter, words) (table 9-51)."""
 SETTINGS = {"s": "SERIAL NUMBER", "n": "PRODUCT", "x": "PART NUMBER", "p": "FW CONFIG"}
 """Parameter of `i` -> what its reply begins with (table 9-35, figures 9-21 to 9-37)."""
 _WORDS = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from drivers.conversation import TRIES, ConversingGyro
 from drivers.errors import WrongDevice
@@ -15,6 +16,7 @@ from drivers.stim300._commands import (
     ENTER,
     LEAVE,
     LEFT,
+    OUTPUTS,
     RATES,
     SETTINGS,
     bits_per_s,
@@ -29,9 +31,10 @@ _ENTERED = re.compile(rb"(?:" + BANNER.encode() + rb"|E00\d ).*?" + _PROMPT, re.
 class Stim300Gyro(ConversingGyro):
     """A STIM300 on an RS-422 port, 8N1 (`drivers.instruments.Gyro`).
 
-    `rate_hz` is one of the unit's sample rates, `message` one of `DATAGRAMS`, of `length` bytes. The unit is set
-    to angular rate without delay and to datagrams without CR LF. Nothing is saved: after a power-on it is as it
-    was. `identify` and `stop` leave it in Service Mode, where it is quiet.
+    `rate_hz` is one of the unit's sample rates, `message` one of `DATAGRAMS`, of `length` bytes, `outputs` has
+    choices among `OUTPUTS`. The unit is set to outputs without delay (angular rate and acceleration unless chosen
+    otherwise) and to datagrams without CR LF. Nothing is saved: after a power-on it is as it was. `identify` and
+    `stop` leave it in Service Mode, where it is quiet.
     """
 
     what = "a STIM300"
@@ -39,7 +42,15 @@ class Stim300Gyro(ConversingGyro):
     seen = 16384  # The longest listing has 3 kB.
 
     def __init__(
-        self, link: Link, decoder: FrameDecoder, *, rate_hz: float, message: str, length: int, baudrate: int
+        self,
+        link: Link,
+        decoder: FrameDecoder,
+        *,
+        rate_hz: float,
+        message: str,
+        length: int,
+        baudrate: int,
+        outputs: Mapping[str, str] | None = None,
     ) -> None:
         """Raise ConfigurationError for what no such unit can be set to."""
         super().__init__(link)
@@ -56,8 +67,16 @@ class Stim300Gyro(ConversingGyro):
         self._demands = {
             f"m {RATES[int(rate_hz)]}": rf"SAMPLE RATE \[samples/s\] = {rate_hz:.0f}\s",
             f"d {DATAGRAMS[message]},0": r"DATAGRAM = RATE[^\r\n]*\s+DATAGRAM TERMINATION = NONE\s",
-            "u g,0": r"GYRO OUTPUT UNIT = [^\r\n]*ANGULAR RATE\s",
         }
+        chosen = {"gyro_output": "rate", **(outputs or {})}
+        content = message.replace("all", "acc_incl")
+        for name, part in (("accelerometer_output", "acc"), ("inclinometer_output", "incl")):
+            if part in content.split("_"):
+                chosen.setdefault(name, "acceleration")
+        for name, (sensor, title, units) in OUTPUTS.items():
+            if name in chosen:
+                code, words = units[chosen[name]]
+                self._demands[f"u {sensor},{code}"] = rf"{title} OUTPUT UNIT = \[[^\]\r\n]*\] \S+ {words}\s"
 
     def identify(self) -> Identity:
         """Enter Service Mode and ask for serial number, product, part number and firmware.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 from numpy.typing import NDArray
@@ -12,17 +11,16 @@ from drivers.clock import Clock
 from drivers.frames import FrameDecoder, FrameFamily, Frames, load_family
 from drivers.instruments import GyroKind, Settings
 from drivers.link import Link, Tap
-from drivers.stim300._commands import DATAGRAMS
+from drivers.stim300._commands import DATAGRAMS, OUTPUTS
 from drivers.stim300._driver import Stim300Gyro
 
 _MESSAGE = "rate_temp"
 _Columns = Mapping[str, NDArray[Any]]
 
 
-@cache
-def family() -> FrameFamily:
-    """Return the unit's datagrams."""
-    return load_family("stim300")
+def family(settings: Mapping[str, str] | None = None) -> FrameFamily:
+    """Return the unit's datagrams as `settings` of the description make them."""
+    return load_family("stim300", settings)
 
 
 def described(settings: Settings) -> dict[str, Any]:
@@ -33,7 +31,8 @@ def described(settings: Settings) -> dict[str, Any]:
 def _open(settings: Settings, clock: Clock, tap: Tap) -> Stim300Gyro:
     message = described(settings)["frame_format"]
     link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
-    decoder = FrameDecoder(family(), rate_hz=settings["rate_hz"], axes=settings["axes"])
+    chosen = settings.get("settings") or {}
+    decoder = FrameDecoder(family(chosen), rate_hz=settings["rate_hz"], axes=settings["axes"])
     length = family().form(message).shortest if message in DATAGRAMS else 0
     return Stim300Gyro(
         link,
@@ -42,6 +41,7 @@ def _open(settings: Settings, clock: Clock, tap: Tap) -> Stim300Gyro:
         message=message,
         length=length,
         baudrate=settings["baudrate"],
+        outputs={name: words for name, words in chosen.items() if name in OUTPUTS},
     )
 
 
@@ -66,4 +66,4 @@ Stim300 = GyroKind(
     accelerations=_accelerations,
     temperatures=_temperatures,
 )
-"""Settings used: `name`, `port`, `baudrate`, `rate_hz`, `axes`, `axis`, `frame_format` (default rate_temp)."""
+"""Settings used: `name`, `port`, `baudrate`, `rate_hz`, `axes`, `axis`, `settings`, `frame_format`."""

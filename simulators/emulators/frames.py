@@ -16,6 +16,7 @@ from drivers.frames import (
     LineEncoder,
     bits_a_byte,
     channels,
+    messages_of,
     to_bench_unit,
 )
 from simulators.faults import WireShape
@@ -65,10 +66,11 @@ class FrameEmulator:
                 self._line_check = 2 if check.kind == "xor8" else 8
             self._length = len(self._encoder.encode(1, {}))  # A minus sign more or less is left out.
         else:
-            self._encoder = FrameEncoder(family, message or family.description.message)
+            sent = messages_of(family, message)
+            self._encoder = FrameEncoder(family, sent[0].name if sent else None)
             self._length = self._encoder.layout.length
         self._form = self._encoder.form
-        self._counter = family.description.counter
+        self._counter = self._form.counter
         self._rate_hz = rate_hz
         self._period_s = 1.0 / (rate_hz * (1.0 + clock_error_ppm * 1e-6))
         self._send_s = self._length * bits_a_byte(family) / baudrate

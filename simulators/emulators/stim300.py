@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drivers.stim300 import DATAGRAMS, RATES, bits_per_s, datagram_words, family
+from drivers.stim300 import DATAGRAMS, OUTPUTS, RATES, bits_per_s, datagram_words, family
 from simulators.emulators.frames import CasePlant, FrameEmulator
 from simulators.faults import DeviceFault, Fault, WireShape
 from simulators.interfaces import Reply, StreamBlock
@@ -22,9 +22,12 @@ _UNKNOWN, _COUNT, _INVALID = "UNKNOWN COMMAND", "INCORRECT NUMBER OF PARAMETERS"
 _ERRORS = {_UNKNOWN: 1, _COUNT: 2, _INVALID: 3}
 _TOO_LONG = "E007 DATAGRAM WILL BE TOO LONG TO TRANSMIT"
 _NOT_SAVED = "CURRENT SYSTEM PARAMETERS DO NOT MATCH FLASH CONTENT. CONFIRM EXIT"
-_UNITS = {"0": "ANGULAR RATE", "8": "ANGULAR RATE DELAYED", "2": "AVERAGE ANGULAR RATE"}
-"""Parameter of `u g` -> words; those in deg/s only."""
-_AS_DELIVERED = {"m": "0", "d": "0", "u": "0"}
+_DELAYED = {"8": "0", "9": "1", "a": "2", "b": "3"}
+"""Parameter of `u g` for an output with delay -> that without."""
+_GS = {"3": "4"}
+"""Integrated velocity in g s -> in m/s."""
+_UNITS = {"rate": "\xb0/s", "angle": "\xb0", "velocity": "m/s", "acceleration": "g"}
+_AS_DELIVERED = {"m": "0", "d": "0", "u g": "0", "u a": "0", "u i": "0"}
 
 
 class Stim300Emulator:
@@ -32,7 +35,8 @@ class Stim300Emulator:
 
     The sensor clock is fast by `clock_error_ppm`: sample k of a stream begun at t0 is complete at
     t0 + (k + 1) / rate / (1 + clock_error_ppm * 1e-6), and its datagram is out one transmission time later. It is
-    switched on at time 0 with `settings` in its flash, default as delivered: 125 Hz, rates only.
+    switched on at time 0 with `settings` in its flash, default as delivered: 125 Hz, rates only. `ordered`:
+    settings of the description that no command changes.
     """
 
     def __init__(
@@ -44,6 +48,7 @@ class Stim300Emulator:
         baudrate: int,
         clock_error_ppm: float = 0.0,
         settings: Mapping[str, str] | None = None,
+        ordered: Mapping[str, str] | None = None,
     ) -> None:
         """Raise ConfigurationError for axes that the plant does not have."""
         self._plant = plant
@@ -51,7 +56,8 @@ class Stim300Emulator:
         self._axes = axes
         self._baudrate = baudrate
         self._clock_error_ppm = clock_error_ppm
-        self._flash = dict(settings or _AS_DELIVERED)
+        self._flash = _AS_DELIVERED | dict(settings or {})
+        self._ordered = {name: words for name, words in (ordered or {}).items() if name not in OUTPUTS}
         self._settings = dict(self._flash)
         self._saves = 0
         self._service = False
@@ -97,7 +103,7 @@ class Stim300Emulator:
         self._service = False
         self._stream = FrameEmulator(
             self._plant,
-            family(),
+            family(self._ordered | self._outputs()),
             axes=self._axes,
             rate_hz=self._rate_hz(),
             baudrate=self._baudrate,
@@ -149,10 +155,13 @@ class Stim300Emulator:
         if len(values) != counts[name]:
             return _error(_COUNT)
         if name == "u":
-            if values[0] != "g" or values[1] not in _UNITS:
+            if f"u {values[0]}" not in self._settings:
                 return _error(_INVALID)
-            self._settings["u"] = values[1]
-            return self._told()["u"]
+            was, self._settings[f"u {values[0]}"] = self._settings[f"u {values[0]}"], values[1]
+            if len(self._outputs()) < len(OUTPUTS):
+                self._settings[f"u {values[0]}"] = was
+                return _error(_INVALID)
+            return self._told()[f"u {values[0]}"]
         if values[0] not in listed[name] or (name == "d" and values[1] != "0"):
             return _error(_INVALID)
         before = dict(self._settings)
@@ -202,13 +211,30 @@ class Stim300Emulator:
     def _message(self) -> str:
         return next(message for message, code in DATAGRAMS.items() if code == self._settings["d"])
 
+    def _outputs(self) -> dict[str, str]:
+        """Return what is set, by setting of the description; a code that there is not is left out."""
+        found: dict[str, str] = {}
+        for name, (sensor, _, units) in OUTPUTS.items():
+            code = self._settings[f"u {sensor}"]
+            code = _DELAYED.get(code, code) if sensor == "g" else _GS.get(code, code)
+            for words, (known, _) in units.items():
+                if known == code:
+                    found[name] = words
+        return found
+
     def _told(self) -> dict[str, str]:
+        outputs = {}
+        for name, choice in self._outputs().items():
+            sensor, title, units = OUTPUTS[name]
+            unit = _UNITS[choice.rpartition("_")[2]] + ("/sample" if choice.startswith("incremental") else "")
+            late = " DELAYED" if sensor == "g" and self._settings["u g"] in _DELAYED else ""
+            outputs[f"u {sensor}"] = f"{title} OUTPUT UNIT = [{unit}] - {units[choice][1]}{late}"
         return {
             "s": f"SERIAL NUMBER = {self._serial_number}",
             "n": "PRODUCT = STIM300",
             "x": "PART NUMBER = 84167-4400003-321 REV K",
             "p": "FW CONFIG = SWD12404 REV 0",
-            "u": f"GYRO OUTPUT UNIT = [\xb0/s] - {_UNITS[self._settings['u']]}",
+            **outputs,
             "m": f"SAMPLE RATE [samples/s] = {self._rate_hz()}",
             "d": f"DATAGRAM = {datagram_words(self._message())}\rDATAGRAM TERMINATION = NONE",
             "t": f"BIT-RATE [bits/s] = {self._baudrate}\rDATA LENGTH = 8\rSTOP BITS = 1\rPARITY = NONE",

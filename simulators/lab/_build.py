@@ -301,6 +301,7 @@ def _stim300(gyro: GyroConfig, unit: Unit | Since, before: StreamingEmulator | N
         baudrate=gyro.settings["baudrate"],
         clock_error_ppm=gyro.clock_error_ppm,
         settings=before.settings if isinstance(before, Stim300Emulator) else None,
+        ordered=gyro.settings.get("settings"),
     )
 
 

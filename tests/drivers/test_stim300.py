@@ -37,6 +37,8 @@ PRINTED = {
     "m 2": "m 2\rSAMPLE RATE [samples/s] = 500\r\r>",
     "d 3,0": "d 3,0\rDATAGRAM = RATE, ACCELERATION, INCLINATION\rDATAGRAM TERMINATION = NONE\r\r>",
     "u g,0": "u g,0\rGYRO OUTPUT UNIT = [\u00b0/s] \u2013 ANGULAR RATE\r\r>",
+    "u a,0": "u a,0\rACCELEROMETER OUTPUT UNIT = [g] \u2013 ACCELERATION\r\r>",
+    "u i,0": "u i,0\rINCLINOMETER OUTPUT UNIT = [g] \u2013 ACCELERATION\r\r>",
     "x N": "x N\rSYSTEM RETURNING TO NORMAL MODE.\r",
 }
 DATAGRAM = bytes.fromhex(
@@ -70,13 +72,14 @@ def test_the_driver_reads_what_the_data_sheet_prints() -> None:
     assert (identity.maker, identity.model) == ("Sensonor", "STIM300")
     assert (identity.serial_number, identity.firmware) == ("N25582405002002", "SWD12404 REV 0")
     gyro.start()
-    assert device.lines[-5:] == [b"SERVICEMODE\r", b"m 2\r", b"d 3,0\r", b"u g,0\r", b"x N\r"]
+    told = [b"SERVICEMODE\r", b"m 2\r", b"d 3,0\r", b"u g,0\r", b"u a,0\r", b"u i,0\r", b"x N\r"]
+    assert device.lines[-7:] == told
     assert link.streaming
     assert b"s\r" not in device.lines  # nothing is written to the flash
 
 
 def test_the_emulator_says_what_the_data_sheet_prints() -> None:
-    unit = emulated(settings={"m": "4", "d": "3", "u": "8"})
+    unit = emulated(settings={"m": "4", "d": "3", "u g": "8"})
     banner = b"".join(reply.data for reply in unit.receive(b"SERVICEMODE\r", 0.01))
     told = banner.decode("latin-1").split("\r")
     for line in (
@@ -87,7 +90,7 @@ def test_the_emulator_says_what_the_data_sheet_prints() -> None:
         assert line in told
     assert banner.endswith(b"\r>")
     for command, expected in PRINTED.items():
-        if command not in ("SERVICEMODE", "i s", "u g,0", "x N"):
+        if command not in ("SERVICEMODE", "i s", "u g,0", "u a,0", "u i,0", "x N"):
             got = b"".join(reply.data for reply in unit.receive(command.encode() + b"\r", 1.0))
             assert got.decode("latin-1") == expected
     assert b"E001 UNKNOWN COMMAND\r" in unit.receive(b"y\r", 1.0)[0].data
@@ -120,6 +123,43 @@ def test_a_unit_that_streams_is_set_and_streams_what_was_asked_for() -> None:
     gyro.start()  # from Service Mode
     link.sleep(0.1)
     assert link.raw
+
+
+@pytest.mark.parametrize(
+    ("choice", "code"), [("average_rate", b"2"), ("incremental_angle", b"1"), ("integrated_angle", b"3")]
+)
+def test_every_output_of_the_unit_is_the_same_rate(choice: str, code: bytes) -> None:
+    """A unit that is left in another output by its last user is set to what the bench file says."""
+    chosen = {
+        "gyro_output": choice,
+        "accelerometer_range": "30g",
+        "accelerometer_output": "incremental_velocity",
+    }
+    settings = {"name": "g", "rate_hz": 500.0, "axes": "xyz", "axis": "z", "settings": chosen}
+    settings |= {"frame_format": "rate_acc"}
+    link = MemoryLink(unit := emulated(settings={"u g": "9", "u a": "3"}, ordered=chosen))
+    gyro = Stim300Gyro(
+        link,
+        FrameDecoder(family(chosen), rate_hz=500.0, axes="xyz"),
+        rate_hz=500.0,
+        message="rate_acc",
+        length=28,
+        baudrate=921_600,
+        outputs={name: chosen[name] for name in ("gyro_output", "accelerometer_output")},
+    )
+    gyro.start()
+    link.raw = b""
+    link.sleep(0.5)
+    told = b"".join(reply.data for reply in unit.receive(b"SERVICEMODE\r", 1.0))
+    assert b"[m/s/sample] - INCREMENTAL VELOCITY\r" in told and b"DELAYED" not in told
+    batch = Stim300.decoder(settings).feed(link.raw)
+    rates = Stim300.rates(settings, batch.columns, 500.0)
+    np.testing.assert_allclose(rates["z"][1:], 10.0, atol=500 * 2.0**-21)
+    assert batch.columns["valid"][1:].all()
+    assert unit.receive(b"u g," + code + b"\r", 1.0)[0].data.count(b"OUTPUT UNIT") == 1
+    assert (
+        b"E003" in unit.receive(b"u g,7\r", 1.0)[0].data and b"E003" in unit.receive(b"u q,0\r", 1.0)[0].data
+    )
 
 
 def test_a_bit_that_flips_costs_a_second_question_only() -> None:

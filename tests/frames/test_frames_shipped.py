@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import binascii
 import math
 import struct
 import zlib
@@ -24,7 +25,8 @@ from drivers.frames import (
 
 CAPTURE = Path(__file__).parents[2] / ".." / "shared" / "data" / "serial_openimu" / "z1.raw"
 EXPECTED = {
-    "astrix_ns", "fg333", "hg4930", "hipnuc", "kvh", "openimu", "rlg2t", "stim210", "stim300", "vectornav"
+    "aceinna_dmu", "astrix_ns", "fg333", "hg4930", "hipnuc", "kvh", "openimu", "rlg2t", "stim210", "stim300",
+    "vectornav",
 }  # fmt: skip
 
 
@@ -123,7 +125,7 @@ def test_cumulative_angles_become_increments_across_the_wrap_and_gaps() -> None:
 
 
 def test_frames_without_a_counter_count_the_bytes_that_went_by() -> None:
-    data = FrameEncoder(load_family("hg4930"), "inertial").encode(6, {})
+    data = FrameEncoder(load_family("hg4930"), "control").encode(6, {})
     broken = bytearray(data)
     broken[2 * 20 + 5] ^= 1
     decoder = FrameDecoder(load_family("hg4930"), rate_hz=600.0, axes="xyz")
@@ -131,6 +133,78 @@ def test_frames_without_a_counter_count_the_bytes_that_went_by() -> None:
         n for at in range(0, 120, 7) for n in decoder.feed(bytes(broken[at : at + 7])).columns["counter"]
     ]
     assert counters == [0, 1, 3, 4, 5]
+
+
+def hg4930(
+    kind: int, raws: tuple[int, ...], status: tuple[int, int], increments: tuple[int, ...] = ()
+) -> bytes:
+    """A message packed as Honeywell's manual has it (pages 14 and 15)."""
+    body = struct.pack("<BB6h2H", 0x0E, kind, *raws, *status) + struct.pack(
+        f"<{len(increments)}i", *increments
+    )
+    return body + struct.pack("<H", sum(struct.unpack(f"<{len(body) // 2}H", body)) & 0xFFFF)
+
+
+def test_hg4930_by_the_makers_manual() -> None:
+    """Five control messages and an inertial one are six samples; a velocity counts 0.3048 * 2**-27 m/s."""
+    control = hg4930(1, (1, 2, 3, 4, 5, 6), (0, 0x80E7))  # 0xE7 is -25 degC: temperatures are signed
+    inertial = hg4930(2, (7, 8, 9, 10, 11, 12), (0, 0x0003), (1 << 20, 2, 3, 1 << 27, 5, 6))
+    stream = (control * 5 + inertial) * 3
+    family = load_family("hg4930")
+    for size in (1, 7, 20, 1000):
+        decoder = FrameDecoder(family, rate_hz=600.0, axes="xyz")
+        parts = [decoder.feed(stream[at : at + size]).columns for at in range(0, len(stream), size)]
+        columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        assert columns["counter"].tolist() == list(range(18)) and columns["valid"].all()
+        np.testing.assert_allclose(columns["rate_x"][[4, 5]], np.array([-2, -8]) * 600 / 2**20, rtol=1e-6)
+        np.testing.assert_allclose(
+            columns["acc_y"][[4, 5]], np.array([6, 12]) * 600 * 0.3048 / 2**14, rtol=1e-6
+        )
+        assert columns["temp_c"][0] == -25.0 and np.isnan(columns["temp_c"][5])
+    damaged = bytearray(stream)
+    damaged[3] ^= 1
+    damaged[5 * 20 + 3] ^= 1  # the first control and the first inertial message
+    counter = FrameDecoder(family, rate_hz=600.0, axes="x").feed(bytes(damaged)).columns["counter"]
+    assert counter[:5].tolist() == [0, 1, 2, 3, 6]  # 44 bytes are taken for two of 20
+    chosen = load_family("hg4930", {"output": "increments"})
+    columns = FrameDecoder(chosen, rate_hz=100.0, axes="xyz").feed(stream).columns
+    assert len(columns["turn_z"]) == 3 and columns["turn_z"][0] == -(2.0**-13)
+    np.testing.assert_allclose(columns["velocity_z"], -0.3048, rtol=1e-6)
+    failed = hg4930(1, (0,) * 6, (1 << 9, 0))  # gyro y
+    for axes, good in (("xz", True), ("y", False)):
+        assert FrameDecoder(family, rate_hz=600.0, axes=axes).feed(failed).columns["valid"][0] == good
+    s_class = hg4930(0xCA, (0, -32768, 0, 0, 0, -32768), (0, 0))
+    (messages,) = MessageReader(family).feed(s_class)
+    assert messages.columns()["rate_x"][0] == 499.0
+    assert messages.columns()["acc_y"][0] == pytest.approx(-21 * 9.805989024)
+
+
+def test_openimu_packets_by_their_descriptions() -> None:
+    """Acceleration, rate and temperature of s1, a1, a2, e1, e2 where python-openimu has them."""
+    layouts = {
+        b"s1": ("<Id10f", (7, 0.007, 1, 2, 3, 4, 5, 6, 7, 8, 9, 25.5), "m/s2"),
+        b"a1": ("<Id8f3B", (7, 0.007, 0, 0, 4, 5, 6, 1, 2, 3, 0, 0, 0), "m/s2"),
+        b"a2": ("<Id9f", (7, 0.007, 0, 0, 0, 4, 5, 6, 1, 2, 3), "m/s2"),
+        b"e1": ("<Id15f3B", (7, 0.007, 0, 0, 0, 1, 2, 3, 4, 5, 6, *[0] * 6, 0, 0, 0), "g"),
+        b"e2": (
+            "<Id21f3d3B",
+            (7, 0.007, 0, 0, 0, 1, 2, 3, 0, 0, 0, 4, 5, 6, *[0] * 9, 0, 0, 0, 0, 0, 0),
+            "g",
+        ),
+    }
+    for name, (layout, values, unit) in layouts.items():
+        payload = struct.pack(layout, *values)
+        body = name + bytes([len(payload)]) + payload
+        frame = b"UU" + body + binascii.crc_hqx(body, 0x1D0F).to_bytes(2, "big")
+        decoder = FrameDecoder(load_family("openimu"), rate_hz=100.0, axes="xyz", message=name.decode())
+        columns = decoder.feed(frame).columns
+        assert [columns[f"rate_{axis}"][0] for axis in "xyz"] == [4.0, 5.0, 6.0]
+        assert [columns[f"acc_{axis}"][0] for axis in "xyz"] == [1.0, 2.0, 3.0]
+        spec = next(
+            each for each in load_family("openimu").form(name.decode()).fields if each.name == "acc_x"
+        )
+        assert spec.unit == unit and columns["counter"][0] == 7 and decoder.counter_step == 10.0
+        assert columns["temp_c"][0] == 25.5 if name == b"s1" else np.isnan(columns["temp_c"][0])
 
 
 @pytest.mark.parametrize("name", sorted(EXPECTED))
