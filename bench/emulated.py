@@ -107,8 +107,11 @@ class Plant(BaseModel):
         return values
 
     def model_of(self, gyro: GyroSection, axes: int = 1) -> str:
-        """Return the name of the physics behind a gyro on a table of so many axes; on several it is an IMU."""
-        if axes > 1:
+        """Return the name of the physics behind a gyro on a table of so many axes.
+
+        A unit of three axes on a table of several is an IMU.
+        """
+        if axes > 1 and gyro.axes == "xyz":
             return self.models.get(gyro.unit, "imu")
         usual = "mems" if gyro.driver in ("frames", "stim300") and len(gyro.axes) > 1 else "fog_mid"
         return self.models.get(gyro.unit, _MODELS.get(gyro.driver, usual))

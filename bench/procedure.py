@@ -13,6 +13,7 @@ from drivers.errors import ConfigurationError
 from drivers.plugins import entry_points_of
 
 if TYPE_CHECKING:
+    from bench.benchfile import BenchFile
     from bench.session import Bench
 
 ENTRY_POINT_GROUP = "gyrobench.procedures"
@@ -53,6 +54,28 @@ class Procedure:
     """What kind of unit it tests; the bench must have at least one."""
     figures: Callable[[Any], Collection[str]] = _no_figures
     """Which figures of a certificate (`bench.figure_limits`) a run with these parameters measures."""
+    upright: bool = True
+    """Whether it turns the units about the vertical: their axis then points up with the outer axes at 0."""
+
+    def check_bench(self, file: BenchFile) -> None:
+        """Raise ConfigurationError if the bench has no unit that it tests or no axis to turn it about."""
+        if not getattr(file, self.tests):
+            raise ConfigurationError(
+                f"{self.name} tests a {self.tests}, and the bench has none",
+                where=file.bench.name,
+                found=", ".join(file.units) or "no units",
+                expected=f"at least one [[{self.tests}]]",
+                remedy="name the bench file that describes it",
+            )
+        carrier = file.table.all_axes[-1]
+        if self.upright and carrier.direction != "up":
+            raise ConfigurationError(
+                f"{self.name} turns the units about the vertical, and this table does not",
+                where="table.axes, the last one",
+                found=f"{carrier.name} points {carrier.direction} with all axes at 0",
+                expected="an axis that points up with all axes at 0",
+                remedy="count the outer axes' angles from where it points up, or take another table",
+            )
 
     def parse(self, values: Mapping[str, Any]) -> Parameters:
         """Return the parameters for `values`; ConfigurationError names every wrong one."""

@@ -31,7 +31,7 @@ from bench.session import Bench
 from bench.stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from bench.watchdog import Watchdog
 from drivers.clock import Clock, WallClock
-from drivers.errors import BenchError, ConfigurationError, RecordError, RunAborted, RunUnsealed
+from drivers.errors import BenchError, RecordError, RunAborted, RunUnsealed
 from drivers.instruments import Gyro, Identity
 from drivers.virtual_clock import VirtualClock
 
@@ -79,6 +79,7 @@ def run_procedure(request: RunRequest) -> RunResult:
     Raises only what prevents a record from being made at all: BenchInUse, RecordError or ConfigurationError; and
     RunUnsealed, with what became of the bench, if the folder of a run that was driven cannot be closed.
     """
+    request.procedure.check_bench(request.file)
     if request.lease is None:
         with take_lease(request.file, f"run {request.run_id or request.procedure.name}") as lease:
             return _run(replace(request, lease=lease))
@@ -181,7 +182,6 @@ def _drive(
 ) -> Bench:
     """Run the procedure; `safe` and `unsafe` take what did and did not confirm its safe state afterwards."""
     file = request.file
-    _check_units(request)
     tests = request.procedure.tests
     bench = Bench(file, clock, record, request.operator, _display(request), request.live, tests)
     watchdog = _watchdog(request, record, clock, stack)
@@ -237,18 +237,6 @@ def _display(request: RunRequest) -> Callable[[Progress], None] | None:
             each(progress)
 
     return show if shown else None
-
-
-def _check_units(request: RunRequest) -> None:
-    wanted = request.procedure.tests
-    if not getattr(request.file, wanted):
-        raise ConfigurationError(
-            f"{request.procedure.name} tests a {wanted}, and the bench has none",
-            where=request.file.bench.name,
-            found=", ".join(request.file.units) or "no units",
-            expected=f"at least one [[{wanted}]]",
-            remedy="name the bench file that describes it",
-        )
 
 
 def _check_limits(request: RunRequest, bench: Bench) -> None:

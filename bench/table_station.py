@@ -98,6 +98,18 @@ class TableStation:
             self._turn_dps[name] = rate_dps
             self.device.limit_turns(rate_dps, self._named(name), axis.max_acceleration_dps2)
 
+    @property
+    def mounting_text(self) -> str:
+        """What an operator who mounts units must be told of the outer axes, empty on a table of one."""
+        outer = list(self.axes)[:-1]
+        return f"With {' and '.join(outer)} at 0 deg: " if outer else ""
+
+    def engage(self) -> None:
+        """Close the servo, and bring the axes outside of the one that carries the unit to 0 deg."""
+        self.device.servo_on()
+        for name in list(self.axes)[:-1]:
+            self.point(0.0, name)
+
     def home(self, *, timeout_s: float = 300.0) -> None:
         """Bring every axis to its reference position, outermost first, each settled before the next."""
         for name in self.axes:

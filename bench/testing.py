@@ -122,6 +122,7 @@ class TestBench:
             run=lambda bench, _: function(bench),
             expected_duration_s=lambda _: 0.0,
             demands=lambda _: demands or Demands(),
+            upright=False,
         )
         return self._run(procedure, Parameters(), judge)
 

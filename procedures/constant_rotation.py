@@ -43,12 +43,12 @@ def run(bench: Bench, p: ConstantRotationParameters) -> None:
     with bench.step("R1", "Mount, acquire at rest"):
         bench.phase("rest")
         bench.ask(
-            f"Mount {bench.judge.name} with z up along the table's axis and the cable through the slip "
-            "ring, level within 0.1 deg. Ready?",
+            f"{bench.table.mounting_text}Mount {bench.judge.name} with z up along the table's axis and "
+            "the cable through the slip ring, level within 0.1 deg. Ready?",
             act="mount",
             mounting="z_up",
         )
-        bench.table.device.servo_on()
+        bench.table.engage()
         bench.table.point(0.0)
         bench.wait(p.rest_s, "rest before")
 

@@ -69,12 +69,12 @@ def run(bench: Bench, p: HeadingChangeParameters) -> None:
     with bench.step("H1", "Reference heading, warm up, align"):
         bench.phase("warm_up")
         bench.ask(
-            f"Mount the platform INS so that its heading is {reference:g} deg at table angle "
-            f"{p.table_deg(reference):g} deg. Close the chamber. Ready?",
+            f"{bench.table.mounting_text}Mount the platform INS so that its heading is {reference:g} deg "
+            f"at table angle {p.table_deg(reference):g} deg. Close the chamber. Ready?",
             act="mount",
             mounting="axis_up",
         )
-        bench.table.device.servo_on()
+        bench.table.engage()
         bench.table.point(p.table_deg(reference))
         bench.chamber.go_to(p.room_c)
         bench.chamber.start()

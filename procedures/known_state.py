@@ -41,7 +41,7 @@ def run(bench: Bench, p: KnownStateParameters) -> None:
         bench.measure("found_angle", found["angle_deg"], "deg")
         bench.measure("found_rate", found["rate_dps"], "deg/s")
         bench.measure("found_air", bench.chamber.history.last["air_temp_c"], "degC")
-        bench.table.device.servo_on()
+        bench.table.engage()
         bench.table.point(p.angle_deg)
         bench.wait(5.0, "reading back")
         there = bench.table.history.last
@@ -95,4 +95,5 @@ PROCEDURE = Procedure(
     run=run,
     expected_duration_s=expected_duration_s,
     demands=demands,
+    upright=False,
 )

@@ -33,12 +33,12 @@ def run(bench: Bench, p: ScaleFactorParameters) -> None:
     with bench.step("S121", "Axis vertical, power on, acquire"):
         bench.phase("warm_up")
         bench.ask(
-            f"Mount the units with the sensitive axis of {bench.judge.name} up along the table's axis and the "
-            "cable through the slip ring. Close the chamber. Ready?",
+            f"{bench.table.mounting_text}Mount the units with the sensitive axis of {bench.judge.name} up along "
+            "the table's axis and the cable through the slip ring. Close the chamber. Ready?",
             act="mount",
             mounting="axis_up",
         )
-        bench.table.device.servo_on()
+        bench.table.engage()
         go_to_room(bench, p)
 
     for repeat in range(1, p.repeats + 1):

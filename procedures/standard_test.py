@@ -134,7 +134,7 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
     with bench.step("1", "Warm-up, axis east"):
         bench.phase("warm_up")
         _mount(bench, "axis_horizontal", f"horizontal, pointing east at table angle {p.azimuth_deg:g} deg")
-        bench.table.device.servo_on()
+        bench.table.engage()
         bench.table.point(p.azimuth_deg)
         bench.chamber.go_to(p.room_c)
         bench.chamber.start()
@@ -247,7 +247,11 @@ def over_temperature(bench: Bench, p: StandardTestParameters) -> None:
 
 
 def _mount(bench: Bench, mounting: str, how: str) -> None:
-    bench.ask(f"Mount the units with their sensitive axes {how}. Ready?", act="mount", mounting=mounting)
+    bench.ask(
+        f"{bench.table.mounting_text}Mount the units with their sensitive axes {how}. Ready?",
+        act="mount",
+        mounting=mounting,
+    )
 
 
 def _at_rate(

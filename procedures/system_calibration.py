@@ -152,4 +152,5 @@ PROCEDURE = Procedure(
     run=run,
     expected_duration_s=expected_duration_s,
     demands=demands,
+    upright=False,
 )

@@ -49,12 +49,13 @@ def run(bench: Bench, p: ThermalRampParameters) -> None:
     with bench.step("1", "Axes east, power on, acquire"):
         bench.phase("warm_up")
         bench.ask(
-            "Mount the units side by side with their sensitive axes level within 0.02 deg, pointing east at "
+            f"{bench.table.mounting_text}Mount the units side by side with their sensitive axes level "
+            "within 0.02 deg, pointing east at "
             f"table angle {p.azimuth_deg:g} deg. Close the chamber. Ready?",
             act="mount",
             mounting="axis_horizontal",
         )
-        bench.table.device.servo_on()
+        bench.table.engage()
         bench.table.point(p.azimuth_deg)
         bench.chamber.go_to(p.room_c)
         bench.chamber.start()

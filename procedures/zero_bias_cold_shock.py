@@ -39,12 +39,13 @@ def run(bench: Bench, p: ZeroBiasParameters) -> None:
     with bench.step("S111", "Axis east, power on, acquire"):
         bench.phase("warm_up")
         bench.ask(
-            f"Mount the units with the sensitive axis of {bench.judge.name} horizontal, level within 0.02 deg, "
-            f"pointing east at table angle {p.azimuth_deg:g} deg. Close the chamber. Ready?",
+            f"{bench.table.mounting_text}Mount the units with the sensitive axis of {bench.judge.name} "
+            f"horizontal, level within 0.02 deg, pointing east at table angle {p.azimuth_deg:g} deg. "
+            "Close the chamber. Ready?",
             act="mount",
             mounting="axis_horizontal",
         )
-        bench.table.device.servo_on()
+        bench.table.engage()
         bench.table.point(p.azimuth_deg)
         go_to_room(bench, p)
         bench.wait(60.0 * p.east_after_min - bench.now_s, "warming up")

@@ -54,7 +54,11 @@ class PlannedRun:
 
 
 def check_limits(campaign: Campaign, file: BenchFile) -> None:
-    """Raise LimitExceeded that names every run which demands more than the bench file allows."""
+    """Raise LimitExceeded that names every run which demands more than the bench file allows, ConfigurationError
+    for one whose procedure needs another bench.
+    """
+    for run in campaign.runs:
+        run.test.check_bench(file)
     found = [f"{run.name}: {text}" for run in campaign.runs for text in _beyond(run, file)]
     if found:
         limits = file.limits

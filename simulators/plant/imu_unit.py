@@ -1,37 +1,28 @@
 """An IMU on the inner axis of a table of one to three axes: it measures what the table's axes really do.
 
-    C = R_1(angle_1) ... R_n(angle_n) C_mount,    R_k a turn about the direction of axis k with all axes at 0
-
-in east, north, up of the table's base. Every sample has the angles of the axes at its ends and in its middle: the
-turned angle is what the axes turned, the specific force is gravity through Simpson's rule. Noise depends on seed
-and sample index only.
+Every sample has the angles of the axes at its ends and in its middle (`gimbals`): the turned angle is what the
+axes turned, the specific force is gravity through Simpson's rule. Noise depends on seed and sample index only.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
 from simulators.interfaces import GyroSignal
-from simulators.plant.earth import EARTH_RATE_DPH, gravity_mps2
+from simulators.plant.earth import gravity_mps2
+from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, earth_rate_rad_s, simpson
 from simulators.plant.imu import ImuErrors, ImuNoise, turned_about, with_errors
+from simulators.plant.mounting import Mount, Mounting
 from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
 from simulators.plant.table import TableAxis
 
 Array = NDArray[np.float64]
 
-DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
-    "east": (1.0, 0.0, 0.0),
-    "west": (-1.0, 0.0, 0.0),
-    "north": (0.0, 1.0, 0.0),
-    "south": (0.0, -1.0, 0.0),
-    "up": (0.0, 0.0, 1.0),
-    "down": (0.0, 0.0, -1.0),
-}
 _PRIOR = (0.1, 1000.0, 100.0, 100.0, 100.0)
 """One sigma of a unit's errors, as after a factory calibration: deg/h, ug, ppm, arcsec, ug/g^2."""
 _ARW_DEG_PER_SQRT_H, _VRW_UG_PER_SQRT_HZ, _VIBRATION_MPS = 0.001, 10.0, 1e-3
@@ -79,7 +70,8 @@ def imu_noise(full: bool) -> ImuNoise:
 class ImuUnit:
     """A powered IMU (`simulators.interfaces.GyroPlant` with accelerometers), at the temperature of its air.
 
-    `axes` of the table: (direction, axis), outermost first. It is mounted a little askew, by its seed.
+    `axes` of the table: (direction, axis), outermost first. It is mounted a little askew, by its seed. `axis`:
+    the one under test, which a mounting by name speaks of.
     """
 
     axes = "xyz"
@@ -92,18 +84,17 @@ class ImuUnit:
         latitude_deg: float,
         source: NoiseSource,
         *,
+        axis: str = "x",
         azimuth_error_deg: float = 0.0,
     ) -> None:
         self.errors, self.noise = errors, noise
-        self._directions = [np.array(DIRECTIONS[direction]) for direction, _ in table]
-        self._table = [axis for _, axis in table]
-        latitude = math.radians(latitude_deg)
-        earth_rad_s = math.radians(EARTH_RATE_DPH / 3600.0)
-        self._earth = earth_rad_s * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+        self._gimbals = Gimbals(table)
+        self._axis = axis
+        self._earth = earth_rate_rad_s(latitude_deg)
         self._gravity = np.array([0.0, 0.0, gravity_mps2(latitude_deg)])
         askew = source.substream(_MOUNT).generator(0).standard_normal(3) * math.radians(_MOUNT_DEG)
-        azimuth = turned_about(np.array([0.0, 0.0, 1.0]), np.array([math.radians(azimuth_error_deg)]))[0]
-        self._askew = azimuth @ turned_about(_unit(askew), np.array([float(np.linalg.norm(askew))]))[0]
+        size = np.array([float(np.linalg.norm(askew))])
+        self._askew = about_up(azimuth_error_deg) @ turned_about(_unit(askew), size)[0]
         self._mounts: list[tuple[float, Array]] = [(0.0, self._askew)]
         self._white = [SampleNoise(source.substream(_WHITE + at), "normal") for at in range(6)]
         self._shaken = [SampleNoise(source.substream(_VIBRATION + at), "normal") for at in range(3)]
@@ -129,6 +120,10 @@ class ImuUnit:
     def mount_at(self, now_s: float, attitude: Array) -> None:
         """Mount it so that with all axes at 0 its attitude C (3, 3) is the given one, as well as hands can."""
         self._mounts.append((now_s, self._askew @ np.asarray(attitude, dtype=np.float64)))
+
+    def mount(self, now_s: float, mounting: Mounting) -> None:
+        """Mount it as a test of one axis asks for, told with all axes at 0."""
+        self.mount_at(now_s, NORTH_WEST_UP @ Mount(mounting, axis=self._axis).axes_in_table(3).T)
 
     def case_reading_c(self, now_s: float) -> float:
         """Return the temperature of its case, held from the last tick."""
@@ -179,45 +174,31 @@ class ImuUnit:
     def _exact(self, times_s: Array, count: int, period_s: float) -> tuple[Array, Array]:
         """Return increments without noise, (count, 3) each; `times_s`: half samples, one before and one after."""
         mount = next(matrix for since_s, matrix in reversed(self._mounts) if since_s <= times_s[1])
-        angles = [np.radians(axis.total_angles_deg(times_s)) for axis in self._table]
-        if all(len(angle) == 2 for angle in angles):  # all axes stand still: two equal angles each
-            angles = [angle[:1] for angle in angles]
+        angles = self._gimbals.angles_rad(times_s)
+        if len(angles[0]) == 1:  # all axes stand still
             rate, force = self._at(angles, mount)
             none = np.zeros((1, 3))
             w, f = with_errors(rate, force, none, none, self.errors)
             return np.repeat(w * period_s, count, axis=0), np.repeat(f * period_s, count, axis=0)
-        angles = [np.repeat(a[:1], len(times_s)) if len(a) == 2 else a for a in angles]
         inside = [angle[1:-1] for angle in angles]
         rate, force = self._at(inside, mount)
         half = period_s / 2.0
         spin, speeding = np.zeros((2, 2 * count + 1, 3))
         turned = np.zeros((count, 3))
-        for u, angle in zip(self._lines(inside, mount), angles, strict=True):
+        for u, angle in zip(self._gimbals.lines(inside, mount), angles, strict=True):
             spin += u * ((angle[2:] - angle[:-2]) / period_s)[:, None]
             speeding += u * ((angle[2:] - 2.0 * angle[1:-1] + angle[:-2]) / half**2)[:, None]
             # exact for one axis at a time, whose direction in b stands; the middle's direction for more
             turned += u[1::2] * np.diff(angle[1:-1:2])[:, None]
         _, measured = with_errors(rate, force, spin, speeding, self.errors)
-        still, _ = with_errors(_simpson(rate), _simpson(force), turned * 0.0, turned * 0.0, self.errors)
+        still, _ = with_errors(simpson(rate), simpson(force), turned * 0.0, turned * 0.0, self.errors)
         angle = still * period_s + turned @ (np.eye(3) + self.errors.kg).T
-        return angle, _simpson(measured) * period_s
+        return angle, simpson(measured) * period_s
 
     def _at(self, angles: Sequence[Array], mount: Array) -> tuple[Array, Array]:
         """Return Earth rate and specific force in b, (n, 3), at the axes' angles (n,)."""
-        c = np.broadcast_to(np.eye(3), (len(angles[0]), 3, 3))
-        for direction, angle in zip(self._directions, angles, strict=True):
-            c = c @ turned_about(direction, angle)
-        c = c @ mount
+        c = self._gimbals.attitude(angles, mount)
         return np.einsum("nij,i->nj", c, self._earth), np.einsum("nij,i->nj", c, self._gravity)
-
-    def _lines(self, angles: Sequence[Array], mount: Array) -> list[Array]:
-        """Return the direction of every axis in b, (n, 3): turned back by the axes inside of it."""
-        inner = np.broadcast_to(mount, (len(angles[0]), 3, 3))
-        found = []
-        for direction, angle in zip(reversed(self._directions), reversed(angles), strict=True):
-            found.append(np.einsum("nij,i->nj", inner, direction))
-            inner = turned_about(direction, angle) @ inner
-        return found[::-1]
 
     def _add_noise(
         self, angle: Array, velocity: Array, index: int, count: int, starts_s: Array, period_s: float
@@ -234,11 +215,6 @@ class ImuUnit:
             wander = np.array(self._wandered[int(ticks[0]) : int(ticks[-1]) + 1])[ticks - ticks[0]]
             angle += wander[:, :3] * period_s
             velocity += wander[:, 3:] * period_s
-
-
-def _simpson(values: Array) -> Array:
-    """Return means over samples, (n, 3), of values at ends and middles, (2 n + 1, 3)."""
-    return np.asarray((values[:-2:2] + 4.0 * values[1::2] + values[2::2]) / 6.0)
 
 
 def _unit(vector: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The physics of an emulated lab: one chamber, one table axis and the units mounted on it, in lab time.
+"""The physics of an emulated lab: one chamber, a table and the units mounted on it, in lab time.
 
 Ticks are at integer seconds. A chamber demand counts from the tick after it; temperatures between ticks are
 linear. The table is exact at any time. Noise depends on seed and index only, so the same demands at the same
@@ -20,6 +20,7 @@ from simulators.plant.chamber import ChamberAir, ChamberParameters
 from simulators.plant.effect import UnitModel, leave_out
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
+from simulators.plant.gimbals import Gimbals
 from simulators.plant.imu_unit import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
@@ -167,27 +168,13 @@ class LabPlant:
         """Put a unit on its bracket another way, now (a stage hand's action)."""
         if mounting not in MOUNTINGS:
             raise ConfigurationError("no such mounting", found=str(mounting), expected=" or ".join(MOUNTINGS))
-        unit = self.unit(unit_name)
-        if isinstance(unit, ImuUnit):
-            raise ConfigurationError(
-                "an IMU is mounted at an attitude",
-                where=unit_name,
-                found=mounting,
-                expected="a matrix",
-                remedy="rehearse it on a bench file without [[table.axes]]: on a table of several axes "
-                "the lab emulates IMUs",
-            )
-        unit.mount(self.now_s, mounting)
+        self.unit(unit_name).mount(self.now_s, mounting)
 
     def power_cycle(self, unit_name: str, off_s: float) -> None:
-        """Switch a unit off now and on again `off_s` later (a stage hand's action)."""
+        """Switch a unit off now and on again `off_s` later (a stage hand's action). An IMU's errors stay."""
         unit = self.unit(unit_name)
         if isinstance(unit, ImuUnit):
-            raise ConfigurationError(
-                "an IMU of this model has nothing that a power cycle changes",
-                where=unit_name,
-                expected="a unit of another model than imu and imu_full",
-            )
+            return
         count = self._power_ons.get(unit_name, 0) + 1
         config = next(each for each in self.config.units if each.name == unit_name)
         unit.power_cycle(self.now_s, off_s, unit_model(config, self.config.seed, count))
@@ -240,17 +227,21 @@ class LabPlant:
                 [(direction, self.tables[name]) for name, direction in self.config.axes],
                 self.config.latitude_deg,
                 source,
+                axis=config.axis,
                 azimuth_error_deg=config.mount_azimuth_error_deg,
             )
             imu.start(self.config.room_temp_c)
             self._units[config.name] = imu
             return
-        if len(self.config.axes) > 1:
+        axes = [(direction, self.tables[name]) for name, direction in self.config.axes]
+        upright = [direction for direction, _ in axes] == ["up"]
+        if not upright and (config.model == "ins_triad" or config.errors is not None):
             raise ConfigurationError(
-                "a unit of this model needs a table of one axis",
+                "a unit of this model needs a table of one axis that points up",
                 where=config.name,
-                found=f"model {config.model} on {len(self.config.axes)} axes",
-                expected="model imu, or a bench file without [[table.axes]]",
+                found=f"model {config.model}{' with the errors of a fitted model' if config.errors else ''} on "
+                + ", ".join(f"{name} {direction}" for name, direction in self.config.axes),
+                expected="another model, or a bench file without [[table.axes]]",
             )
         mount = Mount(config.mounting, config.mount_azimuth_error_deg, config.tilt_deg, config.axis)
         whirling = config.model == "ins_triad"
@@ -260,7 +251,7 @@ class LabPlant:
         unit = (
             WhirlingUnit(*parts, config.wobble or nominal_wobble(config.unit_seed))
             if whirling
-            else GyroUnit(*parts)
+            else GyroUnit(*parts, gimbals=None if upright else Gimbals(axes))
         )
         unit.start(self.config.room_temp_c)
         self._units[config.name] = unit

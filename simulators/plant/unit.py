@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from drivers.errors import ConfigurationError
 from simulators.interfaces import GyroSignal
 from simulators.plant.effect import SamplePath, UnitModel
+from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up
 from simulators.plant.mounting import Mount, Mounting, turned_rad
 from simulators.plant.noise import BLOCK, GyroNoise, NoiseSource, flicker
 from simulators.plant.table import TableAxis
@@ -30,14 +31,25 @@ _Channel = tuple[tuple[Callable[[Any], float], ...], float]
 
 
 class GyroUnit:
-    """A unit (see `simulators.interfaces.GyroPlant`), switched on at 0 s at the room's temperature."""
+    """A unit (see `simulators.interfaces.GyroPlant`), switched on at 0 s at the room's temperature.
+
+    `table`: the axis that carries it; `gimbals`: all of them, unless that is the only one, and up. Mountings are
+    told with all axes at 0.
+    """
 
     def __init__(
-        self, model: UnitModel, mount: Mount, table: TableAxis, latitude_deg: float, source: NoiseSource
+        self,
+        model: UnitModel,
+        mount: Mount,
+        table: TableAxis,
+        latitude_deg: float,
+        source: NoiseSource,
+        *,
+        gimbals: Gimbals | None = None,
     ) -> None:
         self.model = model
         self.axes = model.axes
-        self._table = table
+        self._table, self._gimbals = table, gimbals
         self._latitude_deg = latitude_deg
         self._mounts = [(0.0, mount, mount.axes_in_table(len(model.axes)))]
         self._flicker = [
@@ -168,9 +180,26 @@ class GyroUnit:
     ) -> NDArray[np.float64]:
         """Return the true angle each axis turned through in each interval, rad, float64 (axes, n)."""
         turned = np.empty((len(self.axes), len(middle_s)))
+        if self._gimbals is not None and not self._gimbals.upright(edges_s):
+            times_s = np.empty(2 * len(middle_s) + 1)
+            times_s[::2], times_s[1::2] = edges_s, middle_s
+            for first, mount, matrix in self._mounts_from(middle_s):
+                lines = about_up(mount.azimuth_error_deg) @ NORTH_WEST_UP @ matrix.T
+                turned[:, first:] = self._gimbals.turned_rad(
+                    times_s[2 * first :], lines, self._latitude_deg
+                ).T
+            return turned
         for first, angles_deg, matrix in self._mounted(edges_s, middle_s):
             turned[:, first:] = turned_rad(matrix, angles_deg, self._latitude_deg, period_s)
         return turned
+
+    def _mounts_from(self, middle_s: NDArray[np.float64]) -> Iterator[tuple[int, Mount, NDArray[np.float64]]]:
+        """Yield the interval from which a mounting holds, and that mounting with its matrix."""
+        for since_s, mount, matrix in self._mounts:
+            first = 0 if since_s <= middle_s[0] else int(np.searchsorted(middle_s, since_s))
+            if first == len(middle_s):
+                break
+            yield first, mount, matrix
 
     def _mounted(
         self, edges_s: NDArray[np.float64], middle_s: NDArray[np.float64]
@@ -180,10 +209,7 @@ class GyroUnit:
         A table at rest gives one pair of equal angles, good for every interval.
         """
         angles = self._table.total_angles_deg(edges_s)
-        for since_s, mount, matrix in self._mounts:
-            first = 0 if since_s <= middle_s[0] else int(np.searchsorted(middle_s, since_s))
-            if first == len(middle_s):
-                break
+        for first, mount, matrix in self._mounts_from(middle_s):
             scale_deg = angles if len(angles) == 2 else angles[first:]
             yield first, scale_deg + mount.azimuth_error_deg, matrix
 

@@ -130,9 +130,10 @@ def test_the_run_folder_is_a_log_for_the_fit(heading_run):
 def test_a_procedure_for_what_the_bench_has_not_is_refused(
     request, bench, tmp_path, file, procedure, has, needs
 ):
-    result = bench.drive(request.getfixturevalue(file), tmp_path, find_procedure(procedure))
-    assert isinstance(result.error, ConfigurationError)
-    assert has in result.error.found and f"[[{needs}]]" in result.error.expected
+    with pytest.raises(ConfigurationError) as refused:
+        bench.drive(request.getfixturevalue(file), tmp_path, find_procedure(procedure))
+    assert has in refused.value.found and f"[[{needs}]]" in refused.value.expected
+    assert not list(tmp_path.glob("*/manifest.json"))  # nothing was begun
 
 
 def test_a_gap_diagnosis_takes_a_platform_s_run_for_what_it_is(heading_run):

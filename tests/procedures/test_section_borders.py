@@ -14,11 +14,13 @@ class Bench:
     def __init__(self):
         self.order = []
         self.judge = SimpleNamespace(name="fog_1")
-        self.table = SimpleNamespace(device=self, spin=self.spin, stop=lambda: self.spin("stop"))
+        self.table = SimpleNamespace(
+            engage=lambda: self.order.append("servo on"),
+            mounting_text="",
+            spin=self.spin,
+            stop=lambda: self.spin("stop"),
+        )
         self.chamber = SimpleNamespace(stop=lambda: self.order.append("chamber stop"))
-
-    def servo_on(self):
-        self.order.append("servo on")
 
     def spin(self, rate_dps):
         self.order.append(f"spin {rate_dps}")

@@ -1,0 +1,107 @@
+"""The axes of a table together: the attitude of what its inner axis carries, and the angle it turns through.
+
+    C = R_1(angle_1) ... R_n(angle_n) C_mount,    R_k a turn about the direction of axis k with all axes at 0
+
+in east, north, up of the table's base, axis 1 the outermost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.plant.earth import EARTH_RATE_DPH
+from simulators.plant.imu import turned_about
+from simulators.plant.table import TableAxis
+
+Array = NDArray[np.float64]
+
+DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
+    "east": (1.0, 0.0, 0.0),
+    "west": (-1.0, 0.0, 0.0),
+    "north": (0.0, 1.0, 0.0),
+    "south": (0.0, -1.0, 0.0),
+    "up": (0.0, 0.0, 1.0),
+    "down": (0.0, 0.0, -1.0),
+}
+NORTH_WEST_UP = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Columns: the directions that a mounting is told in (`simulators.plant.mounting`), in east, north, up."""
+
+
+def earth_rate_rad_s(latitude_deg: float) -> Array:
+    """Return Earth rate in east, north, up, rad/s, float64 (3,)."""
+    latitude = math.radians(latitude_deg)
+    earth = math.radians(EARTH_RATE_DPH / 3600.0)
+    return earth * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+
+
+def about_up(angle_deg: float) -> Array:
+    """Return the turn by an angle about up, float64 (3, 3)."""
+    return np.asarray(turned_about(np.array([0.0, 0.0, 1.0]), np.array([math.radians(angle_deg)]))[0])
+
+
+def simpson(values: Array) -> Array:
+    """Return means over samples, (n, ...), of values at ends and middles, (2 n + 1, ...)."""
+    return np.asarray((values[:-2:2] + 4.0 * values[1::2] + values[2::2]) / 6.0)
+
+
+class Gimbals:
+    """Axes of a table, (direction, axis) each, outermost first; the last one carries the unit."""
+
+    def __init__(self, axes: Sequence[tuple[str, TableAxis]]) -> None:
+        self._directions = [np.array(DIRECTIONS[direction]) for direction, _ in axes]
+        self._carrier_up = axes[-1][0] == "up"
+        self._axes = [axis for _, axis in axes]
+
+    def angles_rad(self, times_s: Array) -> list[Array]:
+        """Return the angles of every axis at times (n,), turns counted: (n,) each, or (1,) if all stand still."""
+        angles = [np.radians(axis.total_angles_deg(times_s)) for axis in self._axes]
+        if all(len(angle) == 2 for angle in angles):  # two equal angles each
+            return [angle[:1] for angle in angles]
+        return [np.repeat(angle[:1], len(times_s)) if len(angle) == 2 else angle for angle in angles]
+
+    def upright(self, times_s: Array) -> bool:
+        """Return whether the axis that carries the unit points up at all these times, the others at 0 deg."""
+        outer = self._axes[:-1]
+        return self._carrier_up and not any(axis.total_angles_deg(times_s).any() for axis in outer)
+
+    def attitude(self, angles_rad: Sequence[Array], mount: Array) -> Array:
+        """Return directions of the unit in east, north, up, (n, 3, m), at the axes' angles (n,).
+
+        `mount` (3, m): the same directions as columns, with all axes at 0.
+        """
+        c = np.broadcast_to(np.eye(3), (len(angles_rad[0]), 3, 3))
+        for direction, angle in zip(self._directions, angles_rad, strict=True):
+            c = c @ turned_about(direction, angle)
+        return np.asarray(c @ mount)
+
+    def lines(self, angles_rad: Sequence[Array], mount: Array) -> list[Array]:
+        """Return the direction of every axis along those of the unit, (n, m): turned back by the axes inside of
+        it.
+        """
+        inner = np.broadcast_to(mount, (len(angles_rad[0]), *mount.shape))
+        found = []
+        for direction, angle in zip(reversed(self._directions), reversed(angles_rad), strict=True):
+            found.append(np.einsum("nij,i->nj", inner, direction))
+            inner = turned_about(direction, angle) @ inner
+        return found[::-1]
+
+    def turned_rad(self, times_s: Array, mount: Array, latitude_deg: float) -> Array:
+        """Return the angle that each direction of the unit turns through in inertial space, rad, (n, m).
+
+        `times_s`: ends and middles of n samples of one length, (2 n + 1,). Exact for one axis at a time, whose
+        line in the unit stands; of several that turn together each one's line in the middle counts.
+        """
+        samples = len(times_s) // 2
+        period_s = (times_s[-1] - times_s[0]) / samples
+        angles = self.angles_rad(times_s)
+        earth = np.einsum("nij,i->nj", self.attitude(angles, mount), earth_rate_rad_s(latitude_deg))
+        if len(earth) == 1:
+            return np.repeat(earth * period_s, samples, axis=0)
+        turned: Array = simpson(earth) * period_s
+        for line, angle in zip(self.lines(angles, mount), angles, strict=True):
+            turned += line[1::2] * np.diff(angle[::2])[:, None]
+        return turned

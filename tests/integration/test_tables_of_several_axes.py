@@ -1,0 +1,82 @@
+"""Tests of one gyro axis on a table of several: the outer axes are brought to 0, or the table is refused."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pyarrow.parquet as pq
+import pytest
+
+from bench.benchfile import bench_file_from
+from bench.campaign import check_limits, load_campaign
+from bench.emulated import EmulatedLab, Plant
+from bench.procedure import Demands, Parameters, Procedure, find_procedure
+from bench.questions import StageHand
+from bench.recording import read_events, read_manifest
+from bench.runner import RunRequest, run_procedure
+from drivers.errors import ConfigurationError
+from tests.benches import BENCH, FOG
+from tests.integration.conftest import SHORTEST
+
+ELSEWHERE_DEG = 37.0
+
+
+def _tilt(bench, p):
+    bench.table.engage()
+    bench.table.point(ELSEWHERE_DEG, "outer")
+
+
+TILT = Procedure("tilt", "", "", Parameters, _tilt, lambda _: 0.0, lambda _: Demands(), upright=False)
+
+
+def _drive(lab, runs, procedure, **parameters):
+    values = procedure.parse(parameters)
+    hand, emulated = StageHand(lab.perform), {"seed": 3, "model": "test"}
+    return run_procedure(
+        RunRequest(procedure, values, lab.file, runs, hand, run_id=procedure.name, emulated=emulated)
+    )
+
+
+def bench_on(outer: str, inner: str):
+    axes = [
+        {"name": "outer", "number": 1, "direction": outer},
+        {"name": "inner", "number": 2, "direction": inner},
+    ]
+    data = tomllib.loads(BENCH + FOG)
+    return bench_file_from({**data, "table": {**data["table"], "axes": axes}})
+
+
+def test_east_is_found_on_two_axes_though_the_outer_one_was_elsewhere(tmp_path):
+    procedure = find_procedure("zero-bias-cold-shock")
+    with EmulatedLab(bench_on("east", "up"), Plant(seed=3, mount_azimuth_error_deg=0.4)) as lab:
+        assert _drive(lab, tmp_path, TILT).outcome == "completed"
+        result = _drive(lab, tmp_path, procedure, **SHORTEST)
+    assert result.outcome == "completed", result.reason
+    found = {row["name"]: row["value"] for row in read_manifest(result.folder).measurements}
+    # 60 s a dwell of a FOG of 0.004 deg/sqrt(h), against 11.7 deg/h of Earth rate: 0.1 deg are five sigma
+    assert found["azimuth_error"] == pytest.approx(0.4, abs=0.15)
+    table = pq.read_table(result.folder / "turntable.parquet")
+    outer = table["outer_angle_deg"].to_numpy()
+    assert abs(outer[0] - ELSEWHERE_DEG) < 0.01
+    (prompt,) = [row["question"] for row in read_events(result.folder).rows if row["kind"] == "prompt"]
+    assert prompt.startswith("With outer at 0 deg: Mount the units")
+    # from the first dwell to the end the outer axis is at 0
+    assert abs((outer[60:] + 180.0) % 360.0 - 180.0).max() < 0.001
+
+
+@pytest.mark.parametrize("procedure", ["standard-test", "zero-bias-cold-shock", "constant-rotation"])
+def test_a_table_whose_last_axis_lies_is_refused_before_anything_is_opened(tmp_path, procedure):
+    file, test = bench_on("up", "north"), find_procedure(procedure)
+    with pytest.raises(ConfigurationError) as refused:
+        run_procedure(RunRequest(test, test.parse({}), file, tmp_path, None))
+    assert refused.value.where == "table.axes, the last one"
+    assert refused.value.found == "inner points north with all axes at 0"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_campaign_for_another_table_is_refused_when_it_is_planned(tmp_path):
+    path = tmp_path / "campaign.toml"
+    path.write_text('title = "T"\n[[run]]\nname = "a"\nprocedure = "standard-test"\n')
+    file = bench_on("up", "north")
+    with pytest.raises(ConfigurationError, match="inner points north"):
+        check_limits(load_campaign(path, file), file)
