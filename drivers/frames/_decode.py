@@ -15,7 +15,7 @@ from drivers.frames._line_read import LineReader
 from drivers.frames._lines import LineDescription, LineForm
 from drivers.frames._load import FrameFamily
 from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, FieldSection
-from drivers.frames._read import bit_of
+from drivers.frames._read import bit_of, record_of
 from drivers.frames._split import StreamSplitter
 from drivers.frames._units import constant, factor
 from drivers.instruments import FrameBatch
@@ -125,7 +125,7 @@ class FrameDecoder:
         self.counts = self._reader.counts
         self.nominal_rate_hz = rate_hz
         self.counter_modulo, self.counter_step = _counting(measuring[0], rate_hz)
-        self._plans: dict[int, _Plan] = {}
+        self._plans: dict[tuple[str, int], _Plan] = {}
         self._count = 0  # Of frames by bytes, where the frame has no counter.
         self._end = -1
         self._angles: dict[str, float] = {}
@@ -174,9 +174,10 @@ class FrameDecoder:
         return FrameBatch(columns, ends)
 
     def _plan(self, layout: Layout) -> _Plan:
-        if layout.length not in self._plans:
-            self._plans[layout.length] = _Plan(self._family, layout, self._axes, self._axis)
-        return self._plans[layout.length]
+        key = layout.form.name, layout.length
+        if key not in self._plans:
+            self._plans[key] = _Plan(self._family, layout, self._axes, self._axis)
+        return self._plans[key]
 
     def _common(self) -> set[str]:
         """Return the columns that every message of those in turn has."""
@@ -189,7 +190,9 @@ class FrameDecoder:
             return ends
         before = ends[0] - lengths[0] if self._end < 0 else self._end
         between = np.diff(ends, prepend=before) - lengths
-        steps = 1 + np.maximum(0, np.rint(between / lengths).astype(np.int64))
+        gaps = np.flatnonzero(between > 0)
+        steps = np.ones(len(ends), np.int64)
+        steps[gaps] += np.rint(between[gaps] / lengths[gaps]).astype(np.int64)
         count: NDArray[np.int64] = self._count + np.cumsum(steps)
         self._count, self._end = int(count[-1]), int(ends[-1])
         return count - 1
@@ -203,9 +206,10 @@ class FrameDecoder:
         turned = [spec for spec in fields if spec.role == "cumulative_angle" and spec.name in columns]
         if not turned:
             return
-        first = self._counter if self._angles else int(counter[0]) - self.counter_step
-        ticks = np.mod(np.diff(counter, prepend=first), self.counter_modulo)
-        samples = np.maximum(1.0, np.rint(ticks / self.counter_step))
+        first = self._counter if self._angles else int(counter[0])
+        ticks = _modulo(np.diff(counter, prepend=first), self.counter_modulo)
+        far = np.flatnonzero(ticks != self.counter_step)  # Not one sample after the one before.
+        samples = np.maximum(1.0, np.rint(ticks[far] / self.counter_step))
         for spec in turned:
             raw = columns[spec.name]
             before = self._angles.get(spec.name)
@@ -217,14 +221,20 @@ class FrameDecoder:
                 columns["valid"] &= np.isfinite(step)
             else:
                 bits = 8 * spec.bytes if spec.bits is None else spec.bits[1]
-                step = (step + (1 << bits - 1)) % (1 << bits) - (1 << bits - 1)
-            angle = step * spec.scale.factor / samples
+                step = _modulo(step + (1 << bits - 1), 1 << bits) - (1 << bits - 1)
+            angle = step * spec.scale.factor
+            angle[far] /= samples
             if before is None:
                 angle[0] = np.nan
                 columns["valid"][0] = False
             columns[spec.name] = angle
             self._angles[spec.name] = raw[-1].item()
         self._counter = int(counter[-1])
+
+
+def _modulo(numbers: NDArray[np.int64], modulo: int) -> NDArray[np.int64]:
+    """Return `numbers` modulo a positive number; by powers of two, without a division."""
+    return numbers & (modulo - 1) if modulo & (modulo - 1) == 0 else numbers % modulo
 
 
 class _Plan:
@@ -253,15 +263,28 @@ class _Plan:
                 mask, good = self._good.get(bit.field, (0, 0))
                 self._good[bit.field] = mask | 1 << bit.bit, good | bit.good << bit.bit
         self._rules = [spec.valid for spec in self._gyros if spec.valid is not None]
-        needed = {spec.name for spec in self._kept} | set(self._good) | {rule.field for rule in self._rules}
-        needed |= {rule.field for spec in self._kept for rule in (spec.when, spec.valid) if rule is not None}
-        needed |= {name for name in (self._counter, self._status) if name is not None}
+        raw = set(self._good) | {rule.field for rule in self._rules}
+        raw |= {rule.field for spec in self._kept for rule in (spec.when, spec.valid) if rule is not None}
+        raw |= {name for name in (self._counter, self._status) if name is not None}
+        raw |= {
+            spec.name
+            for spec in self._kept
+            if spec.role == "cumulative_angle" or not layout.codecs[spec.name].linear
+        }
+        needed = {spec.name for spec in self._kept} | raw
         self._codecs = {name: layout.codecs[name] for name in by_name if name in needed}
+        self._raw = [name for name in self._codecs if name in raw]
+        self._record = record_of(self._codecs, layout.length)
         self.names = list(self.columns(np.empty((0, layout.length), np.uint8)))
 
     def columns(self, rows: NDArray[np.uint8]) -> dict[str, Array]:
         """Return the columns of `rows`, see FrameDecoder."""
-        raw = {name: codec.raw(rows) for name, codec in self._codecs.items()}
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            return self._columns(rows)
+
+    def _columns(self, rows: NDArray[np.uint8]) -> dict[str, Array]:
+        stored = rows.view(self._record)[:, 0]
+        raw = {name: self._codecs[name].number(stored[name]) for name in self._raw}
         valid = np.ones(len(rows), np.bool_)
         for name, (mask, good) in self._good.items():
             valid &= (raw[name] & mask) == good
@@ -271,17 +294,20 @@ class _Plan:
         if self._counter is not None:
             count = raw[self._counter]
             if count.dtype.kind == "f":  # A clock in seconds.
-                with np.errstate(invalid="ignore"):
-                    count = np.rint(np.nan_to_num(count * self._ticks, posinf=0.0, neginf=0.0))
+                count = np.rint(np.nan_to_num(count * self._ticks, posinf=0.0, neginf=0.0))
             columns["counter"] = count.astype(np.int64)
         columns["status"] = np.zeros(len(rows), np.uint8) if self._status is None else raw[self._status]
         columns["valid"] = valid
         for spec in self._kept:
-            cumulative = spec.role == "cumulative_angle"
-            value = raw[spec.name] if cumulative else self._codecs[spec.name].physical(raw[spec.name], raw)
-            columns[spec.name] = value
+            codec = self._codecs[spec.name]
+            if spec.role == "cumulative_angle":
+                columns[spec.name] = raw[spec.name]
+            elif codec.linear:
+                columns[spec.name] = codec.linear_of(stored[spec.name])
+            else:
+                columns[spec.name] = codec.physical(raw[spec.name], raw)
         for spec in self._gyros:
-            if columns[spec.name].dtype.kind == "f":
+            if columns[spec.name].dtype.kind == "f" and not self._codecs[spec.name].linear:
                 valid &= np.isfinite(columns[spec.name])
         columns["temp_c"] = (
             np.full(len(rows), np.nan, np.float32) if self._temp is None else celsius(self._temp, columns)
@@ -316,7 +342,9 @@ def channels(family: FrameFamily, form: Form, axes: str) -> dict[str, str]:
 def celsius(spec: FieldSection, columns: Mapping[str, Array]) -> NDArray[np.float32]:
     """Return a temperature column in degC, float32."""
     with np.errstate(invalid="ignore", over="ignore"):
-        value = columns[spec.name] * factor(spec.unit) + constant(spec.unit)
+        value = columns[spec.name]
+        if factor(spec.unit) != 1.0 or constant(spec.unit) != 0.0:
+            value = value * factor(spec.unit) + constant(spec.unit)
         return value.astype(np.float32)
 
 

@@ -71,15 +71,22 @@ class _Anchor:
     def find(self, data: Bytes, hidden: NDArray[np.bool_] | None) -> Iterator[tuple[Pattern, Ints]]:
         """Yield each pattern with the ascending offsets at which it is complete."""
         here = data[self._offset :]
+        common = self._common
         if len(self.values) == 1:
             there = here == self.values[0]
+            common = [place for place in common if place[0] != self._offset]
+            if common and common[0][0] > self._offset and common[0][2] == 0xFF:
+                # A second byte compared everywhere costs less than gathering it where the first one is.
+                (at, value, _), common = common[0], common[1:]
+                there = there[: max(0, len(there) - (at - self._offset))]
+                there &= data[at:] == value
         else:
             there = np.frombuffer(here.tobytes().translate(self._table.tobytes()), np.bool_)
         if hidden is not None:
             there = there & ~hidden[: len(there)]
         places = np.flatnonzero(there)
         if len(self.values) == 1:
-            places = _having(data, places, self._common, self._span)
+            places = _having(data, places, common, self._span)
             for pattern, own in zip(self._patterns, self._own, strict=True):
                 yield pattern, _having(data, places, own, pattern.span)
             return
@@ -98,8 +105,11 @@ class _Anchor:
 
 def _having(data: Bytes, at: Ints, places: Sequence[tuple[int, int, int]], span: int) -> Ints:
     """Return those of the ascending offsets `at` that have `span` bytes and in them what `places` say."""
-    at = at[: int(np.searchsorted(at, len(data) - span, side="right"))]
+    if len(at) and at[-1] > len(data) - span:
+        at = at[: int(np.searchsorted(at, len(data) - span, side="right"))]
     for offset, value, mask in places:
         byte = data[offset:][at]
-        at = at[byte == value if mask == 0xFF else (byte & mask) == value]
+        good = byte == value if mask == 0xFF else (byte & mask) == value
+        if not good.all():
+            at = at[good]
     return at

@@ -91,7 +91,7 @@ class Form:
     def kind(self) -> Kind:
         """Return what the splitter needs."""
         rule = self.length_field
-        span = 1 if rule is None else rule.at + int(rule.type[1:]) // 8
+        span = 1 if rule is None else rule.at + rule.bytes
         patterns = tuple(Pattern(self.places(sync), span) for sync in self.syncs)
         read = None if rule is None else _length_reader(rule, self.endian)
         return Kind(patterns, lambda n: self.layout(n).sound, self.shortest, self.longest, read)
@@ -104,9 +104,11 @@ class Layout:
         self.form = form
         self.length = length
         self.codecs = {spec.name: FieldCodec(spec, length, form.endian) for spec in form.fields}
-        only = form.syncs[0] if len(form.syncs) == 1 and set(form.mask) == {0xFF} else b""
-        self.checks = [Check(spec, length, form.endian, only) for spec in form.checksums]
         self._tail = np.frombuffer(form.terminator, np.uint8)
+        only = form.syncs[0] if len(form.syncs) == 1 and set(form.mask) == {0xFF} else b""
+        if only and form.length_field is not None and form.length_field.at == len(only):
+            only = self.blank(1)[0, : len(only) + form.length_field.bytes].tobytes()
+        self.checks = [Check(spec, length, form.endian, only) for spec in form.checksums]
 
     def sound(self, rows: Bytes) -> NDArray[np.bool_]:
         """Return which of `rows`, uint8 (n, length), pass every check."""
@@ -134,7 +136,7 @@ class Layout:
             rows[:, at] = (rows[:, at] & (0xFF ^ mask)) | value
         if rule := self.form.length_field:
             order = ">" if (rule.endian or self.form.endian) == "big" else "<"
-            size = int(rule.type[1:]) // 8
+            size = rule.bytes
             stated = ((self.length - rule.add) // rule.times).to_bytes(8, "big")[-size:]
             rows[:, rule.at : rule.at + size] = np.frombuffer(
                 stated if order == ">" else stated[::-1], np.uint8
@@ -194,7 +196,7 @@ def _least_length(form: Form) -> int:
     front = max(at + 1 for sync in form.syncs for at, _, _ in form.places(sync))
     rule = form.length_field
     if rule is not None:
-        front = max(front, rule.at + int(rule.type[1:]) // 8)
+        front = max(front, rule.at + rule.bytes)
     back = len(form.terminator)
     for spec in form.fields:
         front = max(front, spec.at + spec.bytes if spec.at >= 0 else 0)
@@ -206,7 +208,7 @@ def _least_length(form: Form) -> int:
 
 
 def _length_reader(rule: LengthField, endian: Endian) -> Any:
-    size = int(rule.type[1:]) // 8
+    size = rule.bytes
     offsets = range(size) if (rule.endian or endian) == "big" else range(size - 1, -1, -1)
 
     def read(data: Bytes, starts: Ints) -> Ints:

@@ -89,6 +89,11 @@ class LengthField(_Part):
     add: int = Field(default=0, description="what is added to give the whole frame's bytes")
     times: int = Field(default=1, ge=1, le=8, description="bytes a unit of the length (2 for words)")
 
+    @property
+    def bytes(self) -> int:
+        """How many bytes of the frame it takes."""
+        return int(self.type[1:]) // 8
+
 
 class Match(_Part):
     """Bytes that a frame must have at a place, besides its sync word."""

@@ -14,6 +14,19 @@ from drivers.frames._model import Endian, FieldSection, Transform, When
 Bytes = NDArray[np.uint8]
 Array = NDArray[Any]
 _SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4, "u64": 8, "f32": 4, "f64": 8}
+_EXACT = ("u8", "i8", "u16", "i16", "u24", "i24", "u32", "i32")  # A float64 holds any of them.
+
+
+def record_of(codecs: Mapping[str, FieldCodec], length: int) -> np.dtype[np.void]:
+    """Return the dtype that views a row of `length` bytes as what each of `codecs` reads; they may overlap."""
+    return np.dtype(
+        {
+            "names": list(codecs),
+            "formats": [codec.dtype for codec in codecs.values()],
+            "offsets": [codec.place for codec in codecs.values()],
+            "itemsize": length,
+        }
+    )
 
 
 class FieldCodec:
@@ -27,31 +40,38 @@ class FieldCodec:
         order = ">" if self._big else "<"
         self._shift = 0
         self._text = spec.type.startswith("text:")
+        self.place = self.at
+        """Where what is read begins, `dtype`."""
         if self._text:
-            self._view = stored_number(f"S{spec.bytes}", self.at, length)
+            self.dtype = np.dtype(f"S{spec.bytes}")
         elif spec.type in _SIZES:
-            kind = {"u": "u", "i": "i", "f": "f"}[spec.type[0]]
-            self._view = stored_number(f"{order}{kind}{_SIZES[spec.type]}", self.at, length)
+            self.dtype = np.dtype(f"{order}{spec.type[0]}{_SIZES[spec.type]}")
         else:
             # Three bytes are read as four, one of a neighbour with them, and shifted: one pass, sign included.
             before = self.at >= 1 if self._big else self.at + 4 > length
-            word = self.at - 1 if before else self.at
+            self.place = self.at - 1 if before else self.at
             self._shift = 8 if before == self._big else 0
-            self._view = stored_number(f"{order}{spec.type[0]}4", word, length)
+            self.dtype = np.dtype(f"{order}{spec.type[0]}4")
+        self._view = stored_number(self.dtype.str, self.place, length)
         self._signed = spec.type[0] in "if"
         self._float = spec.type[0] == "f"
+        whole = spec.bits is None and spec.transform is None and spec.type in _EXACT
+        linear = whole and abs(spec.scale.factor) < 1e290 and (spec.scale.factor != 1.0 or spec.offset != 0.0)
+        self.linear = linear and not spec.sentinel and spec.when is None and spec.valid is None
+        """Whether it is always a finite number of which `linear_of` makes a value."""
 
     def raw(self, rows: Bytes) -> Array:
-        """Return the numbers as sent, (n,): int64, uint64, float32, float64, or bytes of a text."""
-        stored = rows.view(self._view)["value"][:, 0]
+        """Return the numbers as sent, (n,), see `number`."""
+        return self.number(rows.view(self._view)["value"][:, 0])
+
+    def number(self, stored: Array) -> Array:
+        """Return `stored` (n,), of `dtype`, as sent: int64, uint64, float32, float64, or bytes of a text."""
         if self._text:
             return stored.copy()
         if self._float:
             return stored.astype(stored.dtype.newbyteorder("="))
         if self.spec.type in ("u24", "i24"):
-            word = stored.astype(np.int32 if self._signed else np.uint32)
-            word = word << self._shift if self._shift else word
-            number: Array = (word >> 8).astype(np.int64)
+            number: Array = (self._upper(stored) >> 8).astype(np.int64)
         elif self.spec.type == "u64":
             number = stored.astype(np.uint64)
         else:
@@ -60,6 +80,25 @@ class FieldCodec:
             first, count = self.spec.bits
             number = (number >> number.dtype.type(first)) & number.dtype.type((1 << count) - 1)
         return number
+
+    def _upper(self, stored: Array) -> Array:
+        """Return numbers of three bytes in the upper bytes of four, and in the lowest any other."""
+        word = stored.astype(np.int32 if self._signed else np.uint32)
+        return word << self._shift if self._shift else word
+
+    def linear_of(self, stored: Array) -> Array:
+        """Return what `physical` makes of `number`, float64 (n,), in one step less."""
+        factor = self.spec.scale.factor
+        if self.spec.type in ("u24", "i24"):
+            stored = self._upper(stored)
+            if not self._shift:
+                stored &= ~stored.dtype.type(0xFF)
+            factor /= 256.0  # Exact, and so is the 256-fold number.
+        value: Array = stored.astype(np.float64)
+        value *= factor
+        if self.spec.offset:
+            value += self.spec.offset
+        return value
 
     def physical(self, raw: Array, others: Mapping[str, Array]) -> Array:
         """Return what `raw` means in the field's unit; `others`: raw numbers of the fields it depends on.

@@ -14,7 +14,7 @@ from drivers.instruments import StreamCounts
 
 Read = Callable[[Bytes, Ints], Ints]
 """Stream (n,) and where frames begin in it (m,) -> the bytes that each says it has (m,)."""
-_ALIGNED = 512  # Rows looked at first while frames lie end to end; more from then on.
+_FEW = 16  # Rows looked at first, or twice as many as lay end to end the last time; then more at once.
 _MORE = 8192
 _HEAD = 1 << 16  # Bytes looked at to tell which kind a stream is of.
 
@@ -43,7 +43,7 @@ class Piece:
 
 @dataclass
 class _Group:
-    """Whole candidates of one kind and length."""
+    """Whole candidates of one kind and length; of length 0: those that state an impossible one."""
 
     kind: int
     length: int
@@ -52,14 +52,29 @@ class _Group:
     sound: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        self.good = self.starts[self.sound]
+        # Places rather than masks: taking what a mask picks at random costs a wrong guess for every change.
+        self._which = np.flatnonzero(self.sound)
+        self.good = self.starts[self._which]
 
-    def sound_rows(self) -> Bytes:
-        """Return the rows of `good`."""
-        if len(self.good) == len(self.starts):
+    def rows_of(self, good: slice | Ints) -> Bytes:
+        """Return the rows of some of `good`."""
+        which = self._which[good]
+        if len(which) == len(self.starts):
             return self.rows
         whole = self.rows.view(f"V{self.length}")[:, 0]  # Copied frame by frame, not byte by byte.
-        return whole[self.sound].view(np.uint8).reshape(-1, self.length)
+        return whole[which].view(np.uint8).reshape(-1, self.length)
+
+    def unsound(self, end: int) -> Ints:
+        """Return those of `starts` before `end` that are not sound."""
+        bad = self.starts[np.flatnonzero(~self.sound)]
+        return bad[: int(np.searchsorted(bad, end))]
+
+    def passed(self, good: slice | Ints, count: int) -> Ints:
+        """Return how many of some of `good` begin before each of the first `count` that are not sound."""
+        marks = np.zeros(len(self.starts), np.int64)
+        marks[self._which[good]] = 1
+        passed: Ints = np.cumsum(marks, out=marks)[np.flatnonzero(~self.sound)[:count]]
+        return passed
 
 
 class StreamSplitter:
@@ -86,6 +101,7 @@ class StreamSplitter:
         self._claimed = 0  # In the stream, end of the last frame taken.
         self._covered = 0  # Bytes in frames so far; a shared one counts once.
         self._last = self._patterns[0]
+        self._run = 0  # How many frames lay end to end at the beginning of the last piece.
 
     @property
     def pending(self) -> int:
@@ -125,7 +141,7 @@ class StreamSplitter:
             return [], at
         rows = stream[at : at + count * length].reshape(count, length)
         check = kind.check(length)
-        taken, step = 0, _ALIGNED
+        taken, step = 0, _FEW + 2 * self._run
         while taken < count:
             part = rows[taken : taken + step]
             good = pattern.heads(part)
@@ -139,7 +155,8 @@ class StreamSplitter:
             if run < step:
                 break
             step = _MORE
-        if not taken:
+        self._run = taken
+        if 2 * taken < count:  # A search through everything gives one piece.
             return [], at
         ends = np.arange(1, taken + 1, dtype=np.int64) * length + (self._offset + at)
         self._take(ends, [(number, taken)], taken * length)
@@ -174,46 +191,56 @@ class StreamSplitter:
         claimed = self._claimed - base
         # With one anchor for all, finding the others costs no look of its own.
         for sift in (True, False) if self._finder.anchors > 1 else (False,):
-            groups, waiting, bad_length = self._candidates(stream, sift)
-            starts = _joined([group.good for group in groups])
-            ends = _joined([group.good + group.length for group in groups])
-            order = np.argsort(starts, kind="stable")
-            starts, ends = starts[order], ends[order]
-            kept = _choose(starts, ends, claimed)
-            if kept.all():
+            groups, waiting = self._candidates(stream, sift)
+            found = [group for group in groups if len(group.good)]
+            starts = _joined([group.good for group in found])
+            ends = _joined([group.good + group.length for group in found])
+            order = None
+            if len(found) > 1:
+                order = np.argsort(starts, kind="stable")
+                starts, ends = starts[order], ends[order]
+            taken = _choose(starts, ends, claimed)
+            if taken is None:
                 break
-        keep, limit = self._limit(stream, waiting, starts[kept], ends[kept], claimed)
-        kept &= starts < limit
-        chosen, chosen_ends = starts[kept], ends[kept]
-        in_order = np.empty(len(order), np.bool_)
-        in_order[order] = kept
+        if taken is not None:
+            starts, ends = starts[taken], ends[taken]
+            order = taken if order is None else order[taken]
+        keep, final = self._limit(stream, waiting, starts, ends, claimed)
+        count = int(np.searchsorted(starts, final))
+        starts, ends = starts[:count], ends[:count]
+        picks: slice | Ints = slice(count)
+        if order is not None:
+            picks = np.sort(order[:count]) if len(found) > 1 else order[:count]
         pieces = []
-        first = 0
-        for group in groups:
-            count = len(group.good)
-            mine = in_order[first : first + count]
-            first += count
-            if mine.any():
-                rows, at = group.sound_rows(), group.good
-                if not mine.all():
-                    rows, at = rows[mine], at[mine]
+        for group, mine in zip(found, _shares(found, picks), strict=True):
+            rows, at = group.rows_of(mine), group.good[mine]
+            if len(at):
                 pieces.append(Piece(group.kind, rows, at + (base + group.length)))
-        covered = _covered(len(stream), pieces, base, chosen, chosen_ends, claimed)
-        self._reject("checksum", groups, covered[:keep])
-        self._reject("length", bad_length, covered[:keep])
-        if len(chosen):
-            before = np.concatenate(([claimed], chosen_ends[:-1]))
-            fresh = int((chosen_ends - np.maximum(chosen, before)).sum())
-            self._take(chosen_ends + base, [(piece.kind, len(piece.ends)) for piece in pieces], fresh)
+        before = np.concatenate(([claimed], ends))
+        for group in groups:
+            points = group.unsound(keep)
+            if not len(points):
+                continue
+            if found == [group]:
+                follows = group.passed(picks, len(points))
+            else:
+                follows = np.searchsorted(starts, points, side="right")
+            bad = _open(points, follows, starts, before)
+            if bad:
+                reason = "checksum" if group.length else "length"
+                self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + bad
+        if count:
+            # A frame may share one byte with the one before.
+            fresh = sum(piece.rows.size for piece in pieces) - int(np.count_nonzero(starts < before[:-1]))
+            self._take(ends + base, [(piece.kind, len(piece.ends)) for piece in pieces], fresh)
         return pieces, keep
 
-    def _candidates(self, stream: Bytes, sift: bool) -> tuple[list[_Group], list[int], list[_Group]]:
-        """Return whole candidates, where unfinished ones begin (in order), and those of impossible length.
+    def _candidates(self, stream: Bytes, sift: bool) -> tuple[list[_Group], list[int]]:
+        """Return whole candidates and those of impossible length, and where unfinished ones begin, in order.
 
         `sift`: leave out what begins inside of sound frames of the likely kind.
         """
         groups: list[_Group] = []
-        bad: list[_Group] = []
         waiting: list[int] = []
         size = len(stream)
         for number, at in self._beginnings(stream, groups) if sift else self._by_kind(stream):
@@ -230,7 +257,7 @@ class StreamSplitter:
                 if not right.all():
                     wrong = at[~right]
                     nothing = np.zeros(len(wrong), np.bool_)
-                    bad.append(_Group(number, 0, wrong, stream[:0].reshape(0, 1), nothing))
+                    groups.append(_Group(number, 0, wrong, stream[:0].reshape(0, 1), nothing))
                 whole_too = right & (at + length <= size)
                 waiting += at[right & ~whole_too].tolist()
                 sizes = {int(n): at[whole_too & (length == n)] for n in np.unique(length[whole_too])}
@@ -241,7 +268,7 @@ class StreamSplitter:
             tail = stream[position:]
             if any(len(tail) < p.span and p.may_begin(tail) for _, p in self._patterns):
                 waiting.append(position)
-        return groups, sorted(waiting), bad
+        return groups, sorted(waiting)
 
     def _by_kind(self, stream: Bytes) -> Iterator[tuple[int, Ints]]:
         """Yield each kind and where it begins."""
@@ -286,16 +313,6 @@ class StreamSplitter:
             return (self._with_shared(stream, position) if position == end else position), position
         return len(stream), len(stream)
 
-    def _reject(self, reason: str, groups: list[_Group], covered: NDArray[np.bool_]) -> None:
-        """Count the unsound candidates among the places of `covered` that are not."""
-        count = 0
-        for group in groups:
-            points = group.starts[~group.sound]
-            points = points[: int(np.searchsorted(points, len(covered)))]
-            count += len(points) - int(np.count_nonzero(covered[points]))
-        if count:
-            self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + count
-
     def _take(self, ends: Ints, kinds: list[tuple[int, int]], fresh: int) -> None:
         """Account for frames with these ascending ends; `fresh` bytes of them are in no frame yet."""
         self._covered += fresh
@@ -320,22 +337,32 @@ def _insides(size: int, groups: list[_Group]) -> NDArray[np.bool_]:
     return hidden
 
 
-def _covered(
-    size: int, pieces: list[Piece], base: int, starts: Ints, ends: Ints, claimed: int
-) -> NDArray[np.bool_]:
-    """Return at which of `size` places no frame may begin any more, frames with these borders being taken.
+def _shares(groups: list[_Group], picks: slice | Ints) -> Iterator[slice | Ints]:
+    """Yield which of each group's sound frames ascending places among all of them, group by group, are."""
+    first = 0
+    for group in groups:
+        if isinstance(picks, slice) or len(groups) == 1:
+            yield picks
+        else:
+            here, there = np.searchsorted(picks, (first, first + len(group.good)))
+            yield picks[here:there] - first
+            first += len(group.good)
 
-    The last byte of a frame may be the first of another, unless one follows it.
+
+def _open(points: Ints, follows: Ints, starts: Ints, before: Ints) -> int:
+    """Count the `points` at which a frame might begin, frames from `starts` on being taken.
+
+    `follows`: how many of those begin before each point; `before` (one more than `starts`): where what is before
+    each of them ends, and the last of them. The last byte of a frame may be the first of another, unless one
+    follows it.
     """
-    covered = np.zeros(size, np.bool_)
-    for piece in pieces:
-        length = piece.rows.shape[1]
-        _mark(covered, piece.ends - (base + length), length - 1)
-    ends = np.concatenate(([claimed], ends))
-    covered[: max(0, claimed - 1)] = True
-    shared = ends[:-1][starts == ends[:-1]] - 1
-    covered[shared[shared >= 0]] = True
-    return covered
+    ends = before[follows]
+    free = points >= ends
+    shared = np.flatnonzero(points == ends - 1)
+    if len(shared):
+        after = np.concatenate((starts, [-1]))[follows[shared]]
+        free[shared] = after != ends[shared]
+    return int(np.count_nonzero(free))
 
 
 def _mark(places: NDArray[np.bool_], starts: Ints, length: int) -> None:
@@ -351,14 +378,17 @@ def _joined(arrays: list[Ints]) -> Ints:
     return np.concatenate(arrays) if arrays else np.empty(0, np.int64)
 
 
-def _choose(starts: Ints, ends: Ints, claimed: int) -> NDArray[np.bool_]:
-    """Return which of the sound frames with these borders are taken when each claims its bytes, in order."""
+def _choose(starts: Ints, ends: Ints, claimed: int) -> Ints | None:
+    """Return which of the sound frames with these borders are taken when each claims its bytes in order.
+
+    None: all of them.
+    """
+    if not len(starts) or (starts[0] >= claimed and bool((starts[1:] >= ends[:-1]).all())):
+        return None
     taken = np.ones(len(starts), np.bool_)
-    if not len(starts):
-        return taken
-    if starts[0] >= claimed and bool((starts[1:] >= ends[:-1]).all()):
-        return taken
-    reached = np.maximum.accumulate(np.concatenate(([claimed], ends[:-1])))
+    reached = np.concatenate(([claimed], ends[:-1]))
+    if bool((reached[1:] < reached[:-1]).any()):
+        np.maximum.accumulate(reached, out=reached)
     clash = starts < reached
     for at in np.flatnonzero(clash).tolist():
         if at == 0:
@@ -370,4 +400,4 @@ def _choose(starts: Ints, ends: Ints, claimed: int) -> NDArray[np.bool_]:
         taken[at] = start >= end or (start == end - 1 and not follows)
         if taken[at]:
             end = int(ends[at])
-    return taken
+    return None if taken.all() else np.flatnonzero(taken)
