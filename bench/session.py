@@ -231,6 +231,7 @@ class Bench:
         table.take(self.clock.now(), turned)
         self._watch(air)
         table.watch()
+        chamber.watch()
         self._returns.look()
         self._attendance.check(self.units, self.clock.now())
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.approach import WINDOW_S, Approach
 from bench.history import History
 from bench.stream_loss import StreamLoss
 from drivers.errors import LimitExceeded
@@ -44,6 +45,7 @@ class ChamberStation:
         self.history = History(("air_temp_c", "set_point_c", *(f"aux_{n}_temp_c" for n in auxiliary)))
         self.auxiliary = auxiliary
         self.set_point_c: float | None = None
+        self._approach = Approach()
         self._bench = bench
 
     def check(self, min_temp_c: float, max_temp_c: float, max_ramp_k_per_min: float = 0.0) -> None:
@@ -85,6 +87,14 @@ class ChamberStation:
         self._bench.repeated("chamber", f"{seen}, which no air does")
         self.device.request_state()
         return self.device.read_state()
+
+    def watch(self) -> None:
+        """Write an alarm, once a demand, when the air gets no nearer to its set point."""
+        now_s = self._bench.now_s
+        if not self._approach.due(now_s) or not (before := self.history.row_at(now_s - WINDOW_S)):
+            return
+        if wrong := self._approach.look(self.history.last["air_temp_c"], before["air_temp_c"]):
+            self._bench.event("alarm", device="chamber", text=wrong)
 
     def last_seen(self) -> str:
         """Return in words what telemetry said last, empty before the first."""
@@ -131,16 +141,19 @@ class ChamberStation:
         ramp = "as fast as possible" if ramp_k_per_min is None else f"at {ramp_k_per_min:g} K/min"
         self._bench.command("chamber", f"go to {set_point_c:g} degC {ramp}")
         self.set_point_c = set_point_c
+        self._approach.demand(self._bench.now_s, set_point_c, ramp_k_per_min)
         self.device.set_temperature(set_point_c, ramp_k_per_min)
 
     def start(self) -> None:
         """Start conditioning."""
         self._bench.command("chamber", "start")
         self.device.start()
+        self._approach.run(self._bench.now_s, True)
 
     def stop(self) -> None:
         """Stop conditioning."""
         self._bench.command("chamber", "stop")
+        self._approach.run(self._bench.now_s, False)
         self.device.stop()
 
 

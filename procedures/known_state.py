@@ -67,7 +67,10 @@ def run(bench: Bench, p: KnownStateParameters) -> None:
 
         what = f"chamber and units to {p.air_c:g} degC"
         if not bench.wait_until(reached, timeout_s=60.0 * p.timeout_min, what=what, every_s=10.0):
-            bench.invalidate(f"chamber and units were not at {p.air_c:g} degC within {p.timeout_min:g} min")
+            air = bench.chamber.history.last["air_temp_c"]
+            bench.invalidate(
+                f"chamber and units were not at {p.air_c:g} degC within {p.timeout_min:g} min: air {air:.1f} degC"
+            )
         last = bench.chamber.history.last
         tolerance = p.air_tolerance_k
         bench.measure("air", last["air_temp_c"], "degC", low=p.air_c - tolerance, high=p.air_c + tolerance)
