@@ -25,7 +25,8 @@ _RESOLUTION_S = 1e-6
 """Deadlines are met to this: a clock may count whole ns."""
 _QUIET_S = 0.1
 _NOISY_S = 2.0
-_REOPEN_S = 0.3
+REOPEN_S = 0.3
+"""How long `reopen` waits for a port; one that takes longer goes on being opened meanwhile."""
 
 
 def _nobody(error: BenchError) -> None:
@@ -44,11 +45,16 @@ class Tap(Protocol):
         ...
 
 
-class _Opening:
-    """pyserial opening a port, in a thread where that may take its time (5 s for a host that is switched off)."""
+class Opening:
+    """A port or bus being opened, in a thread where that may take its time (5 s for a host that is switched off).
 
-    def __init__(self, url: str, settings: dict[str, Any], *, in_background: bool = False) -> None:
-        self._url, self._settings = url, settings
+    `errors`: what `opener` raises when it is not there.
+    """
+
+    def __init__(
+        self, opener: Callable[[], Any], errors: tuple[type[Exception], ...], *, in_background: bool = False
+    ) -> None:
+        self._opener, self._errors = opener, errors
         self._port: Any = None
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._open, name="opens a port", daemon=True)
@@ -71,8 +77,8 @@ class _Opening:
 
     def _open(self) -> None:
         try:
-            self._port = serial.serial_for_url(self._url, timeout=0, **self._settings)
-        except (serial.SerialException, OSError, ValueError) as error:
+            self._port = self._opener()
+        except self._errors as error:
             self._error = error
 
 
@@ -104,8 +110,8 @@ class Link:
         if "://" not in url:  # two programs that read one serial port get half the bytes each
             settings["exclusive"] = True
         self._settings = settings
-        self._opening: _Opening | None = None
-        self._take_port(_Opening(url, settings))
+        self._opening: Opening | None = None
+        self._take_port(self._open())
         clock.attach(self)
 
     def reopen(self) -> None:
@@ -118,8 +124,8 @@ class Link:
         with contextlib.suppress(serial.SerialException, OSError):
             self._port.close()
         if self._opening is None:
-            self._opening = _Opening(self.url, self._settings, in_background="://" in self.url)
-        if not self._opening.over(_REOPEN_S):
+            self._opening = self._open(in_background="://" in self.url)
+        if not self._opening.over(REOPEN_S):
             raise self._not_opened("it does not answer yet")
         opening, self._opening = self._opening, None
         self._take_port(opening)
@@ -127,7 +133,14 @@ class Link:
         self.bytes_received = self.bytes_sent = 0
         self.clock.attach(self)
 
-    def _take_port(self, opening: _Opening) -> None:
+    def _open(self, *, in_background: bool = False) -> Opening:
+        return Opening(
+            lambda: serial.serial_for_url(self.url, timeout=0, **self._settings),
+            (serial.SerialException, OSError, ValueError),
+            in_background=in_background,
+        )
+
+    def _take_port(self, opening: Opening) -> None:
         try:
             self._port = opening.result()
             self._fd: int = self._port.fileno()

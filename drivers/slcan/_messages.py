@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 from collections.abc import Callable
@@ -10,11 +11,13 @@ import numpy as np
 
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
-from drivers.link import Link, Tap
+from drivers.link import REOPEN_S, Link, Opening, Tap
 from drivers.python_can import can
 from drivers.slcan._python_can import encode_message, to_messages, unsupported_kind
 from drivers.slcan_codec import SlcanParser
 
+BUS_ERRORS = (can.CanError, NotImplementedError, OSError, ValueError, TypeError)
+"""What python-can's interfaces raise when a bus cannot be opened, or is gone."""
 _AT_ONCE = 1000
 """Messages taken from a bus in one go."""
 _POLL_S = 0.1
@@ -27,10 +30,18 @@ class MessageLink(Link):
     What it reads are the received messages as slcan lines; slcan lines written to it are sent as messages. A bus
     that has no descriptor to select on (python-can's virtual bus) is read by a thread into a pipe. Error frames
     and CAN FD messages, for which slcan has no lines, are counted in `left_out`. The link owns the bus: `close`
-    shuts it down.
+    shuts it down. `opener` makes the bus anew after it was lost.
     """
 
-    def __init__(self, bus: can.BusABC, clock: Clock, *, name: str, tap: Tap | None = None) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        clock: Clock,
+        *,
+        name: str,
+        tap: Tap | None = None,
+        opener: Callable[[], can.BusABC] | None = None,
+    ) -> None:
         # Not Link's own constructor, which opens a serial port: here the bus is the port.
         self.url = str(bus.channel_info)
         self.name = name
@@ -42,12 +53,10 @@ class MessageLink(Link):
         self.left_out: dict[str, int] = {}
         self._buffer = bytearray()
         self._closed = False
-        self._bus = bus
-        self._fd = _descriptor(bus)
+        self._opener = opener
+        self._opening = None
         self._reader: _PipeReader | None = None
-        if self._fd < 0:
-            self._reader = _PipeReader(self._take_lines)
-            self._fd = self._reader.descriptor
+        self._take_bus(bus)
         clock.attach(self)
 
     def receive(self) -> bytes:
@@ -84,18 +93,54 @@ class MessageLink(Link):
             self.tap.sent(data, now)
 
     def reopen(self) -> None:
-        """Raise ConfigurationError: what a bus of python-can needs to come back is its driver's own business."""
-        raise self._not_opened("python-can does not open a bus again")
+        """Open the bus anew after it was lost, as `Link.reopen` does a port.
+
+        ConfigurationError while it cannot be opened, or does not open within 0.3 s.
+        """
+        if self._opener is None:
+            raise self._not_opened("a bus that somebody else opened")
+        self._let_go()
+        if self._opening is None:
+            self._opening = Opening(self._opener, BUS_ERRORS, in_background=True)
+        if not self._opening.over(REOPEN_S):
+            raise self._not_opened("it does not answer yet")
+        opening, self._opening = self._opening, None
+        try:
+            bus = opening.result()
+        except BUS_ERRORS as error:
+            raise self._not_opened(str(error)) from error
+        self._take_bus(bus)
+        self._buffer.clear()
+        self.bytes_received = self.bytes_sent = 0
+        self._closed = False
+        self.clock.attach(self)
 
     def close(self) -> None:
         """Stop reading and shut the bus down; may be called again."""
+        self._let_go()
+        if self._opening is not None and self._opening.over(0.0):
+            with contextlib.suppress(*BUS_ERRORS):
+                self._opening.result().shutdown()
+        self._opening = None
+
+    def _take_bus(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self._fd = _descriptor(bus)
+        self._reader = None
+        if self._fd < 0:
+            self._reader = _PipeReader(self._take_lines)
+            self._fd = self._reader.descriptor
+
+    def _let_go(self) -> None:
+        """Shut the bus down, once; one that is gone may complain."""
         if self._closed:
             return
         self._closed = True
         self.clock.detach(self)
         if self._reader is not None:
             self._reader.close()
-        self._bus.shutdown()
+        with contextlib.suppress(*BUS_ERRORS):
+            self._bus.shutdown()
 
     def _take_lines(self, timeout_s: float) -> bytes:
         """Return the messages that wait in the bus as lines; wait up to `timeout_s` for the first."""

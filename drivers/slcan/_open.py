@@ -9,7 +9,7 @@ from drivers.errors import ConfigurationError
 from drivers.link import Link, Tap
 from drivers.python_can import can
 from drivers.slcan._bus import INTERFACE, BufferedSlcanBus
-from drivers.slcan._messages import MessageLink
+from drivers.slcan._messages import BUS_ERRORS, MessageLink
 
 
 def open_can(
@@ -29,12 +29,16 @@ def open_can(
     link closes the bus.
     Raises ConfigurationError when the interface is unknown or the bus cannot be opened.
     """
+
+    def opened() -> can.BusABC:
+        return can.Bus(interface=interface, channel=channel, bitrate=bitrate, ignore_config=True, **options)
+
     try:
         if interface == INTERFACE:
             adapter = BufferedSlcanBus(channel, bitrate, clock, name, tap=tap, **options)
             return adapter, adapter.link
-        bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, ignore_config=True, **options)
-    except (can.CanError, NotImplementedError, OSError, ValueError, TypeError) as error:
+        bus = opened()
+    except BUS_ERRORS as error:
         raise ConfigurationError(
             "the CAN bus cannot be opened",
             where=f"{name} ({interface}, {channel})",
@@ -42,4 +46,4 @@ def open_can(
             expected=f"{INTERFACE}, or another interface that python-can knows, and its channel",
             remedy="check interface, channel and options in the bench file, and that the adapter is plugged in",
         ) from error
-    return bus, MessageLink(bus, clock, name=name, tap=tap)
+    return bus, MessageLink(bus, clock, name=name, tap=tap, opener=opened)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import struct
 from pathlib import Path
 
 import can
@@ -239,6 +240,42 @@ def test_the_printed_vectors_of_j1939() -> None:
     assert columns["counter"].tolist() == [0, 1, 2] and np.isnan(columns["temp_c"]).all()
     assert decoder.counts.rejected == {}  # another node's message of the same group is known, not foreign
     assert len(CanDecoder(load_layout("openimu300"), 100.0).feed(other)) == 1
+
+
+def test_accelerations_of_the_shipped_layouts() -> None:
+    """By the makers: PGN 61485 0.01 m/s2 - 320, 0xFExx an error; HiPNUC 0.00048828 g, 1 mg; SBG 0.01 m/s2."""
+    force = struct.pack("<3H2x", 32981, 32000, 0xFE00)  # 9.81, 0, error
+    zero = struct.pack("<3H2x", 32000, 32000, 32000)
+    for name, source in (("openimu300", 0x80), ("j1939_rate20", 0x00)):
+        rates = bytes.fromhex("00D0070000A00F00") if name == "j1939_rate20" else zero
+        stream = line(0x0CF02A00 | source, rates, True) + line(0x0CF02D00 | source, force, True)
+        stream += line(0x0CF02900 | source, bytes(8), True) + line(0x0CF02A00 | source, rates, True)
+        decoder = CanDecoder(load_layout(name), 100.0)
+        columns = decoder.feed(stream).columns
+        found = np.array([columns[f"accelerometer_{axis}_mps2"] for axis in "xyz"])
+        np.testing.assert_allclose(found[:, 0], np.nan)  # none yet
+        np.testing.assert_allclose(found[:, 1], [9.81, 0.0, np.nan], rtol=1e-6, atol=1e-6)
+        assert columns["valid"].all()
+    held = {
+        "hipnuc_j1939": (0x0CFF3408, 0x0CFF3708, struct.pack("<4h", 2048, 0, -2048, 0), bytes(8), 9.80665),
+        "hipnuc_canopen": (
+            0x188,
+            0x288,
+            struct.pack("<3h", 1000, 0, -1000),
+            struct.pack("<3h", 10, 0, 0),
+            9.80665,
+        ),
+        "xsens_mti": (0x34, 0x32, struct.pack(">3h", 2511, 0, -2511), bytes(6), 2511 / 256),
+        "sbg_ellipse_imu": (0x121, 0x122, struct.pack("<3h", 981, 0, -981), bytes(6), 9.81),
+    }
+    before = {"xsens_mti": line(5, bytes(4)) + line(17, bytes(4)), "sbg_ellipse_imu": line(0x120, bytes(8))}
+    for name, (acceleration, gyro, force, rate, expected) in held.items():
+        extended = gyro > 0x7FF
+        stream = line(acceleration, force, extended) + before.get(name, b"") + line(gyro, rate, extended)
+        columns = CanDecoder(load_layout(name), 100.0).feed(stream).columns
+        found = [columns[f"accelerometer_{axis}_mps2"][0] for axis in "xyz"]
+        np.testing.assert_allclose(found, [expected, 0.0, -expected], rtol=2e-5)
+        assert columns["rate_x_dps"][0] == (1.0 if name == "hipnuc_canopen" else 0.0)
 
 
 def test_one_parameter_group_in_two_layouts() -> None:
