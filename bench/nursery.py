@@ -37,7 +37,7 @@ class LabProcess(Protocol):
 def start_lab() -> LabProcess:
     """Start a lab's process."""
     return subprocess.Popen(
-        [sys.executable, "-m", "simulators.lab"],
+        [sys.executable, "-P", "-m", "simulators.lab"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,  # Ctrl-C is for the bench: the lab lives until the bench lets go of it
@@ -56,7 +56,7 @@ class LabNursery:
         self._socket, far = socket.socketpair()
         with far:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "simulators.lab", "--nursery", str(far.fileno())],
+                [sys.executable, "-P", "-m", "simulators.lab", "--nursery", str(far.fileno())],
                 stdin=subprocess.PIPE,
                 pass_fds=[far.fileno()],
                 start_new_session=True,

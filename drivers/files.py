@@ -10,20 +10,31 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import stat
 import tomllib
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-SETTINGS_BYTES = 4 << 20
-"""Most bytes of a file that a person writes: bench, campaign, frame, mapping, limits."""
+SETTINGS_BYTES = 1 << 20
+"""Most bytes of a file that a person writes: bench, campaign, frame, mapping, limits. Parsed TOML takes up to 500
+times as much memory."""
 
 RECORD_BYTES = 256 << 20
 """Most bytes of a text file that a run or campaign writes: a day of events has a few MiB."""
 
 _DEEPEST = 64
 _READ_BYTES = 1 << 20
+_ASIDE = re.compile(
+    r'''
+    """(?s:[^"\\]|\\.|"(?!""))*+(?:""")? | \'\'\'(?s:.*?)(?:\'\'\'|\Z)  # strings of several lines
+    | "(?:[^"\\\n]|\\.)*+"? | '[^'\n]*+'? | \#[^\n]*+       # of one line; comments
+    ''',
+    re.VERBOSE,
+)
+"""What may hold dots that join no keys. What is not closed goes to its end: no byte is looked at twice."""
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{_DEEPEST}}}")
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
@@ -73,6 +84,10 @@ def parse_json(content: bytes | str) -> Any:
 def parse_toml(content: bytes) -> dict[str, Any]:
     """Return the table of a TOML text; ValueError if it is none, is not UTF-8, or is nested deeper than 64."""
     text = content.decode("utf-8")
+    if _LONG_KEY.search(
+        _ASIDE.sub("q", text)
+    ):  # time and memory of tomllib grow with the square of a key's parts
+        raise ValueError("nested too deep")
     try:
         data = tomllib.loads(text)
     except RecursionError as error:

@@ -44,7 +44,7 @@ class Watchdog:
     def __init__(self, file: BenchFile, run_folder: Path, lease: Lease) -> None:
         self._beaten_s = host_seconds()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "bench.watchdog"],
+            [sys.executable, "-P", "-m", "bench.watchdog"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             bufsize=0,

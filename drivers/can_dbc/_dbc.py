@@ -1,59 +1,99 @@
-"""DBC files: read by cantools, guarded against what would exhaust the machine, compiled to layouts."""
+"""DBC files: read by cantools in a process of their own, compiled to layouts."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+import math
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
 from drivers.errors import ConfigurationError
-from drivers.files import read_bounded
+from drivers.files import parse_json, read_bounded
 
 MAX_FILE_BYTES = 4 << 20
 """Large public DBC files (whole vehicles) have 1 to 2 MB."""
-_MAX_MESSAGE_BYTES = 1785
-"""Of a J1939 transport session, the longest message that DBC files describe."""
-_MAX_BITS = 8 * _MAX_MESSAGE_BYTES
-_MAX_SELECTIONS = 65_536
-_MAX_LINE = 100_000
-_MAX_NUMBER = 400
-"""Digits, and value of an exponent: beyond every number of IEEE 754 doubles."""
+_MEMORY_BYTES, _CPU_S = 1 << 30, 20
+"""A file of 4 MiB takes up to 0.5 GiB and 6 s; one of 2 kB, with multiplexers in a chain, as much as there is."""
+_MAX_ANSWER_BYTES = 64 << 20
+_MAX_LEVELS = 8
+"""Of multiplexers inside one another; a unit has one or two, and a layout doubles with each."""
+_READER = Path(__file__).with_name("_read_dbc.py")
 
 _PARAMETER_GROUP_1, _PARAMETER_GROUP_2 = 0x03FF_0000, 0x03FF_FF00
 
-_MESSAGE = re.compile(r"\bBO_\s+\d{1,20}\s+([^\s:]{1,128})\s*:\s*(\d+)")
-_SIGNAL = re.compile(r"\bSG_\s+([^:]{1,200}):\s*(\d+)\s*\|\s*(\d+)\s*@")
-_SELECTIONS = re.compile(r"\bSG_MUL_VAL_\s[^;]*")
-_SELECTION = re.compile(r"(\d+)\s*-\s*(\d+)")
-_LONG_NUMBER = re.compile(rf"\d{{{_MAX_NUMBER},}}|\d[eE][+-]?0*[1-9]\d{{3,}}")
+
+@dataclass(frozen=True)
+class Signal:
+    """A signal as cantools has it, under cantools' names."""
+
+    name: str
+    start: int
+    length: int
+    byte_order: str
+    is_signed: bool
+    is_float: bool
+    scale: float
+    offset: float
+    unit: str | None
+    multiplexer_ids: Sequence[int] | None
+    multiplexer_signal: str | None
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message as cantools has it, under cantools' names."""
+
+    name: str
+    frame_id: int
+    is_extended_frame: bool
+    length: int
+    signals: Sequence[Signal]
+
+
+def load_database(path: Path) -> Mapping[str, Message]:
+    """Return the messages of a DBC file by name, read by cantools in a process with bounds (`_read_dbc`).
+
+    UTF-8, else Windows-1252, in which DBC files were written before. Raises ConfigurationError for a file that
+    cannot be read, that cantools refuses (for overlapping signals it names both and the message), or that takes
+    more memory or time than a file of that size can need.
+    """
+    try:
+        found = _read(read_bounded(path, MAX_FILE_BYTES))
+    except OSError as error:
+        raise _unreadable(path, error.strerror or str(error)) from error
+    if isinstance(found, str):
+        raise _unreadable(path, found)
+    return found
 
 
 @lru_cache(maxsize=16)
-def load_database(path: Path) -> Any:
-    """Return the cantools database of a DBC file.
-
-    UTF-8, else Windows-1252, in which DBC files were written before. Raises ConfigurationError for a file that
-    cannot be read, that cantools refuses (for overlapping signals it names both and the message), or whose sizes
-    no CAN message has: cantools would make tables of them.
-    """
-    try:
-        content = read_bounded(path, MAX_FILE_BYTES)
-    except OSError as error:
-        raise _unreadable(path, error.strerror or str(error)) from error
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("cp1252", errors="replace")
-    _check_sizes(text, path)
-    import cantools  # takes longer to import than all the rest
-
-    try:
-        return cantools.database.load_string(text, database_format="dbc", prune_choices=False)
-    except (ValueError, ArithmeticError, LookupError, TypeError, AttributeError, cantools.Error) as error:
-        raise _unreadable(path, str(error) or type(error).__name__) from error
+def _read(content: bytes) -> Mapping[str, Message] | str:
+    """Return the messages in the bytes of a DBC file, or why there are none."""
+    with subprocess.Popen(
+        [sys.executable, "-P", str(_READER), str(_MEMORY_BYTES), str(_CPU_S)],  # -P: nothing from this folder
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    ) as reader:
+        assert reader.stdin is not None and reader.stdout is not None
+        with suppress(BrokenPipeError), reader.stdin as pipe:
+            pipe.write(content)
+        answer = reader.stdout.read(_MAX_ANSWER_BYTES + 1)
+        reader.kill()
+    if len(answer) > _MAX_ANSWER_BYTES or not answer.endswith(b"\n"):
+        return f"more than {_CPU_S} s of computing to read it"
+    found = parse_json(answer)
+    if isinstance(found, str):
+        return found
+    return {
+        each["name"]: Message(**{**each, "signals": [Signal(**signal) for signal in each["signals"]]})
+        for each in found
+    }
 
 
 def load_message(path: Path, name: str) -> MessageLayout:
@@ -61,26 +101,24 @@ def load_message(path: Path, name: str) -> MessageLayout:
     return compile_message(find_message(path, name))
 
 
-def find_message(path: Path, name: str) -> Any:
-    """Return message `name` of a DBC file as cantools has it; raises ConfigurationError without it."""
-    database = load_database(path)
-    try:
-        return database.get_message_by_name(name)
-    except KeyError as error:
-        import difflib
+def find_message(path: Path, name: str) -> Message:
+    """Return message `name` of a DBC file; raises ConfigurationError without it."""
+    messages = load_database(path)
+    if name in messages:
+        return messages[name]
+    import difflib
 
-        names = [message.name for message in database.messages]
-        near = difflib.get_close_matches(name, names, n=1)
-        raise ConfigurationError(
-            f"the DBC file has no message {name}",
-            where=str(path),
-            found=_few(names),
-            expected=f"that message{f' (did you mean {near[0]!r}?)' if near else ''}",
-        ) from error
+    near = difflib.get_close_matches(name, messages, n=1)
+    raise ConfigurationError(
+        f"the DBC file has no message {name}",
+        where=str(path),
+        found=_few(list(messages)),
+        expected=f"that message{f' (did you mean {near[0]!r}?)' if near else ''}",
+    )
 
 
-def compile_message(message: Any, *, j1939: bool = False) -> MessageLayout:
-    """Return the layout of one cantools message.
+def compile_message(message: Message, *, j1939: bool = False) -> MessageLayout:
+    """Return the layout of one message; cantools' own messages will do.
 
     `j1939`: told by its parameter group, see `MessageLayout.identifier_mask`. ConfigurationError for a message of
     more than the 8 bytes of a classic CAN frame.
@@ -116,12 +154,26 @@ def _parameter_group_mask(identifier: int) -> int:
     return _PARAMETER_GROUP_1 if (identifier >> 16) & 0xFF < 240 else _PARAMETER_GROUP_2
 
 
-def _compile_into(done: dict[str, SignalLayout], signal: Any, by_name: dict[str, Any]) -> SignalLayout:
+def _compile_into(
+    done: dict[str, SignalLayout], signal: Signal, by_name: dict[str, Signal], level: int = 0
+) -> SignalLayout:
     if signal.name in done:
         return done[signal.name]
+    if level > _MAX_LEVELS or not (math.isfinite(signal.scale) and math.isfinite(signal.offset)):
+        raise ConfigurationError(
+            f"signal {signal.name} has a layout that is not supported",
+            found=f"scale {signal.scale:g}, offset {signal.offset:g}, multiplexer level {level}",
+            expected=f"finite numbers, at most {_MAX_LEVELS} multiplexers inside one another",
+        )
     selectors: tuple[tuple[SignalLayout, tuple[int, ...]], ...] = ()
     if signal.multiplexer_ids is not None:
-        above = _compile_into(done, by_name[signal.multiplexer_signal], by_name)
+        if signal.multiplexer_signal not in by_name:
+            raise ConfigurationError(
+                f"signal {signal.name} has a multiplexer that its message lacks",
+                found=str(signal.multiplexer_signal),
+                expected=", ".join(by_name),
+            )
+        above = _compile_into(done, by_name[signal.multiplexer_signal], by_name, level + 1)
         selectors = (*above.selectors, (above, tuple(signal.multiplexer_ids)))
     big_endian = signal.byte_order == "big_endian"
     if big_endian:  # `start` is the most significant bit; bit 7 of byte 0 is the top of the word
@@ -148,25 +200,6 @@ def _compile_into(done: dict[str, SignalLayout], signal: Any, by_name: dict[str,
         selectors=selectors,
     )
     return done[signal.name]
-
-
-def _check_sizes(text: str, path: Path) -> None:
-    """Refuse sizes that no message has, before cantools makes lists of that many entries."""
-    if any(len(line) > _MAX_LINE for line in text.splitlines()):
-        raise _unreadable(path, f"a line of more than {_MAX_LINE} characters")
-    if found := _LONG_NUMBER.search(text):
-        raise _unreadable(path, f"the number {found.group()[:24]}...")
-    for name, length in _MESSAGE.findall(text):
-        if int(length) > _MAX_MESSAGE_BYTES:
-            raise _unreadable(path, f"message {name} of {length} bytes, more than {_MAX_MESSAGE_BYTES}")
-    for name, start, length in _SIGNAL.findall(text):
-        if int(start) >= _MAX_BITS or int(length) > _MAX_BITS:
-            raise _unreadable(path, f"signal {name.split()[0]} of {length} bits from bit {start}")
-    selections = 0
-    for statement in _SELECTIONS.findall(text):
-        selections += sum(max(0, int(high) - int(low)) for low, high in _SELECTION.findall(statement))
-    if selections > _MAX_SELECTIONS:
-        raise _unreadable(path, f"{selections} multiplexer values, more than {_MAX_SELECTIONS}")
 
 
 def _unreadable(path: Path, found: str) -> ConfigurationError:

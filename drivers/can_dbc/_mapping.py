@@ -132,7 +132,7 @@ class _Compiler:
             sample=sample,
             uses=uses,
             valid=rules,
-            known=tuple(_known(database.messages, mapping.j1939)),
+            known=tuple(_known(database.values(), mapping.j1939)),
         )
         self._check(layout)
         return layout

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from drivers.frames._form import Form
-from drivers.frames._model import Description, FieldSection, FrameSection, _listed
+from drivers.frames._model import MOST_PARTS, Description, FieldSection, FrameSection, _listed
 from drivers.frames._verify import Mistake
 from drivers.framing import Crc
 
@@ -69,9 +69,9 @@ class LineDescription(Description):
 
     frame: FrameSection = FrameSection()
     line: LineSection = Field(description="a [line] section with columns")
-    field: tuple[LineField, ...] = Field(default=(), description="[[field]] entries")
+    field: tuple[LineField, ...] = Field(default=(), max_length=MOST_PARTS, description="[[field]] entries")
     vector: Annotated[tuple[LineVector, ...], BeforeValidator(_listed)] = Field(  # type: ignore[assignment]
-        default=(), description="[[vector]] entries"
+        default=(), max_length=MOST_PARTS, description="[[vector]] entries"
     )
 
 

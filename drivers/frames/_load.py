@@ -224,9 +224,14 @@ def _mistake(model: type[BaseModel], details: ErrorDetails, data: Any) -> Mistak
     if details["type"] == "missing":
         return Mistake(key, "nothing", expected)
     found = details["input"]
-    shown = "a table" if isinstance(found, dict) else repr(found)
+    shown = "a table" if isinstance(found, dict) else _shown(found)
     reason = details["msg"].removeprefix("Value error, ")
     return Mistake(key, shown, expected if reason in expected else f"{expected} ({reason})")
+
+
+def _shown(found: Any) -> str:
+    text = f"a list of {len(found)}" if isinstance(found, (list, tuple)) and len(found) > 16 else repr(found)
+    return text if len(text) <= 200 else f"{text[:200]} ..."
 
 
 def _has(here: Any, part: Any) -> bool:

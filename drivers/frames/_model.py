@@ -30,6 +30,8 @@ GYRO_ROLES = ("rate", "delta_angle", "cumulative_angle")
 ACCEL_ROLES = ("accel", "delta_velocity")
 NUMBER_BYTES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u24": 3, "i24": 3, "u32": 4, "i32": 4, "u64": 8}
 FLOAT_BYTES = {"f32": 4, "f64": 8}
+MOST_PARTS, _MOST_POINTS = 256, 4096
+"""Of fields, variants, status bits, vectors; of a table. No unit has near as many, and checks go by pairs."""
 _NAME = r"^[a-z][a-z0-9_]{0,39}$"
 
 
@@ -83,7 +85,7 @@ class Link(_Part):
 class LengthField(_Part):
     """Where a frame says how long it is: total bytes = the number found there + `add`."""
 
-    at: int = Field(ge=0, description="offset of the length in the frame")
+    at: int = Field(ge=0, le=65_535, description="offset of the length in the frame")
     type: Literal["u8", "u16", "u24", "u32"] = Field(description="'u8', 'u16', 'u24' or 'u32'")
     endian: Endian | None = Field(default=None, description="'big' or 'little'")
     add: int = Field(default=0, description="what is added to give the whole frame's bytes")
@@ -98,7 +100,7 @@ class LengthField(_Part):
 class Match(_Part):
     """Bytes that a frame must have at a place, besides its sync word."""
 
-    at: int = Field(ge=0, description="offset in the frame")
+    at: int = Field(ge=0, le=65_535, description="offset in the frame")
     equals: HexBytes = Field(description="the bytes, in hexadecimal")
     mask: HexBytes | None = Field(default=None, description="which bits count, as many bytes as `equals`")
 
@@ -109,11 +111,13 @@ class Checksum(_Part):
     kind: Literal["sum8", "xor8", "neg8", "sum16", "sum16_words", "crc8", "crc16", "crc32"] = Field(
         description="sum8, xor8, neg8 (all bytes add up to 0), sum16, sum16_words, crc8, crc16 or crc32"
     )
-    ranges: Annotated[tuple[tuple[int, int], ...], Field(min_length=1)] = Field(
+    ranges: Annotated[tuple[tuple[int, int], ...], Field(min_length=1, max_length=4)] = Field(
         description="half-open byte ranges [first, end], joined in order; negative counts from the frame's "
         "end, and an end of 0 is the frame's end"
     )
-    at: int = Field(description="offset of the check value, negative from the frame's end")
+    at: int = Field(
+        ge=-65_535, le=65_535, description="offset of the check value, negative from the frame's end"
+    )
     endian: Endian | None = Field(default=None, description="'big' or 'little': order of the check's bytes")
     words: Endian | None = Field(default=None, description="'big' or 'little': order of sum16_words' words")
     poly: HexNumber | None = Field(
@@ -130,12 +134,16 @@ class FrameSection(_Part):
 
     endian: Endian | None = Field(default=None, description="'big' or 'little', the usual order of fields")
     sync: Annotated[tuple[HexBytes, ...], BeforeValidator(_listed)] | None = Field(
-        default=None, description="the first bytes of a frame in hexadecimal, or a list of such"
+        default=None,
+        max_length=64,
+        description="the first bytes of a frame in hexadecimal, or a list of such",
     )
     sync_mask: HexBytes | None = Field(
         default=None, description="which bits of the sync count, as many bytes as the sync"
     )
-    match: tuple[Match, ...] = Field(default=(), description="further bytes that tell frames apart")
+    match: tuple[Match, ...] = Field(
+        default=(), max_length=16, description="further bytes that tell frames apart"
+    )
     length: int | None = Field(
         default=None, ge=2, le=65_535, description="bytes a frame, sync and check included"
     )
@@ -143,7 +151,7 @@ class FrameSection(_Part):
     max_length: int | None = Field(default=None, ge=2, le=65_535, description="the longest frame there is")
     terminator: HexBytes | None = Field(default=None, description="the last bytes of a frame, in hexadecimal")
     checksum: Annotated[tuple[Checksum, ...], BeforeValidator(_listed)] | None = Field(
-        default=None, description="the check, or a list of checks"
+        default=None, max_length=16, description="the check, or a list of checks"
     )
 
 
@@ -191,16 +199,18 @@ class Transform(_Part):
     b: float = 0.0
     c: float = 0.0
     d: float = 0.0
-    xs: tuple[float, ...] = Field(default=(), description="raw values, rising")
-    ys: tuple[float, ...] = Field(default=(), description="physical values, one for each of xs")
-    coefficients: tuple[float, ...] = Field(default=(), description="constant first")
+    xs: tuple[float, ...] = Field(default=(), max_length=_MOST_POINTS, description="raw values, rising")
+    ys: tuple[float, ...] = Field(
+        default=(), max_length=_MOST_POINTS, description="physical values, one for each of xs"
+    )
+    coefficients: tuple[float, ...] = Field(default=(), max_length=32, description="constant first")
 
 
 class FieldSection(_Part):
     """`[[field]]`: a number in the frame."""
 
     name: str = Field(pattern=_NAME, description="lower-case letters, digits and _, a letter first")
-    at: int = Field(description="offset in the frame, negative from its end")
+    at: int = Field(ge=-65_535, le=65_535, description="offset in the frame, negative from its end")
     type: str = Field(
         pattern=r"^(u8|i8|u16|i16|u24|i24|u32|i32|u64|f32|f64|text:[1-9]\d?)$",
         description="u8 i8 u16 i16 u24 i24 u32 i32 u64 f32 f64, or text:<bytes>",
@@ -221,7 +231,9 @@ class FieldSection(_Part):
     )
     valid: ValidRule | None = Field(default=None, description="{field=..., bit=..., value=...}")
     when: When | None = Field(default=None, description="{field=..., mod=..., equals=...}")
-    sentinel: tuple[HexNumber, ...] = Field(default=(), description="raw values that mean 'not available'")
+    sentinel: tuple[HexNumber, ...] = Field(
+        default=(), max_length=64, description="raw values that mean 'not available'"
+    )
     transform: Transform | None = Field(default=None, description="{kind='thermistor', ...}")
     usual: float | None = Field(default=None, description="what an emulated unit sends (default 0)")
 
@@ -286,8 +298,12 @@ class Variant(FrameSection):
     counter: Counter | None = Field(
         default=None, description="a [variant.counter] section in place of [counter]"
     )
-    without: tuple[str, ...] = Field(default=(), description="names of the description's fields it lacks")
-    field: tuple[FieldSection, ...] = Field(default=(), description="[[variant.field]] entries")
+    without: tuple[str, ...] = Field(
+        default=(), max_length=MOST_PARTS, description="names of the description's fields it lacks"
+    )
+    field: tuple[FieldSection, ...] = Field(
+        default=(), max_length=MOST_PARTS, description="[[variant.field]] entries"
+    )
 
 
 class FieldChange(_Part):
@@ -354,7 +370,9 @@ class Description(_Part):
     link: Link = Field(default=Link(), description="a [link] section")
     frame: FrameSection = Field(description="a [frame] section with sync, length and checksum")
     counter: Counter | None = Field(default=None, description="a [counter] section")
-    field: tuple[FieldSection, ...] = Field(default=(), description="[[field]] entries")
-    status: tuple[StatusBit, ...] = Field(default=(), description="[[status]] entries")
-    variant: tuple[Variant, ...] = Field(default=(), description="[[variant]] entries")
-    vector: tuple[Vector, ...] = Field(default=(), description="[[vector]] entries")
+    field: tuple[FieldSection, ...] = Field(
+        default=(), max_length=MOST_PARTS, description="[[field]] entries"
+    )
+    status: tuple[StatusBit, ...] = Field(default=(), max_length=MOST_PARTS, description="[[status]] entries")
+    variant: tuple[Variant, ...] = Field(default=(), max_length=MOST_PARTS, description="[[variant]] entries")
+    vector: tuple[Vector, ...] = Field(default=(), max_length=MOST_PARTS, description="[[vector]] entries")

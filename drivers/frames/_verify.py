@@ -63,6 +63,10 @@ def _head(form: Form) -> Iterator[Mistake]:
                 f"{form.key}.match", f"{len(rule.mask)} bytes of mask", f"{len(rule.equals)}, as `equals` has"
             )
             return
+        if form.length is not None and rule.at + len(rule.equals) > form.length:
+            found = f"bytes {rule.at} to {rule.at + len(rule.equals) - 1}"
+            yield Mistake(f"{form.key}.match", found, f"bytes of the frame's {form.length}")
+            return
     if not any(form.places(sync) for sync in form.syncs):
         yield Mistake(f"{form.key}.sync_mask", "no bit that counts", "at least one whole byte to look for")
     if form.length is None and form.length_field is None:

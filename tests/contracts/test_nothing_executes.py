@@ -3,10 +3,12 @@
 import ast
 import inspect
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from bench.nursery import start_lab
 from bench.panel import PanelSettings
 
 ROOT = Path(__file__).parents[2]
@@ -27,6 +29,12 @@ CALLS = {
 }
 METHODS = {"read_pickle", "to_pickle"}
 SERVERS = {"create_server", "start_server"}
+
+
+@cache
+def tree(path: Path) -> ast.AST:
+    """Return a source file, parsed."""
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def wrong(tree: ast.AST) -> Iterator[str]:
@@ -61,11 +69,7 @@ def _is(node: ast.AST | None, value: object) -> bool:
 
 
 def test_no_source_runs_a_files_content() -> None:
-    found = [
-        f"{path.relative_to(ROOT)}: {each}"
-        for path in SOURCES
-        for each in wrong(ast.parse(path.read_text(encoding="utf-8")))
-    ]
+    found = [f"{path.relative_to(ROOT)}: {each}" for path in SOURCES for each in wrong(tree(path))]
     assert found == ["bench/export/_c_header.py: autoescape off"]  # C is no HTML; its names are checked there
 
 
@@ -99,7 +103,7 @@ def test_every_server_of_the_lab_listens_on_loopback() -> None:
     calls = [
         ast.unparse(node)
         for path in SOURCES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(tree(path))
         if isinstance(node, ast.Call)
         and ast.unparse(node.func).split(".")[-1] in SERVERS
         and path.is_relative_to(ROOT / "simulators")
@@ -112,7 +116,7 @@ def test_tokens_are_compared_in_constant_time() -> None:
     compared = [
         f"{path.relative_to(ROOT)}: {ast.unparse(node)}"
         for path in SOURCES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(tree(path))
         if isinstance(node, ast.Compare)
         and any(isinstance(each, ast.Eq | ast.NotEq | ast.In) for each in node.ops)
         and any("token" in ast.unparse(side).lower() for side in (node.left, *node.comparators))
@@ -121,3 +125,27 @@ def test_tokens_are_compared_in_constant_time() -> None:
     access = ast.parse((ROOT / "bench/panel/_access.py").read_text(encoding="utf-8"))
     equal = next(n for n in ast.walk(access) if isinstance(n, ast.FunctionDef) and n.name == "_equal")
     assert "hmac.compare_digest" in ast.unparse(equal)
+
+
+def test_processes_of_ours_import_nothing_from_the_folder_they_are_started_in() -> None:
+    """`python -m` puts the current folder first, where a stranger's `struct.py` may lie; `-P` keeps it out."""
+    started = [
+        [ast.unparse(each) for each in node.elts]
+        for path in SOURCES
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.List) and node.elts and ast.unparse(node.elts[0]) == "sys.executable"
+    ]
+    assert started and all(command[1] == "'-P'" for command in started), started
+
+
+def test_a_module_in_the_current_folder_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("simulators", "struct", "numpy"):
+        (tmp_path / f"{name}.py").write_text("open('ran', 'w').close()", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    lab = start_lab()
+    assert lab.stdin is not None and lab.stdout is not None
+    lab.stdin.close()  # without a configuration it ends by itself
+    with lab.stdout:
+        assert lab.stdout.read() == b""
+    lab.wait(timeout=60)
+    assert not (tmp_path / "ran").exists()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import tracemalloc
 import zipfile
 from contextlib import suppress
 from io import BytesIO
@@ -73,6 +74,34 @@ def test_nesting_is_a_value_error_not_the_end_of_the_stack():
     with pytest.raises(ValueError, match="nested"):
         parse_toml(b"[" + b".".join([b"a"] * 100) + b"]")
     assert parse_toml(b"a = [[1]]") == {"a": [[1]]}
+
+
+@pytest.mark.parametrize("part", ["a", "a-1", '"a"', "'#=,'", '"\\""', "'a' . \"'\""])
+@pytest.mark.parametrize("around", ["%s = 1", "[%s]", "[[%s]]", "b = {%s = 1}", '"""\n"""'])
+def test_a_key_of_thousands_of_parts_takes_no_memory(part, around):
+    """tomllib keeps every beginning of a key: 3000 parts take some 40 MiB, 500,000 (1 MiB) a terabyte."""
+    key = ".".join([part] * 3000)
+    text = around % key if "%" in around else f"c = {around} # \"'\n{key} = 1"
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match="nested"):
+            parse_toml(text.encode())
+        assert tracemalloc.get_traced_memory()[1] < 4 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_dots_that_join_no_keys_are_let_through():
+    long = "a." * 200
+    text = f"""n = [{"1.5, " * 200}]
+one = "{long}\\"{long}"
+two = '{long}'
+three = \"\"\"{long}"
+{long}\\\"\"\"{long}\"\"\"
+four = '''{long}
+'{long}'''  # {long}
+"""
+    assert parse_toml(text.encode())["four"] == f"{long}\n'{long}"
 
 
 @pytest.mark.parametrize(
@@ -289,3 +318,47 @@ def test_a_raw_file_that_has_grown_to_a_terabyte_is_not_summed(tmp_path):
         file.truncate(1 << 40)
     report = verify(tmp_path, lambda source, out: pytest.fail("decoded"))
     assert any("1099511627776 bytes" in problem.text for problem in report.problems)
+
+
+FRAMES = """schema = 1
+name = "x"
+title = "x"
+[frame]
+endian = "big"
+sync = "EB 90"
+length = 16
+checksum = { kind = "crc16", ranges = [[0, 14]], at = 14, poly = "1021" }
+%s
+[[field]]
+name = "rate"
+at = 2
+type = "f32"
+unit = "deg/s"
+role = "rate"
+axis = "x"
+%s
+"""
+
+
+@pytest.mark.parametrize(
+    ("of_frame", "more"),
+    [
+        ("", "".join(f'[[field]]\nname = "f{k}"\nat = 8\ntype = "u8"\n' for k in range(9000))),
+        ("", "".join(f'[[variant]]\nname = "v{k}"\nsync = "{k:04x}"\n' for k in range(9000))),
+        ("", "sentinel = [" + '"ff",' * 9000 + "]"),
+        ("", "transform = { kind = 'polynomial', coefficients = [" + "1.0," * 9000 + "] }"),
+        ("match = [{ at = 2147483648, equals = '00' }]", ""),
+        ("match = [{ at = 15, equals = '00 00' }]", ""),
+        ("match = [" + "{ at = 8, equals = '00' }," * 9000 + "]", ""),
+        ("", '[[vector]]\nhex = "EB90"\n' * 9000),
+    ],
+    ids=["fields", "variants", "sentinels", "polynomial", "far", "behind", "matches", "vectors"],
+)
+def test_a_frame_description_of_thousands_of_parts_is_refused_in_a_few_words(of_frame, more, tmp_path):
+    """Checks go by pairs of fields and of variants: 9000 of them take minutes."""
+    (tmp_path / "x.toml").write_text(FRAMES % ("", ""))
+    load_family(str(tmp_path / "x.toml"))
+    (tmp_path / "x.toml").write_text(FRAMES % (of_frame, more))
+    with pytest.raises(ConfigurationError) as caught:
+        load_family(str(tmp_path / "x.toml"))
+    assert len(str(caught.value)) < 1000

@@ -1,0 +1,74 @@
+"""A process that reads a DBC file with cantools within bounds of memory and time: no bound in cantools holds.
+
+A DBC file of a hundred characters can ask for a table of 2**40 entries. The file comes on standard input; its
+messages, or what is wrong with it, go to standard output as JSON. Started by its path (`_dbc.load_database`): it
+imports nothing of ours, which would take longer than all the rest.
+"""
+
+import json
+import resource
+import sys
+from typing import Any
+
+
+def main(memory_bytes: int, cpu_s: int) -> int:
+    """Read one file; 1 if it cannot be read. Beyond `cpu_s` the kernel ends the process."""
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    sys.modules["asammdf"] = None  # type: ignore[assignment]  # see drivers/python_can.py
+    import cantools
+
+    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    content = sys.stdin.buffer.read()
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("cp1252", errors="replace")
+    try:
+        database = cantools.database.load_string(text, database_format="dbc", prune_choices=False)
+        found = json.dumps([_plain(message) for message in database.messages])
+    except (
+        *(ValueError, ArithmeticError, LookupError, TypeError, AttributeError, MemoryError, RecursionError),
+        cantools.Error,
+    ) as error:
+        sys.stdout.write(json.dumps(_why(error, memory_bytes)) + "\n")
+        return 1
+    sys.stdout.write(found + "\n")
+    return 0
+
+
+def _why(error: BaseException, memory_bytes: int) -> str:
+    error = getattr(error, "e_dbc", None) or error  # cantools wraps whatever it meets
+    if isinstance(error, MemoryError):
+        return f"more than {memory_bytes >> 20} MiB of memory to read it"
+    return (str(error) or type(error).__name__)[:1000]
+
+
+def _plain(message: Any) -> dict[str, Any]:
+    return {
+        "name": message.name,
+        "frame_id": message.frame_id,
+        "is_extended_frame": message.is_extended_frame,
+        "length": message.length,
+        "signals": [_plain_signal(signal) for signal in message.signals],
+    }
+
+
+def _plain_signal(signal: Any) -> dict[str, Any]:
+    return {
+        "name": signal.name,
+        "start": signal.start,
+        "length": signal.length,
+        "byte_order": signal.byte_order,
+        "is_signed": signal.is_signed,
+        "is_float": signal.is_float,
+        "scale": float(signal.scale),
+        "offset": float(signal.offset),
+        "unit": signal.unit,
+        "multiplexer_ids": signal.multiplexer_ids,
+        "multiplexer_signal": signal.multiplexer_signal,
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:])))
