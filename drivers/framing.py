@@ -7,7 +7,7 @@ length and a check, and gets back the frames that passed and where they ended.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -69,19 +69,8 @@ class PositionalCrc:
         """Prepare for messages of `prefix`, `length` bytes, and `padding` zeros that are not sent."""
         self.length = length
         self._constant = np.uint32(crc.of(prefix + bytes(length + padding)))
-        linear = Crc(crc.width, crc.poly, 0, crc.reflected)
-        last = np.array([linear.of(bytes([byte])) for byte in range(256)], np.uint32)
-        mask = np.uint32((1 << crc.width) - 1)
-        table = np.empty((length + padding, 256), np.uint32)
-        for at in range(length + padding - 1, -1, -1):
-            if at == length + padding - 1:
-                table[at] = last
-            elif crc.reflected:
-                table[at] = table[at + 1] >> 8 ^ last[table[at + 1] & 0xFF]
-            else:
-                table[at] = table[at + 1] << 8 & mask ^ last[table[at + 1] >> (crc.width - 8)]
-        self._table = table[:length].ravel()
-        self._row = (np.arange(length) * 256)[:, None]
+        self._table = _byte_table(crc.width, crc.poly, crc.reflected)
+        self._row = (np.arange(length - 1, -1, -1) + padding)[:, None] * 256
         self._crc = crc
         self._padding = padding
 
@@ -91,13 +80,14 @@ class PositionalCrc:
         if count >= _MANY and self.length > 1:
             return self._by_words(messages)
         result = np.empty(count, np.uint32)
+        table = self._table.upto(self.length + self._padding)
         index = np.empty(self.length * min(count, _BLOCK), np.intp)
         terms = np.empty(index.size, np.uint32)
         for at in range(0, count, _BLOCK):
             block = messages[at : at + _BLOCK].T
             here, there = (a[: block.size].reshape(block.shape) for a in (index, terms))
             np.add(block, self._row, out=here)
-            self._table.take(here, out=there, mode="clip")  # "raise" would copy `out` once more.
+            table.take(here, out=there, mode="clip")  # "raise" would copy `out` once more.
             np.bitwise_xor.reduce(there, axis=0, out=result[at : at + _BLOCK])
         result ^= self._constant
         return result
@@ -143,6 +133,68 @@ class PositionalCrc:
             result >>= np.uint32(8 * table.itemsize - crc.width)
         result ^= self._constant
         return result
+
+
+def crc_of_each(crc: Crc, messages: Sequence[bytes]) -> NDArray[np.uint32]:
+    """Return the CRCs of one or more messages of any lengths, (n,)."""
+    sizes = np.array([len(message) for message in messages])
+    # A zero in front adds nothing, and so no message is empty.
+    flat = np.frombuffer(b"\0" + b"\0".join(messages), np.uint8)
+    ends = np.cumsum(sizes + 1)
+    behind = np.repeat(ends, sizes + 1) - np.arange(1, len(flat) + 1)
+    table = _byte_table(crc.width, crc.poly, crc.reflected)
+    terms = table.upto(int(sizes.max()) + 1)[behind * 256 + flat]
+    result: NDArray[np.uint32] = np.bitwise_xor.reduceat(terms, ends - sizes - 1)
+    return result ^ table.of_zeros(crc, sizes)
+
+
+class _ByteTable:
+    """What each byte adds to a message's CRC, by how many bytes follow it: one table for all lengths."""
+
+    def __init__(self, crc: Crc) -> None:
+        self._crc = crc
+        self._last = np.array([crc.of(bytes([byte])) for byte in range(256)], np.uint32)
+        self._rows = self._last[None]
+        self._zeros: dict[int, NDArray[np.uint32]] = {}
+
+    def upto(self, length: int) -> NDArray[np.uint32]:
+        """Return at least the entries of messages of `length` bytes, 256 for each number of bytes that follow."""
+        if len(self._rows) < length:
+            self._rows = self._grown(self._rows, length)
+        return self._rows.ravel()
+
+    def of_zeros(self, crc: Crc, sizes: NDArray[np.int64]) -> NDArray[np.uint32]:
+        """Return the CRCs of so many zeros each, from `crc`'s own register on."""
+        known = self._zeros.get(crc.init)
+        if known is None:
+            known = np.array([[crc.of(b"") ^ crc.xor_out]], np.uint32)
+        if len(known) <= sizes.max():
+            known = self._grown(known, int(sizes.max()) + 1)
+        self._zeros[crc.init] = known
+        found: NDArray[np.uint32] = known[sizes, 0] ^ np.uint32(crc.xor_out)
+        return found
+
+    def _grown(self, known: NDArray[np.uint32], length: int) -> NDArray[np.uint32]:
+        """Return rows of which each follows from the one before by a byte of zeros."""
+        rows = np.empty((1 << (length - 1).bit_length(), known.shape[1]), np.uint32)
+        rows[: len(known)] = known
+        for at in range(len(known), len(rows)):
+            rows[at] = self._next(rows[at - 1])
+        return rows
+
+    def _next(self, register: NDArray[np.uint32]) -> NDArray[np.uint32]:
+        """Return what a register is after a byte of zeros."""
+        if self._crc.reflected:
+            after: NDArray[np.uint32] = register >> 8 ^ self._last[register & 0xFF]
+        else:
+            mask = np.uint32((1 << self._crc.width) - 1)
+            after = register << 8 & mask ^ self._last[register >> (self._crc.width - 8)]
+        return after
+
+
+@cache
+def _byte_table(width: int, poly: int, reflected: bool) -> _ByteTable:
+    return _ByteTable(Crc(width, poly, 0, reflected))
 
 
 @cache

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames._model import Checksum, Endian
-from drivers.framing import Crc, PositionalCrc
+from drivers.framing import Crc, PositionalCrc, crc_of_each
 
 Bytes = NDArray[np.uint8]
 _SIZES = {"sum8": 1, "xor8": 1, "neg8": 1, "crc8": 1, "sum16": 2, "sum16_words": 2, "crc16": 2, "crc32": 4}
@@ -78,6 +79,22 @@ class Check:
         size = np.uint16 if self._kind == "sum16" else np.uint8
         total = _folded(np.add, covered, size) + size(self._init & np.iinfo(size).max)
         return size(0) - total if self._kind == "neg8" else total
+
+
+def crcs_hold(spec: Checksum, endian: Endian, frames: Sequence[bytes]) -> NDArray[np.bool_]:
+    """Return which frames, of any lengths, carry their own CRC (n,): as Check.sound, with no layout for each."""
+    assert spec.poly is not None
+    size = check_bytes(spec.kind)
+    messages: list[bytes] = []
+    stored: list[int] = []
+    for frame in frames:
+        ranges, at = places(spec, len(frame))
+        message = b"".join(frame[first:end] for first, end in ranges)
+        messages.append(message + bytes(-len(message) % spec.pad_to))
+        stored.append(int.from_bytes(frame[at : at + size], spec.endian or endian))
+    crc = Crc(8 * size, spec.poly, spec.init, spec.reflected, spec.xorout)
+    good: NDArray[np.bool_] = crc_of_each(crc, messages) == np.array(stored, np.uint32)
+    return good
 
 
 def _folded(how: np.ufunc, columns: NDArray[Any], dtype: type[np.unsignedinteger[Any]]) -> NDArray[Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames._checks import Check, check_bytes
+from drivers.frames._checks import Check, check_bytes, crcs_hold
 from drivers.frames._find import Bytes, Ints, Pattern
 from drivers.frames._model import (
     GYRO_ROLES,
@@ -94,7 +94,16 @@ class Form:
         span = 1 if rule is None else rule.at + rule.bytes
         patterns = tuple(Pattern(self.places(sync), span) for sync in self.syncs)
         read = None if rule is None else _length_reader(rule, self.endian)
-        return Kind(patterns, lambda n: self.layout(n).sound, self.shortest, self.longest, read)
+        crcs = all(check.kind.startswith("crc") for check in self.checksums)
+        few = self._crcs_hold if rule is not None and crcs and self.checksums else None
+        return Kind(patterns, lambda n: self.layout(n).sound, self.shortest, self.longest, read, few)
+
+    def _crcs_hold(self, frames: Sequence[bytes]) -> NDArray[np.bool_]:
+        """Return which of frames of several lengths pass every check."""
+        good = np.array([frame.endswith(self.terminator) for frame in frames])
+        for check in self.checksums:
+            good &= crcs_hold(check, self.endian, frames)
+        return good
 
 
 class Layout:

@@ -30,6 +30,7 @@ class Kind:
     shortest: int
     longest: int
     read: Read | None = None
+    few: Callable[[Sequence[bytes]], NDArray[np.bool_]] | None = None
 
 
 @dataclass
@@ -43,13 +44,14 @@ class Piece:
 
 @dataclass
 class _Group:
-    """Whole candidates of one kind and length; of length 0: those that state an impossible one."""
+    """Whole candidates of one kind and length; of length 0: those refused for what `refused` says."""
 
     kind: int
     length: int
     starts: Ints
     rows: Bytes
     sound: NDArray[np.bool_]
+    refused: str = "checksum"
 
     def __post_init__(self) -> None:
         # Places rather than masks: taking what a mask picks at random costs a wrong guess for every change.
@@ -101,6 +103,7 @@ class StreamSplitter:
         self._claimed = 0  # In the stream, end of the last frame taken.
         self._covered = 0  # Bytes in frames so far; a shared one counts once.
         self._last = self._patterns[0]
+        self._usual: set[int] = set()  # Lengths of sound frames, where frames state theirs.
         self._run = 0  # How many frames lay end to end at the beginning of the last piece.
 
     @property
@@ -227,8 +230,7 @@ class StreamSplitter:
                 follows = np.searchsorted(starts, points, side="right")
             bad = _open(points, follows, starts, before)
             if bad:
-                reason = "checksum" if group.length else "length"
-                self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + bad
+                self.counts.rejected[group.refused] = self.counts.rejected.get(group.refused, 0) + bad
         if count:
             # A frame may share one byte with the one before.
             fresh = sum(piece.rows.size for piece in pieces) - int(np.count_nonzero(starts < before[:-1]))
@@ -255,12 +257,14 @@ class StreamSplitter:
                 length = kind.read(stream, at)
                 right = (length >= kind.shortest) & (length <= kind.longest)
                 if not right.all():
-                    wrong = at[~right]
-                    nothing = np.zeros(len(wrong), np.bool_)
-                    groups.append(_Group(number, 0, wrong, stream[:0].reshape(0, 1), nothing))
+                    groups.append(_refused(number, at[~right], "length"))
                 whole_too = right & (at + length <= size)
                 waiting += at[right & ~whole_too].tolist()
-                sizes = {int(n): at[whole_too & (length == n)] for n in np.unique(length[whole_too])}
+                at, length = at[whole_too], length[whole_too]
+                if kind.few is not None:
+                    at, length, wrong = self._without_few(stream, number, at, length)
+                    groups.append(_refused(number, wrong, "checksum"))
+                sizes = {int(n): at[length == n] for n in np.unique(length)}
             for length_here, where in sizes.items():
                 rows = windows(stream, where, length_here)
                 groups.append(_Group(number, length_here, where, rows, kind.check(length_here)(rows)))
@@ -269,6 +273,25 @@ class StreamSplitter:
             if any(len(tail) < p.span and p.may_begin(tail) for _, p in self._patterns):
                 waiting.append(position)
         return groups, sorted(waiting)
+
+    def _without_few(self, stream: Bytes, number: int, at: Ints, length: Ints) -> tuple[Ints, Ints, Ints]:
+        """Return candidates and lengths without the unsound ones of rare lengths, and where those begin.
+
+        A damaged length is rarely the same twice: they are looked at all together.
+        """
+        common, counts = np.unique(length, return_counts=True)
+        usual = [
+            n for n, count in zip(common.tolist(), counts, strict=True) if count >= _FEW or n in self._usual
+        ]
+        rare = np.flatnonzero(~np.isin(length, usual))
+        check = self._kinds[number].few
+        if not len(rare) or check is None:
+            return at, length, at[:0]
+        spans = zip(at[rare].tolist(), length[rare].tolist(), strict=True)
+        sound = check([stream[begin : begin + n].tobytes() for begin, n in spans])
+        self._usual |= set(length[rare[sound]].tolist())
+        bad = rare[~sound]
+        return np.delete(at, bad), np.delete(length, bad), at[bad]
 
     def _by_kind(self, stream: Bytes) -> Iterator[tuple[int, Ints]]:
         """Yield each kind and where it begins."""
@@ -335,6 +358,11 @@ def _insides(size: int, groups: list[_Group]) -> NDArray[np.bool_]:
     for group in groups:
         _mark(hidden, group.good + 2, group.length - 3)
     return hidden
+
+
+def _refused(number: int, starts: Ints, reason: str) -> _Group:
+    """Return candidates of which none is sound."""
+    return _Group(number, 0, starts, np.empty((0, 1), np.uint8), np.zeros(len(starts), np.bool_), reason)
 
 
 def _shares(groups: list[_Group], picks: slice | Ints) -> Iterator[slice | Ints]:

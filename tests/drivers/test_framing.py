@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.framing import Crc, FrameSplitter, PositionalCrc, find_sync, without_overlap
+from drivers.framing import Crc, FrameSplitter, PositionalCrc, crc_of_each, find_sync, without_overlap
 
 # Catalogue of parametrised CRC algorithms (Greg Cook, reveng.sourceforge.io): CRC of b"123456789".
 PUBLISHED = {
@@ -55,6 +55,13 @@ def test_many_messages_by_words_agree_with_the_definition(length: int, padding: 
         got = PositionalCrc(crc, b"\xa5", length, padding)(messages)
         expected = [crc.of(b"\xa5" + row.tobytes() + bytes(padding)) for row in messages[::400]]
         assert got[::400].tolist() == expected
+
+
+@given(st.lists(st.binary(max_size=70), min_size=1, max_size=9))
+@settings(max_examples=50, deadline=None)
+def test_messages_of_many_lengths_agree_with_the_definition(messages: list[bytes]) -> None:
+    for crc in (*(crc for crc, _ in PUBLISHED.values()), Crc(24, 0x5D6DCB, 0xFEDCBA, True, 5)):
+        assert crc_of_each(crc, messages).tolist() == [crc.of(message) for message in messages]
 
 
 @given(st.lists(st.sampled_from([0xFE, 0x81, 0xFF, 0]), max_size=80).map(bytes))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -76,7 +78,9 @@ def candidate(data: bytes, at: int) -> tuple[str, int, int]:
     return ("sound" if sum(data[at : at + length]) % 4 == 0 else "unsound"), kind, length
 
 
-def scan(data: bytes) -> tuple[list[tuple[int, int, bytes]], dict[str, int], int]:
+def scan(
+    data: bytes, candidate: Callable[[bytes, int], tuple[str, int, int]] = candidate
+) -> tuple[list[tuple[int, int, bytes]], dict[str, int], int]:
     """The splitter's rule, byte by byte: (end, kind, frame), rejects by reason, bytes outside of frames."""
     frames: list[tuple[int, int, bytes]] = []
     rejects: dict[str, int] = {}
