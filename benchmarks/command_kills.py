@@ -1,8 +1,9 @@
 """SIGKILLs at random moments of the commands that make results: what is left is whole, what is repeated works.
 
 Run as `python -m benchmarks.command_kills [KILLS] [SEED]`; writes its section of benchmarks/reliability.md. Every
-kill strikes a process of its own that runs a `gyrobench` command: fits of four kinds, `gap close`, `report`,
-`runs recover`, and a campaign on emulated labs. Every other kill comes at any moment of the command, the rest
+kill strikes a process of its own that runs a `gyrobench` command: fits of six kinds, `gap close`, `report`,
+`runs recover`, and a campaign on emulated labs. The process is forked with everything imported: the kernel ends it
+like any other, and no kill is spent on the seconds of imports, where a command has touched nothing yet. Every other kill comes at any moment of the command, the rest
 from when the first file of a result appears; a fit begins beside the complete result of other runs.
 
 Judged afterwards: a file with a final name is that of the earlier result or the one that the undisturbed command
@@ -394,7 +395,21 @@ def prepare(root: Path) -> list[Kind]:
     """Make the runs and logs that the commands read; return the kinds."""
     reads = root / "reads"
     reads.mkdir()
-    return [_cold_shock(reads), _whirl(reads), _cycle(reads), _heading(reads), _gap(reads), _report(reads)]
+    makers = (
+        _cold_shock,
+        _stepwise,
+        _standard_test,
+        _whirl,
+        _cycle,
+        _heading,
+        _gap,
+        _report,
+    )
+    kinds = []
+    for make in makers:
+        kinds.append(make(reads))
+        print(f"inputs of {kinds[-1].name} are made", flush=True)
+    return kinds
 
 
 def _cold_shock(reads: Path) -> Kind:
@@ -407,6 +422,30 @@ def _cold_shock(reads: Path) -> Kind:
         return ("fit", "cold-shock", a, "--validate", b, "--test", c, "--models", names, "--jobs", "1")
 
     return Kind("fit cold-shock", (words(*runs), words(runs[1], runs[2], runs[0])), reads / "shocks")
+
+
+def _stepwise(reads: Path) -> Kind:
+    gyro = {"name": "rlg_1", "driver": "rlg2t", "port": "pty", "rate_hz": 10, "axes": "x", "axis": "x"}
+    chamber = {"driver": "weiss", "port": "pty-chamber", "simserv": True}
+    file = bench_file_from({**_FILE, "chamber": chamber, "gyro": [gyro | {"unit": "R1"}]})
+    values = {"low_c": 0.0, "high_c": 30.0, "ramp_k_per_min": 2.0, "dwell_min": 5.0, "warm_up_min": 0.0}
+    runs = [
+        str(_run(file, reads / "ramps", "thermal-ramp", Plant(seed=seed), **values, search_east=False))
+        for seed in (1, 2)
+    ]
+    a, b = (("fit", "stepwise", first, "--test", second) for first, second in (runs, runs[::-1]))
+    return Kind("fit stepwise", (a, b), reads / "ramps")
+
+
+def _standard_test(reads: Path) -> Kind:
+    file = bench_file_from(_FILE)
+    values = {"warm_up_min": 10.0, "bias_min": 10.0, "noise_h": 0.5, "step_dwell_s": 60.0, "power_cycles": 0}
+    values |= {"rates_per_sign": 2, "sequences": 1, "rate_dwell_s": 10.0, "temperatures": False}
+    runs = [
+        str(_run(file, reads / "standard", "standard-test", Plant(seed=seed), **values)) for seed in (1, 2)
+    ]
+    words = tuple(("fit", "standard-test", run) for run in runs)
+    return Kind("fit standard-test", (words[0], words[1]), reads / "standard", "standard-test.html")
 
 
 def _whirl(reads: Path) -> Kind:
@@ -526,6 +565,8 @@ def main() -> int:
         for tally in command_kills(Path(root), kills, seed):
             print(f"{tally.kills.total()} of {kills}: {tally.problems}", flush=True)
     lines = [
+        "Each in a process forked with everything imported: a kill among the imports would find nothing to break.",
+        "",
         "| | |",
         "|---|---|",
         f"| SIGKILLs of commands | {tally.kills.total()} |",
