@@ -2,9 +2,10 @@
 
 Run as `python -m benchmarks.command_kills [KILLS] [SEED]`; writes its section of benchmarks/reliability.md. Every
 kill strikes a process of its own that runs a `gyrobench` command: fits of six kinds, `gap close`, `report`,
-`runs recover`, and a campaign on emulated labs. The process is forked with everything imported: the kernel ends it
-like any other, and no kill is spent on the seconds of imports, where a command has touched nothing yet. Every other kill comes at any moment of the command, the rest
-from when the first file of a result appears; a fit begins beside the complete result of other runs.
+`runs recover`, and a campaign on emulated labs. The process is forked with everything imported: the kernel ends
+it like any other, and no kill is spent on the seconds of imports, where a command has touched nothing yet. Every
+other kill comes at any moment of the command, the rest from when the first file of a result appears; a fit begins
+beside the complete result of other runs.
 
 Judged afterwards: a file with a final name is that of the earlier result or the one that the undisturbed command
 makes (time stamps and paths aside), never a part of it; files of two results do not lie side by side; the run
@@ -565,7 +566,7 @@ def main() -> int:
         for tally in command_kills(Path(root), kills, seed):
             print(f"{tally.kills.total()} of {kills}: {tally.problems}", flush=True)
     lines = [
-        "Each in a process forked with everything imported: a kill among the imports would find nothing to break.",
+        "Each in a process forked with everything imported: nothing can break among the imports.",
         "",
         "| | |",
         "|---|---|",
