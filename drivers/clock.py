@@ -193,7 +193,8 @@ class WallClock:
     """The real clock: bench time is host time, monotonic, since construction.
 
     Streaming ports are read by one thread of the clock's own, so that a busy procedure loses no byte; an error
-    there is raised in whoever waits next. `pulse` is called in every wait, twice a second at least: whoever hears
+    there is raised in whoever waits next. Every wait reads the other ports too, whichever it is for: one that goes
+    away is known at once. `pulse` is called in every wait, twice a second at least: whoever hears
     it knows that the thread which drives the bench is well.
     """
 
@@ -202,6 +203,8 @@ class WallClock:
         self.pulse: Callable[[], None] = _nothing
         self._start = time.monotonic()
         self._reader: _StreamReader | None = None
+        self._polled: dict[Readable, None] = {}
+        """Ports that are open and do not stream."""
 
     def now(self) -> float:
         """Return bench time in s."""
@@ -224,16 +227,19 @@ class WallClock:
         return bool(data)
 
     def attach(self, port: Readable) -> None:
-        """Nothing to do: the kernel wakes whoever selects."""
+        """Read the port in every wait from here on."""
+        self._polled[port] = None
 
     def stream(self, port: Readable, lost: OnLoss | None = None) -> None:
         """Hand the port to the reader thread."""
+        self._polled.pop(port, None)
         if self._reader is None:
             self._reader = _StreamReader(self)
         self._reader.add(port, lost)
 
     def detach(self, port: Readable) -> None:
-        """Take the port back from the reader thread."""
+        """Take the port back from the reader thread, and out of every wait."""
+        self._polled.pop(port, None)
         if self._reader is not None:
             self._reader.remove(port)
 
@@ -248,20 +254,30 @@ class WallClock:
         self.interrupt.close()
 
     def _select(self, ports: list[Any], deadline_s: float) -> bool:
-        """Wait until one of `ports` can be read (True) or the deadline passed (False)."""
+        """Wait until one of `ports` can be read (True), or the deadline passed or somebody wakes us (False)."""
         while True:
             self._check()
             self.pulse()
             remaining_s = max(0.0, deadline_s - self.now())
-            ready, _, _ = select.select([*ports, self.interrupt], [], [], min(remaining_s, _PULSE_S))
+            others = [port for port in self._polled if port not in ports]
+            waiting = [*ports, *others, self.interrupt]
+            ready, _, _ = select.select(waiting, [], [], min(remaining_s, _PULSE_S))
             if self.interrupt in ready:
                 self._check()
+            for port in others:
+                if port in ready:
+                    self._take(port)
             if any(port in ready for port in ports):
                 return True
-            if remaining_s <= _PULSE_S and not ready:
+            if self.interrupt in ready or remaining_s == 0.0 or (remaining_s <= _PULSE_S and not ready):
                 return False
-            if ready:  # woken, and nobody wants anything
-                return False
+
+    def _take(self, port: Readable) -> None:
+        try:
+            port.deliver(port.receive(), self.now())
+        except LinkLost:
+            self._polled.pop(port, None)  # once is enough: whoever goes on has other ports
+            raise
 
     def _check(self) -> None:
         self.interrupt.check()
