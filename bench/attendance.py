@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 SILENT_S = 10.0
 """A unit that has sent nothing for so long beyond its own interval is reported, and the run is invalid."""
 
-ALL_SILENT_S = 60.0
-"""With no unit left that has sent anything for so long the run ends: there is nothing to record."""
-
 _WAKES_S = 3.0
 """A unit whose port is back and that has sent nothing for so long is told to stream: it was without power."""
 
@@ -31,13 +28,18 @@ class Attendance:
 
     A run in which a unit is lost goes on, with the data of the others whole and with its own once its port is
     back, and is invalid with the unit and the time in its reason. When no unit of the role that the procedure
-    `tests` has sent anything for a minute the run ends, whatever else still streams.
+    `tests` has sent anything for `last_unit_s` the run ends, whatever else still streams: at once with 0, if its
+    port is gone; silence is none before `SILENT_S`.
     """
 
     def __init__(
-        self, tests: str, report: Callable[[str, str], None], invalidate: Callable[[str], None]
+        self,
+        tests: str,
+        report: Callable[[str, str], None],
+        invalidate: Callable[[str], None],
+        last_unit_s: float = 60.0,
     ) -> None:
-        self._tests = tests
+        self._tests, self._last_unit_s = tests, last_unit_s
         self._report, self._invalidate = report, invalidate
         self._lost: list[str] = []
         self._told: set[str] = set()
@@ -72,7 +74,7 @@ class Attendance:
 
     def check(self, units: Iterable[StreamStation], now_s: float) -> None:
         """Report units that fell silent or speak again; DeviceSilent once none of those that the procedure tests
-        has spoken for `ALL_SILENT_S`.
+        has spoken for `last_unit_s`.
         """
         units = list(units)
         for unit in units:
@@ -88,20 +90,24 @@ class Attendance:
             elif quiet_s < SILENT_S and unit.silent:
                 unit.silent = False
                 self._report(unit.name, f"speaks again at {unit.heard_s:.1f} s")
-        needed = self._needed(units)
-        if not needed or any(self._quiet_s(unit, now_s) < ALL_SILENT_S for unit in needed):
+        self.require_one(units, now_s)
+
+    def require_one(self, units: Iterable[StreamStation], now_s: float) -> None:
+        """Raise LinkLost or DeviceSilent once none that the procedure tests has spoken for `last_unit_s`."""
+        needed = [unit for unit in units if unit.role == self._tests]
+        if not needed or not all(self._overdue(unit, now_s) for unit in needed):
             return
         if all(unit.gone for unit in needed):
             raise LinkLost(
                 f"no {self._tests} is left to test",
                 found="; ".join(self._lost),
-                expected=f"at least one {self._tests} whose port is open, or is back within {ALL_SILENT_S:g} s",
+                expected=f"one {self._tests} at least whose port is open, or is back within {self._last_unit_s:g} s",
                 remedy="check cables, adapters and power of the units, then start the run again",
             )
         raise DeviceSilent(
             f"no {self._tests} has sent anything any more",
             where=", ".join(unit.name for unit in needed),
-            found="; ".join([f"nothing for {ALL_SILENT_S:g} s", *self._lost]),
+            found="; ".join([f"nothing for {max(self._last_unit_s, SILENT_S):g} s", *self._lost]),
             expected=f"a stream of frames from one {self._tests} at least",
             remedy="check power and cables of the units, then start the run again",
         )
@@ -119,8 +125,11 @@ class Attendance:
             self._report(self._judge.name, text)
         return self._judge
 
-    def _needed(self, units: Iterable[StreamStation]) -> list[StreamStation]:
-        return [unit for unit in units if unit.role == self._tests]
+    def _overdue(self, unit: StreamStation, now_s: float) -> bool:
+        if self.units_off or now_s < self._excused_s:
+            return False
+        least_s = self._last_unit_s if unit.gone else max(self._last_unit_s, SILENT_S)
+        return max(self._quiet_s(unit, now_s), 0.0) >= least_s
 
     def _quiet_s(self, unit: StreamStation, now_s: float) -> float:
         """Return for how long a unit has sent nothing although it was due to."""

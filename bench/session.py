@@ -87,11 +87,14 @@ class Bench:
         self.chamber: ChamberStation
         self.phase_name = ""
         self._attendance = Attendance(
-            tests, lambda unit, text: self.event("alarm", device=unit, text=text), self.invalidate
+            tests,
+            lambda unit, text: self.event("alarm", device=unit, text=text),
+            self.invalidate,
+            file.safe.last_unit_s,
         )
         self._returns = Returns(
             clock,
-            lambda unit, error: self._attendance.lose(unit, clock.now(), error),
+            self._lose,
             lambda unit: self._attendance.back(unit, clock.now()),
             self.note,
         )
@@ -244,6 +247,10 @@ class Bench:
         """Take the stream of a unit from here on; when its port goes away it is looked for with every poll."""
         station.listen(self.clock.now())
         self._returns.watch(device, station)
+
+    def _lose(self, unit: StreamStation, error: BenchError) -> None:
+        self._attendance.lose(unit, self.clock.now(), error)
+        self._attendance.require_one(self.units, self.clock.now())
 
     @property
     def judge(self) -> GyroStation:

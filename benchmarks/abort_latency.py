@@ -2,12 +2,12 @@
 
 Run as `python -m benchmarks.abort_latency [RUNS]`; writes its section of benchmarks/reliability.md. At a
 random moment of a run something happens: a signal, an error in the procedure, the table unplugged (its
-terminal hangs up; what is told then is the chamber), the chamber's door opened against a rule of the bench
-file (a limit), the table's interlock open. The moment is stamped on the run's own clock, the stop bytes when
-they are handed to the port (raw/<port>.sent.idx). Door and interlock can only be seen in an answer to a poll,
-once a second: they are counted from the arrival of the answer, and from the event. The yardstick is the 50 ms
-that the bench promises. For a runner that is killed or stopped it is the 3 s of the watchdog; host time
-counts there.
+terminal hangs up; what is told then is the chamber), the only gyro unplugged on a bench with `last_unit_s = 0`,
+the chamber's door opened against a rule of the bench file (a limit), the table's interlock open. The moment is
+stamped on the run's own clock, the stop bytes when they are handed to the port (raw/<port>.sent.idx). Door and
+interlock can only be seen in an answer to a poll, once a second: they are counted from the arrival of the
+answer, and from the event. The yardstick is the 50 ms that the bench promises. For a runner that is killed or
+stopped it is the 3 s of the watchdog; host time counts there.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
+from bench import safe_state
 from bench.benchfile import BenchFile, bench_file_from, load_bench_file
 from bench.emulated import EmulatedLab, Plant, PlantFault
 from bench.procedure import Demands, Parameters, Procedure
@@ -75,21 +77,25 @@ def _strike(port: str, kind: str, **more: Any) -> Callable[[EmulatedLab], None]:
     return strike
 
 
-def _unplug(lab: EmulatedLab) -> None:
-    """Return when the terminal has hung up: the lab takes its time for that."""
-    terminal = os.open(lab.ports["table"], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    waiting = select.poll()
-    waiting.register(terminal, 0)  # hanging up is told without being asked for
-    lab.perform({"act": "fault", "port": "table", "kind": "vanish", "duration_s": 1e6})
-    waiting.poll(10_000)
-    os.close(terminal)
+def _unplug(port: str) -> Callable[[EmulatedLab], None]:
+    def unplug(lab: EmulatedLab) -> None:
+        """Return when the terminal has hung up: the lab takes its time for that."""
+        terminal = os.open(lab.ports[port], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        waiting = select.poll()
+        waiting.register(terminal, 0)  # hanging up is told without being asked for
+        lab.perform({"act": "fault", "port": port, "kind": "vanish", "duration_s": 1e6})
+        waiting.poll(10_000)
+        os.close(terminal)
+
+    return unplug
 
 
 _SIGNAL = Event("signal", _press)
 _EVENTS = (
     _SIGNAL,
     Event("error in the procedure", lambda _: None),
-    Event("table unplugged", _unplug, stamp_after=True, told=("chamber",)),
+    Event("table unplugged", _unplug("table"), stamp_after=True, told=("chamber",)),
+    Event("only gyro unplugged, `last_unit_s = 0`", _unplug("fog_1"), stamp_after=True),
     Event("limit: door opened while turning", _strike("chamber", "alarm", text="Door open"), "chamber"),
     Event("interlock of the table", _strike("table", "trip", text="rate trip"), "table"),
 )
@@ -101,6 +107,7 @@ def _bench_file() -> BenchFile:
     data["gyro"] = data["gyro"][:1]
     data["chamber"]["door_message"] = "door"
     data["limits"]["forbid"] = [_DOOR]
+    data["safe"]["last_unit_s"] = 0.0
     return bench_file_from(data)
 
 
@@ -173,11 +180,19 @@ def _latencies_ms(event: Event, folder: Path, stamp_s: float) -> Iterator[tuple[
 def _measure(event: Event, count: int) -> dict[str, list[tuple[float, float]]]:
     """Return by stop command (from the event, from the knowledge) in ms of `count` runs."""
     moments, file = random.Random(1), _bench_file()
-    gone = PlantFault(port="table", kind="vanish", at_s=(1e8,), duration_s=1e6)  # prepares the port for it
+    gone = tuple(  # prepares the ports for it
+        PlantFault(port=port, kind="vanish", at_s=(1e8,), duration_s=1e6) for port in ("table", "fog_1")
+    )
     found: dict[str, list[tuple[float, float]]] = {name: [] for _, name, _ in _COMMANDS}
     for number in range(count):
-        plant = Plant(fault=(gone,))
-        with tempfile.TemporaryDirectory() as runs, EmulatedLab(file, plant, clock="wall") as lab:
+        plant = Plant(fault=gone)
+        with (
+            tempfile.TemporaryDirectory() as runs,
+            EmulatedLab(file, plant, clock="wall") as lab,
+            mock.patch.object(
+                safe_state, "RETURN_S", 0.1
+            ),  # a port that stays away is waited for after all that
+        ):
             delay_s = moments.uniform(_EARLIEST_S, _LATEST_S)
             folder, stamp_s = _once(event, lab, Path(runs), delay_s, f"run-{number}")
             for name, value in zip(found, _latencies_ms(event, folder, stamp_s), strict=True):

@@ -224,8 +224,8 @@ MECHANISMS = (
         2,
         "a lost last unit ends the run",
         _SESSION,
-        "lambda unit, error: self._attendance.lose(unit, clock.now(), error),",
-        "lambda unit, error: None,",
+        "        self._attendance.lose(unit, self.clock.now(), error)\n",
+        "",
         "tests/integration/test_lost_units.py::test_the_last_gyro_that_dies_ends_the_run_a_minute_later",
     ),
     Mechanism(

@@ -193,9 +193,9 @@ class WallClock:
     """The real clock: bench time is host time, monotonic, since construction.
 
     Streaming ports are read by one thread of the clock's own, so that a busy procedure loses no byte; an error
-    there is raised in whoever waits next. Every wait reads the other ports too, whichever it is for: one that goes
-    away is known at once. `pulse` is called in every wait, twice a second at least: whoever hears
-    it knows that the thread which drives the bench is well.
+    there is raised in whoever waits next. Every wait reads the other ports too, whichever it is for: one that
+    goes away is known at once. `pulse` is called in every wait, twice a second at least: whoever hears it knows
+    that the thread which drives the bench is well.
     """
 
     def __init__(self) -> None:

@@ -302,6 +302,14 @@ class SafeSection(_Section):
         default=True,
         description="true for a process that makes the bench safe if the controller dies; wall clock only",
     )
+    last_unit_s: float = Field(
+        default=60.0,
+        ge=0.0,
+        le=3600.0,
+        allow_inf_nan=False,
+        description="seconds that a run goes on when no unit it tests speaks any more, for a cable to come back; "
+        "0: the loss of the last unit's port ends it at once",
+    )
 
 
 class RecordingSection(_Section):

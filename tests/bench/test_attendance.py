@@ -4,8 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.attendance import ALL_SILENT_S, SILENT_S, Attendance
+from bench.attendance import SILENT_S, Attendance
 from drivers.errors import DeviceSilent, LinkLost
+
+ALL_SILENT_S = 60.0
 
 
 def unit(name, role="gyro", heard_s=0.0, interval_s=0.0):
@@ -18,7 +20,7 @@ def unit(name, role="gyro", heard_s=0.0, interval_s=0.0):
 def watched():
     told, invalid = [], []
     return SimpleNamespace(
-        by=lambda tests: Attendance(tests, lambda *what: told.append(what), invalid.append),
+        by=lambda tests, *last_s: Attendance(tests, lambda *what: told.append(what), invalid.append, *last_s),
         told=told,
         invalid=invalid,
     )
@@ -123,3 +125,23 @@ def test_the_judge_changes_when_it_is_lost_and_does_not_change_back(watched):
     units[2].silent = True  # the only one that may speak again
     assert attendance.judge(units).name == "c"
     assert [name for name, _ in watched.told] == ["b", "c"]
+
+
+def test_with_no_patience_the_last_unit_ends_the_run_as_its_port_goes(watched):
+    first, second = unit("fog_1", heard_s=19.995, interval_s=0.01), unit("can_1", heard_s=19.995)
+    attendance = watched.by("gyro", 0.0)
+    attendance.lose(first, 20.0, GONE)
+    attendance.require_one([first, second], 20.0)
+    attendance.lose(second, 20.0, GONE)
+    attendance.excuse_until(21.0)
+    attendance.require_one([first, second], 20.5)  # it is being mounted
+    with pytest.raises(LinkLost, match="no gyro is left"):
+        attendance.require_one([first, second], 21.0)
+
+
+def test_with_no_patience_a_pause_in_a_stream_is_none_yet(watched):
+    gyro = unit("fog_1", heard_s=20.0)
+    attendance = watched.by("gyro", 0.0)
+    attendance.check([gyro], 19.9 + SILENT_S)
+    with pytest.raises(DeviceSilent, match="nothing for 10 s"):
+        attendance.check([gyro], 20.0 + SILENT_S)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.benchfile import LimitsSection, TableSection
+from bench.benchfile import LimitsSection, SafeSection, TableSection
 from bench.live import Request
 from bench.questions import AssumeYes
 from bench.session import Bench
@@ -95,7 +95,8 @@ TOLD = ["table halt", "chamber halt", "table safe", "chamber safe"]
 @pytest.fixture
 def made():
     clock, log, record = Clock(), [], Record()
-    file = SimpleNamespace(limits=LIMITS, table=TABLE, chamber=SimpleNamespace(door_message=None))
+    chamber = SimpleNamespace(door_message=None)
+    file = SimpleNamespace(limits=LIMITS, table=TABLE, chamber=chamber, safe=SafeSection())
     bench = Bench(file, clock, record, AssumeYes())
     table = Device(clock, log, "table", TableState(10.0, 0.0))
     chamber = Device(clock, log, "chamber", ChamberState(25.0, 25.0, {1: 24.5}))

@@ -122,3 +122,31 @@ def test_a_stream_that_fails_ends_whoever_waits_next(clock, port):
         while True:
             clock.sleep(60.0)
     clock.sleep(0.0)  # told once
+
+
+@pytest.mark.timeout(60)
+def test_a_polled_port_that_goes_away_ends_whatever_is_waited_for_once(clock, port):
+    """Nobody has asked it anything: it is known at once all the same, not at the next question."""
+    clock.attach(port)
+    port.failure = LinkLost("the port is gone")
+    os.write(port.write_end, b"!")  # stands for the hang-up that makes it readable
+    with pytest.raises(LinkLost):
+        clock.sleep(3600.0)
+    clock.sleep(0.01)
+
+
+@pytest.mark.timeout(60)
+def test_what_a_polled_port_sends_is_taken_while_another_is_waited_for(clock, port):
+    other = Pipe()
+    try:
+        clock.attach(port)
+        clock.attach(other)
+        os.write(port.write_end, b"early")
+        assert clock.wait_for(other, clock.now() + 0.05) is False
+        assert [data for data, _ in port.delivered] == [b"early"]
+        clock.detach(port)
+        os.write(port.write_end, b"late")
+        clock.sleep(0.01)
+        assert len(port.delivered) == 1
+    finally:
+        other.close()

@@ -7,7 +7,7 @@ import pytest
 from bench.emulated import EmulatedLab, Plant, PlantFault
 from bench.procedure import Demands, Parameters, Procedure, find_procedure
 from bench.questions import StageHand
-from bench.recording import read_manifest
+from bench.recording import read_exchanges, read_manifest
 from drivers.errors import DeviceSilent, LinkLost
 from procedures.standard_test import power_cycle
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
@@ -51,6 +51,21 @@ def test_the_last_gyro_that_dies_ends_the_run_a_minute_later(bench, fog_file, tm
     assert result.outcome == "aborted" and isinstance(result.error, LinkLost)
     assert "NOT CONFIRMED" not in result.reason
     assert bench.problems(result.folder) == []
+
+
+def test_a_bench_file_may_want_the_end_as_soon_as_the_last_gyro_dies(bench, fog_file, tmp_path):
+    hasty = fog_file.model_copy(update={"safe": fog_file.safe.model_copy(update={"last_unit_s": 0.0})})
+    with bench.thread_lab(hasty, plant("fog_1", "vanish", 25.5, 1e6)) as lab:
+        result = bench.drive(lab.file, tmp_path, hold_s=600.0)
+    assert result.outcome == "aborted" and "no gyro is left to test" in result.reason
+    assert "NOT CONFIRMED" not in result.reason and result.duration_s < 30.0
+    (lost,) = (row[2] for row in alarms(result.folder) if row[1].startswith("lost"))
+    told = min(
+        t / 1e9
+        for t, way, data in read_exchanges(result.folder, "table")
+        if way == "sent" and data == b":mode:off 1\r\n" and t / 1e9 > 20.0
+    )
+    assert 0.0 <= told - lost < 0.05
 
 
 def test_silence_of_one_is_told_and_of_all_ends_the_run(bench, both_file, fog_file, tmp_path):
