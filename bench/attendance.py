@@ -101,7 +101,7 @@ class Attendance:
             raise LinkLost(
                 f"no {self._tests} is left to test",
                 found="; ".join(self._lost),
-                expected=f"one {self._tests} at least whose port is open, or is back within {self._last_unit_s:g} s",
+                expected=f"one {self._tests} whose port is open, or is back within {self._last_unit_s:g} s",
                 remedy="check cables, adapters and power of the units, then start the run again",
             )
         raise DeviceSilent(
