@@ -17,6 +17,10 @@ from drivers.instruments import StreamDecoder
 
 _MOVED_S = 0.25
 """Arrivals off by more than this from what the count says: a new count, whole wraps lost, or data held up."""
+_CLOCK_OFF = 0.02
+"""A unit's clock may be off by this share: what is looked at once a minute has moved by 1.2 s then."""
+_SHORT_S = 8.0
+"""In so long that is less than `_MOVED_S`."""
 _SETTLE_S = 2.0
 """What is off for so long stays off: data that were held up have come by then."""
 _RECENT = 8
@@ -32,7 +36,8 @@ class StreamLoss:
         self._span = 0.0
         """Samples since the first one, those lost included."""
         self._lost = 0
-        self._recent_s: deque[float] = deque(maxlen=_RECENT)
+        self._recent_s: deque[tuple[float, float]] = deque(maxlen=_RECENT)
+        """Of the last arrivals: how late by the count, and when."""
         self._since_s: float | None = None
         self._least_s = 0.0
         self._shown = 0
@@ -62,22 +67,23 @@ class StreamLoss:
         self._span += float(samples.sum())
         shown, self._lost = self._lost, self._lost + int(np.maximum(samples - 1.0, 0.0).sum())
         late_s = arrival_s - self._span / self._rate_hz
-        moved_s = late_s - min(self._recent_s, default=late_s)
-        if abs(moved_s) < _MOVED_S:
+        least_s, then_s = min(self._recent_s, default=(late_s, arrival_s))
+        moved_s = late_s - least_s
+        if abs(moved_s) < _MOVED_S + _CLOCK_OFF * max(0.0, arrival_s - then_s - _SHORT_S):
             self._since_s = None
-            self._recent_s.append(late_s)
+            self._recent_s.append((late_s, arrival_s))
         elif self._since_s is None:
             self._since_s, self._least_s, self._shown = arrival_s, moved_s, shown
         elif arrival_s - self._since_s < _SETTLE_S:
             self._least_s = min(self._least_s, moved_s)
         else:
-            self._settle(min(self._least_s, moved_s), late_s)
+            self._settle(min(self._least_s, moved_s), late_s, arrival_s)
 
-    def _settle(self, moved_s: float, late_s: float) -> None:
+    def _settle(self, moved_s: float, late_s: float, arrival_s: float) -> None:
         """Count what the clock says in place of what the counter said."""
         self._since_s = None
         samples = round(moved_s * self._rate_hz)
         self._span += samples
         self._lost = max(self._shown, self._lost + samples)
         self._recent_s.clear()
-        self._recent_s.append(late_s - samples / self._rate_hz)
+        self._recent_s.append((late_s - samples / self._rate_hz, arrival_s))

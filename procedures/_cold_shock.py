@@ -6,6 +6,8 @@ preference of GB/T 2423.22-2012 (IEC 60068-2-14 Nb).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bench.procedure import Demands, Parameters, parameter
@@ -79,11 +81,18 @@ def wait_for_equilibrium(bench: Bench, p: ColdShockParameters, *, phase: str) ->
 
 
 def temperature_steady(gyro: GyroStation, now_s: float, drift_k: float) -> bool:
-    """Whether 1 min means of the gyro temperature, 10 min apart, differ by less than `drift_k`."""
+    """Whether 1 min means of the gyro temperature, 10 min apart, differ by less than `drift_k`.
+
+    A unit that sends no temperature, as some on J1939, is as steady as its output says.
+    """
     rows = gyro.update().since(now_s - _GATE_WINDOW_S - 60.0)
     time_s, temp_c = rows["time_s"], rows["temp_c"]
     early, late = time_s <= now_s - _GATE_WINDOW_S, time_s > now_s - 60.0
     if not early.any() or not late.any() or time_s[0] > now_s - _GATE_WINDOW_S - 30.0:
+        return False
+    if not np.isfinite(temp_c).any():
+        return not np.isfinite(gyro.update().since(0.0)["temp_c"]).any()
+    if not np.isfinite(temp_c[early]).any() or not np.isfinite(temp_c[late]).any():
         return False
     return bool(abs(np.nanmean(temp_c[late]) - np.nanmean(temp_c[early])) < drift_k)
 
@@ -110,7 +119,8 @@ def reference_window(bench: Bench, p: ColdShockParameters) -> None:
     gyro = bench.judge
     rows = gyro.update().since(start)
     bench.measure("reference_output", 3600.0 * gyro.mean_rate_dps(start), "deg/h")
-    bench.measure("reference_temperature", float(np.nanmean(rows["temp_c"])), "degC")
+    known = rows["temp_c"][np.isfinite(rows["temp_c"])]
+    bench.measure("reference_temperature", float(known.mean()) if len(known) else math.nan, "degC")
 
 
 def shock(bench: Bench, p: ColdShockParameters) -> None:

@@ -69,6 +69,15 @@ def test_a_clock_that_is_two_percent_off_loses_nothing() -> None:
     assert set(fed([(0.98 * t, n) for t, n in blocks(0.0, 3000.0)], 128)) == {0}
 
 
+@pytest.mark.parametrize("clock", [1.01, 0.99])
+def test_a_clock_that_is_one_percent_off_and_looked_at_once_a_minute_loses_nothing(clock: float) -> None:
+    """A unit without a counter: nothing but arrivals says what is missing."""
+    pieces = [(clock * t, n) for t, n in blocks(0.0, 6000.0, every_s=60.0)]
+    assert set(fed(pieces, 1 << 62)) == {0}
+    gone = [(t, n) for t, n in pieces if not 3000.0 < t < 3070.0]
+    assert fed([(t, n - 6000 * (t > 3000.0)) for t, n in gone], 1 << 62)[-1] == pytest.approx(6000, rel=0.15)
+
+
 @pytest.mark.parametrize("modulo", [128, 65536])
 def test_what_does_not_come_while_switched_off_is_not_lost(modulo: int) -> None:
     loss = StreamLoss(SimpleNamespace(counter_modulo=modulo, counter_step=1.0, nominal_rate_hz=100.0))

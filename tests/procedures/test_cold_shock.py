@@ -112,6 +112,13 @@ def test_temperature_is_steady_when_it_drifts_less_than_the_limit(drift_k_per_10
     assert temperature_steady(gyro, float(seconds), 0.1) is steady
 
 
+def test_a_unit_that_sends_no_temperature_is_no_reason_to_wait_for_hours():
+    assert temperature_steady(gyro_with(2000, lambda k: 0.0, lambda k: np.nan), 2000.0, 0.1)
+    assert not temperature_steady(gyro_with(500, lambda k: 0.0, lambda k: np.nan), 500.0, 0.1)
+    gone = gyro_with(2000, lambda k: 0.0, lambda k: 25.0 if k < 1000 else np.nan)
+    assert not temperature_steady(gone, 2000.0, 0.1)
+
+
 def test_bias_is_steady_for_white_noise_and_not_for_a_drift_or_a_short_record():
     noise = np.random.default_rng(3).normal(0.0, 0.2, (200, 1900))
     verdicts = [bias_steady(gyro_with(1900, lambda k, n=n: n[k], lambda k: 0.0), 1900.0) for n in noise]
