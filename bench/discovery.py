@@ -79,7 +79,8 @@ def identify_port(port: str, clock: Clock, say: Callable[[str], None], name: str
             continue
         name = " ".join(part for part in (identity.maker, identity.model, identity.serial_number) if part)
         more = "".join(f", {key} = {str(value).lower()}" for key, value in settings.items())
-        return Finding(port, kind, f"{name} ({baud} Bd{more})")
+        at = "TCP" if "://" in port else f"{baud} Bd"
+        return Finding(port, kind, f"{name} ({at}{more})")
     return Finding(port, "", "nothing known answers")
 
 
@@ -115,7 +116,8 @@ def _streaming(port: str, heard: bytes, baudrate: int) -> Finding | None:
         covered = len(heard) - counts.bytes_skipped
         if counts.frames >= _ENOUGH and rejected < counts.frames and covered > best[0]:
             name = settings.get("description") or settings.get("frame_format") or ""
-            text = f"streams {kind} {name}".strip() + f": {counts.frames} frames ({baudrate} Bd)"
+            text = f"streams {kind} {name}".strip() + f": {counts.frames} frames "
+            text += "(TCP)" if "://" in port else f"({baudrate} Bd)"
             best = (covered, kind, text)
     return Finding(port, best[1], best[2]) if best[0] >= _COVERED * len(heard) else None
 

@@ -10,7 +10,7 @@ from bench.benchfile import AxisSection
 from bench.history import History
 from bench.limits import check_stops
 from drivers.errors import DeviceRefused, LimitExceeded, RunAborted
-from drivers.instruments import TableState, Turntable
+from drivers.instruments import TableState, Turntable, alarms_in_words
 
 if TYPE_CHECKING:
     from bench.session import Bench
@@ -198,8 +198,7 @@ class TableStation:
             raise RunAborted(
                 "the table has left its demand",
                 where=self._where(name),
-                found=f"{last[angle]:.3f} deg, {last[rate]:.4f} deg/s; "
-                + ("; ".join(self.device.alarms()) or "no alarm"),
+                found=f"{last[angle]:.3f} deg, {last[rate]:.4f} deg/s; " + alarms_in_words(self.device),
                 expected=self._demands[name],
                 remedy="check interlock, emergency stop and the controller's error queue",
             )
@@ -307,7 +306,7 @@ class TableStation:
             raise DeviceRefused(
                 f"the table did not settle within {timeout_s:g} s while {what}",
                 where=self._where(name),
-                found=f"{self.history.last}, {'; '.join(self.device.alarms()) or 'no alarm'}",
+                found=f"{self.history.last}, {alarms_in_words(self.device)}",
                 expected=self._demands[name],
                 remedy="check interlock, load balance and the axis limits",
             )

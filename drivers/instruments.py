@@ -112,6 +112,13 @@ class Instrument(Protocol):
         ...
 
 
+def alarms_in_words(device: Instrument) -> str:
+    """Return the alarms in force as one text: "no alarm", or that this device cannot tell (`tells_alarms`)."""
+    if not getattr(device, "tells_alarms", True):
+        return "its controller tells no alarms, look at its panel"
+    return "; ".join(device.alarms()) or "no alarm"
+
+
 class Turntable(Instrument, Protocol):
     """A rate table of one or more axes. Demands return when the device accepted them, not when the motion
     ended.

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from drivers.errors import ConfigurationError
@@ -59,8 +59,16 @@ class Fault:
     factor: float = 1.0
     text: str = ""
 
-    def check(self, device_faults: Mapping[str, object], wire: WireShape | None) -> None:
-        """Raise ConfigurationError for a fault that this port cannot have."""
+    def check(
+        self,
+        device_faults: Mapping[str, object],
+        wire: WireShape | None,
+        texts: Mapping[str, Collection[str]] | None = None,
+    ) -> None:
+        """Raise ConfigurationError for a fault that this port cannot have.
+
+        `texts`: by kind, what its `text` may be if it is not empty; a kind that is not there takes any.
+        """
         known = [*WIRE_FAULTS, *COMMAND_FAULTS, VANISH, *device_faults]
         if self.kind not in known:
             raise self._unusable(f"kind {self.kind!r}", "one of " + ", ".join(known))
@@ -72,6 +80,9 @@ class Fault:
             raise self._unusable(f"duration_s {self.duration_s:g}", f"how long the {self.kind} lasts, in s")
         if self.kind in _MUST_COUNT and self.count < 1:
             raise self._unusable(f"count {self.count}", "1 or more")
+        allowed = (texts or {}).get(self.kind)
+        if self.text and allowed is not None and self.text not in allowed:
+            raise self._unusable(f"{self.kind} with text {self.text!r}", "one of " + ", ".join(allowed))
         if self.kind == "bad_check" and (wire is None or not wire.check_bytes):
             raise self._unusable("bad_check", "another kind: this device's messages carry no check value")
 

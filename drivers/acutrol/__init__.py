@@ -1,7 +1,9 @@
 """Acutronic ACUTROL3000 rate table controller, ACL over TCP or RS-232."""
 
 from drivers.acutrol._codec import (
+    DIAGNOSTIC_BITS,
     DYNAMIC_BITS,
+    ERROR_BITS,
     HEADER_BYTES,
     INTERLOCK_BITS,
     MAX_TEXT_BYTES,
@@ -34,7 +36,9 @@ from drivers.acutrol._transcript import decode_transcript
 
 __all__ = [
     "DATA_TYPE_ERROR",
+    "DIAGNOSTIC_BITS",
     "DYNAMIC_BITS",
+    "ERROR_BITS",
     "HEADER_BYTES",
     "INTERLOCK_BITS",
     "MAX_TEXT_BYTES",

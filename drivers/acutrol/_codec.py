@@ -83,6 +83,38 @@ INTERLOCK_BITS: Mapping[int, str] = {
 }
 """Register A<n>INTLK."""
 
+ERROR_BITS: Mapping[int, str] = {
+    0: "floating point exception",
+    1: "segmentation fault",
+    2: "servo not enabled",
+    3: "DMA interrupt not enabled",
+    4: "divide by zero",
+    5: "drive not enabled",
+    6: "NaN detected",
+    7: "general axis error",
+}
+"""Register A<n>ERR."""
+
+DIAGNOSTIC_BITS: Mapping[int, str] = {
+    0: "temperature fault",
+    1: "temperature warning",
+    2: "+5 V analog fault",
+    3: "+5 V analog warning",
+    4: "reference 2 fault",
+    5: "reference 2 warning",
+    6: "reference 1 fault",
+    7: "reference 1 warning",
+    8: "-12 V fault",
+    9: "-12 V warning",
+    10: "+12 V fault",
+    11: "+12 V warning",
+    12: "+5 V digital fault",
+    13: "+5 V digital warning",
+    14: "second temperature fault",
+    15: "second temperature warning",
+}
+"""Register A<n>DIAG; the manual names bits 14 and 15 as it does 0 and 1."""
+
 
 @dataclass(frozen=True)
 class Reply:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 
 from drivers.acutrol._codec import (
+    DIAGNOSTIC_BITS,
     DYNAMIC_BITS,
+    ERROR_BITS,
     INTERLOCK_BITS,
     SOFTWARE_FAULT_BITS,
     STATE_BITS,
@@ -174,8 +177,9 @@ class AcutrolTable:
     def alarms(self) -> list[str]:
         """Return interlock fault, aborts, software faults and interlock inputs in words.
 
-        An open interlock counts only if this driver closed it: somebody else opened it. Of several axes each
-        alarm says which.
+        With any of them come axis errors and what the diagnostics of the axis' electronics say: warnings, and
+        errors of long ago, are no alarms of their own. An open interlock counts only if this driver closed it:
+        somebody else opened it. Of several axes each alarm says which.
         """
         found = []
         for name, number in self._numbers_by_name.items():
@@ -193,7 +197,11 @@ class AcutrolTable:
         state = bits_in_words(self._register(number, "STATE"), STATE_BITS)
         found += [words for words in state if words in _FAULT_STATES]
         found += bits_in_words(self._register(number, "SWFLT"), SOFTWARE_FAULT_BITS)
-        return found + bits_in_words(self._register(number, "INTLK"), INTERLOCK_BITS)
+        found += bits_in_words(self._register(number, "INTLK"), INTERLOCK_BITS)
+        for name, words in (("ERR", ERROR_BITS), ("DIAG", DIAGNOSTIC_BITS)) if found else ():
+            with contextlib.suppress(DeviceRefused):  # they explain a fault, and not every firmware has them
+                found += bits_in_words(self._register(number, name), words)
+        return found
 
     def halt(self) -> None:
         """Demand Off mode (servoed, zero rate) of every axis and wait for nothing.

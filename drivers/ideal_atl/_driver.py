@@ -31,6 +31,8 @@ class AtlTable:
     once.
     """
 
+    tells_alarms = False
+
     def __init__(self, link: Link, *, axis: str = "table") -> None:
         self.link = link
         self.axes: tuple[str, ...] = (axis,)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from drivers.acutrol import (
     DATA_TYPE_ERROR,
+    DIAGNOSTIC_BITS,
     INTERLOCK_BITS,
     NOT_IMPLEMENTED,
     PARAMETER_OUT_OF_RANGE,
@@ -42,11 +43,13 @@ class AcutrolAxis:
         self._unservo = _NORMAL_UNSERVO
         self._software_faults = 0
         self._interlock_faults = 0
+        self._diagnostics = 0
         self._rate_limits = {"POSITION": plant.max_rate_dps, "RATE": plant.max_rate_dps}
         self._acceleration_limits = dict.fromkeys(self._rate_limits, plant.max_acceleration_dps2)
 
-    def trip(self, software: int, hardware: int, now_s: float) -> None:
-        """Open the interlock by a fault, given as the bits of the two fault words."""
+    def trip(self, software: int, hardware: int, diagnostics: int, now_s: float) -> None:
+        """Open the interlock by a fault, given as the bits of the two fault words and of what explains it."""
+        self._diagnostics |= diagnostics
         self._software_faults |= software
         self._interlock_faults |= hardware
         self._unservo = _SOFTWARE_ABORT if software else _HARDWARE_ABORT
@@ -72,7 +75,7 @@ class AcutrolAxis:
         """Clear the faults."""
         if self.interlock == "Fault":
             self.interlock, self._unservo = "Open", _NORMAL_UNSERVO
-            self._software_faults = self._interlock_faults = 0
+            self._software_faults = self._interlock_faults = self._diagnostics = 0
 
     def change_mode(self, mode: str, now_s: float) -> None:
         """Take a mode of `MODES`; the demand that waits for it runs."""
@@ -132,6 +135,10 @@ class AcutrolAxis:
             return done if self.plant.settled(now_s) else 0
         if name in ("SWFLT", "SWFAULT"):
             return self._software_faults
+        if name == "ERR":
+            return 0
+        if name == "DIAG":
+            return self._diagnostics
         return self._interlock_faults if name == "INTLK" else None
 
     def _within_limits(self, name: str, value: float) -> bool:
@@ -172,10 +179,24 @@ class AcutrolAxis:
         return self._rate_limits[mode], self._acceleration_limits[mode]
 
 
-def fault_bits(reason: str) -> tuple[int, int] | None:
-    """Return (software, interlock) fault words of a fault's name; None if there is no such fault."""
+FAULT_NAMES = (
+    *SOFTWARE_FAULT_BITS.values(),
+    *INTERLOCK_BITS.values(),
+    *(words for words in DIAGNOSTIC_BITS.values() if words.endswith("fault")),
+)
+"""What may open an interlock, in words."""
+
+
+def fault_bits(reason: str) -> tuple[int, int, int] | None:
+    """Return (software, interlock, diagnostic) words of a fault's name; None if there is no such fault.
+
+    A fault that diagnostics find is a failed self-test.
+    """
     software = {words: 1 << bit for bit, words in SOFTWARE_FAULT_BITS.items()}
     hardware = {words: 1 << bit for bit, words in INTERLOCK_BITS.items()}
+    diagnostics = {words: 1 << bit for bit, words in DIAGNOSTIC_BITS.items() if words.endswith("fault")}
+    if reason in diagnostics:
+        return software["self-test failure"], 0, diagnostics[reason]
     if reason not in software and reason not in hardware:
         return None
-    return software.get(reason, 0), hardware.get(reason, 0)
+    return software.get(reason, 0), hardware.get(reason, 0), 0

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import lru_cache
 
 from drivers.acutrol import (
-    INTERLOCK_BITS,
     MAX_TEXT_BYTES,
     MESSAGE_TOO_LONG,
     NOT_IMPLEMENTED,
     PARAMETER_OUT_OF_RANGE,
-    SOFTWARE_FAULT_BITS,
     UNDEFINED_HEADER,
     WRONG_PARAMETER_COUNT,
     Command,
@@ -20,7 +18,7 @@ from drivers.acutrol import (
     parse_message,
 )
 from drivers.errors import ConfigurationError
-from simulators.emulators._acutrol_axis import DEMANDS, MODES, AcutrolAxis, fault_bits
+from simulators.emulators._acutrol_axis import DEMANDS, FAULT_NAMES, MODES, AcutrolAxis, fault_bits
 from simulators.faults import DeviceFault, Fault
 from simulators.interfaces import Reply, TablePlant
 
@@ -87,15 +85,15 @@ class AcutrolEmulator:
     def trip(self, reason: str, now_s: float, axis: int | None = None) -> None:
         """Open the interlock of an axis (default: the last) by a fault at lab time `now_s`.
 
-        `reason` is one of the fault names in drivers.acutrol (SOFTWARE_FAULT_BITS or INTERLOCK_BITS), e.g.
-        "rate trip", "position tracking error", "master interlock"; ConfigurationError for any other.
+        `reason` is one of FAULT_NAMES, e.g. "rate trip", "position tracking error", "master interlock", "+12 V
+        fault"; ConfigurationError for any other.
         """
         bits = fault_bits(reason)
         if bits is None:
             raise ConfigurationError(
                 "the table has no such fault",
                 found=repr(reason),
-                expected="one of: " + ", ".join((*SOFTWARE_FAULT_BITS.values(), *INTERLOCK_BITS.values())),
+                expected="one of: " + ", ".join(FAULT_NAMES),
                 remedy="use one of these names",
             )
         self._fault_unread = True
@@ -108,6 +106,11 @@ class AcutrolEmulator:
         `open`: somebody opens the interlock.
         """
         return {"trip": self._trip, "refuse": self._refuse_next, "open": self._open_by_hand}
+
+    @property
+    def fault_texts(self) -> Mapping[str, Collection[str]]:
+        """What `text` of a fault may be."""
+        return {"trip": FAULT_NAMES}
 
     def _trip(self, fault: Fault, now_s: float) -> None:
         self.trip(fault.text or "position tracking error", now_s)

@@ -71,6 +71,7 @@ def _lines(config: LabConfig, emulators: Mapping[str, Emulator], plant: LabPlant
             seed=config.seed,
             wire=getattr(emulator, "wire", None),
             device_faults=device_faults,
+            texts=getattr(emulator, "fault_texts", None),
         )
     return lines
 

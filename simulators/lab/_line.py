@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ class Line:
         seed: int,
         wire: WireShape | None,
         device_faults: Mapping[str, DeviceFault],
+        texts: Mapping[str, Collection[str]] | None = None,
     ) -> None:
         self.port = port
         self.active = False
@@ -42,6 +43,7 @@ class Line:
         self._seed = seed
         self._wire = wire or WireShape()
         self.device_faults = dict(device_faults)
+        self._texts = texts
         self._on_wire: list[tuple[Fault, Schedule, np.random.Generator]] = []
         self._on_command: list[tuple[Fault, Schedule, np.random.Generator]] = []
         self._on_device: list[tuple[Fault, Schedule]] = []
@@ -54,7 +56,7 @@ class Line:
 
     def add(self, fault: Fault) -> None:
         """Put one more fault on the line; ConfigurationError if the port cannot have it."""
-        fault.check(self.device_faults, self._wire)
+        fault.check(self.device_faults, self._wire, self._texts)
         self.active = True
         source = NoiseSource(self._seed, f"fault of {self.port}", 2 * self._number)
         self._number += 1

@@ -314,3 +314,10 @@ def test_a_tap_records_before_it_hands_on():
     tap.received(b"x", 1.0)
     tap.sent(b"y", 2.0)
     assert order == [("record", b"x", 1.0), ("station", b"x", 1.0), ("sent", b"y", 2.0)]
+
+
+def test_a_table_that_tells_no_alarms_is_not_said_to_have_none():
+    table = Table(off=5.0)
+    table.tells_alarms = False
+    with pytest.raises(DeviceRefused, match="its controller tells no alarms"):
+        Bench(table).station.point(10.0, timeout_s=20.0)

@@ -8,8 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.acutrol import (
+    DIAGNOSTIC_BITS,
     DYNAMIC_BITS,
+    ERROR_BITS,
+    INTERLOCK_BITS,
     SOFTWARE_FAULT_BITS,
+    STATE_BITS,
     Command,
     Refusal,
     Reply,
@@ -143,6 +147,56 @@ def test_status_bits_by_appendix_b() -> None:
     assert bits_in_words(0x0300, DYNAMIC_BITS) == ["position profile complete", "rate profile complete"]
     assert bits_in_words(0b110, SOFTWARE_FAULT_BITS) == ["rate trip", "position tracking error"]
     assert bits_in_words(1 << 15, DYNAMIC_BITS) == ["bit 15"]
+
+
+# TM-8004-C, Appendix B, as printed: "" is an empty cell. Words that our text must have, in any case.
+MANUAL = {
+    "INTLK": (
+        INTERLOCK_BITS,
+        "0;1;2;3;4;5;power amplifier;1;2;Master Interlock;DMA Sync Error;Software Watchdog;10 kHz Clock Watchdog;"
+        "Serial Data Link Fault;Interlock Link;Lock Fault",
+    ),
+    "SWFAULT": (
+        SOFTWARE_FAULT_BITS,
+        "Software Abort Initiated;Rate Trip;Position Tracking Error;Frame Time Error;Program Error;"
+        "Miscorrelation Error;CRC Error;Fine Transducer;Coarse Transducer;Self-test Failure;;;;;;",
+    ),
+    "STATIC": (
+        STATE_BITS,
+        ";;;;Axis Servoed;Normal Unservo;Software Abort;Hardware Abort;Status Latched;Data Freeze Active;;;;;;",
+    ),
+    "DYN": (
+        DYNAMIC_BITS,
+        "Jerk Limit;Jerk Limit;Acceleration Limit;Acceleration Limit;Rate Limit;Rate Limit;Position High Limit;"
+        "Position Low Limit;Position Profile Complete;Rate Profile Complete;Synthesizer at Amplitude;"
+        "Synthesizer at Frequency;50 % Position Following Error;EMF Limiting;Alternate Filters;",
+    ),
+    "ERR": (
+        ERROR_BITS,
+        "Floating Point Exception;Segmentation Fault;Servo Not Enabled;DMA Interrupt Not Enabled;Divide by Zero;"
+        "Drive Not Enabled;NaN Detected;General Axis Error;;;;;;;;",
+    ),
+    "DIAG": (
+        DIAGNOSTIC_BITS,
+        "Temperature Fault;Temperature Warning;+5 V Analog Fault;+5 V Analog Warning;2 Fault;2 Warning;1 Fault;"
+        "1 Warning;-12 V Fault;-12 V Warning;+12 V Fault;+12 V Warning;+5 V Digital Fault;+5 V Digital Warning;"
+        "Temperature Fault;Temperature Warning",
+    ),
+}
+
+
+@pytest.mark.parametrize("register", MANUAL)
+def test_every_bit_that_the_manual_names_is_told_in_its_words(register: str) -> None:
+    names, printed = MANUAL[register]
+    cells = printed.split(";")
+    assert len(cells) == 16
+    for bit, cell in enumerate(cells):
+        (text,) = bits_in_words(1 << bit, names)
+        if cell:
+            assert cell.lower() in text.lower()
+    known = {bit for bit, cell in enumerate(cells) if cell}
+    # release notes 119: the tracking error was bit 12 before
+    assert set(names) - known == ({12} if register == "SWFAULT" else set())
 
 
 def frame(text: str, error: int = 0) -> bytes:

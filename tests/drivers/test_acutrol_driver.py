@@ -224,6 +224,34 @@ def test_trip_is_told_in_words_and_cleared_by_servo_on(bench):
     assert table.alarms() == ["interlock fault", "hardware abort", "master interlock"]
 
 
+def test_a_failed_self_test_comes_with_what_the_diagnostics_say(bench):
+    table, _, _, emulator = bench
+    table.servo_on()
+    emulator.trip("+12 V fault", 10.0)
+    assert table.alarms() == ["interlock fault", "software abort", "self-test failure", "+12 V fault"]
+    table.servo_on()
+    assert table.alarms() == []
+
+
+def test_axis_errors_explain_a_fault_and_are_none_of_their_own():
+    words = {"1": "Fault", "A1STATE": 1 << 6, "A1SWFLT": 1 << 2, "A1INTLK": 0, "A1ERR": 1 << 5}
+
+    def answer(data, now_s):
+        name = data.decode().split()[-1]  # the axis of :interlock?, or a register
+        error = 0 if name in words else 104
+        return [(now_s, frame(str(words.get(name, "no such register")), error))]
+
+    table = AcutrolTable(MemoryLink(answer))
+    assert table.alarms() == [
+        "interlock fault",
+        "software abort",
+        "position tracking error",
+        "drive not enabled",
+    ]
+    words |= {"1": "Close", "A1STATE": 1 << 4, "A1SWFLT": 0}
+    assert table.alarms() == []
+
+
 def test_interlock_opened_by_someone_else_is_an_alarm(bench):
     table, wire, _, emulator = bench
     table.servo_on()

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from bench.benchfile import load_bench_file
-from bench.emulated import EmulatedLab, Plant, load_plant
+from bench.emulated import EmulatedLab, Plant, PlantFault, load_plant
 from drivers.errors import BenchError, ConfigurationError, LinkLost
 from drivers.frames import FrameDecoder, load_family
 from drivers.kvh import KvhDecoder
@@ -181,6 +181,12 @@ def test_a_fault_can_be_put_in_by_a_stage_hand(file):
             lab.perform({"act": "fault", "port": "fog_1", "kind": "vanish", "duration_s": 1.0})
         link.close()
         clock.close()
+
+
+def test_a_trip_that_the_table_does_not_know_is_refused_before_the_lab_opens(file):
+    faults = (PlantFault(port="table", kind="trip", text="rate trp", at_s=(100.0,)),)
+    with pytest.raises(ConfigurationError, match=r"text 'rate trp'.*one of.*rate trip"):
+        EmulatedLab(file, Plant(fault=faults))
 
 
 def test_a_plant_file_with_faults_reads_and_bad_ones_name_the_key(tmp_path, file):

@@ -101,6 +101,8 @@ def test_a_gyro_clock_one_percent_off_is_measured_and_taken_out(bench, both_file
         assert streams[name]["sample_rate_hz"] == pytest.approx(100.0 * (1.0 + error_ppm * 1e-6), rel=2e-5)
         assert streams[name]["clock_error_ppm"] == pytest.approx(error_ppm, abs=20.0)
         assert streams[name]["lost"] == 0
+        assert f"not the nominal 100 Hz ({error_ppm * 1e-4:+.2f}%)" in streams[name]["warnings"][0]
+    assert len(result.warnings) == 2
     fog = run.gyro("fog_1", ("time_ns",))
     duration_s = (fog["time_ns"][-1] - fog["time_ns"][0]) / 1e9
     samples = len(fog["time_ns"]) - 1
