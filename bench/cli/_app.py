@@ -78,9 +78,9 @@ def main() -> None:
 
 
 def _complain(text: str) -> None:
-    from rich.console import Console
+    from bench.cli._console import Terminal
 
-    Console(stderr=True).print(f"error: {text}", style="bold red", highlight=False, markup=False)
+    Terminal(stderr=True).print(f"error: {text}", style="bold red", highlight=False)
 
 
 @app.command()

@@ -33,6 +33,7 @@ from bench.calibration import (
     load_calibration_run,
     load_scheme,
 )
+from bench.cli._console import Terminal
 from bench.report import CalibrationContent, calibration_content, render_calibration, write_report
 from bench.state_file import save_file, saved_together
 from drivers.clock import utc_now
@@ -75,7 +76,7 @@ def calibrate_command(
         alignment_s=min(60.0, 0.8 * run.schedule.dwell_s),
         gyro_range_dps=range_dps,
     )
-    console = Console()
+    console = Terminal()
     with console.status(f"{len(run.increments.angle_rad):,} samples, {options.passes} passes"):
         found = estimate(run.increments, task, options, run.schedule)
         evaluation = evaluate(task, run.schedule, run.table)

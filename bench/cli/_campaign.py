@@ -20,6 +20,7 @@ from bench.campaign import (
 )
 from bench.cli._campaign_plan import plan_warnings, say_warnings
 from bench.cli._campaign_rehearse import fit_campaign
+from bench.cli._console import Terminal
 from bench.cli._display import RunDisplay
 from bench.cli._run import console_for, console_operator, plant_with_seed, say_result
 from bench.cli._texts import duration, event_text, say_json
@@ -118,7 +119,7 @@ def _print_now(
             )
         elif stopped is not None:
             text = f"{stopped['outcome']} at {stopped['utc']}"
-            console.print(f"{text}: {stopped['reason']}" if stopped["reason"] else text, markup=False)
+            console.print(f"{text}: {stopped['reason']}" if stopped["reason"] else text)
         if died or stopped is None or stopped["outcome"] != "completed":
             console.print(f"`gyrobench campaign resume {path}` goes on", highlight=False)
         return
@@ -126,13 +127,12 @@ def _print_now(
         f"{now['state']}: {now['step']}: {'an operator is asked' if now['prompts'] else now['doing']}; "
         f"{duration(now['left_s'] or 0.0)} left of this run, process {now['pid']}",
         highlight=False,
-        markup=False,
     )
     for prompt in now["prompts"]:
-        console.print(f"waits for an answer: {prompt['question']}", style="bold yellow", markup=False)
+        console.print(f"waits for an answer: {prompt['question']}", style="bold yellow")
         console.print(f"`gyrobench steer {path} answer yes` answers it", highlight=False)
     for row in now["log"][-5:]:
-        console.print("  " + event_text(row), style="dim", highlight=False, markup=False)
+        console.print("  " + event_text(row), style="dim", highlight=False)
 
 
 def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
@@ -143,7 +143,6 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
         console.print(
             f"{campaign.title}: {len(campaign.runs)} runs, about {expected} of bench time, in {folder.path}",
             highlight=False,
-            markup=False,
         )
     say_warnings(console, plan_warnings(campaign), as_json=as_json)
     with ExitStack() as stack:
@@ -187,7 +186,7 @@ def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
         run_report(result.folder)
     except BenchError as error:
         if not as_json:
-            console.print(f"no report of this run: {error}", style="yellow", highlight=False, markup=False)
+            console.print(f"no report of this run: {error}", style="yellow", highlight=False)
 
 
 def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
@@ -195,17 +194,17 @@ def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
     from bench.cli._report import CERTIFICATE_FILE, certify_campaign
 
     try:
-        verdict = certify_campaign(folder, Console(quiet=True) if quiet else console)
+        verdict = certify_campaign(folder, Terminal(quiet=True) if quiet else console)
     except ConfigurationError:  # not one run was begun: nothing to certify
         return ""
     except RecordError as error:
-        console.print(str(error), style="red", highlight=False, markup=False)
+        console.print(str(error), style="red", highlight=False)
         return "not passed"
     passed = {"passed": True, "not passed": False, "not judged": None}[verdict]
     folder.event("certificate", file=CERTIFICATE_FILE, passed=passed)
     if not quiet:
         path = folder.path / CERTIFICATE_FILE
-        console.print(f"certificate: {path}", highlight=False, markup=False, soft_wrap=True)
+        console.print(f"certificate: {path}", highlight=False, soft_wrap=True)
     return verdict
 
 
@@ -231,7 +230,7 @@ def _say_ending(
         console.print(f"campaign {ending.outcome}, {done} of {len(ending.states)} runs recorded", style=style)
         if ending.reason:
             if ending.reason != said:  # else it stands above, with the run
-                console.print(ending.reason, style=style, highlight=False, markup=False)
+                console.print(ending.reason, style=style, highlight=False)
             console.print(f"`gyrobench campaign resume {folder.path}` goes on", highlight=False)
         if invalid:
             console.print(f"invalid for their purpose: {', '.join(invalid)}", style="yellow")

@@ -21,6 +21,7 @@ from bench.campaign import (
     not_measured,
     plan_campaign,
 )
+from bench.cli._console import Terminal
 from bench.cli._run import console_for, plant_with_seed
 from bench.cli._texts import duration, say_json, size
 from bench.disk import check_disk
@@ -85,7 +86,7 @@ def say_warnings(console: Console, warnings: list[str], *, as_json: bool = False
         if as_json:
             say_json(console, "warning", text=warning)
             continue
-        console.print(f"warning: {warning}", style="yellow", highlight=False, markup=False)
+        console.print(f"warning: {warning}", style="yellow", highlight=False)
 
 
 def _planned(
@@ -96,7 +97,7 @@ def _planned(
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        console=Console(stderr=True, quiet=as_json or plant is None),
+        console=Terminal(stderr=True, quiet=as_json or plant is None),
         transient=True,
     ) as progress:
         task = progress.add_task("runs", total=None)
@@ -108,7 +109,7 @@ def _planned(
 def _print_plan(
     console: Console, campaign: Campaign, file: BenchFile, planned: list[PlannedRun], begin: datetime
 ) -> None:
-    console.print(campaign.title, style="bold", highlight=False, markup=False)
+    console.print(campaign.title, style="bold", highlight=False)
     table = Table("from", "to", "length", "what", box=SIMPLE_HEAD, pad_edge=False)
     for column in table.columns[:3]:
         column.no_wrap = True
@@ -125,21 +126,21 @@ def _print_plan(
     console.print(table)
     units = ", ".join(f"{gyro.unit} on {gyro.name} ({gyro.port or gyro.channel})" for gyro in file.gyro)
     chamber_h = sum(row.chamber_s for row in planned) / 3600.0
-    console.print(f"units: {units}", highlight=False, markup=False)
+    console.print(f"units: {units}", highlight=False)
     console.print(f"total {about}{duration(planned[-1].end_s)}, chamber {chamber_h:.1f} h", highlight=False)
     console.print(f"on disk {about}{size(sum(row.bytes for row in planned))}", highlight=False)
     if about:
         console.print("estimates of the procedures; without --quick a rehearsal gives steps and bytes")
     asked = list(dict.fromkeys(question for row in planned for question in row.questions))
     for question in asked:
-        console.print(f"will ask: {question}", highlight=False, markup=False)
+        console.print(f"will ask: {question}", highlight=False)
     for notice in campaign.notify:
         to = notice.webhook or notice.file or " ".join(notice.command or ())
-        console.print(f"tells {to}: {', '.join(notice.on)}", highlight=False, markup=False)
+        console.print(f"tells {to}: {', '.join(notice.on)}", highlight=False)
     for row in planned:
         if row.rehearsed not in ("", "completed"):
             text = f"rehearsal of {row.run.name} was {row.rehearsed}: {row.reason}"
-            console.print(text, style="yellow", highlight=False, markup=False)
+            console.print(text, style="yellow", highlight=False)
 
 
 def _times(begin: datetime, start_s: float, end_s: float) -> tuple[str, str, str]:

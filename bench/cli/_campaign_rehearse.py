@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from bench.benchfile import load_bench_file
 from bench.campaign import (
@@ -16,6 +17,7 @@ from bench.campaign import (
     load_campaign,
     rehearse_campaign,
 )
+from bench.cli._console import Terminal
 from bench.cli._run import console_for, plant_with_seed, say_result
 from bench.cli._texts import duration, say_json
 from bench.disk import check_disk, estimated_bytes
@@ -55,7 +57,6 @@ def rehearse_command(
     if not as_json:
         console.print(
             f"{campaign.title}: {len(campaign.runs)} runs, about {expected} of bench time, {count} at a time",
-            markup=False,
         )
     started = host_seconds()
     with Progress(
@@ -63,7 +64,7 @@ def rehearse_command(
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        console=Console(stderr=True, quiet=True) if as_json else console,
+        console=Terminal(stderr=True, quiet=True) if as_json else console,
     ) as progress:
         task = progress.add_task("runs", total=len(campaign.runs))
 
@@ -102,12 +103,12 @@ def fit_campaign(
     from bench.campaign_study import study_of
     from bench.cli._fit import score_table, write_study
 
-    shown = Console(quiet=True) if quiet else console
+    shown = Terminal(quiet=True) if quiet else console
     with shown.status("fitting models"):
         study = study_of(campaign, folders, fan=fan)
         write_study(study, list(folders.values()), out, title=campaign.title)
     shown.print(score_table(study))
-    shown.print(f"chosen on the validation runs: [bold]{study.chosen}[/bold]")
+    shown.print(Text.assemble("chosen on the validation runs: ", (study.chosen, "bold")))
     for name in ("compensation.gyrocomp", "compensation.h", "lstm.onnx", "report.html"):
         if (out / name).exists():
             shown.print(f"  {out / name}", highlight=False)

@@ -9,6 +9,7 @@ from rich.table import Table as Grid
 
 from bench.can_capture import others_on_the_bus, read_can_capture, write_can_plot
 from bench.capture import write_table
+from bench.cli._console import Terminal
 from drivers.can_dbc import CanLayout, identifier_names, load_layout, shipped_layouts
 from drivers.errors import ConfigurationError
 
@@ -20,7 +21,7 @@ def can_list_command() -> None:
         layout = load_layout(name)
         slots = ", ".join(slot.message for slot in layout.sample)
         grid.add_row(name, f"{layout.maker} {layout.model}".strip(), slots, "".join(layout.rates()))
-    Console().print(grid)
+    Terminal().print(grid)
 
 
 def can_check_command(
@@ -32,7 +33,7 @@ def can_check_command(
     console: Console | None = None,
 ) -> None:
     """Show what the layout says, and decode the capture; ConfigurationError for what cannot be used."""
-    console = console or Console()
+    console = console or Terminal()
     layout = load_layout(name)
     _show(console, layout)
     if path is not None:

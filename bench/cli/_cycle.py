@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
+from bench.cli._console import Terminal
 from bench.report import render_chamber_cycle, write_report
 from bench.rlg import load_chamber_cycle, study_chamber_cycle
 from drivers.clock import utc_now
@@ -37,10 +37,10 @@ def cycle_command(log: Path, out: Path) -> None:
             f"{axis.after_dynamic:.4g}",
             f"{axis.dynamic_pct:.1f}",
         )
-    console = Console()
+    console = Terminal()
     console.print(table)
     for axis in study.axes:
-        console.print(f"{axis.axis}: {axis.verdict}", highlight=False, markup=False)
+        console.print(f"{axis.axis}: {axis.verdict}", highlight=False)
     for remark in study.remarks:
-        console.print(remark, style="yellow", highlight=False, markup=False)
-    console.print(f"{out}", highlight=False, markup=False)
+        console.print(remark, style="yellow", highlight=False)
+    console.print(f"{out}", highlight=False)

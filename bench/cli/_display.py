@@ -70,7 +70,7 @@ class RunDisplay:
                     **asdict(progress),
                 )
             else:
-                self._console.print(self._line(progress), highlight=False, markup=False, soft_wrap=True)
+                self._console.print(self._line(progress), highlight=False, soft_wrap=True)
 
     def _wait_s(self, progress: Progress) -> float:
         same = not self._json and progress.step + progress.doing == self._said

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
+from bench.cli._console import Terminal
 from bench.cli._texts import size
 from bench.exchange import export_run, import_log
 
 
 def export_command(run: Path, kind: str, out: Path | None) -> None:
     """Export a run and say where it is."""
-    console = Console()
+    console = Terminal()
     with console.status(f"writing {kind}"):
         target = export_run(run, kind, out)
     files = [target] if target.is_file() else sorted(target.iterdir())
@@ -23,7 +22,7 @@ def export_command(run: Path, kind: str, out: Path | None) -> None:
 
 def import_command(logs: Sequence[Path], mapping: Path, runs: Path) -> None:
     """Import logs one by one; the first that cannot be used ends it, those before it stay."""
-    console = Console()
+    console = Terminal()
     for log in logs:
         with console.status(f"reading {log.name}"):
             folder = import_log(log, mapping, runs)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
+from bench.cli._console import Terminal
 from bench.export import c_header, lstm_to_onnx
 from bench.fan_out import fan_out
 from bench.fitting import Compensation, LstmModel, Study, load_runs, run_study
@@ -31,7 +31,7 @@ def fit_command(
     cluster: str | None = None,
 ) -> None:
     """Fit, choose, judge, and write compensation, exports and report to `out`."""
-    console = Console()
+    console = Terminal()
     names = [name.strip() for name in models.split(",")] if models else None
     with console.status("loading runs"):
         sets = [load_runs(folders, gyro) for folders in (train, validate)]

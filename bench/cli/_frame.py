@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from bench.capture import Capture, read_capture, write_plot, write_table
+from bench.cli._console import Terminal
 from drivers.errors import ConfigurationError
 from drivers.frames import (
     GYRO_ROLES,
@@ -40,7 +41,7 @@ def frames_list_command() -> None:
         forms = [form.name for form in family.forms if form.measures]
         shown = ", ".join(forms[:4]) + (f" and {len(forms) - 4} more" if len(forms) > 4 else "")
         grid.add_row(name, family.description.title, shown, family.description.source)
-    Console().print(grid)
+    Terminal().print(grid)
 
 
 def frames_check_command(
@@ -52,7 +53,7 @@ def frames_check_command(
     console: Console | None = None,
 ) -> None:
     """Show what the description says, raise for a vector or a choice that fails, decode the capture."""
-    console = console or Console()
+    console = console or Terminal()
     family = load_family(description, settings)
     if mistakes := list(vector_mistakes(family)):
         raise refusal(family.where, mistakes)

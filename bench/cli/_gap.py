@@ -10,7 +10,9 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from bench.cli._console import Terminal
 from bench.cli._gap_channels import channel_facts, diagnosed_channels, print_channels
 from bench.cli._gap_platform import of_platform, platform_close_command, platform_diagnose_command
 from bench.gap import (
@@ -68,7 +70,7 @@ def gap_diagnose_command(
     if of_platform([*runs, *(path for path in held_out if path.exists())]):
         platform_diagnose_command(runs, model, held_out, as_json, report)
         return
-    console = Console()
+    console = Terminal()
     nominal = read_model(model)
     with console.status("diagnosing"):
         given, kept, held_out = _parted(_load(runs, gyro), held_out, gyro)
@@ -133,7 +135,7 @@ def gap_close_command(runs: Sequence[Path], model: Path, gyro: str | None, out: 
     if of_platform(runs):
         platform_close_command(runs, model, out)
         return
-    console = Console()
+    console = Terminal()
     nominal = read_model(model)
     found = diagnose(_load(runs, gyro), nominal)
     channels = diagnosed_channels(runs, (), gyro, nominal)
@@ -191,7 +193,7 @@ def _judged(found: Diagnosis, held_out: Sequence[GapRun], nominal: Model) -> Shr
 
 
 def _print(console: Console, found: Diagnosis, shrunk: Shrinkage | None) -> None:
-    console.print(f"unit {found.unit_id}: [bold]{found.verdict}[/bold]")
+    console.print(Text.assemble(f"unit {found.unit_id}: ", (found.verdict, "bold")))
     for cause in found.causes:
         console.print(f"  {_sentence(cause, found.model.noise.coarseness)}", highlight=False)
     for name, probability in found.stochastic.items():

@@ -8,8 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
+from bench.cli._console import Terminal
 from bench.fan_out import FanOut, fan_out
 from bench.gap import Marked, examine, reliability, shrinkage_quantiles, table
 from drivers.errors import ConfigurationError
@@ -44,7 +43,7 @@ def gap_exam_command(
     text = exam_text(marked, seed, cases)
     if out is not None:
         (out / TABLE_FILE).write_text(text, encoding="utf-8")
-    Console().print(text, highlight=False, markup=False, soft_wrap=True)
+    Terminal().print(text, highlight=False, soft_wrap=True)
 
 
 def gap_exam_table_command(folder: Path, file: Path | None, note: str) -> None:
@@ -63,13 +62,13 @@ def gap_exam_table_command(folder: Path, file: Path | None, note: str) -> None:
     plan = json.loads("".join(lines[0]))
     text = exam_text([Marked.from_line(line) for line in lines[1]], plan["seed"], plan["cases"], note)
     if file is None:
-        Console().print(text, highlight=False, markup=False, soft_wrap=True)
+        Terminal().print(text, highlight=False, soft_wrap=True)
     else:
         file.write_text(f"# Result of the blind exam\n\n{text}", encoding="utf-8")
 
 
 def _held(cases: int, seed: int, folder: Path, fan: FanOut) -> list[Marked]:
-    console = Console()
+    console = Terminal()
     marked: list[Marked] = []
     try:
         for shown, one in examine(cases, seed, folder, fan):

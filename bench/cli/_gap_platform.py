@@ -9,7 +9,9 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from bench.cli._console import Terminal
 from bench.gap import (
     Model,
     PlatformDiagnosis,
@@ -43,7 +45,7 @@ def platform_diagnose_command(
     runs: Sequence[Path], model: Path, held_out: Sequence[Path], as_json: bool, report: Path | None
 ) -> None:
     """Say which effect the platform's drift over headings comes from, and how far the gap closes with it."""
-    console = Console()
+    console = Terminal()
     with console.status("diagnosing"):
         found = _diagnosed(runs, read_model(model), held_out)
     if report is not None:
@@ -60,7 +62,7 @@ def platform_diagnose_command(
 
 def platform_close_command(runs: Sequence[Path], model: Path, out: Path | None) -> None:
     """Write the nominal model with the heading effect that the runs show."""
-    console = Console()
+    console = Terminal()
     nominal = read_model(model)
     found = _diagnosed(runs, nominal, ())
     if found.term is None:
@@ -97,7 +99,7 @@ def _diagnosed(runs: Sequence[Path], nominal: Model, held_out: Sequence[Path]) -
 
 
 def _print(console: Console, found: PlatformDiagnosis) -> None:
-    console.print(f"unit {found.unit_id}: [bold]{found.verdict}[/bold]")
+    console.print(Text.assemble(f"unit {found.unit_id}: ", (found.verdict, "bold")))
     for name, probability in found.causes.items():
         rivals = ", ".join(f"{each} {100 * value:.0f} %" for each, value in found.alternatives.items())
         told = f"; in its place could stand {rivals}" if rivals else ""

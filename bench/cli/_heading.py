@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
-from rich.console import Console
 from rich.table import Table
 
+from bench.cli._console import Terminal
 from bench.heading import (
     SIDEREAL_DAY_S,
     Form,
@@ -48,7 +48,7 @@ def heading_command(
     `epoch_s`: s since 1970 (UTC) at time 0 of the logs. Exit code 4 when temperature is not what drives the
     drift: then there is a report and no compensation.
     """
-    console = Console()
+    console = Terminal()
     if form not in ("lag9", "lag15"):
         raise ConfigurationError(f"there is no model {form!r}", where="--form", expected="lag9 or lag15")
     named = parse_columns(columns)

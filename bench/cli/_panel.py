@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.console import Console
-
+from bench.cli._console import Terminal
 from drivers.errors import ConfigurationError
 
 
@@ -24,7 +23,5 @@ def panel_command(runs: Path, host: str, port: int, token: str | None) -> None:
     settings.check()
     shown = f"[{host}]" if ":" in host else host
     query = "/?token=..." if token else "/"
-    Console().print(
-        f"panel of {runs}: http://{shown}:{port}{query}   Ctrl-C ends it", highlight=False, markup=False
-    )
+    Terminal().print(f"panel of {runs}: http://{shown}:{port}{query}   Ctrl-C ends it", highlight=False)
     serve(settings)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from rich.console import Console
 from rich.table import Table
 from serial.tools.list_ports import comports
 
+from bench.cli._console import Terminal
 from bench.discovery import identify_port
 from drivers.clock import WallClock
 from drivers.python_can import can
@@ -13,7 +13,7 @@ from drivers.python_can import can
 
 def identify_command(ports: list[str]) -> None:
     """Print which known device answers on each port, all serial ports of this machine if none is named."""
-    console = Console()
+    console = Terminal()
     named = ports or [port.device for port in sorted(comports())]
     if not named:
         console.print("no serial ports; name one with --port")
@@ -32,7 +32,7 @@ def identify_command(ports: list[str]) -> None:
 
 def ports_command() -> None:
     """Print serial ports and CAN channels; nothing is opened and nothing is sent."""
-    console = Console()
+    console = Terminal()
     serial_ports = Table("serial port", "what it says it is", "serial number")
     for port in sorted(comports()):
         serial_ports.add_row(port.device, port.description or "-", port.serial_number or "-")

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from bench.cli._console import Terminal
 from bench.cli._texts import duration
 from bench.procedure import find_procedure, load_procedures, parameter_rows
 
 
 def show_procedures(name: str | None) -> None:
     """Print all procedures, or one in full."""
-    console = Console()
+    console = Terminal()
     if name is None:
         table = Table("procedure", "what it does", "expected", "source")
         for procedure in load_procedures().values():
@@ -21,7 +22,7 @@ def show_procedures(name: str | None) -> None:
         console.print("`gyrobench procedures NAME` shows parameters, units, defaults and limits.")
         return
     procedure = find_procedure(name)
-    console.print(f"[bold]{procedure.name}[/bold]  {procedure.title}\nsource: {procedure.source}")
+    console.print(Text.assemble((procedure.name, "bold"), f"  {procedure.title}\nsource: {procedure.source}"))
     console.print(f"expected with defaults: {duration(procedure.expected_duration_s(procedure.parse({})))}")
     table = Table("parameter", "default", "unit", "limits", "meaning")
     for row in parameter_rows(procedure):

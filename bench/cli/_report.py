@@ -7,9 +7,11 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from bench.campaign import CampaignFolder
 from bench.certificate import certificate_content
+from bench.cli._console import Terminal
 from bench.figure_limits import NO_LIMITS, Limits, load_limits
 from bench.recording import Run
 from bench.report import (
@@ -35,7 +37,7 @@ _STYLES = {"passed": "bold green", "not passed": "bold red", "not judged": "yell
 
 def report_command(folders: Sequence[Path], out: Path | None, limits: Path | None, pdf: bool) -> int:
     """Write the report of one run folder, or the certificate of several or against limits."""
-    console = Console()
+    console = Terminal()
     if len(folders) == 1 and (folders[0] / CAMPAIGN_FILE).exists():
         campaign = CampaignFolder(folders[0])
         path = out or campaign.path / CERTIFICATE_FILE
@@ -45,9 +47,9 @@ def report_command(folders: Sequence[Path], out: Path | None, limits: Path | Non
     else:
         path = out or folders[0].parent / CERTIFICATE_FILE
         verdict = certify(folders, load_limits(limits) if limits else NO_LIMITS, path, console)
-    console.print(f"{path}", highlight=False, markup=False, soft_wrap=True)
+    console.print(f"{path}", highlight=False, soft_wrap=True)
     if pdf:
-        console.print(f"{write_pdf(path)}", highlight=False, markup=False, soft_wrap=True)
+        console.print(f"{write_pdf(path)}", highlight=False, soft_wrap=True)
     return NOT_PASSED if verdict == "not passed" else 0
 
 
@@ -118,9 +120,9 @@ def say_certificate(console: Console, content: CertificateContent) -> None:
     for unit in content.units:
         met = sum(figure.judgement == "pass" for figure in unit.figures)
         limited = sum(figure.limited for figure in unit.figures)
-        table.add_row(unit.unit_id, f"[{_STYLES[unit.verdict]}]{unit.verdict}[/]", f"{met} of {limited}")
+        table.add_row(unit.unit_id, Text(unit.verdict, _STYLES[unit.verdict]), f"{met} of {limited}")
     console.print(table)
     for unit in content.units:
         failed = [f"{f.name}: {f.judgement}" for f in unit.figures if f.judgement in ("fail", "not measured")]
         for text in [*unit.against, *failed]:
-            console.print(f"{unit.unit_id}: {text}", style="red", highlight=False, markup=False)
+            console.print(f"{unit.unit_id}: {text}", style="red", highlight=False)

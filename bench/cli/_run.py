@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from bench.benchfile import BenchFile, bench_file_text, load_bench_file
+from bench.cli._console import Terminal
 from bench.cli._display import RunDisplay
 from bench.cli._settings import settings_of
 from bench.cli._texts import duration, say_json, size
@@ -131,7 +132,7 @@ def lab_command(
     bench: Path, plant_file: Path | None, seed: int | None, virtual: bool, write: Path | None
 ) -> None:
     """Serve a lab until Ctrl-C."""
-    console = Console()
+    console = Terminal()
     plant = plant_with_seed(plant_file, seed)
     with EmulatedLab(load_bench_file(bench), plant, clock="virtual" if virtual else "wall") as lab:
         table = Table("device", "port")
@@ -160,14 +161,14 @@ def plant_with_seed(path: Path | None, seed: int | None) -> Plant:
 
 def console_for(as_json: bool) -> Console:
     """Return where a command prints; JSON is never wrapped or coloured, so that it goes to the bare stream."""
-    return Console(highlight=False, markup=False, color_system=None) if as_json else Console()
+    return Terminal(highlight=False, color_system=None) if as_json else Terminal()
 
 
 def console_operator(console: Console) -> ConsoleOperator:
     """Return the operator at the terminal."""
     return ConsoleOperator(
-        lambda text: console.input(f"[bold]{escape(text)}[/bold] \\[yes/no] "),
-        lambda text: console.print(f"{text} [yes/no] ", style="bold", markup=False, highlight=False),
+        lambda text: console.input(Text.assemble((text, "bold"), " [yes/no] ")),
+        lambda text: console.print(f"{text} [yes/no] ", style="bold", highlight=False),
     )
 
 
@@ -186,14 +187,14 @@ def say_result(
         say_json(console, kind, **said, measurements=list(measured), **fields)
         return
     style = {"completed": "green", "invalid": "yellow", "aborted": "red"}[result.outcome]
-    console.print(f"[{style}]{result.outcome}[/{style}]  {escape(str(result.folder))}", highlight=False)
+    console.print(Text.assemble((result.outcome, style), f"  {result.folder}"))
     if result.reason:
-        console.print(result.reason, style=style, highlight=False, markup=False)
+        console.print(result.reason, style=style, highlight=False)
     if result.outcome == "aborted":
         for line in _aftermath(result, alone=kind == "result"):
-            console.print(line, highlight=False, markup=False)
+            console.print(line, highlight=False)
     for warning in result.warnings:
-        console.print(f"warning: {warning}", style="yellow", highlight=False, markup=False)
+        console.print(f"warning: {warning}", style="yellow", highlight=False)
 
 
 def _aftermath(result: RunResult, *, alone: bool) -> list[str]:

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from bench.cli._console import Terminal
 from bench.cli._runs_list import STYLES
 from bench.cli._texts import duration
 from bench.recording import Run, read_manifest, verify
@@ -20,13 +21,11 @@ from drivers.errors import BenchError
 
 def show_command(folder: Path) -> None:
     """Print a run's parameters, devices, measurements and streams."""
-    console = Console()
+    console = Terminal()
     run = Run.open(folder)
     found = run.manifest
     style = STYLES[found.outcome]
-    console.print(
-        f"[bold]{found.run_id}[/bold]  [{style}]{found.outcome}[/{style}]  {found.reason}", highlight=False
-    )
+    console.print(Text.assemble((found.run_id, "bold"), "  ", (found.outcome, style), f"  {found.reason}"))
     length = "not closed" if found.duration_s is None else duration(found.duration_s)
     console.print(f"{found.procedure}, started {found.started_utc}, bench time {length}", highlight=False)
     console.print(
@@ -71,7 +70,7 @@ def _judged(row: Mapping[str, Any]) -> str:
 
 def recover_command(folders: Sequence[Path], root: Path | None) -> int:
     """Recover runs, with `root` every open one below it; 0 when all could be, 1 otherwise."""
-    console = Console()
+    console = Terminal()
     found = list(folders)
     if root is not None:
         found += [path.parent for path in sorted(root.glob(f"*/{MANIFEST_FILE}")) if _is_open(path.parent)]
@@ -83,9 +82,9 @@ def recover_command(folders: Sequence[Path], root: Path | None) -> int:
             manifest = recover(folder)
         except BenchError as error:
             failed = True
-            console.print(f"not recovered  {folder}: {error}", style="red", highlight=False, markup=False)
+            console.print(f"not recovered  {folder}: {error}", style="red", highlight=False)
         else:
-            console.print(f"{manifest.outcome}  {folder}: {manifest.reason}", highlight=False, markup=False)
+            console.print(f"{manifest.outcome}  {folder}: {manifest.reason}", highlight=False)
     return 1 if failed else 0
 
 
@@ -99,17 +98,20 @@ def _is_open(folder: Path) -> bool:
 
 def verify_command(folders: Sequence[Path]) -> int:
     """Verify runs; 0 when nothing differs, 1 otherwise."""
-    console = Console()
+    console = Terminal()
     failed = False
     for folder in folders:
         report, name = verify(folder, decode_run), url_of(folder) or folder
         if report.passed:
             console.print(
-                f"[green]verified[/green]  {name}: {report.files} checksums, {report.tables} tables rebuilt"
+                Text.assemble(
+                    ("verified", "green"),
+                    f"  {name}: {report.files} checksums, {report.tables} tables rebuilt",
+                )
             )
             continue
         failed = True
-        console.print(f"[red]differs[/red]  {name}", highlight=False)
+        console.print(Text.assemble(("differs", "red"), f"  {name}"))
         for problem in report.problems:
-            console.print(f"  {problem.path}: {problem.text}", highlight=False, markup=False)
+            console.print(f"  {problem.path}: {problem.text}", highlight=False)
     return 1 if failed else 0

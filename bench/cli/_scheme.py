@@ -36,6 +36,7 @@ from bench.calibration import (
     table_axes,
     table_type,
 )
+from bench.cli._console import Terminal
 from bench.cli._texts import duration
 from bench.fan_out import fan_out
 from bench.report import render_calibration, scheme_content, write_report
@@ -78,9 +79,9 @@ def scheme_evaluate_command(
     if out is not None:
         write_report(out, render_calibration(scheme_content(evaluation, utc_now())))
     if as_json:
-        Console(soft_wrap=True).print_json(json.dumps(evaluation.as_json()))
+        Terminal(soft_wrap=True).print_json(json.dumps(evaluation.as_json()))
         return
-    _print(Console(), evaluation)
+    _print(Terminal(), evaluation)
 
 
 def scheme_search_command(
@@ -124,7 +125,7 @@ def scheme_search_command(
             fan=fan,
             outer=axes[0].direction if axes else None,
         )
-    console = Console()
+    console = Terminal()
     console.print(
         f"{moves_text(result.schedule.moves)}\nhome: {home_text(result.schedule.home)}", highlight=False
     )

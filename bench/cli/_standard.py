@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from bench.cli._console import Terminal
 from bench.recording import Run
 from bench.report import render_standard_test, write_report
 from bench.standards import Figure, StandardFigures, figures_over_runs, standard_figures
@@ -20,7 +21,7 @@ def standard_command(folders: Sequence[Path], gyro: str | None, out: Path) -> No
 
     Several runs are several power-ons: bias and scale-factor repeatability are then computed over them.
     """
-    console = Console()
+    console = Terminal()
     results = [standard_figures(folder, gyro) for folder in folders]
     units = sorted({result.unit_id for result in results})
     if len(units) != 1:
@@ -47,7 +48,7 @@ def standard_command(folders: Sequence[Path], gyro: str | None, out: Path) -> No
         _say_missing(console, result)
     if over_runs:
         console.print(_table("over runs", over_runs))
-    console.print(f"{out}", highlight=False, markup=False)
+    console.print(f"{out}", highlight=False)
 
 
 def _table(title: str, figures: Sequence[Figure]) -> Table:
@@ -61,4 +62,4 @@ def _table(title: str, figures: Sequence[Figure]) -> Table:
 
 def _say_missing(console: Console, result: StandardFigures) -> None:
     for what, why in result.missing:
-        console.print(f"{result.run_id}: no {what}. {why}", style="yellow", highlight=False, markup=False)
+        console.print(f"{result.run_id}: no {what}. {why}", style="yellow", highlight=False)

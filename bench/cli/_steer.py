@@ -6,15 +6,14 @@ import getpass
 from pathlib import Path
 from typing import cast, get_args
 
-from rich.console import Console
-
+from bench.cli._console import Terminal
 from bench.live import Action, drop_answer, drop_request, read_now
 from drivers.errors import ConfigurationError
 
 
 def steer_command(session: Path, action: str, answer: str, by: str) -> int:
     """Drop an answer or a request; exit code 1 if somebody else had answered first."""
-    console = Console()
+    console = Terminal()
     by = by or f"{getpass.getuser()} at another shell"
     now = read_now(session)
     if now is None or not now["alive"]:
@@ -36,5 +35,5 @@ def steer_command(session: Path, action: str, answer: str, by: str) -> int:
         raise ConfigurationError("no question is open", where=str(session))
     prompt = now["prompts"][0]
     counts = drop_answer(session, int(prompt["id"]), answer, by)
-    console.print(f"{prompt['question']}\n{counts.answer} ({counts.by})", highlight=False, markup=False)
+    console.print(f"{prompt['question']}\n{counts.answer} ({counts.by})", highlight=False)
     return 0 if counts.by == by else 1

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
+from bench.cli._console import Terminal
 from bench.recording import Run
 from bench.report import render_rlg_study, write_report
 from bench.rlg import CANDIDATES, RampRun, RlgStudy, load_ramp_runs, run_rlg_study
@@ -30,7 +30,7 @@ def stepwise_command(
     For each unit: <out>/<unit>/compensation.gyrocomp (the corrected selection, whatever the held-out runs say)
     and report.html.
     """
-    console = Console()
+    console = Terminal()
     names = tuple(name.strip() for name in variables.split(",")) if variables else CANDIDATES
     wanted = (gyro,) if gyro else ()
     training = _by_unit(train, wanted, allow_invalid=False)
@@ -49,11 +49,11 @@ def stepwise_command(
             console.print(_judged(study))
         console.print(f"{study.chosen.name}: {study.chosen.compensation.equation()}", highlight=False)
         for name, why in study.left_out:
-            console.print(f"{name} left out: {why}", style="yellow", highlight=False, markup=False)
+            console.print(f"{name} left out: {why}", style="yellow", highlight=False)
         for run in (*study.training, *study.tests):
             for remark in run.remarks:
-                console.print(f"{run.run_id}: {remark}", style="yellow", highlight=False, markup=False)
-        console.print(f"files in {out / _file_name(unit)}", highlight=False, markup=False)
+                console.print(f"{run.run_id}: {remark}", style="yellow", highlight=False)
+        console.print(f"files in {out / _file_name(unit)}", highlight=False)
 
 
 def write_rlg_study(study: RlgStudy, folder: Path, bench_name: str, warnings: Sequence[str] = ()) -> None:

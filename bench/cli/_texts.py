@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+_SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
+
+
 def event_text(row: Any) -> str:
     """Return a line of events.jsonl for reading."""
     hidden = ("time_s", "kind", "utc")
@@ -49,6 +52,9 @@ def size(count: float) -> str:
     raise AssertionError("unreachable")
 
 
-def printable(text: str) -> str:
-    """Return text without what a terminal would act on."""
-    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text)
+def printable(text: str, keep: str = "") -> str:
+    """Return text without what a terminal would act on, save the letters in `keep`."""
+    return "".join(
+        letter if letter.isprintable() or letter in keep or letter in _SPACES else "\N{REPLACEMENT CHARACTER}"
+        for letter in text
+    )

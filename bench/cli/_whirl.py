@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
-from rich.console import Console
 from rich.table import Table
 
+from bench.cli._console import Terminal
 from bench.recording import Run, checksum
 from bench.report import render_whirl, run_content, write_report
 from bench.run_folder import MANIFEST_FILE
@@ -26,7 +26,7 @@ def whirl_command(
     runs: Sequence[Path], gyro: str | None, out: Path, test: Sequence[Path] = (), gauge: str = "mean"
 ) -> None:
     """Fit on `runs`, judge on `test`, write compensation.whirl and report.html to `out`; print what was found."""
-    console = Console()
+    console = Terminal()
     chosen = _gauge(gauge)
     opened = [Run.open(folder) for folder in (*runs, *test)]
     with console.status("reading runs"):

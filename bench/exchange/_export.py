@@ -68,10 +68,16 @@ def _events(run: Run) -> pa.Table:
     return pa.table(
         {
             "time_s": pa.array([float(row["time_s"]) for row in rows], pa.float64()),
-            "kind": pa.array([str(row["kind"]) for row in rows], pa.string()),
+            "kind": pa.array([_cell(row["kind"]) for row in rows], pa.string()),
             "fields": pa.array([json.dumps(each, ensure_ascii=False) for each in rest], pa.string()),
         }
     )
+
+
+def _cell(kind: object) -> str:
+    """Return text that a spreadsheet does not take for a formula; JSON begins with a brace anyway."""
+    text = str(kind)
+    return text if text[:1].isalnum() else f"'{text}"
 
 
 def _csv(run: Run, part: Path) -> None:

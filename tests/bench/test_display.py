@@ -4,8 +4,8 @@ import io
 import json
 
 import pytest
-from rich.console import Console
 
+from bench.cli._console import Terminal
 from bench.cli._display import RunDisplay
 from bench.progress import GyroProgress, Progress
 
@@ -35,7 +35,7 @@ def progress(**changes):
 
 def shown(*, terminal=False, as_json=False, given=None):
     output = io.StringIO()
-    console = Console(file=output, width=120, force_terminal=terminal, color_system=None)
+    console = Terminal(file=output, width=120, force_terminal=terminal, color_system=None)
     with RunDisplay(console, "run 7", 7200.0, as_json=as_json) as display:
         display(given or progress())
         text = output.getvalue()
@@ -80,7 +80,7 @@ def test_json_is_one_object_a_line_without_nan():
 
 def test_an_alarm_is_said_at_once_though_the_same_goes_on():
     output = io.StringIO()
-    with RunDisplay(Console(file=output, width=120), "run 7", 7200.0) as display:
+    with RunDisplay(Terminal(file=output, width=120), "run 7", 7200.0) as display:
         display(progress())
         display(progress())
         said = output.getvalue().count("\n")

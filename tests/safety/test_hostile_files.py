@@ -1,11 +1,14 @@
 """Files from a stranger: nothing leads out of the runs folder, hangs, or takes more memory than it is worth."""
 
+import csv
 import json
 import os
+import re
 import tracemalloc
 import zipfile
 from contextlib import suppress
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -13,10 +16,13 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
+import bench.cli
 from bench.benchfile import load_bench_file
 from bench.catalogue import read_row
-from bench.exchange import read_mapping
+from bench.cli._app import app
+from bench.exchange import export_run, read_mapping
 from bench.live import read_history
 from bench.panel._tails import EventTail
 from bench.recording import Run, read_events, read_manifest, read_table, verify
@@ -362,3 +368,53 @@ def test_a_frame_description_of_thousands_of_parts_is_refused_in_a_few_words(of_
     with pytest.raises(ConfigurationError) as caught:
         load_family(str(tmp_path / "x.toml"))
     assert len(str(caught.value)) < 1000
+
+
+EVIL = "x\x1b]0;title\x07\x1b[2J\x9b31m\u202e[/nope][link=file:///etc/passwd]y[/link]"
+
+
+@pytest.mark.parametrize("command", ["show", "recover", "verify", "list"])
+def test_a_records_text_is_text_to_the_terminal(command, tmp_path):
+    """A title, a cleared screen, a link, and a tag that is closed without having been opened."""
+    folder = tmp_path / "r"
+    (folder / "raw").mkdir(parents=True)
+    device = dict.fromkeys(("kind", "role", "maker", "model", "serial_number", "firmware"), EVIL)
+    judged = {"name": EVIL, "value": 1.0, "unit": EVIL, "low": None, "high": None, "passed": True}
+    told = {
+        "reason": EVIL,
+        "parameters": {EVIL: EVIL},
+        "devices": {EVIL: device},
+        "units": {EVIL: EVIL},
+        "stream": {EVIL: {"frames": EVIL, "lost": EVIL}},
+        "measurements": [judged],
+    }
+    (folder / "manifest.json").write_text(json.dumps(MANIFEST | told))
+    where = ["--runs", str(tmp_path)] if command == "list" else [str(folder)]
+    result = CliRunner().invoke(app, ["runs", command, *where], color=True, env={"FORCE_COLOR": "1"})
+    assert result.exception is None or isinstance(result.exception, SystemExit | RecordError), (
+        result.exception
+    )
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", result.output)  # colours of our own
+    assert plain and not set(plain) & set("\x1b\x07\x9b\u202e")
+    assert "/etc/passwd" not in result.output or "[link=" in result.output
+
+
+def test_what_we_print_goes_through_the_terminal_that_takes_text_for_text():
+    """rich's own Console reads tags in text and lets escape sequences through."""
+    made = {
+        path.name
+        for path in Path(bench.cli.__file__).parents[1].rglob("*.py")
+        if re.search(r"(?<![\w.])Console\(", path.read_text(encoding="utf-8"))
+    }
+    assert made == set()
+
+
+def test_an_exported_cell_is_no_formula(tmp_path):
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / "manifest.json").write_text(json.dumps(MANIFEST))
+    event = {"time_s": 1.0, "kind": "=cmd|' /C calc'!A0", "text": "=1+1"}
+    (tmp_path / "r" / "events.jsonl").write_text(json.dumps(event) + "\n")
+    pq.write_table(pa.table({"time_ns": [1], "rate_dps": [1.0]}), tmp_path / "r" / "turntable.parquet")
+    out = export_run(tmp_path / "r", "csv", tmp_path / "out")
+    _, row = csv.reader((out / "events.csv").read_text().splitlines())
+    assert row == ["1", "'=cmd|' /C calc'!A0", '{"text": "=1+1"}']
