@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.can_dbc._layout import CanLayout, SignalUse, ValidRule, outer_multiplexer
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
+from drivers.can_dbc._values import Source, Values, columns_of, merged
 from drivers.errors import ConfigurationError
 from drivers.instruments import FrameBatch, LossSide, StreamCounts
 from drivers.slcan_codec import FRAME_DTYPE, SlcanParser
@@ -65,6 +66,11 @@ class CanDecoder:
         self._slots = [(slot, layout.messages[slot.message]) for slot in layout.sample]
         self._least = np.array([message.length for _, message in self._slots], np.uint8)
         self._sent = {name: _sender(each, source_address) for name, each in layout.messages.items()}
+        senders = np.array([self._sent[slot.message] for slot in layout.sample], np.uint32)
+        self._masks, self._keys = senders[:, 0], senders[:, 1]
+        self._selectors = [
+            (at, s, slot.selection) for at, slot in enumerate(layout.sample) if (s := layout.selector(slot))
+        ]
         self._known = [
             (mask | _EXTENDED, at & mask | extended * _EXTENDED) for at, mask, extended in layout.known
         ]
@@ -80,7 +86,14 @@ class CanDecoder:
             self.loss_taints |= {"before"} if slot < last else set()
             self.loss_taints |= {"after"} if slot > 0 else set()
         used: list[SignalUse | ValidRule] = [*layout.uses, *layout.valid]
-        self._rules = _merged([rule for rule in layout.valid if not rule.axis or rule.axis in axes])
+        rules = merged([rule for rule in layout.valid if not rule.axis or rule.axis in axes])
+        self._rules = [(Source(layout, rule), mask, equals) for rule, mask, equals in rules]
+        self._count = None if self._counter is None else Source(layout, self._counter)
+        status = layout.use("status")
+        self._status = None if status is None else Source(layout, status)
+        self._values = [
+            (name, None if use is None else Values(layout, use)) for name, use in columns_of(layout, axes)
+        ]
         self._held = {use.message: np.empty(0, FRAME_DTYPE) for use in used if layout.slot_of(use) is None}
         self._lines = SlcanParser()
         self._own_rejected: dict[str, int] = {}
@@ -96,16 +109,43 @@ class CanDecoder:
 
     def feed_frames(self, frames: NDArray[np.void]) -> FrameBatch:
         """Decode the next frames, shape (n,) of `drivers.slcan_codec.FRAME_DTYPE`; `end_offset` grows."""
-        kind = self._kinds(frames)
-        held = self._take_held(frames, kind)
-        cycle, rows = self._take_samples(frames, kind)
-        parts = [cycle["data"][at] for at in rows]
-        end_offset = cycle["end_offset"][rows[-1]]
+        cycle = _joined(self._waiting, frames) if len(self._waiting) else frames
+        count = len(self._slots)
+        whole = len(cycle) // count * count
+        if whole and self._is_samples(cycle, whole):
+            held = self._held
+            rows: list[_Index] = [slice(slot, whole, count) for slot in range(count)]
+            self._waiting, self._waiting_kind = (
+                cycle[whole:].copy(),
+                np.arange(len(cycle) - whole, dtype=np.uint8),
+            )
+        else:
+            kind = self._kinds(frames)
+            held = self._take_held(frames, kind)
+            cycle, rows = self._take_samples(frames, kind)
+        payloads, offsets = cycle["data"], cycle["end_offset"]
+        parts = [payloads[at] for at in rows]
+        end_offset = offsets[rows[-1]]
         with np.errstate(over="ignore", invalid="ignore"):  # floating-point signals may hold anything
             columns = self._columns(parts, end_offset, held)
         self.counts.frames += len(end_offset)
         self.counts.rejected = dict(self._own_rejected)
         return FrameBatch(columns, end_offset.copy())
+
+    def _is_samples(self, frames: NDArray[np.void], whole: int) -> bool:
+        """Whether these are samples frame by frame, nothing between them, and behind `whole` the head of one."""
+        count = len(self._slots)
+        keys, lengths, others = _keys(frames), frames["length"], frames["others_before"]
+        for first, end, width in ((0, whole, count), (whole, len(frames), len(frames) - whole)):
+            if first < end and not (
+                ((keys[first:end].reshape(-1, width) & self._masks[:width]) == self._keys[:width]).all()
+                and (lengths[first:end].reshape(-1, width) >= self._least[:width]).all()
+            ):
+                return False
+        if others[0] != others[whole - 1] and count > 1:
+            return False
+        data = frames["data"]
+        return all((selector.raw(data[at::count]) == value).all() for at, selector, value in self._selectors)
 
     def _kinds(self, frames: NDArray[np.void]) -> NDArray[np.uint8]:
         """Return what each frame is: the number of its slot, held, known otherwise, or foreign; (n,)."""
@@ -191,104 +231,29 @@ class CanDecoder:
         rows = len(end_offset)
         columns: dict[str, NDArray[Any]] = {}
         valid = np.ones(rows, np.bool_)
-        if self._counter is None:
+        if self._count is None:
             columns["counter"] = self.counts.frames + np.arange(rows)
         else:
-            raw = self._raw(self._counter, parts, end_offset, held)[0]
-            columns["counter"] = raw & (1 << self.layout.signal(self._counter).bits) - 1
-        status = self.layout.use("status")
+            raw = self._count.raw(parts, end_offset, held)[0]
+            columns["counter"] = raw & (1 << self._count.signal.bits) - 1
         columns["status"] = np.zeros(rows, np.uint8)
-        if status is not None:
-            raw, known = self._raw(status, parts, end_offset, held)
-            bits = self.layout.signal(status).bits
-            columns["status"] = raw.astype(np.min_scalar_type((1 << bits) - 1))
+        if self._status is not None:
+            raw, known = self._status.raw(parts, end_offset, held)
+            columns["status"] = raw.astype(np.min_scalar_type((1 << self._status.signal.bits) - 1))
             valid &= known
-        rates = self.layout.rates()
-        for axis in self.axes:
-            use = rates[axis]
-            name = f"rate_{axis}_dps" if use.role == "rate" else f"angle_{axis}_deg"
-            columns[name] = self._physical(use, parts, end_offset, held)
-            if use.raw_range is not None or self.layout.signal(use).is_float:
+        for name, values in self._values:
+            if values is None:
+                columns[name] = np.full(rows, np.nan, np.float32)
+                continue
+            columns[name] = values.physical(parts, end_offset, held)
+            if values.must_be_finite:
                 valid &= np.isfinite(columns[name])
-        for axis, use in self.layout.accelerations().items():
-            columns[f"accelerometer_{axis}_mps2"] = self._physical(use, parts, end_offset, held)
-        temperature = self.layout.use("temperature")
-        columns["temp_c"] = (
-            np.full(rows, np.nan, np.float32)
-            if temperature is None
-            else self._physical(temperature, parts, end_offset, held)
-        )
-        case = self.layout.use("case_temperature")
-        if case is not None:
-            columns["case_temp_c"] = self._physical(case, parts, end_offset, held)
-        columns["valid"] = valid & self._good(parts, end_offset, held, rows)
-        return columns
-
-    def _good(
-        self,
-        parts: list[NDArray[np.uint8]],
-        end_offset: NDArray[np.int64],
-        held: Mapping[str, NDArray[np.void]],
-        rows: int,
-    ) -> NDArray[np.bool_]:
-        """Return which rows keep every rule."""
-        good = np.ones(rows, np.bool_)
         for rule, mask, equals in self._rules:
-            raw, known = self._raw(rule, parts, end_offset, held)
-            good &= known
-            good &= (raw & mask) == equals
-        return good
-
-    def _payload(
-        self,
-        use: SignalUse | ValidRule,
-        parts: list[NDArray[np.uint8]],
-        end_offset: NDArray[np.int64],
-        held: Mapping[str, NDArray[np.void]],
-    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | bool]:
-        """Return the payload that has a signal for each row, and whether there is one."""
-        signal = self.layout.signal(use)
-        slot = self.layout.slot_of(use)
-        if slot is not None:
-            return parts[slot], signal.present(parts[slot]) if signal.selectors else True
-        source = held[use.message]
-        if signal.selectors:
-            source = source[signal.present(source["data"])]
-        at = np.searchsorted(source["end_offset"], end_offset) - 1
-        if not len(source):
-            return np.zeros((len(end_offset), 8), np.uint8), np.zeros(len(end_offset), np.bool_)
-        return source["data"][np.maximum(at, 0)], at >= 0
-
-    def _raw(
-        self,
-        use: SignalUse | ValidRule,
-        parts: list[NDArray[np.uint8]],
-        end_offset: NDArray[np.int64],
-        held: Mapping[str, NDArray[np.void]],
-    ) -> tuple[NDArray[Any], NDArray[np.bool_] | bool]:
-        payload, known = self._payload(use, parts, end_offset, held)
-        return self.layout.signal(use).raw(payload), known
-
-    def _physical(
-        self,
-        use: SignalUse,
-        parts: list[NDArray[np.uint8]],
-        end_offset: NDArray[np.int64],
-        held: Mapping[str, NDArray[np.void]],
-    ) -> NDArray[np.float32]:
-        payload, known = self._payload(use, parts, end_offset, held)
-        signal = self.layout.signal(use)
-        values = signal.physical(payload)
-        if use.factor != 1.0:
-            values *= use.factor
-        if use.zero:
-            values += use.zero
-        if use.raw_range is not None:
-            raw = signal.raw(payload)
-            known = known & (raw >= use.raw_range[0]) & (raw <= use.raw_range[1])
-        if known is not True:
-            values[~np.asarray(known)] = np.nan
-        return values.astype(np.float32)
+            raw, known = rule.raw(parts, end_offset, held)
+            valid &= known
+            valid &= (raw & mask) == equals
+        columns["valid"] = valid
+        return columns
 
     def _reject(self, reason: str, count: int | np.intp) -> None:
         if count:
@@ -308,22 +273,6 @@ def _last_of_each(frames: NDArray[np.void], multiplexer: SignalLayout | None) ->
         return frames[-1:].copy()
     back = np.unique(multiplexer.raw(frames["data"])[::-1], return_index=True)[1]
     return frames[np.sort(len(frames) - 1 - back)]
-
-
-def _merged(rules: list[ValidRule]) -> list[tuple[ValidRule, int, int]]:
-    """Return rules, masks and values: those about one signal are one, unless they contradict each other."""
-    found: list[tuple[ValidRule, int, int]] = []
-    for rule in rules:
-        for at, (other, mask, equals) in enumerate(found):
-            both = mask & rule.mask
-            if (other.message, other.signal) == (rule.message, rule.signal) and not (
-                equals ^ rule.equals
-            ) & both:
-                found[at] = other, mask | rule.mask, equals | rule.equals
-                break
-        else:
-            found.append((rule, rule.mask, rule.equals))
-    return found
 
 
 def _joined(before: NDArray[np.void], frames: NDArray[np.void]) -> NDArray[np.void]:

@@ -121,6 +121,10 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
 
         python-can's own `recv` measures the time-out on the host's clock, which stands still in an emulated lab.
         """
+        while self._messages:
+            waiting = self._messages.popleft()
+            if self._matches_filters(waiting):
+                return waiting
         deadline_s = None if timeout is None else self._clock.now() + timeout
         while True:
             left_s = None if deadline_s is None else max(0.0, deadline_s - self._clock.now())
