@@ -15,12 +15,14 @@ REST_TIMEOUT_S = 60.0
 
 _AGAIN_S = 0.2
 _TRIES = 3
+_LATER_S = 2.0
 _OTHERS = 16
 """Ports that may go away one after the other while one device is being stopped."""
 _TELL_AGAIN_S = 5.0
 RETURN_S = 20.0
 """How long the port of a device that went away is looked for."""
 _LOOK_S = 0.5
+_GONE, _DEAF = "its port is gone", "it does not confirm its stop"
 
 
 _T = TypeVar("_T")
@@ -31,16 +33,17 @@ def bring_to_rest(
     clock: Clock,
     say: Callable[[str, str], None],
     *,
-    away: Callable[[str], None] = lambda _: None,
+    away: Callable[[str, str], None] = lambda name, what: None,
     timeout_s: float = REST_TIMEOUT_S,
 ) -> dict[str, str]:
     """Stop every device, wait for its word, read back that it is at rest; return by name what was not confirmed.
 
     The stop commands of all leave first, before any answer is awaited or anything written down. A device that
     does not answer, or a port that goes away meanwhile, does not keep the others from being told and read back.
-    A port that is away is looked for when the others rest, for 20 s, and its device told when it is back.
-    `say(name, text)` gets what each one reads back; `away(name)` whose port is gone, as soon as all others have
-    been told and with every look: somebody may stand beside it.
+    A device that is silent or refuses is told on when the others rest, for `timeout_s` in all. A port that is
+    away is looked for then, for 20 s, and its device told when it is back.
+    `say(name, text)` gets what each one reads back; `away(name, what)` whose port is gone or who does not obey,
+    as soon as all others have been told and with every further try: somebody may stand beside it.
     """
     for device in devices.values():
         with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
@@ -62,7 +65,9 @@ def bring_to_rest(
                     untold.remove(name)
                     gone.append(name)
     for name in gone:
-        away(name)
+        away(name, _GONE)
+    for name in untold:
+        away(name, _DEAF)
     deadline_s = clock.now() + timeout_s
 
     def read_back(name: str) -> None:
@@ -76,13 +81,32 @@ def bring_to_rest(
     for name in devices:
         if name not in problems:
             read_back(name)
+    while untold and clock.now() < deadline_s:  # the others rest: whoever was silent or refused is told on
+        before_s = clock.now()
+        _pause(clock, _LATER_S)
+        for name in list(untold):
+            try:
+                _in_spite_of_others(devices[name], devices[name].make_safe)
+            except BenchError as error:
+                problems[name] = str(error)
+                if isinstance(error, LinkLost):
+                    untold.remove(name)
+                    gone.append(name)
+                else:
+                    away(name, _DEAF)
+                continue
+            untold.remove(name)
+            del problems[name]
+            read_back(name)
+        if clock.now() <= before_s:  # it stands still: the lab behind a virtual clock is gone
+            break
     until_s = clock.now() + RETURN_S
     while gone:
         for name in list(gone):
             try:
                 devices[name].link.reopen()
             except BenchError:  # not yet
-                away(name)
+                away(name, _GONE)
                 continue
             gone.remove(name)
             try:

@@ -426,14 +426,14 @@ class Bench:
         seen = {"table": self.table.last_seen, "chamber": self.chamber.last_seen}
         told: set[str] = set()
 
-        def away(name: str) -> None:
+        def away(name: str, what: str) -> None:
             with suppress(BenchError, OSError):  # whatever is wrong with record or display, the way goes on
                 if name not in told:
                     told.add(name)
-                    text = f"its port is gone{seen[name]()}: STOP IT BY HAND. Being made safe: {reason}"
+                    text = f"{what}{seen[name]()}: STOP IT BY HAND. Being made safe: {reason}"
                     self.event("alarm", device=name, text=f"not confirmed safe: {text}")
                 if self._display is not None:
-                    self._display(self.progress(f"making the bench safe, looking for the port of the {name}"))
+                    self._display(self.progress(f"making the bench safe, {name}: {what}"))
 
         with self.clock.interrupt.ignored():
             left = bring_to_rest(

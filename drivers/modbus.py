@@ -27,7 +27,8 @@ from drivers.repeat import asked, told
 
 Framing = Literal["rtu", "tcp"]
 
-TIMEOUT_S = 1.0
+TIMEOUT_S = 1.5
+"""Three tries outlast a line that is silent for 3 s, as those of the other chambers do."""
 GAP_S = 0.03
 """Quiet between RTU frames. The standard asks for 3.5 characters; ESPEC's own library waits 30 ms for
 Watlow."""

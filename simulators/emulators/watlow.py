@@ -29,7 +29,8 @@ from simulators.faults import DeviceFault, Fault, WireShape
 from simulators.interfaces import ChamberPlant, Reply
 
 _ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS, _ILLEGAL_VALUE, _BUSY = 1, 2, 3, 6
-_GAP_S = 0.02
+_GAP_S = {"rtu": 0.02, "tcp": 0.5}
+"""A longer pause ends a frame, whole or not; on TCP that is a server's patience with half a request."""
 _BITS = 10
 
 
@@ -63,9 +64,9 @@ class WatlowEmulator(ABC):
         self._heard_s = 0.0
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
-        """Take bytes the bench wrote, any chunking. On RTU a pause ends a frame, whole or not."""
+        """Take bytes the bench wrote, any chunking. A pause ends a frame, whole or not."""
         rtu = self._frames.framing == "rtu"
-        if rtu and now_s - self._heard_s > _GAP_S:
+        if now_s - self._heard_s > _GAP_S[self._frames.framing]:
             self._input = b""
         self._heard_s = now_s
         self._input += data
