@@ -124,7 +124,11 @@ class FrameDecoder:
         self._axis = axis or axes[0]
         self.counts = self._reader.counts
         self.nominal_rate_hz = rate_hz
-        self.counter_modulo, self.counter_step = _counting(measuring[0], rate_hz)
+        # Of messages that count differently one must be named.
+        self._has_counter = len({str(form.counter) for form in measuring}) == 1
+        self.counter_modulo, self.counter_step = _NO_WRAP, 1.0
+        if self._has_counter:
+            self.counter_modulo, self.counter_step = _counting(measuring[0], rate_hz)
         self._plans: dict[tuple[str, int], _Plan] = {}
         self._count = 0  # Of frames by bytes, where the frame has no counter.
         self._end = -1
@@ -176,7 +180,9 @@ class FrameDecoder:
     def _plan(self, layout: Layout) -> _Plan:
         key = layout.form.name, layout.length
         if key not in self._plans:
-            self._plans[key] = _Plan(self._family, layout, self._axes, self._axis)
+            self._plans[key] = _Plan(
+                self._family, layout, self._axes, self._axis, has_counter=self._has_counter
+            )
         return self._plans[key]
 
     def _common(self) -> set[str]:
@@ -240,12 +246,15 @@ def _modulo(numbers: NDArray[np.int64], modulo: int) -> NDArray[np.int64]:
 class _Plan:
     """What of a layout the bench reads, worked out once."""
 
-    def __init__(self, family: FrameFamily, layout: Layout, axes: str, axis: str) -> None:
+    def __init__(
+        self, family: FrameFamily, layout: Layout, axes: str, axis: str, *, has_counter: bool
+    ) -> None:
         description, form = family.description, layout.form
+        counter = form.counter if has_counter else None
         by_name = {spec.name: spec for spec in form.fields}
         self._layout = layout
-        self._counter = None if form.counter is None else form.counter.field
-        self._ticks = (form.counter.ticks_per_s if form.counter else None) or 1.0
+        self._counter = None if counter is None else counter.field
+        self._ticks = (counter.ticks_per_s if counter else None) or 1.0
         self._status = next((spec.name for spec in form.fields if spec.role == "status"), None)
         self._gyros = [by_name[name] for name in channels(family, form, axes).values()]
         self._temps = [spec for spec in form.fields if spec.role == "temp"]

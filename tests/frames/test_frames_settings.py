@@ -71,6 +71,19 @@ def test_an_integrated_angle_wraps_at_four_degrees() -> None:
     np.testing.assert_allclose(angle[1:], 0.05, atol=2.0**-20)
 
 
+def test_the_counter_of_a_stim210_shows_what_never_came() -> None:
+    """2000 counts a second: 16 a datagram of 125 Hz, modulo 256; when no message is named, bytes count."""
+    family = load_family("stim210")
+    data = FrameEncoder(family, "rate_counter").encode(20, {"counter": 16 * np.arange(20)})
+    gap = data[: 13 * 4] + data[13 * 6 :]
+    named = FrameDecoder(family, rate_hz=125.0, axes="xyz", message="rate_counter")
+    counter = named.feed(gap).columns["counter"]
+    assert (named.counter_modulo, named.counter_step) == (256, 16.0)
+    assert (np.diff(counter) % 256 / 16).tolist() == [1] * 3 + [3] + [1] * 13
+    unnamed = FrameDecoder(family, rate_hz=125.0, axes="xyz")
+    assert unnamed.feed(gap).columns["counter"].tolist() == list(range(18))
+
+
 def test_an_integrated_angle_in_a_line_wraps_at_a_turn() -> None:
     family = load_family("kvh_dsp3000", {"output": "integrated_angle"})
     lines = b"".join(b"%17.6f   1\r\n" % angle for angle in (359.7, 359.9, 0.1, 0.3))
