@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from bench.session import Bench
 
 _JUMP_C, _FASTEST_C_PER_S = 5.0, 1.0
-"""Air never moves by more than so much and so much a second: fast chambers reach 30 K/min."""
+"""Air, and what is in it, never moves by more than so much and so much a second: fast chambers reach 30 K/min."""
 
 Columns = Mapping[str, NDArray[Any]]
 Values = Callable[[Columns], tuple[NDArray[Any], ...]]
@@ -72,19 +72,24 @@ class ChamberStation:
             )
 
     def read_state(self) -> ChamberState:
-        """Read telemetry; once more if the air seems to have moved as no air does: a digit was damaged.
+        """Read telemetry; once more if air or a sensor seems to have moved as none does: a digit was damaged.
 
         Few chamber protocols have a check value. The second answer is believed, whatever it says.
         """
         state, last = self.device.read_state(), self.history.last
         if not last:
             return state
-        moved_c = state.air_temp_c - last["air_temp_c"]
         elapsed_s = self._bench.now_s - last["time_s"]
-        if abs(moved_c) <= _JUMP_C + _FASTEST_C_PER_S * elapsed_s:
+        read = {"air": (last["air_temp_c"], state.air_temp_c)}
+        read |= {f"sensor {n}": (last[f"aux_{n}_temp_c"], state.auxiliary_c[n]) for n in self.auxiliary}
+        jumps = [
+            f"{name} {now_c:g} degC {elapsed_s:.1f} s after {before_c:g} degC"
+            for name, (before_c, now_c) in read.items()
+            if abs(now_c - before_c) > _JUMP_C + _FASTEST_C_PER_S * elapsed_s
+        ]
+        if not jumps:
             return state
-        seen = f"air {state.air_temp_c:g} degC {elapsed_s:.1f} s after {last['air_temp_c']:g} degC"
-        self._bench.repeated("chamber", f"{seen}, which no air does")
+        self._bench.repeated("chamber", f"{', '.join(jumps)}, which none does")
         self.device.request_state()
         return self.device.read_state()
 

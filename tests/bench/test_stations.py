@@ -159,6 +159,21 @@ def test_air_that_moves_as_no_air_does_is_asked_again_and_then_believed():
     assert "94.5 degC" in bench.commands[0][1]
 
 
+@pytest.mark.parametrize(("broken", "looks"), [(84.0, 1), (float("nan"), 0)])
+def test_a_sensor_that_jumps_is_looked_at_again_and_one_that_is_broken_is_not(broken, looks):
+    bench, answers = Bench(Table()), [24.0, broken, 24.1]
+    device = SimpleNamespace(
+        request_state=lambda: None, read_state=lambda: ChamberState(25.0, 25.0, {1: answers.pop(0)})
+    )
+    chamber = ChamberStation(device, bench, (1,))
+    for _ in range(2):
+        state = chamber.read_state()
+        bench.time_s += 1.0
+        chamber.history.append(bench.time_s, state.air_temp_c, state.set_point_c, state.auxiliary_c[1])
+    assert len(bench.commands) == looks and len(answers) == 1 - looks
+    assert not looks or "sensor 1 84 degC" in bench.commands[0][1]
+
+
 def test_a_new_demand_is_not_taken_for_leaving_the_old_one():
     bench = Bench(Table(polls=4))
     bench.station.spin(10.0)
