@@ -82,12 +82,24 @@ class Opening:
             self._error = error
 
 
+def check_place(url: str, name: str) -> None:
+    """Refuse what no port is: pyserial has addresses that write files (`spy://...?file=`). ConfigurationError."""
+    scheme, separator, _ = url.partition("://")
+    if separator and scheme.lower() != "socket":
+        raise ConfigurationError(
+            "the port cannot be used",
+            where=name,
+            found=url,
+            expected="a serial device such as '/dev/ttyUSB0', or 'socket://host:port'",
+        )
+
+
 class Link:
     """One open port.
 
-    `url` is anything `serial.serial_for_url` takes (device path, `socket://host:port`, `rfc2217://...`);
-    `settings` are pyserial's (baudrate, bytesize, parity, stopbits). While `streaming` is set received bytes
-    go to the tap only; otherwise they queue in the input buffer for the `read_*` calls too.
+    `url` is a device path or `socket://host:port`; `settings` are pyserial's (baudrate, bytesize, parity,
+    stopbits). While `streaming` is set received bytes go to the tap only; otherwise they queue in the input
+    buffer for the `read_*` calls too.
     """
 
     repeats = 2
@@ -99,6 +111,7 @@ class Link:
     _discarded_s = -math.inf
 
     def __init__(self, url: str, clock: Clock, *, name: str, tap: Tap | None = None, **settings: Any) -> None:
+        check_place(url, name)
         self.url = url
         self.name = name
         self.clock = clock

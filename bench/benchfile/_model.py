@@ -4,10 +4,30 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    model_validator,
+)
+
+from drivers.errors import ConfigurationError
+from drivers.link import check_place
+
+
+def _place(value: str) -> str:
+    try:
+        check_place(value, "")
+    except ConfigurationError as error:
+        raise ValueError(str(error)) from error
+    return value
+
 
 Baudrate = Annotated[int, Field(ge=50, le=12_000_000)]
-Port = Annotated[str, Field(min_length=1)]
+Port = Annotated[str, Field(min_length=1), AfterValidator(_place)]
 _NAME = r"^[a-z][a-z0-9_]{0,31}$"
 _PORT_TEXT = "a port: a serial device such as '/dev/ttyUSB0', or 'socket://host:port'"
 
@@ -164,8 +184,8 @@ class GyroSection(_UnitSection):
         min_length=1,
         description="a python-can interface, e.g. 'socketcan' or 'gyrobench_slcan'",
     )
-    channel: str | None = Field(
-        default=None, min_length=1, description="the CAN channel, e.g. 'can0', or the slcan adapter's port"
+    channel: Port | None = Field(
+        default=None, description="the CAN channel, e.g. 'can0', or the slcan adapter's port"
     )
     bitrate: int = Field(
         default=500_000, ge=10_000, le=1_000_000, description="the CAN bit rate, a whole number of bit/s"

@@ -64,6 +64,8 @@ PARAMETERS_TOO = {"allow_extra_args": True, "ignore_unknown_options": True}
 
 def main() -> None:
     """Run the command line; an error of ours is one paragraph and exit code 2, an aborted run exit code 3."""
+    # Workers too (joblib starts them by `python -m`) take no module from the folder they are started in.
+    os.environ["PYTHONSAFEPATH"] = "1"
     try:
         app()
     except BenchError as error:

@@ -42,7 +42,7 @@ class Access:
             await _refuse(
                 scope, send, 403, "The panel is bound to this machine: open it as http://127.0.0.1."
             )
-        elif (origin := headers.get("origin")) is not None and urlsplit(origin).netloc != host:
+        elif (origin := headers.get("origin")) is not None and origin.partition("://")[2] != host:
             await _refuse(scope, send, 403, "The panel takes no requests from other sites' pages.")
         elif self._token is None or self._has_token(headers):
             await self._app(scope, receive, send)
@@ -83,7 +83,10 @@ class Access:
 
 def host_name(host: str) -> str:
     """Return the name in a Host header, without its port."""
-    return (urlsplit(f"//{host}").hostname or "").lower()
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower()
+    except ValueError:  # a bracket that is not closed
+        return ""
 
 
 def _query_token(scope: Scope) -> str:

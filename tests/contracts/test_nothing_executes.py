@@ -2,6 +2,8 @@
 
 import ast
 import inspect
+import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -148,4 +150,19 @@ def test_a_module_in_the_current_folder_is_not_run(tmp_path: Path, monkeypatch: 
     with lab.stdout:
         assert lab.stdout.read() == b""
     lab.wait(timeout=60)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_workers_of_a_command_run_no_module_of_the_current_folder(tmp_path: Path) -> None:
+    """joblib starts its processes by `python -m`, too."""
+    (tmp_path / "struct.py").write_text("open('ran', 'w').close()", encoding="utf-8")
+    code = (
+        "import bench.cli._app as command; from bench.fan_out import fan_out\n"
+        "def work():\n"
+        "    with fan_out(2) as fan: print(fan.map(abs, [-1, -2]))\n"
+        "command.app = work; command.main()"
+    )
+    command = [sys.executable, "-P", "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stdout == "[1, 2]\n", done.stderr
     assert not (tmp_path / "ran").exists()

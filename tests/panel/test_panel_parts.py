@@ -251,6 +251,10 @@ def test_another_sites_page_cannot_reach_a_panel_on_this_machine() -> None:
     for kind in ("http", "websocket"):
         assert not ask(access, kind=kind, host="127.0.0.1:8765", origin="https://evil.example")[2]
     assert not ask(access)[2]
+    for host in ("[", "[::1", "127.0.0.1@evil.example", "127.0.0.1.evil.example", ":80"):
+        assert ask(access, host=host)[0] == 403
+    for origin in ("null", "http://[", "http://localhost:8765.evil.example", "http://localhost"):
+        assert ask(access, host="localhost:8765", origin=origin)[0] == 403
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,7 @@ from drivers.can_dbc import load_layout
 from drivers.errors import ConfigurationError, RecordError
 from drivers.files import parse_json, parse_toml, read_bounded
 from drivers.frames import load_family
+from drivers.link import Link
 
 TOML_READERS = [load_bench_file, load_family, load_layout, read_mapping]
 MANIFEST = {"run_id": "r", "procedure": "p", "started_utc": "2026-01-01T00:00:00Z", "outcome": "aborted"}
@@ -418,3 +419,22 @@ def test_an_exported_cell_is_no_formula(tmp_path):
     out = export_run(tmp_path / "r", "csv", tmp_path / "out")
     _, row = csv.reader((out / "events.csv").read_text().splitlines())
     assert row == ["1", "'=cmd|' /C calc'!A0", '{"text": "=1+1"}']
+
+
+@pytest.mark.parametrize("place", ["port", "channel"])
+@pytest.mark.parametrize("scheme", ["spy", "SPY", "alt", "hwgrep", "loop", "file"])
+def test_a_bench_files_port_writes_no_file(scheme, place, tmp_path):
+    """pyserial's `spy://` opens the file it is told, to write; python-can's slcan takes the same addresses."""
+    kept = tmp_path / "kept"
+    kept.write_text("mine")
+    url = f"{scheme}://{tmp_path / 'tty'}?file={kept}"
+    example = (Path(__file__).parents[2] / "examples" / "demo.toml").read_text()
+    line = next(line for line in example.splitlines() if line.startswith(f"{place} = "))
+    (tmp_path / "bench.toml").write_text(example.replace(line, f'{place} = "{url}"', 1))
+    with pytest.raises(
+        ConfigurationError, match=rf"{place}[\s\S]*socket://host:port|{place}[\s\S]*CAN channel"
+    ):
+        load_bench_file(tmp_path / "bench.toml")
+    with pytest.raises(ConfigurationError, match="socket://"):
+        Link(url, clock=None, name="x")
+    assert kept.read_text() == "mine"
