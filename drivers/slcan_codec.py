@@ -68,6 +68,7 @@ _ENDS_LINE = _table({b"\r\x07": 1}).astype(np.bool_)
 _ID_DIGITS = _table({b"tr": 3, b"TR": 8}).astype(np.int64)
 _MAX_ID = np.array([0, 0, 0, MAX_STANDARD_ID, 0, 0, 0, 0, MAX_EXTENDED_ID], np.uint32)
 _IS_REMOTE = _table({b"rR": 1}).astype(np.bool_)
+_TELLS, _CONFIRMS = (_table({letters: 1}).astype(np.bool_) for letters in (b"VN", b"zZ"))
 _DATA_MASK = np.array([(1 << 8 * n) - 1 for n in range(9)], "<u8")
 _PADDING = bytes(MAX_LINE + 2)
 
@@ -107,7 +108,7 @@ class SlcanParser:
         ends = not_hex[at_end]
         starts = np.empty_like(ends)
         starts[0], starts[1:] = 0, ends[:-1] + 1
-        strangers = np.diff(at_end, prepend=-1) - 1  # characters before the line's end that are no digit
+        strangers = _steps(at_end, -1) - 1  # characters before the line's end that are no digit
         frames, verdict = _parse(padded, digits, starts, ends - starts, strangers)
         # A line already too long is kept only as far as shows that it is: offsets count from the stream.
         frames["end_offset"] = ends + (text_offset + 1)
@@ -117,12 +118,13 @@ class SlcanParser:
     def _admit(self, lines: NDArray[np.void], verdict: NDArray[np.uint8]) -> NDArray[np.void]:
         """Return the lines that are frames, and count the rest."""
         line_start, self._line_start = self._line_start, int(lines["end_offset"][-1])
-        frames = lines if not verdict.any() else lines[verdict == _FRAME]
-        self.counts.frames += len(frames)
         if not verdict.any():
-            frames["others_before"] = self._others
-            return frames
-        size = np.diff(lines["end_offset"], prepend=line_start)
+            self.counts.frames += len(lines)
+            lines["others_before"] = self._others
+            return lines
+        frames: NDArray[np.void] = lines[verdict == _FRAME]
+        self.counts.frames += len(frames)
+        size = _steps(lines["end_offset"], line_start)
         bad = verdict > _ANSWER
         # An answer as long as a frame may be one in which damage turned the first letter into V or N.
         so_far = self._others + np.cumsum(bad | ((verdict == _ANSWER) & (size > _SHORTEST)))
@@ -134,6 +136,14 @@ class SlcanParser:
                 reason = _REASONS[code]
                 self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + times
         return frames
+
+
+def _steps(numbers: NDArray[np.int64], before: int) -> NDArray[np.int64]:
+    """Return how much each is more than the one before it."""
+    steps = numbers.copy()
+    steps[1:] -= numbers[:-1]
+    steps[0] -= before
+    return steps
 
 
 def _windows(array: NDArray[np.uint8], at: NDArray[np.int64], width: int) -> NDArray[np.uint8]:
@@ -195,8 +205,8 @@ def _explain(
 
     The order matters: identifier and DLC of a line that is too short were read past its end.
     """
-    answer = (lengths == 0) | (np.isin(command, list(b"VN")) & (lengths <= MAX_LINE))
-    answer |= np.isin(command, list(b"zZ")) & (lengths == 1)
+    answer = (lengths == 0) | (_TELLS[command] & (lengths <= MAX_LINE))
+    answer |= _CONFIRMS[command] & (lengths == 1)
     answer |= (command == ord("F")) & (lengths == 3) & (strangers == 0)
     conditions = [
         answer,

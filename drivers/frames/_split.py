@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.frames._candidates import Group, choose, insides, joined, open_places, refused, shares
 from drivers.frames._find import Bytes, Finder, Ints, Pattern
 from drivers.framing import Check, windows
 from drivers.instruments import StreamCounts
@@ -40,43 +41,6 @@ class Piece:
     kind: int
     rows: Bytes
     ends: Ints
-
-
-@dataclass
-class _Group:
-    """Whole candidates of one kind and length; of length 0: those refused for what `refused` says."""
-
-    kind: int
-    length: int
-    starts: Ints
-    rows: Bytes
-    sound: NDArray[np.bool_]
-    refused: str = "checksum"
-
-    def __post_init__(self) -> None:
-        # Places rather than masks: taking what a mask picks at random costs a wrong guess for every change.
-        self._which = np.flatnonzero(self.sound)
-        self.good = self.starts[self._which]
-
-    def rows_of(self, good: slice | Ints) -> Bytes:
-        """Return the rows of some of `good`."""
-        which = self._which[good]
-        if len(which) == len(self.starts):
-            return self.rows
-        whole = self.rows.view(f"V{self.length}")[:, 0]  # Copied frame by frame, not byte by byte.
-        return whole[which].view(np.uint8).reshape(-1, self.length)
-
-    def unsound(self, end: int) -> Ints:
-        """Return those of `starts` before `end` that are not sound."""
-        bad = self.starts[np.flatnonzero(~self.sound)]
-        return bad[: int(np.searchsorted(bad, end))]
-
-    def passed(self, good: slice | Ints, count: int) -> Ints:
-        """Return how many of some of `good` begin before each of the first `count` that are not sound."""
-        marks = np.zeros(len(self.starts), np.int64)
-        marks[self._which[good]] = 1
-        passed: Ints = np.cumsum(marks, out=marks)[np.flatnonzero(~self.sound)[:count]]
-        return passed
 
 
 class StreamSplitter:
@@ -196,13 +160,13 @@ class StreamSplitter:
         for sift in (True, False) if self._finder.anchors > 1 else (False,):
             groups, waiting = self._candidates(stream, sift)
             found = [group for group in groups if len(group.good)]
-            starts = _joined([group.good for group in found])
-            ends = _joined([group.good + group.length for group in found])
+            starts = joined([group.good for group in found])
+            ends = joined([group.good + group.length for group in found])
             order = None
             if len(found) > 1:
                 order = np.argsort(starts, kind="stable")
                 starts, ends = starts[order], ends[order]
-            taken = _choose(starts, ends, claimed)
+            taken = choose(starts, ends, claimed)
             if taken is None:
                 break
         if taken is not None:
@@ -215,7 +179,7 @@ class StreamSplitter:
         if order is not None:
             picks = np.sort(order[:count]) if len(found) > 1 else order[:count]
         pieces = []
-        for group, mine in zip(found, _shares(found, picks), strict=True):
+        for group, mine in zip(found, shares(found, picks), strict=True):
             rows, at = group.rows_of(mine), group.good[mine]
             if len(at):
                 pieces.append(Piece(group.kind, rows, at + (base + group.length)))
@@ -224,11 +188,11 @@ class StreamSplitter:
             points = group.unsound(keep)
             if not len(points):
                 continue
-            if found == [group]:
+            if len(found) == 1 and group is found[0]:
                 follows = group.passed(picks, len(points))
             else:
                 follows = np.searchsorted(starts, points, side="right")
-            bad = _open(points, follows, starts, before)
+            bad = open_places(points, follows, starts, before)
             if bad:
                 self.counts.rejected[group.refused] = self.counts.rejected.get(group.refused, 0) + bad
         if count:
@@ -237,12 +201,12 @@ class StreamSplitter:
             self._take(ends + base, [(piece.kind, len(piece.ends)) for piece in pieces], fresh)
         return pieces, keep
 
-    def _candidates(self, stream: Bytes, sift: bool) -> tuple[list[_Group], list[int]]:
+    def _candidates(self, stream: Bytes, sift: bool) -> tuple[list[Group], list[int]]:
         """Return whole candidates and those of impossible length, and where unfinished ones begin, in order.
 
         `sift`: leave out what begins inside of sound frames of the likely kind.
         """
-        groups: list[_Group] = []
+        groups: list[Group] = []
         waiting: list[int] = []
         size = len(stream)
         for number, at in self._beginnings(stream, groups) if sift else self._by_kind(stream):
@@ -257,47 +221,46 @@ class StreamSplitter:
                 length = kind.read(stream, at)
                 right = (length >= kind.shortest) & (length <= kind.longest)
                 if not right.all():
-                    groups.append(_refused(number, at[~right], "length"))
+                    groups.append(refused(number, at[~right], "length"))
                 whole_too = right & (at + length <= size)
                 waiting += at[right & ~whole_too].tolist()
-                at, length = at[whole_too], length[whole_too]
-                if kind.few is not None:
-                    at, length, wrong = self._without_few(stream, number, at, length)
-                    groups.append(_refused(number, wrong, "checksum"))
-                sizes = {int(n): at[length == n] for n in np.unique(length)}
+                sizes, unsound = self._by_length(stream, number, at[whole_too], length[whole_too])
+                groups.append(refused(number, unsound, "checksum"))
             for length_here, where in sizes.items():
                 rows = windows(stream, where, length_here)
-                groups.append(_Group(number, length_here, where, rows, kind.check(length_here)(rows)))
+                groups.append(Group(number, length_here, where, rows, kind.check(length_here)(rows)))
         for position in range(max(0, size - self._span + 1), size):
             tail = stream[position:]
             if any(len(tail) < p.span and p.may_begin(tail) for _, p in self._patterns):
                 waiting.append(position)
         return groups, sorted(waiting)
 
-    def _without_few(self, stream: Bytes, number: int, at: Ints, length: Ints) -> tuple[Ints, Ints, Ints]:
-        """Return candidates and lengths without the unsound ones of rare lengths, and where those begin.
+    def _by_length(self, stream: Bytes, number: int, at: Ints, length: Ints) -> tuple[dict[int, Ints], Ints]:
+        """Return candidates by length, and where those of rare lengths begin of which none is sound.
 
         A damaged length is rarely the same twice: they are looked at all together.
         """
-        common, counts = np.unique(length, return_counts=True)
-        usual = [
-            n for n, count in zip(common.tolist(), counts, strict=True) if count >= _FEW or n in self._usual
-        ]
-        rare = np.flatnonzero(~np.isin(length, usual))
-        check = self._kinds[number].few
-        if not len(rare) or check is None:
-            return at, length, at[:0]
-        spans = zip(at[rare].tolist(), length[rare].tolist(), strict=True)
-        sound = check([stream[begin : begin + n].tobytes() for begin, n in spans])
-        self._usual |= set(length[rare[sound]].tolist())
-        bad = rare[~sound]
-        return np.delete(at, bad), np.delete(length, bad), at[bad]
+        if not len(at):
+            return {}, at
+        main = int(length[len(length) // 2])  # The usual one, if there is one.
+        others = np.flatnonzero(length != main)
+        sizes = {main: at[np.flatnonzero(length == main)] if len(others) else at}
+        sizes |= {int(n): at[others[length[others] == n]] for n in np.unique(length[others])}
+        few = self._kinds[number].few
+        rare = [n for n, where in sizes.items() if len(where) < _FEW and n not in self._usual]
+        if few is None or not rare:
+            return sizes, at[:0]
+        spans = [(begin, n) for n in rare for begin in sizes[n].tolist()]
+        sound = few([stream[begin : begin + n].tobytes() for begin, n in spans])
+        self._usual |= {n for (_, n), good in zip(spans, sound.tolist(), strict=True) if good}
+        unsound = [sizes.pop(n) for n in rare if n not in self._usual]
+        return sizes, np.sort(joined(unsound))
 
     def _by_kind(self, stream: Bytes) -> Iterator[tuple[int, Ints]]:
         """Yield each kind and where it begins."""
         yield from _merged([number for number, _ in self._patterns], self._finder.find(stream))
 
-    def _beginnings(self, stream: Bytes, groups: list[_Group]) -> Iterator[tuple[int, Ints]]:
+    def _beginnings(self, stream: Bytes, groups: list[Group]) -> Iterator[tuple[int, Ints]]:
         """Yield the likely kind first, then, once its frames are in `groups`, the others outside of those."""
         likely = self._likely(stream)
         mine = [pattern for number, pattern in self._patterns if number == likely]
@@ -306,7 +269,7 @@ class StreamSplitter:
             self._sifted[likely] = Finder(mine), Finder([pattern for _, pattern in others])
         first, rest = self._sifted[likely]
         yield from _merged([likely] * len(mine), first.find(stream))
-        hidden = _insides(len(stream), groups)
+        hidden = insides(len(stream), groups)
         yield from _merged([number for number, _ in others], rest.find(stream, hidden))
 
     def _likely(self, stream: Bytes) -> int:
@@ -349,83 +312,4 @@ def _merged(numbers: list[int], found: list[Ints]) -> Iterator[tuple[int, Ints]]
     """Yield each kind once with where its patterns begin, in order; those of a kind are neighbours."""
     for number in dict.fromkeys(numbers):
         starts = [at for each, at in zip(numbers, found, strict=True) if each == number]
-        yield number, starts[0] if len(starts) == 1 else np.sort(_joined(starts))
-
-
-def _insides(size: int, groups: list[_Group]) -> NDArray[np.bool_]:
-    """Return which of `size` places lie inside of sound frames; not the second, nor the last, of their bytes."""
-    hidden = np.zeros(size, np.bool_)
-    for group in groups:
-        _mark(hidden, group.good + 2, group.length - 3)
-    return hidden
-
-
-def _refused(number: int, starts: Ints, reason: str) -> _Group:
-    """Return candidates of which none is sound."""
-    return _Group(number, 0, starts, np.empty((0, 1), np.uint8), np.zeros(len(starts), np.bool_), reason)
-
-
-def _shares(groups: list[_Group], picks: slice | Ints) -> Iterator[slice | Ints]:
-    """Yield which of each group's sound frames ascending places among all of them, group by group, are."""
-    first = 0
-    for group in groups:
-        if isinstance(picks, slice) or len(groups) == 1:
-            yield picks
-        else:
-            here, there = np.searchsorted(picks, (first, first + len(group.good)))
-            yield picks[here:there] - first
-            first += len(group.good)
-
-
-def _open(points: Ints, follows: Ints, starts: Ints, before: Ints) -> int:
-    """Count the `points` at which a frame might begin, frames from `starts` on being taken.
-
-    `follows`: how many of those begin before each point; `before` (one more than `starts`): where what is before
-    each of them ends, and the last of them. The last byte of a frame may be the first of another, unless one
-    follows it.
-    """
-    ends = before[follows]
-    free = points >= ends
-    shared = np.flatnonzero(points == ends - 1)
-    if len(shared):
-        after = np.concatenate((starts, [-1]))[follows[shared]]
-        free[shared] = after != ends[shared]
-    return int(np.count_nonzero(free))
-
-
-def _mark(places: NDArray[np.bool_], starts: Ints, length: int) -> None:
-    """Set `length` places from each of `starts` on."""
-    if length > 0 and len(starts):
-        spans = np.ndarray((len(places) - length + 1,), f"V{length}", places, strides=(1,))
-        spans[starts] = np.void(b"\1" * length)
-
-
-def _joined(arrays: list[Ints]) -> Ints:
-    if len(arrays) == 1:
-        return arrays[0]
-    return np.concatenate(arrays) if arrays else np.empty(0, np.int64)
-
-
-def _choose(starts: Ints, ends: Ints, claimed: int) -> Ints | None:
-    """Return which of the sound frames with these borders are taken when each claims its bytes in order.
-
-    None: all of them.
-    """
-    if not len(starts) or (starts[0] >= claimed and bool((starts[1:] >= ends[:-1]).all())):
-        return None
-    taken = np.ones(len(starts), np.bool_)
-    reached = np.concatenate(([claimed], ends[:-1]))
-    if bool((reached[1:] < reached[:-1]).any()):
-        np.maximum.accumulate(reached, out=reached)
-    clash = starts < reached
-    for at in np.flatnonzero(clash).tolist():
-        if at == 0:
-            end = claimed
-        elif not clash[at - 1]:
-            end = int(ends[at - 1])
-        start = int(starts[at])
-        follows = at + 1 < len(starts) and starts[at + 1] == end
-        taken[at] = start >= end or (start == end - 1 and not follows)
-        if taken[at]:
-            end = int(ends[at])
-    return None if taken.all() else np.flatnonzero(taken)
+        yield number, starts[0] if len(starts) == 1 else np.sort(joined(starts))
