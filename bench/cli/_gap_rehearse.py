@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -14,8 +14,6 @@ from bench.benchfile import bench_file_from, load_bench_file
 from bench.cli._run import console_for, perform, plant_with_seed, rehearse
 from bench.emulated import Plant, load_plant
 from bench.gap import (
-    ChannelLogGap,
-    HeadingLogGap,
     LogGap,
     Suggestion,
     channel_log_gaps,
@@ -85,9 +83,9 @@ def gap_rehearse_command(
             )
         )
         return
-    console.print(_phase_table(gaps))
+    console.print(_table("phase", "rms deg/h of 100 s means", gaps, ".4f"))
     if channels:
-        console.print(_channel_table(channels))
+        console.print(_table("channel", "rms of 100 s means", channels, ".3g", unit=True))
     if report is not None:
         console.print(f"report: {report}", highlight=False, soft_wrap=True)
 
@@ -174,33 +172,16 @@ def run_suggestion(
     return result.folder
 
 
-def _table(first: str, what: str, rows: Iterable[tuple[str, str, str, str, float]]) -> Table:
-    """Return a table of place, nominal, closed, floor, and the share that is gone (NaN: none is known)."""
+def _table(first: str, what: str, gaps: Sequence[LogGap], digits: str, *, unit: bool = False) -> Table:
+    """Return a table of the gaps, a row each; with `unit` every row says its own."""
     table = Table(first, "nominal", "closed", "floor", "gone %", title=f"run less rehearsal, {what}")
-    for place, *sizes, share in rows:
-        table.add_row(place.replace("_", " "), *sizes, "" if math.isnan(share) else f"{100.0 * share:.1f}")
+    for gap in gaps:
+        sizes = [format(rms, digits) for rms in (gap.rms_nominal, gap.rms_closed, gap.rms_floor)]
+        sizes[0] += f" {gap.unit}" if unit else ""
+        share = "" if math.isnan(gap.share) else f"{100.0 * gap.share:.1f}"
+        table.add_row(gap.part.replace("_", " "), *sizes, share)
     return table
 
 
-def _phase_table(gaps: Sequence[LogGap]) -> Table:
-    rows = (
-        (g.phase, f"{g.rms_nominal_dph:.4f}", f"{g.rms_closed_dph:.4f}", f"{g.rms_floor_dph:.4f}", g.share)
-        for g in gaps
-    )
-    return _table("phase", "rms deg/h of 100 s means", rows)
-
-
-def _channel_table(gaps: Sequence[ChannelLogGap]) -> Table:
-    rows = (
-        (g.channel, f"{g.rms_nominal:.3g} {g.unit}", f"{g.rms_closed:.3g}", f"{g.rms_floor:.3g}", g.share)
-        for g in gaps
-    )
-    return _table("channel", "rms of 100 s means", rows)
-
-
-def _heading_table(gaps: Sequence[HeadingLogGap]) -> Table:
-    rows = (
-        (g.heading, f"{g.rms_nominal_as:.1f}", f"{g.rms_closed_as:.1f}", f"{g.rms_floor_as:.1f}", g.share)
-        for g in gaps
-    )
-    return _table("heading", "rms arcsec", rows)
+def _heading_table(gaps: Sequence[LogGap]) -> Table:
+    return _table("heading", "rms arcsec", gaps, ".1f")

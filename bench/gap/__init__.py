@@ -40,8 +40,8 @@ from bench.gap._platform import (
     load_platform_run,
     platform_closed,
 )
-from bench.gap._platform_rehearsal import HeadingLogGap, heading_log_gaps
-from bench.gap._rehearsal import ChannelLogGap, LogCurve, LogGap, channel_log_gaps, log_gaps
+from bench.gap._platform_rehearsal import heading_log_gaps
+from bench.gap._rehearsal import LogCurve, LogGap, channel_log_gaps, log_gaps
 from bench.gap._run_folder import load_gap_runs
 from bench.gap._score import Line, Marked, Reliability, reliability, shrinkage_quantiles, table
 from bench.gap._series import Difference, differences
@@ -56,7 +56,6 @@ __all__ = [
     "ChannelCause",
     "ChannelCurve",
     "ChannelDiagnosis",
-    "ChannelLogGap",
     "ChannelPlace",
     "ChannelSeries",
     "ChannelShrinkage",
@@ -68,7 +67,6 @@ __all__ = [
     "Floor",
     "GapRun",
     "Group",
-    "HeadingLogGap",
     "HeadingPlace",
     "Line",
     "LogCurve",

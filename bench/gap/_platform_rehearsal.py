@@ -2,36 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.gap._rehearsal import share_gone
+from bench.gap._rehearsal import LogGap, log_gap
 from bench.heading import PlatformLog, stays, without_start
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class HeadingLogGap:
-    """What a run's position differs by from rehearsals, at one heading or at all ("all"): rms in arcsec.
-
-    `rms_floor_as` is what two rehearsals of one model differ by: noise only. `share` is the part of the
-    reducible gap (energy above the floor) that the closed model takes away, NaN where it is less than the floor.
-    """
-
-    heading: str
-    rms_nominal_as: float
-    rms_closed_as: float
-    rms_floor_as: float
-    share: float
-
-
 def heading_log_gaps(
     run: PlatformLog, nominal: PlatformLog, closed: PlatformLog, again: PlatformLog
-) -> list[HeadingLogGap]:
+) -> list[LogGap]:
     """Return the gaps of all stays after the first, all of them first; `again` is `closed` with another seed.
 
     Each log's start is taken out of it: what its own first stay foretells. RecordError as `without_start`.
@@ -51,16 +33,10 @@ def heading_log_gaps(
     rows += [
         (f"{stay.heading_deg:.0f} deg", apart[:, :, part]) for stay, part in zip(rest, parts, strict=True)
     ]
-    return [_gap(name, values) for name, values in rows]
+    return [log_gap(name, "arcsec", np.nanmean((values**2).sum(axis=1), axis=1)) for name, values in rows]
 
 
 def _position(log: PlatformLog) -> Array:
     """Return north and east error in arcsec less what the first stay foretells, (2, n)."""
     left = without_start("run", log, stays(log)[0], np.zeros((len(log.time_s), 3)))
     return np.stack((left.north_as, left.east_as))
-
-
-def _gap(heading: str, apart: Array) -> HeadingLogGap:
-    nominal, closed, floor = np.nanmean((apart**2).sum(axis=1), axis=1).tolist()
-    share = share_gone(nominal, closed, floor)
-    return HeadingLogGap(heading, math.sqrt(nominal), math.sqrt(closed), math.sqrt(floor), share)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bench.gap._channel_data import ChannelSeries
 from bench.gap._data import GapRun
 from drivers.errors import ConfigurationError
-from simulators.effects import CHANNEL_UNITS, Channel
+from simulators.effects import CHANNEL_UNITS
 
 Array = NDArray[np.float64]
 _MEAN_S = 100
@@ -21,16 +21,18 @@ _MEAN_S = 100
 
 @dataclass(frozen=True)
 class LogGap:
-    """What a run's output differs by from rehearsals, in one phase or in all: rms of 100 s means in deg/h.
+    """What a run differs by from rehearsals with the nominal and the closed model: rms in `unit`.
 
-    `rms_floor_dph` is what two rehearsals of one model differ by: noise only. `share` is the part of the
-    reducible gap (energy above the floor) that the closed model takes away, NaN where it is less than the floor.
+    `part` is a phase or heading, or "all" of them, or a channel. `rms_floor` is what two rehearsals of one model
+    differ by: noise only. `share` is the part of the reducible gap (energy above the floor) that the closed model
+    takes away, NaN where it is less than the floor.
     """
 
-    phase: str
-    rms_nominal_dph: float
-    rms_closed_dph: float
-    rms_floor_dph: float
+    part: str
+    unit: str
+    rms_nominal: float
+    rms_closed: float
+    rms_floor: float
     share: float
 
 
@@ -45,28 +47,13 @@ class LogCurve:
     floor_dph: Array
 
 
-@dataclass(frozen=True)
-class ChannelLogGap:
-    """What a run differs by from rehearsals in one channel: rms of 100 s means in the channel's `unit`.
-
-    `rms_floor` and `share` as in `LogGap`.
-    """
-
-    channel: Channel
-    unit: str
-    rms_nominal: float
-    rms_closed: float
-    rms_floor: float
-    share: float
-
-
 def channel_log_gaps(
     run: Sequence[ChannelSeries],
     nominal: Sequence[ChannelSeries],
     closed: Sequence[ChannelSeries],
     again: Sequence[ChannelSeries],
-) -> list[ChannelLogGap]:
-    """Return the gap of every channel that the run and its rehearsals have, all phases together.
+) -> list[LogGap]:
+    """Return the gap of 100 s means of every channel that run and rehearsals have, all phases together.
 
     Phases are laid on each other at their begins. Nothing is taken out: an offset is a gap.
     """
@@ -88,9 +75,8 @@ def channel_log_gaps(
         values = np.concatenate(rows, axis=1) if rows else np.zeros((4, 0))
         real, first, then, other = values[:, ~np.isnan(values).any(axis=0)]
         if len(real):
-            all_ = _gap("all", np.stack((real - first, real - then, then - other)))
-            sizes = (all_.rms_nominal_dph, all_.rms_closed_dph, all_.rms_floor_dph)
-            gaps.append(ChannelLogGap(channel, unit, *sizes, all_.share))
+            apart = np.stack((real - first, real - then, then - other))
+            gaps.append(log_gap(channel, unit, np.nanmean(apart**2, axis=1)))
     return gaps
 
 
@@ -113,7 +99,7 @@ def _phase_means(series: ChannelSeries) -> dict[str, Array]:
 def log_gaps(
     run: Sequence[GapRun], nominal: Sequence[GapRun], closed: Sequence[GapRun], again: Sequence[GapRun]
 ) -> tuple[list[LogGap], list[LogCurve]]:
-    """Return the gaps by phase, all of them first, and the curves of every stretch.
+    """Return the gaps of 100 s means by phase, all of them first, and the curves of every stretch.
 
     `again` is rehearsed with the closed model and another seed. Phases are laid on each other at their begins,
     since a wait for equilibrium takes its own time in every run; each stretch's mean is taken out.
@@ -151,8 +137,8 @@ def log_gaps(
             for key in ("nominal_dph", "closed_dph", "floor_dph")
         ]
     )
-    gaps = [_gap("all", values)]
-    return gaps + [_gap(name, values[:, phase == name]) for name in dict.fromkeys(phase.tolist())], curves
+    by_part = {"all": values} | {name: values[:, phase == name] for name in dict.fromkeys(phase.tolist())}
+    return [log_gap(name, "deg/h", np.nanmean(part**2, axis=1)) for name, part in by_part.items()], curves
 
 
 def _blocks(run: GapRun) -> list[tuple[str, slice]]:
@@ -169,13 +155,9 @@ def _means(values: Array) -> Array:
     return np.asarray(np.nanmean(rows, axis=1)) if len(rows) else np.zeros(0)
 
 
-def share_gone(nominal: float, closed: float, floor: float) -> float:
-    """Return the part of the reducible energy that is gone, of mean squares; NaN where it is below the floor."""
+def log_gap(part: str, unit: str, mean_squares: Array) -> LogGap:
+    """Return the gap of mean squares: run less nominal, run less closed, closed less closed again; shape (3,)."""
+    nominal, closed, floor = mean_squares.tolist()
     reducible = nominal - floor
-    return 1.0 - (closed - floor) / reducible if reducible > floor else math.nan
-
-
-def _gap(name: str, values: Array) -> LogGap:
-    nominal, closed, floor = (np.nanmean(values**2, axis=1)).tolist()
-    share = share_gone(nominal, closed, floor)
-    return LogGap(name, math.sqrt(nominal), math.sqrt(closed), math.sqrt(floor), share)
+    share = 1.0 - (closed - floor) / reducible if reducible > floor else math.nan
+    return LogGap(part, unit, math.sqrt(nominal), math.sqrt(closed), math.sqrt(floor), share)

@@ -14,7 +14,7 @@ from bench.report._page import Cell, Column, Fact, Figures, Headline, Key, Page,
 from bench.report._palette import AFTER, BEFORE
 
 if TYPE_CHECKING:
-    from bench.gap import ChannelLogGap, LogCurve, LogGap
+    from bench.gap import LogCurve, LogGap
 
 _HOUR_S = 3600.0
 _MOSTLY = 0.9
@@ -26,7 +26,7 @@ def render_log_gaps(
     models: tuple[str, str],
     gaps: Sequence[LogGap],
     curves: Sequence[LogCurve],
-    channels: Sequence[ChannelLogGap],
+    channels: Sequence[LogGap],
     created_utc: str,
 ) -> str:
     """Return the page; `models` are the files of the nominal and the closed model."""
@@ -51,10 +51,10 @@ def render_log_gaps(
             [
                 Headline(
                     "Run less rehearsal, rms",
-                    significant(whole.rms_closed_dph),
+                    significant(whole.rms_closed),
                     "°/h",
-                    significant(whole.rms_nominal_dph),
-                    f"floor {significant(whole.rms_floor_dph)} °/h: two rehearsals that differ in noise only",
+                    significant(whole.rms_nominal),
+                    f"floor {significant(whole.rms_floor)} °/h: two rehearsals that differ in noise only",
                 )
             ],
         ),
@@ -79,10 +79,10 @@ def _table(gaps: Sequence[LogGap]) -> Table:
     rows = [
         Row(
             [
-                Cell(each.phase.replace("_", " "), strong=number == 0),
-                Cell(significant(each.rms_nominal_dph)),
-                Cell(significant(each.rms_closed_dph)),
-                Cell(significant(each.rms_floor_dph)),
+                Cell(each.part.replace("_", " "), strong=number == 0),
+                Cell(significant(each.rms_nominal)),
+                Cell(significant(each.rms_closed)),
+                Cell(significant(each.rms_floor)),
                 Cell(fixed(100.0 * each.share, 1) if math.isfinite(each.share) else DASH),
             ],
             emphasis=number == 0,
@@ -92,7 +92,7 @@ def _table(gaps: Sequence[LogGap]) -> Table:
     return Table(heads, rows, "What the run's log differs by from the rehearsals' logs.")
 
 
-def _channel_table(gaps: Sequence[ChannelLogGap]) -> Table:
+def _channel_table(gaps: Sequence[LogGap]) -> Table:
     heads = [
         Column("Channel"),
         Column("Unit"),
@@ -104,7 +104,7 @@ def _channel_table(gaps: Sequence[ChannelLogGap]) -> Table:
     rows = [
         Row(
             [
-                Cell(each.channel.replace("_", " ")),
+                Cell(each.part.replace("_", " ")),
                 Cell(each.unit),
                 Cell(significant(each.rms_nominal)),
                 Cell(significant(each.rms_closed)),

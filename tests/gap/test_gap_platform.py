@@ -13,7 +13,7 @@ from rich.console import Console
 from bench.cli._gap_rehearse import _heading_table
 from bench.emulated import Plant
 from bench.gap import (
-    HeadingLogGap,
+    LogGap,
     Model,
     Noise,
     diagnose_platform,
@@ -110,10 +110,10 @@ def test_rehearsals_with_the_closed_model_come_nearer_to_a_run_that_was_not_fitt
         for values, seed in ((None, 51), (term.values, 51), (term.values, 52))
     ]
     all_, *stays = heading_log_gaps(second, *logs)
-    assert [each.heading for each in stays] == ["120 deg", "240 deg", "300 deg", "180 deg"]
+    assert [each.part for each in stays] == ["120 deg", "240 deg", "300 deg", "180 deg"]
     assert all_.share > 0.9
-    assert all_.rms_closed_as < 0.35 * all_.rms_nominal_as
-    assert all_.rms_floor_as < 0.35 * all_.rms_nominal_as
+    assert all_.rms_closed < 0.35 * all_.rms_nominal
+    assert all_.rms_floor < 0.35 * all_.rms_nominal
 
 
 def test_a_platform_follows_its_model_and_no_other_sort_of_model(tmp_path: Path) -> None:
@@ -127,7 +127,10 @@ def test_a_platform_follows_its_model_and_no_other_sort_of_model(tmp_path: Path)
 
 
 def test_a_rehearsals_table_has_a_row_for_every_heading(capsys: pytest.CaptureFixture[str]) -> None:
-    gaps = [HeadingLogGap("all", 289.7, 40.5, 35.6, 0.996), HeadingLogGap("60 deg", 3.0, 2.0, 9.0, np.nan)]
+    gaps = [
+        LogGap("all", "arcsec", 289.7, 40.5, 35.6, 0.996),
+        LogGap("60 deg", "arcsec", 3.0, 2.0, 9.0, np.nan),
+    ]
     Console(width=80).print(_heading_table(gaps))
     said = capsys.readouterr().out
     assert "289.7" in said and "99.6" in said and "nan" not in said

@@ -56,11 +56,11 @@ def _logs(amplitude_dph: float) -> list[GapRun]:
 def test_the_table_has_the_size_of_what_was_put_in() -> None:
     run, *rehearsals = _logs(0.5)
     gaps, curves = log_gaps([run], *([each] for each in rehearsals))
-    by_phase = {each.phase: each for each in gaps}
+    by_phase = {each.part: each for each in gaps}
     # white noise of 0.24 deg/h in 1 s: 100 s means of a difference of two have 0.24 sqrt(2) / 10
-    assert by_phase["all"].rms_floor_dph == pytest.approx(0.24 * 2**0.5 / 10.0, rel=0.4)
-    assert by_phase["shock"].rms_nominal_dph == pytest.approx(0.5, rel=0.03)
-    assert by_phase["shock"].rms_closed_dph == pytest.approx(0.05, abs=0.025)
+    assert by_phase["all"].rms_floor == pytest.approx(0.24 * 2**0.5 / 10.0, rel=0.4)
+    assert by_phase["shock"].rms_nominal == pytest.approx(0.5, rel=0.03)
+    assert by_phase["shock"].rms_closed == pytest.approx(0.05, abs=0.025)
     assert by_phase["all"].share == pytest.approx(0.99, abs=0.01)
     assert len(curves[0].time_s) == 40
     page = render_log_gaps("run", "unit 1", ("a.toml", "b.toml"), gaps, curves, [], "2026-01-01T00:00:00Z")
