@@ -53,6 +53,12 @@ def main() -> int:
     except (subprocess.TimeoutExpired, ValueError, KeyError, TypeError) as error:
         print(f"AUDIT NOT MADE: the package index did not answer ({type(error).__name__}).", file=sys.stderr)
         return 0
+    if not verdict.asked:
+        print(
+            f"AUDIT NOT MADE: the package index says nothing about any of {verdict.unknown} pinned packages.",
+            file=sys.stderr,
+        )
+        return 0
     if verdict.unknown:
         print(
             f"AUDIT INCOMPLETE: of {verdict.asked + verdict.unknown} pinned packages the index could say nothing "

@@ -51,7 +51,10 @@ def test_the_command_fails_for_a_known_vulnerability_and_names_it(monkeypatch, c
     assert "accepted: b 2 PYSEC-1" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("text", ["", "Traceback ...", "{}", "[]"])
+SILENT = json.dumps({"dependencies": [REPORT["dependencies"][2]], "fixes": []})
+
+
+@pytest.mark.parametrize("text", ["", "Traceback ...", "{}", "[]", SILENT])
 def test_an_index_that_does_not_answer_is_said_aloud_and_fails_nothing(monkeypatch, capsys, text):
     answered(monkeypatch, text)
     assert audit.main() == 0
