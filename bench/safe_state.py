@@ -72,7 +72,9 @@ def bring_to_rest(
 
     def read_back(name: str) -> None:
         try:
-            say(name, f"at rest: {_await_rest(devices[name], clock, deadline_s).text}")
+            text = f"at rest: {_await_rest(devices[name], clock, deadline_s).text}"
+            problems.pop(name, None)
+            say(name, text)
         except BenchError as error:
             problems[name] = str(error)
             if isinstance(error, LinkLost):
@@ -115,8 +117,7 @@ def bring_to_rest(
                 problems[name] = str(error)
                 if isinstance(error, LinkLost):
                     gone.append(name)
-                continue
-            del problems[name]
+                    continue
             deadline_s = max(deadline_s, clock.now() + timeout_s)
             read_back(name)
         now_s = clock.now()

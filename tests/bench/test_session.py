@@ -221,7 +221,7 @@ def test_an_instrument_whose_own_port_is_gone_is_looked_for_when_the_others_rest
     first, told = shown[0]
     assert "chamber safe" in told  # a terminal that is slow keeps nobody from being told
     assert "chamber rest" not in told
-    assert "port of the table" in first.doing and len(shown) > 20
+    assert "table: its port is gone" in first.doing and len(shown) > 20
     (alarm,) = (row for row in made.record.of("alarm") if row["device"] == "table")
     assert alarm["text"] == (
         "not confirmed safe: its port is gone (0 s ago it turned at 7.000 deg/s): STOP IT BY HAND. "
@@ -247,9 +247,16 @@ def test_a_device_that_does_not_answer_does_not_keep_the_other_from_being_told(m
     getattr(made, silent).silent = True
     assert made.bench.make_safe("a test") is False
     again = [f"{silent} safe"] * 2
-    assert made.log == [*TOLD, *again, f"{'chamber' if silent == 'table' else 'table'} rest"]
+    other = "chamber" if silent == "table" else "table"
+    first = [*TOLD, *again, f"{other} rest"]
+    assert made.log[: len(first)] == first
+    assert set(made.log[len(first) :]) == {f"{silent} safe"} and 60.0 <= made.clock.now() < 65.0  # told on
     assert made.record.of("alarm") == [
-        {"device": "bench", "text": f"not confirmed safe: {silent}: {silent} is silent."}
+        {
+            "device": silent,
+            "text": "not confirmed safe: it does not confirm its stop: STOP IT BY HAND. Being made safe: a test",
+        },
+        {"device": "bench", "text": f"not confirmed safe: {silent}: {silent} is silent."},
     ]
 
 

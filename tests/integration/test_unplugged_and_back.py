@@ -108,6 +108,17 @@ def test_table_or_chamber_vanishes_while_it_works_and_is_made_safe_when_it_is_ba
     assert bench.problems(result.folder) == []
 
 
+def test_one_that_is_back_and_loses_its_first_answers_is_told_on(bench, fog_file, tmp_path):
+    """Found by the soak test: it was asked once, and left turning with its port open."""
+    plant = vanishing("table", 25.2, 6.0)
+    deaf = PlantFault(port="table", kind="lose", at_s=(31.0,), count=3)
+    plant = plant.model_copy(update={"fault": (*plant.fault, deaf)})
+    with bench.thread_lab(fog_file, plant) as lab:
+        result = bench.drive(lab.file, tmp_path, hold_s=60.0)
+    assert result.outcome == "aborted" and "NOT CONFIRMED" not in result.reason
+    assert len(result.safe) == 2 and result.duration_s > 31.0
+
+
 def test_one_that_stays_away_is_said_to_be_not_confirmed(bench, fog_file, tmp_path):
     with bench.thread_lab(fog_file, vanishing("chamber", 25.2, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
