@@ -353,7 +353,7 @@ MECHANISMS = (
         3,
         "no requests from other sites' pages",
         _ACCESS,
-        "urlsplit(origin).netloc != host:",
+        'origin.partition("://")[2] != host:',
         "False:",
         _T_PANEL,
     ),

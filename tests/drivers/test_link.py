@@ -124,7 +124,8 @@ def test_a_port_that_cannot_be_opened_is_named(url):
     clock = CountingClock()
     with pytest.raises(ConfigurationError) as missing:
         Link(url, clock, name="table")
-    assert f"table ({url})" in str(missing.value)
+    text = str(missing.value)
+    assert text.startswith("table") and url in text
     clock.close()
 
 
