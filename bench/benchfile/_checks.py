@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import urlsplit
 
 from bench.benchfile._drivers import ROLES, known_drivers, one_of
 from bench.benchfile._model import LimitsSection, SafeSection
@@ -19,6 +20,9 @@ _LINES = {"east": 0, "west": 0, "north": 1, "south": 1, "up": 2, "down": 2}
 _ON_CAN = ("can_dbc", "sbg_ellipse")
 _SHARED = ("socketcan", "socketcand", "udp_multicast", "virtual")
 """Interfaces of python-can whose channel several can have open; each then hears every unit on the bus."""
+
+_WITHOUT_START_CHANNEL = ("espec_p300", "espec_scp220", "watlow_f4t")
+_OUR_CHAMBERS = (*_WITHOUT_START_CHANNEL, "watlow_f4", "weiss")
 
 _Devices = list[tuple[str, str, Mapping[str, Any]]]
 
@@ -46,6 +50,8 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
     yield from _formats(devices)
     yield from _connections(devices)
     yield from _shared_ports(devices, resolve_links)
+    yield from _sockets(devices)
+    yield from _instruments(devices)
     yield from _axes_and_sensors(data, devices)
     yield from _limits(data)
     yield from _table_axes(data)
@@ -156,6 +162,43 @@ def _shared_ports(devices: _Devices, resolve_links: bool) -> Iterator[Mistake]:
         first, both = seen.setdefault(place, (key, shared))
         if first != key and not (shared and both):
             yield Mistake(f"{key}.{name}", repr(port), f"a port of its own ({first} is on this one)")
+
+
+def _sockets(devices: _Devices) -> Iterator[Mistake]:
+    for _, key, section in devices:
+        port = section.get("port")
+        if not isinstance(port, str) or not port.startswith("socket://"):
+            continue
+        try:
+            parts = urlsplit(port)
+            whole = bool(parts.hostname and parts.port)
+        except ValueError:
+            whole = False
+        if not whole:
+            yield Mistake(f"{key}.port", repr(port), "socket://host:port, the port a number of 1 to 65535")
+
+
+def _instruments(devices: _Devices) -> Iterator[Mistake]:
+    """What one driver takes and another does not."""
+    for role, key, section in devices:
+        kind = section.get("driver")
+        if role == "table":
+            axes = section.get("axes")
+            if kind == "ideal_atl" and isinstance(axes, (list, tuple)) and len(axes) > 1:
+                yield Mistake(
+                    f"{key}.axes", f"{len(axes)} axes", "one of [[table.axes]], or none: ATL turns one"
+                )
+        if role != "chamber":
+            continue
+        address, channel = section.get("address"), section.get("start_channel", 1)
+        if kind == "weiss" and isinstance(address, int) and not 0 <= address <= 31:
+            yield Mistake(f"{key}.address", str(address), "the address of a Weiss chamber, 0 to 31")
+        if kind == "watlow_f4" and isinstance(channel, int) and channel > 8:
+            yield Mistake(f"{key}.start_channel", str(channel), "a digital output of the F4, 1 to 8")
+        if kind in _WITHOUT_START_CHANNEL and channel != 1:
+            yield Mistake(f"{key}.start_channel", str(channel), f"none: {kind} is started by its mode")
+        if kind in _OUR_CHAMBERS and kind != "weiss" and section.get("simserv") is False:
+            yield Mistake(f"{key}.simserv", "false", f"none: {kind} has no SimServ")
 
 
 def _axes_and_sensors(data: Mapping[str, Any], devices: _Devices) -> Iterator[Mistake]:

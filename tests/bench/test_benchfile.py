@@ -4,6 +4,7 @@ import hashlib
 import json
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
@@ -115,6 +116,34 @@ def test_one_mistake_is_one_paragraph(tmp_path, old, new, key, found, expected):
     assert f"Found: {found}" in text
     assert expected in text.split("Expected: ")[1]
     assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("chamber", "key", "found", "expected"),
+    [
+        ({"driver": "weiss", "address": 99}, "address", "99", "0 to 31"),
+        ({"driver": "watlow_f4", "start_channel": 12}, "start_channel", "12", "1 to 8"),
+        ({"driver": "watlow_f4t", "start_channel": 2}, "start_channel", "2", "started by its mode"),
+        ({"driver": "espec_p300", "simserv": False}, "simserv", "false", "no SimServ"),
+        ({"driver": "weiss", "port": "socket://10.0.0.1"}, "port", "10.0.0.1", "socket://host:port"),
+        ({"driver": "weiss", "port": "socket://10.0.0.1:99999"}, "port", "99999", "1 to 65535"),
+        ({"driver": "weiss", "port": "socket://:2049"}, "port", "socket://:2049", "socket://host:port"),
+    ],
+)
+def test_what_a_chamber_does_not_take_is_told(chamber, key, found, expected):
+    data = tomllib.loads(SMALLEST)
+    data["chamber"] |= chamber
+    with pytest.raises(ConfigurationError, match=rf"chamber\.{key} cannot be used") as told:
+        bench_file_from(data)
+    assert found in str(told.value) and expected in str(told.value)
+
+
+def test_a_table_of_two_axes_behind_atl_is_told():
+    data = tomllib.loads(SMALLEST)
+    axes = [{"name": "a", "number": 1, "direction": "east"}, {"name": "b", "number": 2, "direction": "up"}]
+    data["table"] |= {"driver": "ideal_atl", "axes": axes}
+    with pytest.raises(ConfigurationError, match=r"table\.axes cannot be used.*2 axes"):
+        bench_file_from(data)
 
 
 def test_all_mistakes_are_told_at_once_one_a_line(tmp_path):
