@@ -53,11 +53,13 @@ coverage: $(STAMP)
 repeats: $(STAMP)
 	$(BIN)/python -m benchmarks.repeats $(TIMES)
 
-# Kills, faults, time to the safe state: hours of a nightly machine; benchmarks/reliability.md.
+# Guards, kills, faults, time to the safe state: for a nightly machine; benchmarks/reliability.md.
 reliability: $(STAMP)
+	$(BIN)/python -m benchmarks.guards
 	$(BIN)/python -m benchmarks.reliability 300 1
+	$(BIN)/python -m benchmarks.command_kills 120 1
 	$(BIN)/python -m benchmarks.soak 200 1
-	$(BIN)/python -m benchmarks.abort_latency
+	$(BIN)/python -m benchmarks.abort_latency 25
 
 # Every benchmark against its peer and limit, written to benchmarks/RESULTS.md; QUICK=--quick is less precise.
 bench: $(STAMP)
