@@ -273,14 +273,20 @@ def _open_platform(
 
 @contextmanager
 def _signals(clock: Clock) -> Iterator[None]:
-    """While a run goes on, Ctrl-C and SIGTERM ask the clock to stop; the bench is made safe, then we leave."""
+    """While a run goes on, Ctrl-C, SIGTERM and a terminal that closes ask the clock to stop; the bench is made
+    safe, then we leave. Under nohup a closed terminal stays ignored.
+    """
 
     def ask(number: int, frame: FrameType | None) -> None:
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
         clock.interrupt.request(f"stopped by {name}")
 
     try:
-        before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {
+            number: signal.signal(number, ask)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+            if number != signal.SIGHUP or signal.getsignal(number) is signal.SIG_DFL
+        }
     except ValueError:  # not the main thread: whoever embeds the bench there owns the signals
         before = {}
     try:

@@ -74,7 +74,8 @@ MOMENTS = sorted(random.Random(20261121).sample(range(4, 160), 12))
 
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_ctrl_c_at_any_moment_leaves_a_safe_bench_and_a_whole_record(bench, fog_file, tmp_path, moment):
-    number = signal.SIGINT if moment % 2 else signal.SIGTERM
+    number = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)[moment % 3]
+    ours = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whoever runs the tests under nohup ignores it
     before = signal.getsignal(number)
     swap = {"chamber": lambda emulator, lab, index: InterruptAfter(emulator, moment, number)}
     procedure = find_procedure("zero-bias-cold-shock")
@@ -82,8 +83,9 @@ def test_ctrl_c_at_any_moment_leaves_a_safe_bench_and_a_whole_record(bench, fog_
         result = bench.drive(lab.file, tmp_path, procedure, east_after_min=0, east_dwell_s=60)
     assert result.outcome == "aborted"
     assert isinstance(result.error, RunAborted)
-    assert result.reason == f"stopped by {'Ctrl-C' if number == signal.SIGINT else 'SIGTERM'}."
+    assert result.reason == f"stopped by {'Ctrl-C' if number == signal.SIGINT else number.name}."
     assert signal.getsignal(number) is before
+    signal.signal(signal.SIGHUP, ours)
     if any(row["kind"] == "command" for row in events(result.folder)):
         assert_safe_and_readable(bench, result.folder)
         received = (result.folder / "raw" / "fog_1.bin").read_bytes()
