@@ -50,8 +50,12 @@ def cells(start: int, bits: int, big_endian: bool) -> set[int]:
 
 @st.composite
 def dbc_texts(draw: st.DrawFn) -> str:
-    """Draw a DBC file of one message: whatever fits its bytes, in either byte order, multiplexed or not."""
+    """Draw a DBC file of one message: whatever fits its bytes, in either byte order, multiplexed or not.
+
+    Its identifier has 11 bits or 29 (bit 31 set, as DBC files have it).
+    """
     length = draw(st.integers(1, 8))
+    identifier = draw(st.one_of(st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF).map(lambda n: n | 1 << 31)))
     has_groups = draw(st.booleans())
     taken: dict[int | None, set[int]] = {None: set(), 0: set(), 1: set(), 5: set()}
     fields: list[Field] = []
@@ -75,11 +79,11 @@ def dbc_texts(draw: st.DrawFn) -> str:
         each.line(has_groups and each.name == "S0") for each in fields if has_groups or each.group is None
     ]
     kinds = [
-        f"SIG_VALTYPE_ 291 {each.name} : {1 if each.bits == 32 else 2};"
+        f"SIG_VALTYPE_ {identifier} {each.name} : {1 if each.bits == 32 else 2};"
         for each in fields
         if each.is_float and (has_groups or each.group is None)
     ]
-    return "\n".join([f"{HEAD}BO_ 291 M: {length} A", *lines, "", *kinds, ""])
+    return "\n".join([f"{HEAD}BO_ {identifier} M: {length} A", *lines, "", *kinds, ""])
 
 
 def decode(message, payload: bytes, scaling: bool) -> dict:
@@ -100,6 +104,11 @@ def test_random_messages_of_random_dbc_files(text: str, payloads: list[bytes]) -
     with np.errstate(all="ignore"):
         ours = layout.decode(table)
     assert set(ours) == {signal.name for signal in message.signals}
+    assert (layout.identifier, layout.extended) == (message.frame_id, message.is_extended_frame)
+    mine = layout.sent_by(
+        np.array([layout.identifier] * 2, np.uint32), np.array([layout.extended, not layout.extended])
+    )
+    assert mine.tolist() == [True, False]  # an identifier of the other size is another message
     for row, (raw, value) in enumerate(zip(raws, values, strict=True)):
         for name, signal in layout.signals.items():
             if name not in raw:
