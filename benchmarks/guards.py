@@ -102,6 +102,14 @@ MECHANISMS = (
     ),
     Mechanism(
         1,
+        "a run folder that was moved or whose mount is gone is told",
+        _JOURNAL,
+        "if _place(self.folder) != self._place:",
+        "if False:",
+        _T_JOURNAL,
+    ),
+    Mechanism(
+        1,
         "a torn event is cut off by recovery",
         _RECOVER,
         "    if torn:\n        _cut(path",
@@ -211,6 +219,14 @@ MECHANISMS = (
         '["bench: the way to the safe state was cut off"]',
         "[]",
         _T_SESSION,
+    ),
+    Mechanism(
+        2,
+        "a polled port that goes away is known at once",
+        "drivers/clock.py",
+        "others = [port for port in self._polled if port not in ports]",
+        "others: list[Any] = []",
+        "tests/drivers/test_clock.py -k what_a_polled_port",
     ),
     Mechanism(
         2,
