@@ -104,8 +104,8 @@ MECHANISMS = (
         1,
         "a run folder that was moved or whose mount is gone is told",
         _JOURNAL,
-        "if _place(self.folder) != self._place:",
-        "if False:",
+        "_place(self.folder) != self._place",
+        "False",
         _T_JOURNAL,
     ),
     Mechanism(
