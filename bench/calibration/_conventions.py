@@ -32,7 +32,6 @@ ARCSEC_RAD = math.radians(1.0) / 3600.0
 PPM = 1e-6
 
 AXES = "xyz"
-NAVIGATION_STATES = 6
 STATES = 30
 PHI, DV = slice(0, 3), slice(3, 6)
 EPS, NABLA, KG, KA, K2 = slice(6, 9), slice(9, 12), slice(12, 21), slice(21, 27), slice(27, 30)

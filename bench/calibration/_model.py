@@ -32,14 +32,6 @@ _NODES_A_QUARTER = 20
 """Gauss nodes for 90 deg: smooth turns are exact to 1e-12 (16 nodes leave 1e-10, 12 leave 7e-8)."""
 
 
-def state_matrix(site: Site) -> Array:
-    """Return A, shape (6, 6)."""
-    matrix = np.zeros((6, 6))
-    matrix[:3, :3] = -cross_matrix(site.earth_rate_rad_s)
-    matrix[3:, :3] = specific_force_matrix(site)
-    return matrix
-
-
 def specific_force_matrix(site: Site) -> Array:
     """Return [f^n x], shape (3, 3), of the specific force at rest."""
     return cross_matrix(np.array([0.0, 0.0, site.gravity_mps2]))

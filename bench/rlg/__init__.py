@@ -6,7 +6,7 @@ from bench.rlg._dataset import load_ramp_runs
 from bench.rlg._profile import RampProfile, how_it_differs, hysteresis_dph, profile_of
 from bench.rlg._rows import RampRun, ramp_run
 from bench.rlg._study import BeforeAfter, RlgStudy, StepwiseVariant, judge, run_rlg_study
-from bench.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix, known_variables
+from bench.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix
 
 __all__ = [
     "CANDIDATES",
@@ -23,7 +23,6 @@ __all__ = [
     "how_it_differs",
     "hysteresis_dph",
     "judge",
-    "known_variables",
     "load_chamber_cycle",
     "load_ramp_runs",
     "profile_of",

@@ -37,11 +37,6 @@ FIVE_TERMS = ("T1", "dT1", "T1*dT1", "dT1^2", "T1-T2")
 """Variables x1, x3, x5, x7, x11 of the paper's final equation."""
 
 
-def known_variables() -> tuple[str, ...]:
-    """Return every name that a candidate list may hold."""
-    return tuple(_VARIABLES)
-
-
 def candidate_matrix(runs: Sequence[RampRun], names: Sequence[str]) -> Array:
     """Return the variables of all rows of all runs, shape (n, len(names)).
 

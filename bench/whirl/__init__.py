@@ -38,7 +38,6 @@ from bench.whirl._kinematics import (
 )
 from bench.whirl._lines import CANDIDATES, Line, choose_lines, patent_order, scan_lines
 from bench.whirl._residual import (
-    earth_in_body_dph,
     heading_from_body_rate,
     make_blocks,
     residual_increments,
@@ -78,7 +77,6 @@ __all__ = [
     "carrier_tilt",
     "choose_lines",
     "drift_separation",
-    "earth_in_body_dph",
     "earth_rate_findings",
     "fit_direct",
     "fit_integral",

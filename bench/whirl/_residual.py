@@ -16,11 +16,6 @@ import numpy as np
 from bench.whirl._types import ARCSEC_PER_DEG, Array, Complex, TurnRecord
 
 
-def earth_in_body_dph(horizontal_dph: float, heading_deg: float) -> complex:
-    """Return horizontal Earth rate on a level body, x + j y; `heading_deg`: azimuth of y, clockwise."""
-    return complex(1j * horizontal_dph * np.exp(1j * np.radians(heading_deg)))
-
-
 def heading_from_body_rate(body_rate_dph: complex) -> float:
     """Return the azimuth of the body's y axis in [0, 360) deg, clockwise from north, that Earth rate shows."""
     return float(np.degrees(np.angle(body_rate_dph / 1j)) % 360.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -85,13 +84,9 @@ class LabConfig:
     cpu: int | None = None
     emulated: dict[str, Any] | None = None
 
-    def to_json(self) -> dict[str, Any]:
-        """Return plain JSON values."""
-        return dataclasses.asdict(self)
-
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> LabConfig:
-        """Restore from `to_json`."""
+        """Return the configuration of plain JSON values."""
         return cls(
             **{
                 **data,
