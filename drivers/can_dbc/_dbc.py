@@ -10,7 +10,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
+from drivers.can_dbc._read_dbc import messages_in
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
 from drivers.errors import ConfigurationError
 from drivers.files import parse_json, read_bounded
@@ -23,6 +25,7 @@ _MAX_ANSWER_BYTES = 64 << 20
 _MAX_LEVELS = 8
 """Of multiplexers inside one another; a unit has one or two, and a layout doubles with each."""
 _READER = Path(__file__).with_name("_read_dbc.py")
+_OURS = Path(__file__).parents[1]
 
 _PARAMETER_GROUP_1, _PARAMETER_GROUP_2 = 0x03FF_0000, 0x03FF_FF00
 
@@ -63,17 +66,22 @@ def load_database(path: Path) -> Mapping[str, Message]:
     more memory or time than a file of that size can need.
     """
     try:
-        found = _read(read_bounded(path, MAX_FILE_BYTES))
+        content = read_bounded(path, MAX_FILE_BYTES)
     except OSError as error:
         raise _unreadable(path, error.strerror or str(error)) from error
+    found = _read(content, path.resolve().is_relative_to(_OURS))
     if isinstance(found, str):
         raise _unreadable(path, found)
     return found
 
 
 @lru_cache(maxsize=16)
-def _read(content: bytes) -> Mapping[str, Message] | str:
-    """Return the messages in the bytes of a DBC file, or why there are none."""
+def _read(content: bytes, ours: bool) -> Mapping[str, Message] | str:
+    """Return the messages in the bytes of a DBC file, or why there are none; `ours` are read right here."""
+    if ours:
+        import drivers.python_can  # noqa: F401  (cantools imports python-can, which takes long another way)
+
+        return _by_name(messages_in(content))
     with subprocess.Popen(
         [sys.executable, "-P", str(_READER), str(_MEMORY_BYTES), str(_CPU_S)],  # -P: nothing from this folder
         stdin=subprocess.PIPE,
@@ -90,6 +98,10 @@ def _read(content: bytes) -> Mapping[str, Message] | str:
     found = parse_json(answer)
     if isinstance(found, str):
         return found
+    return _by_name(found)
+
+
+def _by_name(found: list[dict[str, Any]]) -> Mapping[str, Message]:
     return {
         each["name"]: Message(**{**each, "signals": [Signal(**signal) for signal in each["signals"]]})
         for each in found

@@ -19,14 +19,8 @@ def main(memory_bytes: int, cpu_s: int) -> int:
     import cantools
 
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    content = sys.stdin.buffer.read()
     try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("cp1252", errors="replace")
-    try:
-        database = cantools.database.load_string(text, database_format="dbc", prune_choices=False)
-        found = json.dumps([_plain(message) for message in database.messages])
+        found = json.dumps(messages_in(sys.stdin.buffer.read()))
     except (
         *(ValueError, ArithmeticError, LookupError, TypeError, AttributeError, MemoryError, RecursionError),
         cantools.Error,
@@ -35,6 +29,18 @@ def main(memory_bytes: int, cpu_s: int) -> int:
         return 1
     sys.stdout.write(found + "\n")
     return 0
+
+
+def messages_in(content: bytes) -> list[dict[str, Any]]:
+    """Return the messages of a DBC file as plain values; raises whatever cantools does."""
+    import cantools
+
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("cp1252", errors="replace")
+    database = cantools.database.load_string(text, database_format="dbc", prune_choices=False)
+    return [_plain(message) for message in database.messages]
 
 
 def _why(error: BaseException, memory_bytes: int) -> str:
