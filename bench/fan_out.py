@@ -8,6 +8,7 @@ another.
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -20,6 +21,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 LOCAL = "local"
 _ANSWER_S = 10.0
+_SCHEMES, _PORT = ("tcp", "tls", "ws", "wss"), 8786
 _AHEAD = 4
 """Pieces handed out ahead, for every processor."""
 
@@ -116,6 +118,7 @@ def _connected(cluster: str, jobs: int | None) -> Iterator[Any]:
             yield client
         return
     try:
+        _knock(cluster)
         client = Client(cluster, timeout=_ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise ConfigurationError(
@@ -127,6 +130,16 @@ def _connected(cluster: str, jobs: int | None) -> Iterator[Any]:
         ) from error
     with client:
         yield client
+
+
+def _knock(cluster: str) -> None:
+    """Raise OSError or ValueError for an address where nothing listens: a Client of it may never be closed."""
+    from distributed.comm.addressing import parse_address, parse_host_port
+
+    scheme, place = parse_address(cluster)
+    if scheme not in _SCHEMES:
+        raise ValueError(f"{scheme}:// is no scheme of Dask, {', '.join(_SCHEMES)} are")
+    socket.create_connection(parse_host_port(place, _PORT), timeout=_ANSWER_S).close()
 
 
 def _check_workers(client: Any, cluster: str) -> None:
