@@ -260,6 +260,12 @@ def loss_taints(decoder: StreamDecoder) -> frozenset[LossSide]:
     return found
 
 
+def has_counter(decoder: StreamDecoder) -> bool:
+    """Return whether the unit counts its samples; False where `counter` is counted here, by frames received."""
+    found: bool = getattr(decoder, "has_counter", True)
+    return found
+
+
 class StreamDecoder(Protocol):
     """Incremental decoder: any chunking of the same bytes gives the same frames; never raises on bytes."""
 

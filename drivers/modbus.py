@@ -9,7 +9,8 @@ from __future__ import annotations
 import contextlib
 import logging
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Literal
 
 from pymodbus.exceptions import ModbusException
@@ -99,10 +100,14 @@ class ModbusMaster:
 
     DeviceSilent when it does not answer in time, ProtocolError for a damaged reply or somebody else's,
     DeviceRefused with its words for an exception: for good when the exchange has been tried again.
+    `words`: what is in a register, for messages.
     """
 
-    def __init__(self, link: Link, framing: Framing, device: int) -> None:
+    def __init__(
+        self, link: Link, framing: Framing, device: int, words: Mapping[int, str] = MappingProxyType({})
+    ) -> None:
         self._link = link
+        self._words = words
         self._frames = Frames(framing, server=False)
         self._device = device
         self._transaction = 0
@@ -225,8 +230,10 @@ class ModbusMaster:
 
     def _refused(self, asked: ModbusPDU, code: int) -> DeviceRefused:
         what = "read" if isinstance(asked, ReadHoldingRegistersRequest) else "write"
+        words = self._words.get(asked.address)
+        where = f"register {asked.address}"
         return DeviceRefused(
-            f"the controller refuses to {what} register {asked.address}",
+            f"the controller refuses to {what} {f'its {words} ({where})' if words else where}",
             where=self._where,
             found=f"exception {code}: {EXCEPTIONS.get(code, 'a code the standard does not know')}",
             expected="a value" if what == "read" else f"it takes {asked.registers}",

@@ -3,7 +3,8 @@
 The format is that of the LAWICEL CAN232/CANUSB manual: a frame is `tIIILDD..`, `TIIIIIIIILDD..` (data, 11 and 29
 bit identifiers), `rIIIL` or `RIIIIIIIIL` (remote), digits in hexadecimal, perhaps four digits of adapter time,
 and ends in CR. BEL (a refusal) ends a line too. Nothing protects a line, so one that breaks the grammar anywhere
-is rejected whole.
+is rejected; but no digit looks like the letter that a frame begins with, so a whole frame at the end of such a
+line (behind noise, or behind a line whose end was lost) is found.
 """
 
 from __future__ import annotations
@@ -82,8 +83,8 @@ class SlcanParser:
 
     `counts.frames` are CAN frames; `counts.rejected` has lines by reason: `long` (over 30 characters), `unknown`
     (neither a frame nor an adapter's answer), `text` (not hexadecimal), `length` (digits missing or left over),
-    `identifier` and `dlc` (out of range); `counts.bytes_skipped` is their bytes, line ends included. Empty lines
-    and answers of the adapter (`z`, `Z`, `F..`, `V..`, `N..`) are passed over.
+    `identifier` and `dlc` (out of range); `counts.bytes_skipped` is their bytes, line ends included, less a frame
+    at their end. Empty lines and answers of the adapter (`z`, `Z`, `F..`, `V..`, `N..`) are passed over.
     """
 
     def __init__(self) -> None:
@@ -103,32 +104,48 @@ class SlcanParser:
         not_hex = np.flatnonzero(digits[: len(text)] == _NOT_HEX)
         at_end = np.flatnonzero(_ENDS_LINE[padded[not_hex]])
         if not len(at_end):
-            self._tail = text[: MAX_LINE + 1]
+            self._tail = text[-(MAX_LINE + 1) :]
             return np.empty(0, FRAME_DTYPE)
         ends = not_hex[at_end]
         starts = np.empty_like(ends)
         starts[0], starts[1:] = 0, ends[:-1] + 1
         strangers = _steps(at_end, -1) - 1  # characters before the line's end that are no digit
-        frames, verdict = _parse(padded, digits, starts, ends - starts, strangers)
-        # A line already too long is kept only as far as shows that it is: offsets count from the stream.
-        frames["end_offset"] = ends + (text_offset + 1)
-        self._tail = text[ends[-1] + 1 :][: MAX_LINE + 1]
-        return self._admit(frames, verdict)
+        lines, verdict = _parse(padded, digits, starts, ends - starts, strangers)
+        saved = np.empty(0, np.intp)
+        odd = np.flatnonzero(verdict)
+        if len(odd):
+            last = np.where(strangers[odd] > 0, not_hex[at_end[odd] - 1], starts[odd])
+            begins = (last > starts[odd]) & (_ID_DIGITS[padded[last]] > 0)
+            begins &= ~_is_one_line(padded, digits, starts[odd], ends[odd])
+            odd, last = odd[begins], last[begins]
+            found, why = _parse(padded, digits, last, ends[odd] - last, np.ones_like(last))
+            whole = why == _FRAME
+            saved = odd[whole]
+            lines[saved] = found[whole]
+            self.counts.bytes_skipped -= int((ends[saved] - last[whole] + 1)[verdict[saved] > _ANSWER].sum())
+        # Of a line already too long only the end is kept: offsets count from the stream.
+        lines["end_offset"] = ends + (text_offset + 1)
+        self._tail = text[ends[-1] + 1 :][-(MAX_LINE + 1) :]
+        return self._admit(lines, verdict, saved)
 
-    def _admit(self, lines: NDArray[np.void], verdict: NDArray[np.uint8]) -> NDArray[np.void]:
-        """Return the lines that are frames, and count the rest."""
+    def _admit(
+        self, lines: NDArray[np.void], verdict: NDArray[np.uint8], saved: NDArray[np.intp]
+    ) -> NDArray[np.void]:
+        """Return the lines that are frames or end in one (`saved`), and count the rest."""
         line_start, self._line_start = self._line_start, int(lines["end_offset"][-1])
         if not verdict.any():
             self.counts.frames += len(lines)
             lines["others_before"] = self._others
             return lines
-        frames: NDArray[np.void] = lines[verdict == _FRAME]
+        is_frame = verdict == _FRAME
+        is_frame[saved] = True
+        frames: NDArray[np.void] = lines[is_frame]
         self.counts.frames += len(frames)
         size = _steps(lines["end_offset"], line_start)
         bad = verdict > _ANSWER
         # An answer as long as a frame may be one in which damage turned the first letter into V or N.
         so_far = self._others + np.cumsum(bad | ((verdict == _ANSWER) & (size > _SHORTEST)))
-        frames["others_before"] = so_far[verdict == _FRAME]
+        frames["others_before"] = so_far[is_frame]
         self._others = int(so_far[-1])
         self.counts.bytes_skipped += int(size[bad].sum())
         for code, times in enumerate(np.bincount(verdict).tolist()):
@@ -191,6 +208,17 @@ def _parse(
             command[odd], id_digits[odd], lengths[odd], strangers[odd], identifier[odd], dlc[odd]
         )
     return frames, verdict
+
+
+def _is_one_line(
+    text: NDArray[np.uint8], digits: NDArray[np.uint8], starts: NDArray[np.int64], ends: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which lines are as long as their own length digit says: a letter in one is a damaged digit."""
+    id_digits = _ID_DIGITS[text[starts]]
+    dlc = digits[starts + 1 + id_digits].astype(np.int64)
+    left_over = ends - starts - (2 + id_digits + np.where(_IS_REMOTE[text[starts]], 0, 2 * dlc))
+    one: NDArray[np.bool_] = (id_digits > 0) & (dlc <= 8) & ((left_over == 0) | (left_over == _TIME_DIGITS))
+    return one
 
 
 def _explain(

@@ -15,7 +15,14 @@ from bench.recording._events import Event
 from bench.recording._raw import raw_path, read_blocks, read_exchanges, read_marks
 from bench.recording._tables import table_writer
 from bench.recording._timing import StreamTimer, StreamTiming, Unwrapper
-from drivers.instruments import Exchange, FrameBatch, LossSide, StreamDecoder, loss_taints
+from drivers.instruments import (
+    Exchange,
+    FrameBatch,
+    LossSide,
+    StreamDecoder,
+    has_counter,
+    loss_taints,
+)
 
 Columns = Mapping[str, NDArray[Any]]
 Rates = Callable[[Columns, float], Mapping[str, NDArray[Any]]]
@@ -182,7 +189,9 @@ def decode_stream(
     path = raw_path(folder, source.name)
     marks = read_marks(path)
     decoder = source.decoder()
-    timer = StreamTimer(decoder.counter_modulo, decoder.counter_step, decoder.nominal_rate_hz)
+    timer = StreamTimer(
+        decoder.counter_modulo, decoder.counter_step, decoder.nominal_rate_hz, has_counter(decoder)
+    )
     frame_bytes = 0
     for batch in _batches(path, source, decoder):
         timer.feed(batch.columns["counter"], batch.end_offset, marks)

@@ -99,6 +99,8 @@ class StreamTimer:
     modulo: int
     nominal_step: float
     nominal_rate_hz: float
+    has_counter: bool = True
+    """False where the counter is that of the frames received."""
     _unwrap: Unwrapper = field(init=False)
     _frames: int = 0
     _step: float | None = None
@@ -242,7 +244,8 @@ class StreamTimer:
                 f"({off:+.2%}): times and rates follow the measured one"
             )
         if restarts:
-            warnings.append(f"the device's counter started anew {restarts} times; time there is from arrival")
+            what = "the device's counter started anew" if self.has_counter else "the stream paused"
+            warnings.append(f"{what} {restarts} times; time there is from arrival")
         if residual_s > max(0.05, 2.0 / rate_hz):
             warnings.append(
                 f"arrivals are up to {residual_s:.3f} s later than the counter says: a jump, or data held up"

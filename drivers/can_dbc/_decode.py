@@ -75,6 +75,7 @@ class CanDecoder:
             (mask | _EXTENDED, at & mask | extended * _EXTENDED) for at, mask, extended in layout.known
         ]
         self._counter = layout.use("time", "counter")
+        self.has_counter = self._counter is not None
         self.counter_modulo = self._counter.modulo if self._counter else _ROWS
         self.counter_step = self._counter.step if self._counter else 1.0
         if self._counter is not None and self._counter.role == "time":

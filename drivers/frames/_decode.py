@@ -14,7 +14,7 @@ from drivers.frames._form import Form, Layout
 from drivers.frames._line_read import LineReader
 from drivers.frames._lines import LineDescription, LineForm
 from drivers.frames._load import FrameFamily
-from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, FieldSection
+from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, Counter, FieldSection
 from drivers.frames._read import bit_of, record_of
 from drivers.frames._split import StreamSplitter
 from drivers.frames._units import constant, factor
@@ -125,10 +125,12 @@ class FrameDecoder:
         self.counts = self._reader.counts
         self.nominal_rate_hz = rate_hz
         # Of messages that count differently one must be named.
-        self._has_counter = len({str(form.counter) for form in measuring}) == 1
+        alike = len({str(form.counter) for form in measuring}) == 1
+        counter = measuring[0].counter if alike else None
+        self.has_counter = counter is not None
         self.counter_modulo, self.counter_step = _NO_WRAP, 1.0
-        if self._has_counter:
-            self.counter_modulo, self.counter_step = _counting(measuring[0], rate_hz)
+        if counter is not None:
+            self.counter_modulo, self.counter_step = _counting(measuring[0], counter, rate_hz)
         self._plans: dict[tuple[str, int], _Plan] = {}
         self._count = 0  # Of frames by bytes, where the frame has no counter.
         self._end = -1
@@ -181,7 +183,7 @@ class FrameDecoder:
         key = layout.form.name, layout.length
         if key not in self._plans:
             self._plans[key] = _Plan(
-                self._family, layout, self._axes, self._axis, has_counter=self._has_counter
+                self._family, layout, self._axes, self._axis, has_counter=self.has_counter
             )
         return self._plans[key]
 
@@ -357,11 +359,8 @@ def celsius(spec: FieldSection, columns: Mapping[str, Array]) -> NDArray[np.floa
         return value.astype(np.float32)
 
 
-def _counting(form: Form, rate_hz: float) -> tuple[int, float]:
+def _counting(form: Form, counter: Counter, rate_hz: float) -> tuple[int, float]:
     """Return where the counter wraps, and how much it rises a sample."""
-    counter = form.counter
-    if counter is None:
-        return _NO_WRAP, 1.0
     spec = next(each for each in form.fields if each.name == counter.field)
     bits = min(62, 8 * spec.bytes if spec.bits is None else spec.bits[1])
     step = float(counter.step) if counter.ticks_per_s is None else counter.ticks_per_s / rate_hz

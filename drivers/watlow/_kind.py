@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from drivers.clock import Clock
 from drivers.instruments import ChamberKind, Settings
 from drivers.link import Link, Tap
 from drivers.modbus import Framing, ModbusMaster
 from drivers.watlow._controllers import Controller, F4Controller, F4TController
 from drivers.watlow._driver import WatlowChamber
+from drivers.watlow._registers import F4_WORDS, F4T_WORDS
 from drivers.watlow._transcript import decode_f4, decode_f4t
 
 
 def _open_f4(settings: Settings, clock: Clock, tap: Tap) -> WatlowChamber:
-    link, modbus = _line(settings, clock, tap, "rtu")
+    link, modbus = _line(settings, clock, tap, "rtu", F4_WORDS)
     return _chamber(
         settings, link, modbus, F4Controller(modbus, settings["start_channel"], tuple(settings["auxiliary"]))
     )
 
 
 def _open_f4t(settings: Settings, clock: Clock, tap: Tap) -> WatlowChamber:
-    link, modbus = _line(settings, clock, tap, f4t_framing(settings["port"]))
+    link, modbus = _line(settings, clock, tap, f4t_framing(settings["port"]), F4T_WORDS)
     return _chamber(settings, link, modbus, F4TController(modbus))
 
 
@@ -28,9 +31,11 @@ def f4t_framing(port: str) -> Framing:
     return "tcp" if port.startswith("socket://") else "rtu"
 
 
-def _line(settings: Settings, clock: Clock, tap: Tap, framing: Framing) -> tuple[Link, ModbusMaster]:
+def _line(
+    settings: Settings, clock: Clock, tap: Tap, framing: Framing, words: Mapping[int, str]
+) -> tuple[Link, ModbusMaster]:
     link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
-    return link, ModbusMaster(link, framing, settings["address"] or 1)
+    return link, ModbusMaster(link, framing, settings["address"] or 1, words)
 
 
 def _chamber(settings: Settings, link: Link, modbus: ModbusMaster, controller: Controller) -> WatlowChamber:

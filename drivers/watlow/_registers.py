@@ -60,6 +60,33 @@ class F4T:
     """Alarm states that ChamberConnectLibrary names; 61 is none and 88 the start-up state, neither an alarm."""
 
 
+F4_WORDS: Mapping[int, str] = {
+    **{register: f"input {number}" for number, register in F4.INPUTS.items()},
+    **{register: f"decimal places of input {number}" for number, register in F4.DECIMALS.items()},
+    **{register: f"state of alarm {number}" for number, register in F4.ALARMS.items()},
+    F4.SET_POINT: "set point",
+    F4.SET_POINT_LOW: "set point limits",
+    F4.CELSIUS: "unit of temperature",
+    F4.RAMP_MODE: "ramp on or off",
+    F4.RAMP_RATE: "ramp rate",
+    F4.RAMP_UNIT: "unit of the ramp rate",
+    **{F4.OUTPUT_1 + F4.OUTPUT_STEP * n: f"digital output {n + 1}" for n in range(8)},
+}
+F4T_WORDS: Mapping[int, str] = {
+    F4T.MODE: "control mode",
+    F4T.SET_POINT_LOW: "set point limits",
+    F4T.SET_POINT: "set point",
+    F4T.RAMP_ACTION: "ramp on or off",
+    F4T.RAMP_SCALE: "unit of the ramp rate",
+    F4T.RAMP_RATE: "ramp rate",
+    F4T.ACTIVE_SET_POINT: "set point in force",
+    F4T.ACTIVE_MODE: "control mode in force",
+    F4T.AIR: "air temperature",
+    **{F4T.ALARM_1 + F4T.ALARM_STEP * n: f"state of alarm {n + 1}" for n in range(F4T.ALARMS)},
+}
+"""What is in the registers that the bench reads and writes, by the first one's number."""
+
+
 def scaled(word: int, decimals: int) -> float:
     """Return an F4 register as a number: signed, with so many decimal places."""
     return to_signed(word) / 10.0**decimals

@@ -163,7 +163,8 @@ def test_every_byte_is_accounted_for(items: list) -> None:
         (b"r12320000000", "length"),
         (b"t1232AAGG", "text"),  # python-can 4.6.1: ValueError
         (b"t1232AA\xffB", "text"),  # python-can 4.6.1: the buffer is poisoned for good
-        (b"t1232AAt1232AABB", "text"),
+        (b"t1234AABt1230", "text"),  # as long as its 4 bytes: a damaged digit, not a frame
+        (b"#t12", "unknown"),
         (b"t8002AABB", "identifier"),
         (b"T200000000", "identifier"),
         (b"\xff\x80\x00", "unknown"),
@@ -181,6 +182,43 @@ def test_damaged_line_is_counted_by_reason(bad: bytes, reason: str, end: bytes) 
     assert [int(identifier) for identifier in parsed["id"]] == [0x123, 0x124]
     assert parser.counts.rejected == {reason: 1}
     assert parser.counts.bytes_skipped == len(bad) + 1
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\x07"])
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"t1232AA",
+        b"t",
+        b"T1234567",
+        b"\xff\x80\x00",
+        b"0102030405060708",
+        b"zt",
+        b"V1013",
+        b"x" * 100_000,
+    ],
+)
+def test_a_frame_at_the_end_of_a_damaged_line_is_found(head: bytes, end: bytes) -> None:
+    """Noise, a line whose end was lost, a port that was opened in the middle of a line."""
+    stream = b"t1000\r" + head + b"t1232AABB" + end + b"t1240\r"
+    answer = head == b"V1013"
+    for cuts in ([], [len(stream) - 9], list(range(len(stream) - 60, len(stream)))):
+        parser, parsed = feed_in_chunks(stream, cuts)
+        assert as_tuples(parsed)[1] == (0x123, False, False, 2, b"\xaa\xbb")
+        assert parsed["id"].tolist() == [0x100, 0x123, 0x124]
+        assert parsed["others_before"].tolist() == [0, 1, 1]
+        assert parsed["end_offset"].tolist() == [6, len(stream) - 6, len(stream)]
+        assert sum(parser.counts.rejected.values()) == (not answer)
+        assert parser.counts.bytes_skipped == (0 if answer else len(head))
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.binary(max_size=40), frames(), st.sampled_from(["", "12EF"]))
+def test_a_frame_right_behind_noise_arrives(noise: bytes, frame: tuple, time: str) -> None:
+    """Noise that is not itself the beginning of a frame; a line end in it changes nothing."""
+    head = b"#" + noise.replace(b"\r", b"\r#").replace(b"\x07", b"\x07#")
+    parsed = SlcanParser().feed(head + line(frame)[:-1] + time.encode() + b"\r")
+    assert as_tuples(parsed)[-1] == frame
 
 
 def test_answers_of_the_adapter_are_passed_over() -> None:

@@ -1,5 +1,7 @@
 """Watlow chambers: registers against documented bytes, driver and emulator in memory, records decoded again."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from drivers.instruments import ChamberCapabilities, ChamberLimits, ChamberState
 from drivers.modbus import ModbusMaster
 from drivers.watlow import WatlowChamber, decode_f4, decode_f4t, scaled, unscaled
 from drivers.watlow._controllers import F4Controller, F4TController
+from drivers.watlow._registers import F4_WORDS, F4T_WORDS
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
 from simulators.faults import Fault
 from tests.memory_link import ChamberPlant, MemoryLink
@@ -17,7 +20,7 @@ def f4(auxiliary=(2,), start_output=1, emulator=None, **options):
     plant = ChamberPlant()
     device = emulator or F4Emulator(plant, start_output=start_output, **options)
     wire = MemoryLink(device)
-    modbus = ModbusMaster(wire, "rtu", 1)
+    modbus = ModbusMaster(wire, "rtu", 1, F4_WORDS)
     chamber = WatlowChamber(wire, modbus, F4Controller(modbus, start_output, auxiliary), auxiliary=auxiliary)
     return chamber, wire, plant, device
 
@@ -26,7 +29,7 @@ def f4t(framing="tcp"):
     plant = ChamberPlant()
     device = F4TEmulator(plant, framing=framing)
     wire = MemoryLink(device)
-    modbus = ModbusMaster(wire, framing, 1)
+    modbus = ModbusMaster(wire, framing, 1, F4T_WORDS)
     return WatlowChamber(wire, modbus, F4TController(modbus)), wire, plant, device
 
 
@@ -111,9 +114,31 @@ def test_demands_that_make_no_sense_never_reach_the_line(make, set_point, ramp):
 @BOTH
 def test_a_set_point_out_of_range_is_refused_in_the_controllers_words(make):
     chamber, _, plant, _ = make()
-    with pytest.raises(DeviceRefused, match="illegal data value"):
+    with pytest.raises(DeviceRefused, match="illegal data value") as refusal:
         chamber.set_temperature(500.0)
     assert plant.set_point == 23.0
+    assert re.search(r"refuses to write its set point \(register (300|2782)\)", str(refusal.value))
+
+
+@BOTH
+def test_every_register_that_is_used_has_a_name(make, monkeypatch):
+    used = set()
+
+    def send(master, message, sends=ModbusMaster._send):
+        used.add(message.address)
+        sends(master, message)
+
+    monkeypatch.setattr(ModbusMaster, "_send", send)
+    chamber, _, _, _ = make()
+    chamber.identify()
+    chamber.limits()
+    chamber.set_temperature(20.0, 1.0)
+    chamber.start()
+    chamber.state()
+    chamber.alarms()
+    chamber.halt()
+    chamber.make_safe()
+    assert len(used) > 10 and used <= set(chamber._modbus._words)
 
 
 @BOTH

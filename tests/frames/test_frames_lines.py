@@ -22,6 +22,7 @@ from drivers.frames import (
     vector_mistakes,
 )
 from drivers.frames._kind import Frames
+from drivers.instruments import has_counter
 from tests.frames.test_frames_bench import bench_file
 from tests.frames.test_frames_bench import run as run_bench
 
@@ -138,7 +139,10 @@ def test_any_chunks_and_damage_give_the_sound_lines(cuts: list[int], broken: set
 
 def test_a_broken_line_leaves_a_gap_where_there_is_no_counter() -> None:
     stream = b"  0.01   1\r\n  0.0x   1\r\n  0.02   0\r\n\r\n"
-    batch = FrameDecoder(load_family("kvh_dsp3000"), rate_hz=100.0, axes="z").feed(stream)
+    decoder = FrameDecoder(load_family("kvh_dsp3000"), rate_hz=100.0, axes="z")
+    assert not has_counter(decoder)
+    assert has_counter(FrameDecoder(load_family("novatel_rawimusxa"), rate_hz=100.0, axes="z"))
+    batch = decoder.feed(stream)
     assert batch.columns["counter"].tolist() == [0, 2]
     assert batch.columns["rate_z"].tolist() == [0.01, 0.02]
     assert batch.columns["valid"].tolist() == [True, False]
