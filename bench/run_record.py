@@ -228,7 +228,7 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
         out,
     )
     decode_instrument(folder, "chamber", "chamber", chamber_kind(file).decode_transcript, out)
-    starts = {name: int(entry["start_offset"]) for name, entry in manifest.stream.items()}
+    starts = {name: int(entry.get("start_offset", 0)) for name, entry in manifest.stream.items()}
     sources: list[StreamSource] = [
         _gyro_source(each, starts[each.name]) for each in file.gyro if each.name in starts
     ]
@@ -242,7 +242,7 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
 def gyro_source(manifest: Manifest, name: str) -> GyroSource:
     """Return how the stream of a recorded run's gyro is decoded."""
     section = bench_file_from(manifest.bench).gyro_named(name)
-    return _gyro_source(section, int(manifest.stream[name]["start_offset"]))
+    return _gyro_source(section, int(manifest.stream[name].get("start_offset", 0)))
 
 
 def _platform_source(section: PlatformSection, start_offset: int) -> PlatformSource:

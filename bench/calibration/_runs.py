@@ -68,7 +68,9 @@ def load_calibration_run(folder: Path, gyro: str | None = None) -> CalibrationRu
     ]
     start_s, end_s, turn_s = _span(run, schedule)
     table = run.gyro(name, start_s=start_s, end_s=end_s)
-    rate_hz = manifest.stream[name]["sample_rate_hz"]
+    rate_hz = manifest.stream.get(name, {}).get("sample_rate_hz")
+    if not rate_hz:
+        raise RecordError("the unit's stream has no sample rate", where=str(folder), found=name)
     entry = manifest.files.get(f"raw/{name}.bin")
     return CalibrationRun(
         run_id=manifest.run_id,

@@ -97,7 +97,7 @@ def read_row(folder: Path, root: str) -> tuple[dict[str, Any], tuple[str, ...]]:
             "units": json.dumps(units, ensure_ascii=False),
             "outcome": _text(manifest["outcome"]),
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         return row | {"reason": f"{MANIFEST_FILE}: {type(error).__name__}: {error}"}, ()
     return row, units
 

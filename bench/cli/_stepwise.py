@@ -35,7 +35,7 @@ def stepwise_command(
     wanted = (gyro,) if gyro else ()
     training = _by_unit(train, wanted, allow_invalid=False)
     tests = _by_unit(test, wanted, allow_invalid=True)
-    bench_name = str(Run.open(train[0]).manifest.bench["bench"]["name"])
+    bench_name = Run.open(train[0]).manifest.bench_name
     warnings = [
         f"Run {run.manifest.run_id} is {run.manifest.outcome}: {run.manifest.reason}"
         for run in map(Run.open, test)

@@ -31,7 +31,7 @@ def load_thermal_runs(folder: Path, gyro: str | None = None) -> list[ThermalRun]
     `reference`. ConfigurationError names what a folder lacks.
     """
     run = Run.open(folder)
-    name = gyro or next(iter(run.manifest.units))
+    name = gyro or next(iter(run.manifest.units), "")
     if name not in run.manifest.units:
         raise ConfigurationError(
             "the run has no such gyro",
@@ -54,7 +54,7 @@ def _bias_run(run: Run, gyro: str) -> ThermalRun:
     earth = _earth_rate_dph(run, start, end)
     return ThermalRun(
         run_id=run.manifest.run_id,
-        unit_id=run.manifest.units[gyro],
+        unit_id=run.manifest.unit(gyro),
         time_s=np.arange(start + 1.0, end + 1.0),
         gyro_temp_c=gyro_temp,
         case_temp_c=_case_temp(run, gyro, start, end),
@@ -92,7 +92,7 @@ def _rate_run(run: Run, gyro: str, rate_dps: float, start_s: float, end_s: float
     output, gyro_temp = _second_means(run, gyro, start, end)
     return RateRun(
         run_id=run.manifest.run_id,
-        unit_id=run.manifest.units[gyro],
+        unit_id=run.manifest.unit(gyro),
         rate_dps=rate_dps,
         time_s=np.arange(1.0, end - start + 1.0),
         gyro_temp_c=gyro_temp,
@@ -156,7 +156,7 @@ def _hours(run: Run, gyro: str, start: int, end: int) -> Iterator[dict[str, Any]
 
 def _case_temp(run: Run, gyro: str, start: int, end: int) -> Array:
     """Return the case temperature at the middle of every second, shape (end - start,)."""
-    sensor = run.manifest.devices[gyro].case_sensor
+    sensor = run.manifest.device(gyro).case_sensor
     if sensor is None:
         imported = run.manifest.imported is not None
         raise ConfigurationError(
@@ -175,10 +175,8 @@ def _case_temp(run: Run, gyro: str, start: int, end: int) -> Array:
 
 def _earth_rate_dph(run: Run, start: int, end: int) -> Array:
     """Return the Earth rate along the axis from table angle and measured azimuth error, (end - start,)."""
-    latitude = math.radians(float(run.manifest.bench["bench"]["latitude_deg"]))
-    error_deg = next(
-        (row["value"] for row in run.manifest.measurements if row["name"] == "azimuth_error"), 0.0
-    )
+    latitude = math.radians(run.manifest.latitude_deg)
+    error_deg = run.manifest.measured("azimuth_error") or 0.0
     table = run.turntable(("time_ns", "angle_deg"), start - 2.0, end + 2.0)
     unwrapped = np.unwrap(table["angle_deg"], period=360.0)
     angle = np.interp(np.arange(start + 0.5, end), seconds(table), unwrapped)

@@ -71,7 +71,7 @@ def load_channels(folder: Path, gyro: str | None = None) -> tuple[list[ChannelSe
     run = Run.open(folder)
     if run.manifest.imported is not None:
         return [], dict.fromkeys(CHANNEL_UNITS, "an imported recording has no commands in it")
-    units = [each for each in run.manifest.units if run.manifest.devices[each].role == "gyro"]
+    units = [each for each in run.manifest.units if run.manifest.device(each).role == "gyro"]
     name = gyro or next(iter(units), "")
     found: list[ChannelSeries] = []
     missing: dict[str, str] = {}
@@ -161,12 +161,14 @@ def _quiet_from(demands: list[Demand], time_s: Array) -> Array:
 
 
 def _case(run: Run, gyro: str) -> ChannelSeries | str:
-    sensor = run.manifest.devices[gyro].case_sensor if gyro else None
+    sensor = run.manifest.device(gyro).case_sensor if gyro else None
     if sensor is None or not (run.folder / "chamber.parquet").exists():
         return "no sensor on the unit's case (case_sensor in the bench file)"
     table = run.chamber()
     if "air_temp_c" not in table:
         return "no record of the air that the case could follow"
+    if f"aux_{sensor}_temp_c" not in table:
+        return f"no record of the sensor on the unit's case (case_sensor {sensor})"
     raw = table[f"aux_{sensor}_temp_c"].astype(np.float64)
     time_s, case = _stepped(seconds(table), raw)
     _, air = _stepped(seconds(table), table["air_temp_c"].astype(np.float64))
@@ -178,7 +180,7 @@ def _case(run: Run, gyro: str) -> ChannelSeries | str:
 
 
 def _inside(run: Run, gyro: str) -> ChannelSeries | str:
-    sensor = run.manifest.devices[gyro].case_sensor if gyro else None
+    sensor = run.manifest.device(gyro).case_sensor if gyro else None
     if sensor is None or not (run.folder / "chamber.parquet").exists():
         return "no sensor on the unit's case that the gyro's temperature could follow"
     around = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))

@@ -34,7 +34,7 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
     folder lacks.
     """
     run = Run.open(folder)
-    units = [each for each in run.manifest.units if run.manifest.devices[each].role == "gyro"]
+    units = [each for each in run.manifest.units if run.manifest.device(each).role == "gyro"]
     if not units:
         raise ConfigurationError(
             "the run has no gyro",
@@ -99,7 +99,7 @@ def _stretch(
         t_out,
         angle,
         elevation,
-        float(run.manifest.bench["bench"]["latitude_deg"]),
+        run.manifest.latitude_deg,
     )
     phases = [phase for phase in run.phases() if phase.end_s > start and phase.start_s < end]
     condition = f"{round(float(np.median(angle))) % 360} deg"
@@ -107,7 +107,7 @@ def _stretch(
         condition = f"{round(turning):+d}"
     return GapRun(
         run.manifest.run_id + suffix,
-        run.manifest.units[gyro],
+        run.manifest.unit(gyro),
         _profile(run),
         condition,
         stimulus,
@@ -134,7 +134,7 @@ def _profile(run: Run) -> str:
 
 def _upright(run: Run, gyro: str, turning: bool) -> bool:
     """Return whether the axis under test is up; where no mounting was told, a turning unit's is."""
-    mounting, axis = run.manifest.mounting, run.manifest.devices[gyro].axis
+    mounting, axis = run.manifest.mounting, run.manifest.device(gyro).axis
     if mounting == "z_up":
         return axis == "z"
     return mounting == "axis_up" or (turning and mounting != "axis_horizontal")
@@ -143,7 +143,7 @@ def _upright(run: Run, gyro: str, turning: bool) -> bool:
 def _positions(run: Run, gyro: str) -> GapRun:
     """Return the dwells of a system calibration, one behind the other, each at its attitude, without turns."""
     schedule = load_calibration_run(run.folder, gyro).schedule
-    axis = AXES.index(str(run.manifest.devices[gyro].axis or "x"))
+    axis = AXES.index(str(run.manifest.device(gyro).axis or "x"))
     parts = []
     dwells = [phase for phase in run.phases() if phase.name == "dwell"]
     for number, (phase, attitude) in enumerate(zip(dwells, schedule.attitudes(), strict=True), 1):
@@ -174,11 +174,11 @@ def _positions(run: Run, gyro: str) -> GapRun:
         t_out,
         np.append(angle, angle[-1:]),
         elevation,
-        float(run.manifest.bench["bench"]["latitude_deg"]),
+        run.manifest.latitude_deg,
     )
     return GapRun(
         run.manifest.run_id,
-        run.manifest.units[gyro],
+        run.manifest.unit(gyro),
         run.manifest.procedure,
         schedule.name,
         stimulus,
@@ -232,8 +232,7 @@ def _table_angle(run: Run, times_s: Array) -> Array:
 
 
 def _azimuth_error_deg(run: Run) -> float:
-    found = (row["value"] for row in run.manifest.measurements if row["name"] == "azimuth_error")
-    return float(next(found, 0.0))
+    return run.manifest.measured("azimuth_error") or 0.0
 
 
 def _temperatures(run: Run, temp_c: Array, case_c: Array) -> tuple[Array, Array]:
@@ -243,7 +242,7 @@ def _temperatures(run: Run, temp_c: Array, case_c: Array) -> tuple[Array, Array]
 
 def _case_temp(run: Run, gyro: str, times_s: Array) -> Array:
     """Return the case temperature, NaN without a sensor on it."""
-    sensor = run.manifest.devices[gyro].case_sensor
+    sensor = run.manifest.device(gyro).case_sensor
     if sensor is None or not (run.folder / "chamber.parquet").exists():
         return np.full(len(times_s), np.nan)
     table = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))

@@ -59,7 +59,7 @@ def site_of_run(folder: Path, damping: float = 0.0) -> Site:
     section = next(each for each in sections if path.name == platform_table_name(each.name))
     started_s = datetime.fromisoformat(manifest.started_utc).timestamp()
     zero_deg = None if manifest.emulated is not None else earth_rotation_deg(started_s)
-    return Site(manifest.bench["bench"]["latitude_deg"], section.longitude_deg, zero_deg, damping)
+    return Site(manifest.latitude_deg, section.longitude_deg, zero_deg, damping)
 
 
 def platform_table(folder: Path) -> Path:

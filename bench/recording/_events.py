@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.recording._append import AppendFile, record_error
+from bench.recording._shapes import check_line
 from drivers.errors import RecordError
 from drivers.files import RECORD_BYTES, parse_json, read_bounded
 
@@ -85,15 +86,13 @@ def read_events(folder: Path) -> Events:
     rows: list[Event] = []
     for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
         try:
-            row = parse_json(line)
-            if not (isinstance(row, dict) and "time_s" in row and "kind" in row):
-                raise ValueError("no object with time_s and kind")
-        except ValueError as error:
+            row = check_line(parse_json(line))
+        except (ValueError, OverflowError) as error:
             raise RecordError(
                 "the event log is damaged",
                 where=f"{path}, line {number}",
                 found=f"{line[:60]!r} ({error})",
-                expected="one JSON object a line with time_s and kind",
+                expected="one JSON object a line with time_s, kind and the fields of its kind",
                 remedy="restore the file from a copy; raw bytes and tables are not affected",
             ) from error
         rows.append(row)

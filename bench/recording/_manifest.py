@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from bench.recording._append import record_error
+from bench.recording._shapes import check_free_parts
 from bench.run_folder import MANIFEST_FILE
 from drivers.errors import RecordError
 from drivers.files import RECORD_BYTES, read_bounded, replace_file
@@ -37,7 +38,7 @@ RunId = Annotated[str, AfterValidator(_one_name)]
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null", allow_inf_nan=False)
 
 
 class DeviceEntry(_Part):
@@ -107,6 +108,54 @@ class Manifest(_Part):
         """Whether the run was closed and sealed, whatever its outcome."""
         return self.outcome != "running"
 
+    @property
+    def bench_name(self) -> str:
+        """The name of the bench, empty if none was kept."""
+        return str(self.bench.get("bench", {}).get("name", ""))
+
+    @property
+    def latitude_deg(self) -> float:
+        """Where the bench stands; RecordError if the run does not say so."""
+        try:
+            return float(self.bench["bench"]["latitude_deg"])
+        except KeyError as error:
+            raise self._lacks("the latitude of the bench", "bench.bench.latitude_deg") from error
+
+    def device(self, name: str) -> DeviceEntry:
+        """Return who answered under a name of the bench file; RecordError if nobody is in the record."""
+        try:
+            return self.devices[name]
+        except KeyError as error:
+            raise self._lacks(f"the device {name}", f"devices.{name}") from error
+
+    def unit(self, name: str) -> str:
+        """Return the unit that was tested under a gyro's name; RecordError if none is in the record."""
+        try:
+            return self.units[name]
+        except KeyError as error:
+            raise self._lacks(f"the unit of {name}", f"units.{name}") from error
+
+    def measured(self, name: str) -> float | None:
+        """Return a measured value; None if it was not measured or was not finite."""
+        return next((row.get("value") for row in self.measurements if row["name"] == name), None)
+
+    def parameter(self, name: str) -> float | None:
+        """Return a parameter that is a number; None if there is none, RecordError for text."""
+        value = self.parameters.get(name)
+        if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
+            return value
+        raise RecordError(
+            f"the parameter {name} is no number", where=f"run {self.run_id}", found=repr(value)[:60]
+        )
+
+    def _lacks(self, what: str, key: str) -> RecordError:
+        return RecordError(
+            f"the run's manifest does not have {what}",
+            where=f"run {self.run_id}",
+            found=f"no {key} in {MANIFEST_FILE}",
+            expected="a run that was begun on a bench, its devices found",
+        )
+
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write manifest.json in one piece: a reader finds the old one or the new one. Raises RecordError."""
@@ -134,7 +183,17 @@ def read_manifest(folder: Path) -> Manifest:
     """Read manifest.json of a run folder; RecordError if it is missing or not a manifest."""
     path = folder / MANIFEST_FILE
     try:
-        return Manifest.model_validate_json(read_bounded(path, RECORD_BYTES))
+        manifest = Manifest.model_validate_json(read_bounded(path, RECORD_BYTES))
+        check_free_parts(
+            {
+                "started_utc": manifest.started_utc,
+                "bench": manifest.bench,
+                "stream": manifest.stream,
+                "measurements": list(manifest.measurements),
+                "parameters": manifest.parameters,
+            }
+        )
+        return manifest
     except OSError as error:
         raise RecordError(
             "this is not a run folder",
@@ -143,15 +202,21 @@ def read_manifest(folder: Path) -> Manifest:
             expected="a folder with manifest.json, events.jsonl and raw/",
             remedy="`gyrobench runs` lists the runs there are",
         ) from error
-    except ValidationError as error:
-        first = error.errors()[0]
+    except ValueError as error:
         raise RecordError(
             "the manifest cannot be read",
             where=str(path),
-            found=f"{'.'.join(map(str, first['loc']))}: {first['msg']} ({error.error_count()} in all)",
+            found=_mistakes(error),
             expected="a manifest of format 1",
             remedy="restore the file from a copy, or read the run with the version that wrote it",
         ) from error
+
+
+def _mistakes(error: ValueError) -> str:
+    if not isinstance(error, ValidationError):
+        return str(error)
+    first = error.errors()[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']} ({error.error_count()} in all)"
 
 
 def checksums(folder: Path) -> dict[str, FileEntry]:

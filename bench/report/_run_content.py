@@ -49,7 +49,6 @@ def run_content(run: Run, *, created_utc: str = "") -> RunContent:
 
 def _summary(run: Run, missing: list[str]) -> RunSummary:
     manifest = run.manifest
-    bench_section = manifest.bench.get("bench") or {}
     answers = [str(row["by"]) for row in run.events if row["kind"] == "answer" and row.get("by")]
     emulated = manifest.emulated
     return RunSummary(
@@ -70,7 +69,7 @@ def _summary(run: Run, missing: list[str]) -> RunSummary:
         streams=tuple(_stream(name, row) for name, row in manifest.stream.items()),
         warnings=_warnings(run, missing),
         checksum=hashlib.sha256((run.folder / "manifest.json").read_bytes()).hexdigest(),
-        bench_name=str(bench_section.get("name", "")),
+        bench_name=manifest.bench_name,
         bench_file_sha256=manifest.bench_file_sha256,
         mounting=manifest.mounting,
         operator=", ".join(dict.fromkeys(answers)),

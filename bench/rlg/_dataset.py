@@ -62,7 +62,7 @@ def _ramp_run(run: Run, gyro: str, start: int, end: int, ramps: list[tuple[float
     direction = "down first" if parameters.get("downwards") else "up first"
     made = ramp_run(
         run.manifest.run_id,
-        run.manifest.units[gyro],
+        run.manifest.unit(gyro),
         np.arange(start + 1.0, end + 1.0),
         _case(run, gyro, table, start, end),
         _second_means(table, "temp_c", start, end),
@@ -105,7 +105,7 @@ def _second_means(table: dict[str, NDArray[Any]], column: str, start: int, end: 
 def _case(run: Run, gyro: str, table: dict[str, NDArray[Any]], start: int, end: int) -> Array:
     if "case_temp_c" in table:
         return _second_means(table, "case_temp_c", start, end)
-    sensor = run.manifest.devices[gyro].case_sensor
+    sensor = run.manifest.device(gyro).case_sensor
     if sensor is None:
         raise ConfigurationError(
             "the regression needs two temperatures",
@@ -121,14 +121,14 @@ def _case(run: Run, gyro: str, table: dict[str, NDArray[Any]], start: int, end: 
 
 def _earth_rate_dph(run: Run, start: int, end: int) -> Array:
     """Return the Earth rate along the axis, which the table turned east by the measured azimuth error."""
-    latitude = math.radians(float(run.manifest.bench["bench"]["latitude_deg"]))
-    measured = {row["name"]: row["value"] for row in run.manifest.measurements}
+    latitude = math.radians(run.manifest.latitude_deg)
+    error_deg = run.manifest.measured("azimuth_error") or 0.0
     table = run.turntable(("time_ns", "angle_deg"), start - 2.0, end + 2.0)
     angle = np.interp(
         np.arange(start + 0.5, end), seconds(table), np.unwrap(table["angle_deg"], period=360.0)
     )
     horizontal = _EARTH_RATE_DPH * math.cos(latitude)
-    return np.asarray(horizontal * np.cos(np.radians(angle + measured.get("azimuth_error", 0.0))))
+    return np.asarray(horizontal * np.cos(np.radians(angle + error_deg)))
 
 
 def _truth(run: Run, gyro: str, start: int, end: int) -> Array | None:

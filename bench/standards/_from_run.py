@@ -134,7 +134,7 @@ class _Record:
         )
 
     def _latitude(self) -> float:
-        return math.radians(float(self.run.manifest.bench["bench"]["latitude_deg"]))
+        return math.radians(self.run.manifest.latitude_deg)
 
     def _table(self, interval: dict[str, Any], columns: Sequence[str]) -> dict[str, NDArray[Any]]:
         return self.run.gyro(self.gyro, columns, *self._limits(interval))
@@ -146,7 +146,7 @@ class _Record:
 def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
     """Return every figure that a `standard-test` run folder gives; what is missing is named, not guessed."""
     run = Run.open(folder)
-    name = gyro or next(iter(run.manifest.units))
+    name = gyro or next(iter(run.manifest.units), "")
     if not any(row["kind"] == "interval" for row in run.events) or name not in run.manifest.units:
         raise ConfigurationError(
             "no standard test of that gyro in this run",
@@ -154,8 +154,7 @@ def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
             found=f"{run.manifest.procedure}, gyros {', '.join(run.manifest.units)}",
             expected=f"a standard-test run with gyro {name}",
         )
-    measured = {row["name"]: float(row["value"]) for row in run.manifest.measurements}
-    record = _Record(run, name, measured.get("azimuth_error", 0.0))
+    record = _Record(run, name, run.manifest.measured("azimuth_error") or 0.0)
     figures: list[Figure] = []
     missing: list[tuple[str, str]] = []
     for what, part in (
@@ -176,7 +175,7 @@ def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
     except BenchError as error:
         missing.append(("noise", str(error)))
     return StandardFigures(
-        run.manifest.run_id, run.manifest.units[name], name, tuple(figures), tuple(missing), allan, noise
+        run.manifest.run_id, run.manifest.unit(name), name, tuple(figures), tuple(missing), allan, noise
     )
 
 

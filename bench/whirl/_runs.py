@@ -51,13 +51,13 @@ def load_turns(run: Run, gyro: str | None = None) -> Turns:
     angle_rad, alignment = align_angle(edges_s, rate_dps[:, 2], poll_s, table["angle_deg"])
     record = TurnRecord(
         run_id=run.manifest.run_id,
-        unit_id=run.manifest.units[name],
+        unit_id=run.manifest.unit(name),
         period_s=float((edges_s[-1] - edges_s[0]) / (len(edges_s) - 1)),
         time_s=edges_s,
         rate_dps=rate_dps,
         angle_rad=angle_rad,
         usable=usable,
-        latitude_deg=float(run.manifest.bench["bench"]["latitude_deg"]),
+        latitude_deg=run.manifest.latitude_deg,
     )
     require_fit_for_whirl(record)
     record = while_turning(record)
@@ -95,7 +95,7 @@ def _has_axes(run: Run, name: str) -> bool:
 
 def _section(run: Run, name: str) -> dict[str, Any]:
     """Return the gyro's section of the bench file, empty if there is none."""
-    return next((section for section in run.manifest.bench["gyro"] if section["name"] == name), {})
+    return next((section for section in run.manifest.bench.get("gyro", ()) if section["name"] == name), {})
 
 
 def _rate_columns(run: Run, name: str) -> tuple[str, ...]:
@@ -131,7 +131,7 @@ def _filled(values: Array, usable: np.ndarray[tuple[int], np.dtype[np.bool_]]) -
 
 def _announced(run: Run) -> list[tuple[float, float, float]]:
     """Return the stretches that the procedure's phases announce: start, end, signed rate in deg/s."""
-    rate = abs(float(run.manifest.parameters.get("rate_dps", 0.0)))
+    rate = abs(run.manifest.parameter("rate_dps") or 0.0)
     if not rate:
         return []
     return [

@@ -386,7 +386,7 @@ def test_a_records_text_is_text_to_the_terminal(command, tmp_path):
         "parameters": {EVIL: EVIL},
         "devices": {EVIL: device},
         "units": {EVIL: EVIL},
-        "stream": {EVIL: {"frames": EVIL, "lost": EVIL}},
+        "stream": {EVIL: {"frames": 1, "rejected": {EVIL: 1}, "warnings": [EVIL]}},
         "measurements": [judged],
     }
     (folder / "manifest.json").write_text(json.dumps(MANIFEST | told))
