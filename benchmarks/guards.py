@@ -22,6 +22,7 @@ from benchmarks._sections import COMMIT, section, write_section
 
 ROOT = Path(__file__).parents[1]
 _COPIED = (
+    ".ci",
     "bench",
     "drivers",
     "simulators",
