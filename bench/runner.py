@@ -31,7 +31,16 @@ from bench.session import Bench
 from bench.stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from bench.watchdog import Watchdog
 from drivers.clock import Clock, WallClock
-from drivers.errors import BenchError, RecordError, RunAborted, RunUnsealed
+from drivers.errors import (
+    BenchError,
+    DeviceRefused,
+    DeviceSilent,
+    ProtocolError,
+    RecordError,
+    RunAborted,
+    RunUnsealed,
+    WrongDevice,
+)
 from drivers.instruments import Gyro, Identity
 from drivers.virtual_clock import VirtualClock
 
@@ -215,8 +224,16 @@ def _drive(
     bench.make_safe("end of the run")
     for device, station in streams:
         if not station.gone:
-            device.stop()
+            _stop(bench, device, station.name)
     return bench
+
+
+def _stop(bench: Bench, device: Gyro, name: str) -> None:
+    """Stop a unit at the end of a run; one that no longer listens changes nothing of what was measured."""
+    try:
+        device.stop()
+    except (DeviceRefused, DeviceSilent, ProtocolError, WrongDevice) as problem:
+        bench.note(f"{name} was not stopped: {problem}")
 
 
 def _watchdog(request: RunRequest, record: RunRecord, clock: Clock, stack: ExitStack) -> Watchdog | None:

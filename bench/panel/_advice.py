@@ -82,6 +82,15 @@ def banner(now: Mapping[str, Any] | None, lines: Sequence[Mapping[str, Any]], ag
             "The run goes on: nothing has been stopped for this alarm.",
             "Abort if table, chamber or unit are in danger; else nothing.",
         )
+    invalid = [text for line in now.get("alarms") or () if (text := _invalid(line))]
+    if invalid and state == "running":
+        return Banner(
+            "doubt",
+            "Running, invalid",
+            invalid[0],
+            "The run goes on: the other units' data are kept. It will be sealed as invalid.",
+            "Nothing is urgent. Abort if nobody needs the rest.",
+        )
     if state == "paused":
         return Banner(
             "doubt", "Paused", _who_paused(lines), "Telemetry runs; the chamber holds its set point.",
@@ -100,11 +109,19 @@ def _ended(now: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> Banner
     if outcome == "completed":
         return Banner("good", "Completed", "", done)
     if outcome == "invalid":
-        return Banner("doubt", "Invalid", reason, done, "Read the reason; repeat the run if needed.")
+        press = "Nothing is urgent. Read the reason; repeat the run if needed."
+        if alarms := [line for line in now.get("alarms") or () if _is_alarm(line)]:
+            press += f" The last alarm was: {alarms[-1].get('device', 'bench')}: {alarms[-1].get('text', '')}"
+        return Banner("doubt", "Invalid", reason, done, press)
     unsafe = "NOT CONFIRMED SAFE" in reason or "not confirmed safe" in done
-    press = _GO_AND_LOOK if unsafe else "Nothing is urgent. Clear the cause before starting again."
+    # What is not confirmed is said under what the bench has done, the remedy under what to press.
+    happened, _, remedy = reason.partition("NOT CONFIRMED SAFE")[0].strip().partition(" Remedy: ")
+    remedy = remedy.removeprefix("the bench is being made safe; ") or "clear the cause before starting again."
+    press = f"{_GO_AND_LOOK if unsafe else 'Nothing is urgent.'} {remedy[0].upper()}{remedy[1:]}"
+    if unsafe:
+        return Banner("bad", "Not confirmed safe", happened, done, press)
     return Banner(
-        "bad", "Aborted" if outcome == "aborted" else outcome.capitalize() or "Ended", reason, done, press
+        "bad", "Aborted" if outcome == "aborted" else outcome.capitalize() or "Ended", happened, done, press
     )
 
 
@@ -121,7 +138,11 @@ def _made_safe(lines: Sequence[Mapping[str, Any]]) -> str:
             break
     if not any("made safe" in text for text in ending):
         return ""
-    return "; ".join(_shortened(text) for text in reversed(ending))
+    ending.reverse()
+    if any(text.startswith("not confirmed safe") for text in ending):  # first what is in danger
+        ending = [text for text in ending if not text.startswith("not made safe")] or ending
+        ending.sort(key=lambda text: not text.startswith("not confirmed safe"))
+    return "; ".join(_shortened(text) for text in ending)
 
 
 def _why(lines: Sequence[Mapping[str, Any]]) -> str:
@@ -142,7 +163,13 @@ def _who_paused(lines: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _is_alarm(line: Mapping[str, Any]) -> bool:
-    return not str(line.get("text", "")).startswith("run invalid:")
+    return not _invalid(line)
+
+
+def _invalid(line: Mapping[str, Any]) -> str:
+    """Return why the run was found invalid, if this alarm says so."""
+    head, _, why = str(line.get("text", "")).partition("run invalid: ")
+    return "" if head else why
 
 
 def sentence(line: Mapping[str, Any]) -> str:

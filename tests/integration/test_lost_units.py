@@ -81,6 +81,18 @@ def test_silence_of_one_is_told_and_of_all_ends_the_run(bench, both_file, fog_fi
     assert 80.0 < result.duration_s < 85.0
 
 
+def test_a_unit_that_is_silent_to_the_end_and_does_not_obey_the_stop_ends_no_run_as_aborted(
+    bench, both_file, tmp_path
+):
+    """Its answer to the stop at the end was missed, and the other unit's run counted as aborted."""
+    with bench.thread_lab(both_file, plant("fog_1", "silence", 20.5, 1e6)) as lab:
+        result = bench.drive(lab.file, tmp_path, hold_s=60.0)
+    assert result.outcome == "invalid" and "fog_1 fell silent at 20." in result.reason
+    log = (result.folder / "events.jsonl").read_text()
+    assert "fog_1 was not stopped: " in log and "can_1 was not stopped" not in log
+    assert bench.problems(result.folder) == []
+
+
 def test_east_is_judged_by_the_other_gyro_when_the_first_is_unplugged_meanwhile(bench, both_file, tmp_path):
     """It used to turn 90 deg off east, and then to wait for an equilibrium that nobody could see."""
 

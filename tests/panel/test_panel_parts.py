@@ -342,6 +342,37 @@ def test_an_alarm_while_the_run_goes_on_says_that_nothing_was_stopped() -> None:
     assert told.word == "Alarm" and told.happened == "chamber: door open" and "goes on" in told.done
 
 
+def test_a_run_already_invalid_does_not_look_well() -> None:
+    alarms = [{"device": "procedure", "text": "run invalid: fog_1 fell silent at 1499.9 s"}]
+    told = banner({"state": "running", "alive": True, "alarms": alarms}, [], 0.0)
+    assert (told.tone, told.word) == ("doubt", "Running, invalid")
+    assert told.happened == "fog_1 fell silent at 1499.9 s" and told.press.startswith("Nothing is urgent")
+    air = {"device": "chamber", "text": "the air stands at 25 degC: look at the chamber's panel"}
+    running = banner({"state": "running", "alive": True, "alarms": [*alarms, air]}, [], 0.0)
+    assert running.word == "Alarm"
+    ended = {"state": "ended", "outcome": "invalid", "reason": "too slow", "alarms": [air, *alarms]}
+    assert banner(ended, [], 0.0).press.endswith(
+        "chamber: the air stands at 25 degC: look at the chamber's panel"
+    )
+
+
+def test_an_unplugged_table_is_said_once_and_before_what_is_safe() -> None:
+    gone = "table: its port is gone and has not come back within 20 s (21 s ago it turned at 7 deg/s)"
+    why = "table (/dev/ttyUSB0): the port is gone. Found: end of stream. Expected: an open port."
+    reason = f"{why} Remedy: check cable, adapter and the device's power."
+    lines = [
+        {"kind": "note", "text": f"not made safe: {reason}"},
+        {"kind": "note", "text": "chamber at rest: stopped, set point 25 degC"},
+        {"kind": "alarm", "device": "bench", "text": f"not confirmed safe: {gone}"},
+    ]
+    now = {"state": "ended", "outcome": "aborted"}
+    told = banner(now | {"reason": f"{reason} NOT CONFIRMED SAFE, go and look: {gone}"}, lines, 0.0)
+    assert (told.word, told.happened) == ("Not confirmed safe", why)
+    assert told.done == f"not confirmed safe: {gone}; chamber at rest: stopped, set point 25 degC"
+    assert told.press.startswith("GO AND LOOK NOW: emergency stop")
+    assert told.press.endswith("Check cable, adapter and the device's power.")
+
+
 def test_every_kind_of_event_has_a_sentence_and_unknown_ones_too() -> None:
     assert sentence({"kind": "answer", "by": "Ada", "answer": "yes"}) == "Ada answered yes"
     assert "OUTSIDE" in sentence(
