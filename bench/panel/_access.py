@@ -13,6 +13,8 @@ Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
+LET_IN = "gyrobench.let_in"
+"""In a request's state: what to call when it may pass (`Visitor`)."""
 COOKIE = "gyrobench_panel"
 LOCAL_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 
@@ -45,6 +47,7 @@ class Access:
         elif (origin := headers.get("origin")) is not None and origin.partition("://")[2] != host:
             await _refuse(scope, send, 403, "The panel takes no requests from other sites' pages.")
         elif self._token is None or self._has_token(headers):
+            scope.get("state", {}).get(LET_IN, _nothing)()
             await self._app(scope, receive, send)
         elif scope["type"] == "http" and self._equal(_query_token(scope)):
             await self._let_in(scope, send)
@@ -87,6 +90,10 @@ def host_name(host: str) -> str:
         return (urlsplit(f"//{host}").hostname or "").lower()
     except ValueError:  # a bracket that is not closed
         return ""
+
+
+def _nothing() -> None:
+    """Who asks without a server of ours: a test."""
 
 
 def _query_token(scope: Scope) -> str:

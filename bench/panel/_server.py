@@ -21,6 +21,7 @@ from nicegui import app, ui
 from bench.panel._access import LOCAL_NAMES, Access
 from bench.panel._folders import RunsFolder
 from bench.panel._page import build_page
+from bench.panel._visitors import SERVER_LIMITS, Visitor
 from bench.panel._watch import Watch
 from bench.run_folder import MANIFEST_FILE
 from drivers.errors import ConfigurationError
@@ -116,6 +117,8 @@ def serve(settings: PanelSettings) -> None:
             binding_refresh_interval=None,
             show_welcome_message=False,
             message_history_length=100,
+            http=Visitor,
+            **SERVER_LIMITS,
         )
     finally:
         scratch.cleanup()
