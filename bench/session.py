@@ -10,7 +10,7 @@ from typing import Any, Literal, Protocol
 
 from bench.attendance import Attendance, Returns
 from bench.benchfile import BenchFile
-from bench.limits import RAMP_WINDOW_S, Reach, between, check_ramp, check_rules, check_telemetry
+from bench.limit_watch import LimitWatch
 from bench.live import Request
 from bench.progress import GyroProgress, Progress
 from bench.questions import Operator, Question
@@ -19,7 +19,7 @@ from bench.stations import ChamberStation, GyroStation, PlatformStation, StreamS
 from bench.table_station import TableStation
 from drivers.clock import Clock, host_seconds
 from drivers.errors import BenchError, RunAborted
-from drivers.instruments import Chamber, ChamberState, Gyro, Turntable
+from drivers.instruments import Chamber, Gyro, Turntable
 
 _POLL_S = 1.0
 _RESOLUTION_S = 1e-9
@@ -85,6 +85,7 @@ class Bench:
         self.platforms: dict[str, PlatformStation] = {}
         self.table: TableStation
         self.chamber: ChamberStation
+        self.limits: LimitWatch
         self.phase_name = ""
         self._attendance = Attendance(
             tests,
@@ -98,7 +99,6 @@ class Bench:
             lambda unit: self._attendance.back(unit, clock.now()),
             self.note,
         )
-        self._watches_door = any(rule.door for rule in file.limits.forbid)
         self._record = record
         self._display = display
         self._steering = steering
@@ -116,6 +116,7 @@ class Bench:
         """Put the polled instruments in place."""
         self.table = TableStation(table, self, self.file.table.all_axes)
         self.chamber = ChamberStation(chamber, self, auxiliary)
+        self.limits = LimitWatch(self.file.limits, self.clock, self.table, self.chamber)
         for name, device in (("table", table), ("chamber", chamber)):
             device.link.on_repeat = partial(self.repeated, name)
 
@@ -232,7 +233,7 @@ class Bench:
         chamber.history.append(self.clock.now(), air.air_temp_c, air.set_point_c, *auxiliary)
         turned = table.device.read_state()  # the quicker device: its answer has come meanwhile
         table.take(self.clock.now(), turned)
-        self._watch(air)
+        self.limits.look()
         table.watch()
         chamber.watch()
         self._returns.look()
@@ -362,59 +363,6 @@ class Bench:
                 self._resumed_by = request.by
             else:
                 self.event("note", text=str(request))
-
-    def allow(
-        self,
-        what: str,
-        *,
-        rate_dps: float | None = None,
-        angle_deg: float | None = None,
-        set_point_c: float | None = None,
-    ) -> None:
-        """Raise LimitExceeded if a demand, on top of the state and the demands in force, may break a rule.
-
-        Of a quantity that is demanded its new value counts, and for the air the way to it.
-        """
-        limits = self.file.limits
-        if not limits.forbid:
-            return
-        air, angle = self.chamber.history.last, self.table.angle_deg()
-        target_c = self.chamber.set_point_c if set_point_c is None else set_point_c
-        reach = Reach(
-            rate_dps=between(max(map(abs, self.table.rates_dps)) if rate_dps is None else abs(rate_dps)),
-            angle_deg=between(angle, angle_deg),
-            air_temp_c=between(air["air_temp_c"], target_c),
-            set_point_c=between(air["set_point_c"], target_c),
-            aux_temp_c=tuple(between(value, target_c) for value in self.chamber.auxiliary_c),
-            door_open=self._watches_door and self.chamber.look_at_door(),
-        )
-        check_rules(limits, reach, what, "the command was not sent; change the order of steps or the rule")
-
-    def _watch(self, air: ChamberState) -> None:
-        limits = self.file.limits
-        rate_dps, angle_deg = max(self.table.rates_dps, key=abs), self.table.angle_deg()
-        check_telemetry(limits, rate_dps, air.air_temp_c)
-        before = self.chamber.history.row_at(self.clock.now() - RAMP_WINDOW_S)
-        if before:
-            window_s = self.chamber.history.last["time_s"] - before["time_s"]
-            check_ramp(limits, air.air_temp_c - before["air_temp_c"], window_s)
-        if not limits.forbid:
-            return
-        reach = Reach(
-            rate_dps=between(abs(rate_dps)),
-            angle_deg=between(angle_deg),
-            air_temp_c=between(air.air_temp_c),
-            set_point_c=between(air.set_point_c),
-            aux_temp_c=tuple(between(value) for value in self.chamber.auxiliary_c),
-            door_open=self._watches_door and self.chamber.look_at_door(),
-        )
-        found = (
-            f"{rate_dps:.3f} deg/s at {angle_deg:.2f} deg, air {air.air_temp_c:.1f} degC, "
-            f"set point {air.set_point_c:.1f} degC, door {'open' if reach.door_open else 'closed'}"
-        )
-        check_rules(
-            limits, reach, found, "the bench is being made safe; clear the cause before starting again"
-        )
 
     # How it ends
 

@@ -142,7 +142,7 @@ class ChamberStation:
     def go_to(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
         """Demand a set point, approached at `ramp_k_per_min` (None: as fast as the chamber can)."""
         self.check(set_point_c, set_point_c, ramp_k_per_min or 0.0)
-        self._bench.allow(f"go to {set_point_c:g} degC", set_point_c=set_point_c)
+        self._bench.limits.allow(f"go to {set_point_c:g} degC", set_point_c=set_point_c)
         ramp = "as fast as possible" if ramp_k_per_min is None else f"at {ramp_k_per_min:g} K/min"
         self._bench.command("chamber", f"go to {set_point_c:g} degC {ramp}")
         self.set_point_c = set_point_c

@@ -219,7 +219,9 @@ class TableStation:
         others = [abs(rate) for axis, rate in zip(self.axes, self.rates_dps, strict=True) if axis != name]
         where = f"{self._where(name)}: {what}" if len(self.axes) > 1 else what
         fastest = max(abs(rate_dps), *others) if others else abs(rate_dps)
-        self._bench.allow(where, rate_dps=fastest, angle_deg=angle_deg if name == self._carrier else None)
+        self._bench.limits.allow(
+            where, rate_dps=fastest, angle_deg=angle_deg if name == self._carrier else None
+        )
 
     def _columns(self, name: str) -> tuple[str, str]:
         prefix = "" if name == self._carrier else f"{name}_"

@@ -50,7 +50,8 @@ class Mechanism:
 
 _JOURNAL, _APPEND, _RECOVER = "bench/recording/_journal.py", "bench/recording/_append.py", "bench/recover.py"
 _FILES, _STATE, _SAFE = "drivers/files.py", "bench/state_file.py", "bench/safe_state.py"
-_GUARDIAN, _SESSION, _LIMITS = "bench/watchdog/_process.py", "bench/session.py", "bench/limits.py"
+_GUARDIAN, _SESSION = "bench/watchdog/_process.py", "bench/session.py"
+_LIMITS, _WATCH = "bench/limits.py", "bench/limit_watch.py"
 _ACCESS, _FOLDERS = "bench/panel/_access.py", "bench/panel/_folders.py"
 _T_JOURNAL, _T_CUT = "tests/recording/test_journal.py", "tests/reliability/test_power_cut.py"
 _T_WHOLE, _T_RUNS = "tests/safety/test_whole_files.py", "tests/recording/test_runs.py"
@@ -288,16 +289,16 @@ MECHANISMS = (
     Mechanism(
         2,
         "telemetry is held against the limits",
-        _SESSION,
-        "check_telemetry(limits, rate_dps, air.air_temp_c)",
+        _WATCH,
+        'check_telemetry(limits, rate_dps, air["air_temp_c"])',
         "pass",
         _T_SESSION,
     ),
     Mechanism(
         2,
         "the ramp of the air is held against its limit",
-        _SESSION,
-        'check_ramp(limits, air.air_temp_c - before["air_temp_c"], window_s)',
+        _WATCH,
+        'check_ramp(limits, air["air_temp_c"] - before["air_temp_c"], air["time_s"] - before["time_s"])',
         "pass",
         _T_LIMITS,
     ),
