@@ -77,10 +77,12 @@ def _cards(live: _Live) -> str:
 {live.pair("Units", "units")}</dl><p class="speed">{live.span("speed", style="", default="")}</p></article>
 <article class="card"><h2>Chamber</h2>
 <p class="main">{live.span("air", "°C", "value big")}</p>
+<p class="note">{live.span("last_read", style="", default="")}</p>
 <dl>{live.pair("Set point", "set", "°C")}{live.pair("Rate", "air_rate", "K/min")}</dl><dl data-auxiliary></dl>
 </article>
 <article class="card"><h2>Table</h2>
 <p class="main">{live.span("rate", "°/s", "value big")}</p>
+<p class="note">{live.span("last_read", style="", default="")}</p>
 <dl>{live.pair("Angle", "angle", "°")}{live.pair("Demand", "demand")}</dl></article>
 <div class="gyros" data-gyros></div></section>"""
 

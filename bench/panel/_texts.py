@@ -17,6 +17,7 @@ def texts(now: Mapping[str, Any] | None, age_s: float) -> dict[str, str]:
     run, campaign = now.get("run") or {}, now.get("campaign") or {}
     chamber, table = now.get("chamber") or {}, now.get("table") or {}
     time_s, left_s = now.get("time_s"), now.get("left_s")
+    ended = now.get("state") == "ended"
     found = {
         "title": str(campaign.get("title") or run.get("procedure") or "No session"),
         "run": str(run.get("run_id") or DASH),
@@ -33,7 +34,8 @@ def texts(now: Mapping[str, Any] | None, age_s: float) -> dict[str, str]:
         "left": duration(left_s),
         "speed": _speed(now.get("speed"), bool(run.get("emulated"))),
         "progress": f"{_share(time_s, left_s):.4f}",
-        "age": "" if age_s < 2.0 or now.get("state") == "ended" else f"last news {age_s:.0f} s ago",
+        "age": "" if age_s < 2.0 or ended else f"last news {age_s:.0f} s ago",
+        "last_read": "last read, not now" if ended or now.get("alive") is False else "",
         "air": number(chamber.get("air_temp_c"), 2),
         "set": number(chamber.get("set_point_c"), 2),
         "air_rate": number(chamber.get("rate_k_per_min"), 2, sign=True),

@@ -390,6 +390,9 @@ def test_numbers_keep_their_width_and_say_when_they_are_not_known() -> None:
     found = texts(
         {"gyros": {"g": {"rate_dps": 0.003, "latest_dps": 5.0, "rejected": {"checksum": 2}, "age_s": 9}}}, 0
     )
+    assert found["last_read"] == ""
+    for gone in ({"state": "ended"}, {"state": "running", "alive": False}):
+        assert texts(gone | {"table": {"rate_dps": 7.0}}, 0)["last_read"] == "last read, not now"
     assert found["gyro.g.mean"] == "+10.800" and found["gyro.g.rate_unit"] == "°/h"
     assert found["gyro.g.rejected"] == "2" and found["gyro.g.silent"] == "no data for 9 s"
 
