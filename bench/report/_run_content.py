@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _BLOCK_S = 100.0
 _TURNING_DPS = 0.05
 _INVALID_MARK = "run invalid:"
+_UNSAFE_MARK = "not confirmed safe: "
 
 Table = Mapping[str, Any]
 
@@ -57,7 +58,7 @@ def _summary(run: Run, missing: list[str]) -> RunSummary:
         outcome=manifest.outcome,
         units=dict(manifest.units),
         parameters=dict(manifest.parameters),
-        reasons=(manifest.reason,) if manifest.reason else (),
+        reasons=tuple(text for text in (manifest.reason, _left_at_rest(run)) if text),
         started_utc=manifest.started_utc,
         duration_s=manifest.duration_s,
         devices=tuple(
@@ -75,6 +76,22 @@ def _summary(run: Run, missing: list[str]) -> RunSummary:
         operator=", ".join(dict.fromkeys(answers)),
         emulated="" if emulated is None else f"{emulated.model}, seed {emulated.seed}",
     )
+
+
+def _told_by_reason(alarm: str, reason: str) -> bool:
+    """Whether the run's reason, which stands at the head of the report, says the same."""
+    mark, _, rest = alarm.partition(_UNSAFE_MARK)
+    return alarm.startswith(_INVALID_MARK) or (not mark and rest in reason)
+
+
+def _left_at_rest(run: Run) -> str:
+    """Return what table and chamber read back when a run that was not completed was made safe."""
+    if run.manifest.outcome != "aborted":
+        return ""
+    notes = [str(row["text"]) for row in run.events if row["kind"] == "note"]
+    ends = [at for at, text in enumerate(notes) if text.startswith(("made safe", "not made safe"))]
+    read_back = [text for text in notes[ends[-1] + 1 :] if " at rest" in text] if ends else []
+    return f"Read back then: {'; '.join(read_back)}." if read_back else ""
 
 
 def _measurement(row: Mapping[str, Any]) -> Measurement:
@@ -105,7 +122,7 @@ def _warnings(run: Run, missing: list[str]) -> tuple[str, ...]:
     alarms = [
         f"{row.get('device', 'bench')}: {row['text']}"
         for row in run.events
-        if row["kind"] == "alarm" and not str(row["text"]).startswith(_INVALID_MARK)
+        if row["kind"] == "alarm" and not _told_by_reason(str(row["text"]), run.manifest.reason)
     ]
     streams = [
         f"{name}: {text}" for name, row in run.manifest.stream.items() for text in row.get("warnings") or ()

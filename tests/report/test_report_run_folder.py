@@ -149,6 +149,27 @@ def test_a_run_without_chamber_or_gyro_table_says_so(tmp_path: Path) -> None:
     assert "stopped by Ctrl-C" in html and "Run aborted" in html and "<svg" not in html
 
 
+def test_an_aborted_run_says_once_what_is_not_safe_and_what_was_read_back(tmp_path: Path) -> None:
+    gone = "table: its port is gone (21 s ago it turned at 7 deg/s)"
+    reason = f"the port is gone. NOT CONFIRMED SAFE, go and look: {gone}"
+    folder = write_folder(tmp_path / "run-1", manifest_of("aborted", reason))
+    rows: list[dict[str, Any]] = [
+        {"kind": "note", "text": "made safe: before"},
+        {"kind": "note", "text": "table at rest: 0.1 deg/s"},
+        {"kind": "note", "text": "not made safe: the port is gone."},
+        {"kind": "note", "text": "chamber at rest: stopped, set point 25 degC"},
+        {"kind": "alarm", "device": "bench", "text": f"not confirmed safe: {gone}"},
+    ]
+    log = folder / "events.jsonl"
+    whole = log.read_text(encoding="utf-8").rpartition("\n")[0] + "\n"  # less the line cut off on purpose
+    whole += "".join(json.dumps({"time_s": float(DURATION_S)} | row) + "\n" for row in rows)
+    log.write_text(whole, encoding="utf-8")
+    summary = run_content(Run.open(folder)).summary
+    assert summary.reasons == (reason, "Read back then: chamber at rest: stopped, set point 25 degC.")
+    assert any(ALARM in text for text in summary.warnings)
+    assert not any("port is gone" in text for text in summary.warnings)
+
+
 @pytest.mark.parametrize("outcome", ["completed", "invalid"])
 def test_a_folder_renders(tmp_path: Path, outcome: str) -> None:
     folder = write_folder(
