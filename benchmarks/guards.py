@@ -58,6 +58,8 @@ _T_WHOLE, _T_RUNS = "tests/safety/test_whole_files.py", "tests/recording/test_ru
 _T_SESSION, _T_DOG = "tests/bench/test_session.py", "tests/reliability/test_watchdog.py"
 _T_LIMITS, _T_LEASE = "tests/integration/test_limits.py", "tests/bench/test_lease.py"
 _T_FILES, _T_PANEL = "tests/safety/test_hostile_files.py", "tests/panel/test_panel_parts.py"
+_VISITORS, _T_VISITORS = "bench/panel/_visitors.py", "tests/panel/test_panel_visitors.py"
+_T_TYPES = "tests/integration/test_manifest_types.py"
 _T_CODE = "tests/contracts/test_nothing_executes.py"
 
 MECHANISMS = (
@@ -486,6 +488,104 @@ MECHANISMS = (
         "return 1 if verdict.reachable else 0",
         "return 0",
         "tests/safety/test_audit.py",
+    ),
+    Mechanism(
+        3,
+        "who asks for nothing is put out in time",
+        _VISITORS,
+        "self.loop.call_later(REQUEST_S, self.put_out)",
+        "self.loop.call_later(1e6, self.put_out)",
+        f"{_T_VISITORS} -k in_time",
+    ),
+    Mechanism(
+        3,
+        "who asks for nothing does not fill the doorway",
+        _VISITORS,
+        "if len(self._waiting) > MOST_WAITING:",
+        "if False:",
+        f"{_T_VISITORS} -k doorway",
+    ),
+    Mechanism(
+        3,
+        "a manifest has numbers where readers count on them",
+        "bench/recording/_shapes.py",
+        "    _FREE_PARTS.validate_python(parts)",
+        "    pass",
+        f"{_T_TYPES} -k file_and_key",
+    ),
+    Mechanism(
+        3,
+        "an event has numbers where readers count on them",
+        "bench/recording/_shapes.py",
+        "        _check_field(name, row.get(name), form)",
+        "        pass",
+        f"{_T_TYPES} -k event_log",
+    ),
+    Mechanism(
+        3,
+        "no DBC file takes more computing than it may",
+        "drivers/can_dbc/_read_dbc.py",
+        "resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))",
+        "resource.setrlimit(resource.RLIMIT_CPU, (200, 200))",
+        "tests/drivers/test_can_dbc_signals.py -k two_kilobytes",
+    ),
+    Mechanism(
+        3,
+        "a process of ours imports nothing from the current folder",
+        "bench/nursery.py",
+        '[sys.executable, "-P", "-m", "simulators.lab"],',
+        '[sys.executable, "-m", "simulators.lab"],',
+        f"{_T_CODE} -k current_folder",
+    ),
+    Mechanism(
+        3,
+        "workers of a command import nothing from the current folder",
+        "bench/cli/_app.py",
+        'os.environ["PYTHONSAFEPATH"] = "1"',
+        "pass",
+        f"{_T_CODE} -k workers",
+    ),
+    Mechanism(
+        3,
+        "a port is a device or a socket",
+        "drivers/link.py",
+        'if separator and scheme.lower() != "socket":',
+        "if False:",
+        f"{_T_FILES} -k port_writes",
+    ),
+    Mechanism(
+        3,
+        "text of a file is no command to the terminal",
+        "bench/cli/_console.py",
+        "if segment.control is None and not segment.text.isprintable():",
+        "if False:",
+        f"{_T_FILES} -k terminal",
+    ),
+    Mechanism(
+        3,
+        "text of a file is no markup",
+        "bench/cli/_console.py",
+        '{"markup": False, "emoji": False}',
+        '{"markup": True, "emoji": False}',
+        f"{_T_FILES} -k terminal",
+    ),
+    Mechanism(
+        3,
+        "no key has thousands of parts",
+        _FILES,
+        """    if _LONG_KEY.search(
+        _ASIDE.sub("q", text)
+    ):""",
+        "    if False:",
+        f"{_T_FILES} -k thousands_of_parts",
+    ),
+    Mechanism(
+        3,
+        "an exported cell is no formula",
+        "bench/exchange/_export.py",
+        """return text if text[:1].isalnum() else f"'{text}\"""",
+        "return text",
+        f"{_T_FILES} -k formula",
     ),
 )
 
