@@ -35,6 +35,10 @@ class Database:
             with self._told():
                 self._connection: Any = sqlite3.connect(url.removeprefix(_SQLITE), timeout=_WAIT_S)
         elif _POSTGRESQL.match(url):
+            if (
+                url.partition("?")[0].count("@") > 1
+            ):  # else a piece of the password is the host that errors name
+                raise _unusable(self._name, "an @ in a name or password is written %40")
             try:
                 import psycopg
                 from psycopg.conninfo import conninfo_to_dict
@@ -94,7 +98,7 @@ class Database:
             raise RecordError(
                 "the catalogue of runs cannot be used",
                 where=self._name,
-                found=text.splitlines()[0],
+                found=_without_password(text.splitlines()[0]),
                 remedy="run folders are not affected: `gyrobench runs index --rebuild` makes it anew from them",
             ) from error
 
@@ -109,5 +113,5 @@ def _unusable(url: str, why: str = "", remedy: str = "") -> ConfigurationError:
 
 
 def _without_password(url: str) -> str:
-    hidden = re.sub(r"(://[^:/@]*):[^@]*@", r"\1:***@", url)
+    hidden = re.sub(r"(://[^:/@\s]*):\S*@", r"\1:***@", url)
     return re.sub(r"(?i)(password=)[^&\s]*", r"\1***", hidden)

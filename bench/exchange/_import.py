@@ -30,6 +30,7 @@ from drivers.errors import ConfigurationError, RecordError
 
 _CASE_SENSOR = 1
 _MAPPING = "mapping.toml"
+_LONGEST_NAME = 200
 _MOST_LOST = 2**31 - 1
 
 
@@ -45,6 +46,14 @@ def import_log(log: Path, mapping_file: Path, runs: Path) -> Path:
     data = read_log(log, mapping.columns)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", entry.run_id or log.stem).strip(".-") or "imported"
     target = runs / name
+    if not log.name.isprintable() or log.name == _MAPPING or max(len(name), len(log.name)) > _LONGEST_NAME:
+        raise ConfigurationError(
+            "the log's name, or its run_id, cannot be that of a file in a run folder",
+            where=repr(log.name)[:100],
+            found=f"{max(len(name), len(log.name))} characters",
+            expected=f"at most {_LONGEST_NAME} printable characters, and not {_MAPPING}",
+            remedy="rename the log, or say run_id in the mapping's [[run]]",
+        )
     if target.exists():
         raise ConfigurationError(
             "there is a run of that name",
@@ -207,7 +216,8 @@ def _started(entry: LogEntry, where: Path) -> str:
     if not entry.started_utc:
         return utc_now()
     try:
-        datetime.fromisoformat(entry.started_utc)
+        if not 1970 <= datetime.fromisoformat(entry.started_utc).year < 3000:
+            raise ValueError("no year of a recording")
     except ValueError as error:
         raise ConfigurationError(
             "started_utc is no date and time", where=str(where), found=entry.started_utc, expected="ISO 8601"

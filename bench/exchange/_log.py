@@ -15,6 +15,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from bench.exchange._mapping import Column, Columns
+from bench.recording import check_room
 from drivers.errors import ConfigurationError
 
 Array = NDArray[np.float64]
@@ -41,6 +42,9 @@ _KNOWN: dict[str, Mapping[str, Any]] = {
     "valid": {"": 1.0},
 }
 _MDF = (".mf4", ".mdf", ".dat")
+_PACKED = (".gz", ".bz2", ".zst", ".lz4", ".br")
+LONGEST_S = 3.2e7
+"""A year: a run's time grid has a point each second."""
 
 
 @dataclass(frozen=True)
@@ -108,14 +112,18 @@ def _read_table(
 def _open_table(file: Path, names: list[str]) -> pa.Table:
     try:
         if file.suffix.lower() in (".parquet", ".pq"):
-            present = pyarrow.parquet.read_schema(file).names
+            with pyarrow.parquet.ParquetFile(file) as parquet:
+                present, rows = parquet.schema_arrow.names, parquet.metadata.num_rows
             _check_names(names, present, file)
+            check_room(str(file), rows, len(names) + 1)
             return pyarrow.parquet.read_table(file, columns=names)
+        if file.suffix.lower() in _PACKED:
+            raise OSError("it is packed, and a packed file can be of any size")
         options = pyarrow.csv.ConvertOptions(include_columns=names)
         with pyarrow.csv.open_csv(file) as reader:
             _check_names(names, reader.schema.names, file)
         return pyarrow.csv.read_csv(file, convert_options=options)
-    except (OSError, pa.ArrowInvalid) as error:
+    except (OSError, MemoryError, pa.ArrowException) as error:
         raise ConfigurationError(
             "the log cannot be read",
             where=str(file),
@@ -207,6 +215,14 @@ def _check_time(time_s: Array, file: Path) -> None:
             where=str(file),
             found=f"{time_s[at]:.9g} s, then {time_s[at + 1]:.9g} s in row {at + 2} ({len(wrong)} such rows)",
             expected="ascending times without repeats",
+        )
+    if not time_s[-1] - time_s[0] <= LONGEST_S:
+        raise ConfigurationError(
+            "the times are none of a recording",
+            where=str(file),
+            found=f"{time_s[0]:.9g} s to {time_s[-1]:.9g} s",
+            expected="a year at most from first to last",
+            remedy="see the time's unit in the mapping",
         )
 
 

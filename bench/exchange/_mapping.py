@@ -49,7 +49,7 @@ class PhaseEntry(_Part):
     """A phase, from `start_s` after the first row to the next one."""
 
     name: str = Field(min_length=1)
-    start_s: float
+    start_s: float = Field(ge=-3.2e7, le=3.2e7)
 
 
 class LogEntry(_Part):
@@ -66,8 +66,8 @@ class LogEntry(_Part):
     condition: str = "0"
     elevation_deg: float = 0.0
     angle_deg: float | None = None
-    azimuth_error_deg: float = 0.0
-    power_on_s: float = 0.0
+    azimuth_error_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
+    power_on_s: float = Field(default=0.0, ge=0.0, le=1e10)
     started_utc: str = ""
     phases: tuple[PhaseEntry, ...] = ()
 

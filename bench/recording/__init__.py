@@ -26,7 +26,7 @@ from bench.recording._manifest import (
     write_manifest,
 )
 from bench.recording._raw import can_frames, read_exchanges
-from bench.recording._read import Phase, Run, read_table, second_rows, seconds
+from bench.recording._read import Phase, Run, check_room, read_table, second_rows, seconds
 from bench.recording._remote import local_manifests, local_run
 from bench.recording._tables import table_writer, unit_of
 from bench.recording._timing import StreamTimer, StreamTiming
@@ -54,6 +54,7 @@ __all__ = [
     "StreamTiming",
     "VerifyReport",
     "can_frames",
+    "check_room",
     "checksum",
     "decode_instrument",
     "decode_stream",

@@ -179,7 +179,7 @@ def _stretch(
     low = -(1 << 62) if start_s is None else round(start_s * 1e9)
     high = 1 << 62 if end_s is None else round(end_s * 1e9)
     groups, inside = _overlapping(file, low, high)
-    _check_room(where, sum(file.metadata.row_group(group).num_rows for group in groups), len(wanted) + 1)
+    check_room(where, sum(file.metadata.row_group(group).num_rows for group in groups), len(wanted) + 1)
     read = wanted if inside else ["time_ns", *wanted]
     table = file.read_row_groups(groups, columns=list(dict.fromkeys(read)), use_threads=False)
     data = {name: from_arrow(table[name]) for name in table.column_names}
@@ -189,8 +189,8 @@ def _stretch(
     return {name: data[name] if keep.all() else data[name][keep] for name in wanted}
 
 
-def _check_room(where: str, rows: int, columns: int) -> None:
-    """Refuse what would not fit: a file of a kilobyte can say that it has a thousand million equal rows."""
+def check_room(where: str, rows: int, columns: int) -> None:
+    """Refuse what would not fit in memory, RecordError: a kilobyte can say that it has 10**9 equal rows."""
     room = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if 2 * 8 * rows * columns > room:  # once in Arrow, once as numpy
         raise RecordError(

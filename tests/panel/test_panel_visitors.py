@@ -55,8 +55,8 @@ def test_those_who_fill_the_doorway_are_the_ones_who_are_put_out() -> None:
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
             writer.write(ASK)
             assert b" 200 " in await reader.readline()
-            await until_closed(slow[0][0])  # who waited longest went first
             assert len(state.connections) <= MOST_WAITING + 1
+            await until_closed(slow[0][0])  # who waited longest went first
             for _, each in [*slow, (reader, writer)]:
                 each.close()
 
