@@ -155,7 +155,7 @@ def _run(request: RunRequest) -> RunResult:
                 request.live.end("aborted", f"{reason} {problem}".strip())
             raise _unsealed(record.folder, problem, outcome, reason, safe) from problem
         if request.live is not None:
-            request.live.end(ending.outcome, ending.reason)
+            request.live.end(ending.outcome, ending.reason, ending.warnings)
     return RunResult(
         record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings), safe
     )

@@ -7,7 +7,7 @@ import math
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -57,7 +57,7 @@ class Live:
         self._prompts: dict[int, dict[str, Any]] = {}
         self._next_id = int(epoch_seconds() * 1000.0)
         self._taken: deque[Request | BenchError] = deque()
-        self._ending = ("", "")
+        self._ending: tuple[str, str, list[str]] = ("", "", [])
         self._ended = self._between_paused = False
         self._interrupt: Interrupt | None = None
         self._paced = False
@@ -93,14 +93,14 @@ class Live:
         self._history_from_s = -math.inf
         self._run_started = host_seconds()
         self._run = {"folder": str(folder.absolute())} | fields
-        self._ending = ("", "")
+        self._ending = ("", "", [])
         if self._session is None:
             self._session = folder.absolute()
         self._start()
 
-    def end(self, outcome: str, reason: str) -> None:
+    def end(self, outcome: str, reason: str, warnings: Sequence[str] = ()) -> None:
         """Say how the run, or with the last word the session, ended."""
-        self._ending = (outcome, reason)
+        self._ending = (outcome, reason, list(warnings))
 
     def between_paused(self, paused: bool) -> None:
         """Say that the session stands still between two runs, or goes on."""
@@ -263,7 +263,7 @@ class Live:
 
     def _now(self) -> dict[str, Any]:
         progress, run = self._progress, self._run
-        outcome, reason = self._ending
+        outcome, reason, warnings = self._ending
         now: dict[str, Any] = {
             "format": 1,
             "utc": utc_now(),
@@ -271,6 +271,7 @@ class Live:
             "state": self._state(progress),
             "outcome": outcome,
             "reason": reason,
+            "warnings": warnings,
             "pause_wanted": bool(self.pause_wanted),
             "campaign": self._campaign,
             "run": run,

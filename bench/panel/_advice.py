@@ -107,7 +107,10 @@ def _ended(now: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> Banner
     outcome, reason = str(now.get("outcome")), str(now.get("reason") or "")
     done = _made_safe(lines)
     if outcome == "completed":
-        return Banner("good", "Completed", "", done)
+        warned = "; ".join(str(text) for text in now.get("warnings") or ())
+        return Banner(
+            "good", "Completed", warned, done, "Nothing; the report has the details." if warned else ""
+        )
     if outcome == "invalid":
         press = "Nothing is urgent. Read the reason; repeat the run if needed."
         if alarms := [line for line in now.get("alarms") or () if _is_alarm(line)]:

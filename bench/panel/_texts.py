@@ -31,7 +31,7 @@ def texts(now: Mapping[str, Any] | None, age_s: float) -> dict[str, str]:
         "doing": str(now.get("doing") or DASH),
         "phase": str(now.get("phase") or "").replace("_", " ") or DASH,
         "elapsed": duration(time_s),
-        "left": duration(left_s),
+        "left": DASH if ended else duration(left_s),
         "speed": _speed(now.get("speed"), bool(run.get("emulated"))),
         "progress": f"{_share(time_s, left_s):.4f}",
         "age": "" if age_s < 2.0 or ended else f"last news {age_s:.0f} s ago",

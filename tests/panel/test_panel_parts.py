@@ -356,6 +356,17 @@ def test_a_run_already_invalid_does_not_look_well() -> None:
     )
 
 
+def test_a_completed_run_shows_what_its_record_warns_of() -> None:
+    now = {
+        "state": "ended",
+        "outcome": "completed",
+        "warnings": ["fog_1: the measured sample rate is 10.1 Hz"],
+    }
+    told = banner(now, SAFE[1:], 0.0)
+    assert (told.tone, told.happened) == ("good", "fog_1: the measured sample rate is 10.1 Hz")
+    assert banner(now | {"warnings": []}, SAFE[1:], 0.0).happened == ""
+
+
 def test_an_unplugged_table_is_said_once_and_before_what_is_safe() -> None:
     gone = "table: its port is gone and has not come back within 20 s (21 s ago it turned at 7 deg/s)"
     why = "table (/dev/ttyUSB0): the port is gone. Found: end of stream. Expected: an open port."
