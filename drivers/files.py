@@ -24,6 +24,9 @@ times as much memory."""
 RECORD_BYTES = 256 << 20
 """Most bytes of a text file that a run or campaign writes: a day of events has a few MiB."""
 
+MANIFEST_BYTES = 16 << 20
+"""Most bytes of a manifest, which has some ten thousand: a million keys take up to 70 times as much memory."""
+
 _DEEPEST = 64
 _READ_BYTES = 1 << 20
 _ASIDE = re.compile(

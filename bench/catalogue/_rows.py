@@ -13,7 +13,7 @@ from typing import Any
 
 from bench.run_folder import MANIFEST_FILE
 from drivers.errors import ConfigurationError
-from drivers.files import RECORD_BYTES, parse_json, read_bounded
+from drivers.files import MANIFEST_BYTES, parse_json, read_bounded
 
 _PERIOD = re.compile(r"^(\d{4})(?:-(\d{2})(?:-(\d{2})(?:[T ](\d{2}):(\d{2})(?::(\d{2}))?)?)?)?$")
 
@@ -81,7 +81,7 @@ def read_row(folder: Path, root: str) -> tuple[dict[str, Any], tuple[str, ...]]:
         "units": "[]",
     }
     try:
-        manifest = parse_json(read_bounded(folder / MANIFEST_FILE, RECORD_BYTES))
+        manifest = parse_json(read_bounded(folder / MANIFEST_FILE, MANIFEST_BYTES))
         units = tuple(dict.fromkeys(_text(unit) for unit in manifest.get("units", {}).values()))
         started = datetime.datetime.fromisoformat(str(manifest["started_utc"]))
         started = started if started.tzinfo else started.replace(tzinfo=datetime.UTC)

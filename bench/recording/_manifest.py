@@ -13,7 +13,7 @@ from bench.recording._append import record_error
 from bench.recording._shapes import check_free_parts
 from bench.run_folder import MANIFEST_FILE
 from drivers.errors import RecordError
-from drivers.files import RECORD_BYTES, read_bounded, replace_file
+from drivers.files import MANIFEST_BYTES, read_bounded, replace_file
 
 Outcome = Literal["running", "completed", "invalid", "aborted"]
 
@@ -183,7 +183,7 @@ def read_manifest(folder: Path) -> Manifest:
     """Read manifest.json of a run folder; RecordError if it is missing or not a manifest."""
     path = folder / MANIFEST_FILE
     try:
-        manifest = Manifest.model_validate_json(read_bounded(path, RECORD_BYTES))
+        manifest = Manifest.model_validate_json(read_bounded(path, MANIFEST_BYTES))
         check_free_parts(
             {
                 "started_utc": manifest.started_utc,

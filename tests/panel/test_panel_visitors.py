@@ -79,7 +79,7 @@ def test_a_connection_that_asks_for_nothing_is_closed_in_time(sent, monkeypatch)
         async with panel() as (port, _):
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
             writer.write(sent)
-            await until_closed(reader)
+            await asyncio.wait_for(until_closed(reader), 30.0)
             writer.close()
 
     asyncio.run(play())

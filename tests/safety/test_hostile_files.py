@@ -149,6 +149,16 @@ def test_an_imported_log_and_a_run_id_stay_in_the_runs_folder(tmp_path):
     assert _new_folder(tmp_path, "x").parent == tmp_path
 
 
+def test_a_manifest_of_a_million_keys_is_refused_before_it_is_read(tmp_path):
+    """Each device of a manifest takes some 40 times its text."""
+    devices = {f"a_device_of_the_bench_{k}": {"kind": "x", "role": "gyro"} for k in range(300_000)}
+    (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST | {"devices": devices}))
+    with pytest.raises(RecordError, match="16 MiB"):
+        read_manifest(tmp_path)
+    (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST))
+    assert read_manifest(tmp_path).run_id == MANIFEST["run_id"]
+
+
 def test_huge_records_are_refused_before_they_are_read(tmp_path):
     for name, reader in (("manifest.json", read_manifest), ("events.jsonl", read_events)):
         with (tmp_path / name).open("wb") as file:
