@@ -7,9 +7,13 @@ about the vertical; drift is then all the gyro's own.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+
+import numpy as np
 
 from bench.procedure import Demands, Procedure, parameter
 from bench.session import Bench
+from bench.stations import GyroStation
 from procedures._cold_shock import (
     ColdShockParameters,
     go_to_room,
@@ -20,6 +24,8 @@ from procedures._cold_shock import (
 )
 
 _EARTH_RATE_DPH = 15.041067
+_PIECES = 8
+"""Of a dwell; their scatter says how well its mean is known."""
 
 
 class ZeroBiasParameters(ColdShockParameters):
@@ -69,7 +75,9 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> None:
 
     Positions in the order east, west, west, east, so that a linear warm-up drift cancels. With azimuth
     90 deg + e the output is b - W cos(L) sin(e) at east and b + W cos(L) sin(e) at west. All four means are of
-    one unit, the one that is judged by at the end.
+    one unit, the one that is judged by at the end. Where its noise is such that two standard deviations of e are
+    beyond the tolerance, nothing is judged and the table stays at `azimuth_deg`: the Earth rate that a wrong
+    azimuth lets in is then less than this unit can tell.
     """
     bench.phase("axis_east")
     east, west = p.azimuth_deg, (p.azimuth_deg + 180.0) % 360.0
@@ -87,13 +95,35 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> None:
         bench.invalidate(f"east was not found: {gyro.name} had no valid output at one of the four positions")
         difference = 0.0
     error_deg = math.degrees(math.asin(max(-1.0, min(1.0, difference / horizontal_dph))))
+    deviations = [_deviation_dph(gyro, *each) for stays in dwells.values() for each in stays]
+    doubt_deg = math.degrees(2.0 * math.hypot(*deviations) / 4.0 / horizontal_dph)
+    bench.measure("azimuth_error_2_sigma", doubt_deg, "deg")
     limit = p.east_tolerance_deg
-    if not bench.measure("azimuth_error", error_deg, "deg", low=-limit, high=limit):
+    if doubt_deg > limit:
+        bench.measure("azimuth_error", error_deg, "deg")
+        bench.note(
+            f"{gyro.name} cannot tell east: {error_deg:+.2f} +- {doubt_deg:.2f} deg (2 sigma), accepted are "
+            f"{limit:g} deg; the table stays at {p.azimuth_deg:g} deg. east_dwell_s = "
+            f"{math.ceil(p.east_dwell_s * (doubt_deg / limit) ** 2)} would do"
+        )
+        error_deg = 0.0
+    elif not bench.measure("azimuth_error", error_deg, "deg", low=-limit, high=limit):
         bench.invalidate(
             f"the axis is {error_deg:+.2f} deg off east, accepted are {limit:g} deg: mount it again"
         )
     bench.table.point((p.azimuth_deg - error_deg) % 360.0)
     bench.measure("east_table_angle", (p.azimuth_deg - error_deg) % 360.0, "deg")
+
+
+def _deviation_dph(gyro: GyroStation, start_s: float, end_s: float) -> float:
+    """Return the standard deviation of a dwell's mean, by its pieces' scatter about a line; 0 if unknown."""
+    borders = np.linspace(start_s, end_s, _PIECES + 1).tolist()
+    pieces = np.array([3600.0 * gyro.mean_rate_dps(*each) for each in pairwise(borders)])
+    at = np.flatnonzero(np.isfinite(pieces))
+    if len(at) < 4:
+        return 0.0
+    left = pieces[at] - np.polyval(np.polyfit(at, pieces[at], 1), at)
+    return float(np.sqrt(np.sum(left**2) / (len(at) - 2) / len(at)))
 
 
 def expected_duration_s(p: ZeroBiasParameters) -> float:

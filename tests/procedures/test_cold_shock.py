@@ -163,7 +163,8 @@ class EarthBench:
         self.now_s, self.angle = 0.0, 0.0
         self.turned = {}
         self.error_deg, self.bias, self.drift = error_deg, bias_dph, drift_dph_per_s
-        self.pointed, self.rows, self.reasons = [], {}, []
+        self.pointed, self.rows, self.reasons, self.notes = [], {}, [], []
+        self.noise_dph, self.random = 0.0, np.random.default_rng(4)
 
     def phase(self, name):
         assert name == "axis_east"
@@ -182,7 +183,15 @@ class EarthBench:
         return self.bias + self.drift * time_s + north_dph * math.cos(azimuth)
 
     def mean_rate_dps(self, start_s, end_s):
-        return self.output_dph(0.5 * (start_s + end_s), self.turned[start_s, end_s]) / 3600.0
+        middle = 0.5 * (start_s + end_s)
+        angle = next(angle for (first, last), angle in self.turned.items() if first <= middle <= last)
+        noise = (
+            self.random.normal(0.0, self.noise_dph / math.sqrt(end_s - start_s)) if self.noise_dph else 0.0
+        )
+        return (self.output_dph(middle, angle) + noise) / 3600.0
+
+    def note(self, text):
+        self.notes.append(text)
 
     measure = Record.measure
     invalidate = Record.invalidate
@@ -212,6 +221,28 @@ def test_a_mounting_beyond_tolerance_makes_the_run_invalid_with_the_angle(error)
     bench = EarthBench(39.1, error, 1.0, 0.0)
     find_east(bench, ZeroBiasParameters())
     assert bench.reasons == [f"the axis is {error:+.2f} deg off east, accepted are 2 deg: mount it again"]
+
+
+def test_a_gyro_too_noisy_to_tell_east_turns_no_table_and_blames_no_mounting():
+    bench = EarthBench(39.1, 0.5, 1.0, 0.0)
+    bench.noise_dph = 40.0  # deg/h of one second: 0.67 deg/sqrt(h)
+    find_east(bench, ZeroBiasParameters())
+    # Two standard deviations of (two west - two east) / 4, means of 480 s, over the horizontal Earth rate.
+    expected = math.degrees(2.0 * 40.0 / math.sqrt(480.0) / 2.0 / (15.041067 * math.cos(math.radians(39.1))))
+    assert bench.rows["azimuth_error_2_sigma"] == pytest.approx(expected, rel=0.5)
+    assert bench.reasons == [] and bench.pointed[-1] == 90.0
+    assert bench.notes[0].startswith("fog_1 cannot tell east") and "east_dwell_s = " in bench.notes[0]
+
+
+def test_the_doubt_of_east_is_that_of_many_repetitions():
+    found, doubts = [], []
+    for seed in range(200):
+        bench = EarthBench(39.1, 0.5, 1.0, 1e-4)
+        bench.noise_dph, bench.random = 4.0, np.random.default_rng(seed)
+        find_east(bench, ZeroBiasParameters())
+        found.append(bench.rows["azimuth_error"])
+        doubts.append(bench.rows["azimuth_error_2_sigma"])
+    assert np.sqrt(np.mean(np.square(doubts))) == pytest.approx(2.0 * np.std(found), rel=0.2)
 
 
 def test_without_an_output_east_stays_where_it_was_said_to_be_and_the_run_is_invalid():
