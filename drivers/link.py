@@ -10,6 +10,7 @@ import contextlib
 import math
 import os
 import select
+import termios
 import threading
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -25,6 +26,8 @@ _RESOLUTION_S = 1e-6
 """Deadlines are met to this: a clock may count whole ns."""
 _QUIET_S = 0.1
 _NOISY_S = 2.0
+_NOT_OPENED = (serial.SerialException, OSError, ValueError, termios.error)
+"""What pyserial raises; the last, no OSError, when a port goes away while it is being set."""
 REOPEN_S = 0.3
 """How long `reopen` waits for a port; one that takes longer goes on being opened meanwhile."""
 
@@ -134,7 +137,7 @@ class Link:
         one waiting much longer, and goes on being tried meanwhile.
         """
         self.clock.detach(self)
-        with contextlib.suppress(serial.SerialException, OSError):
+        with contextlib.suppress(*_NOT_OPENED):
             self._port.close()
         if self._opening is None:
             self._opening = self._open(in_background="://" in self.url)
@@ -149,7 +152,7 @@ class Link:
     def _open(self, *, in_background: bool = False) -> Opening:
         return Opening(
             lambda: serial.serial_for_url(self.url, timeout=0, **self._settings),
-            (serial.SerialException, OSError, ValueError),
+            _NOT_OPENED,
             in_background=in_background,
         )
 
@@ -157,7 +160,7 @@ class Link:
         try:
             self._port = opening.result()
             self._fd: int = self._port.fileno()
-        except (serial.SerialException, OSError, ValueError) as error:
+        except _NOT_OPENED as error:
             raise self._not_opened(str(error)) from error
         os.set_blocking(self._fd, False)
 
@@ -268,7 +271,7 @@ class Link:
     def close(self) -> None:
         """Close the port; never raises for a port that is already gone."""
         self.clock.detach(self)
-        with contextlib.suppress(serial.SerialException, OSError):
+        with contextlib.suppress(*_NOT_OPENED):
             self._port.close()
 
     def _take(self, count: int) -> bytes:

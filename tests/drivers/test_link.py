@@ -3,6 +3,7 @@
 import os
 import pty
 import socket
+import termios
 import tty
 
 import pytest
@@ -127,6 +128,15 @@ def test_a_port_that_cannot_be_opened_is_named(url):
     text = str(missing.value)
     assert text.startswith("table") and url in text
     clock.close()
+
+
+def test_a_port_that_goes_away_while_it_is_being_set_is_named(terminal, monkeypatch):
+    def gone(*_):
+        raise termios.error(5, "Input/output error")
+
+    monkeypatch.setattr("serial.serialposix.termios.tcsetattr", gone)
+    with pytest.raises(ConfigurationError, match="cannot be opened.*Input/output error"):
+        Link(terminal[1], WallClock(), name="fog")
 
 
 def test_a_reply_without_end_is_refused_at_its_limit(link, terminal):
