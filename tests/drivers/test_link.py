@@ -135,7 +135,7 @@ def test_a_port_that_goes_away_while_it_is_being_set_is_named(terminal, monkeypa
         raise termios.error(5, "Input/output error")
 
     monkeypatch.setattr("serial.serialposix.termios.tcsetattr", gone)
-    with pytest.raises(ConfigurationError, match="cannot be opened.*Input/output error"):
+    with pytest.raises(ConfigurationError, match="Input/output error"):
         Link(terminal[1], WallClock(), name="fog")
 
 
