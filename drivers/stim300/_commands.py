@@ -29,6 +29,12 @@ DATAGRAMS: dict[str, str] = {
     "all_pps": "t",
 }
 """Message of the frame description -> parameter of `d` (table 9-13)."""
+_ACCELERATIONS = {
+    "acceleration": ("0", "ACCELERATION"),
+    "incremental_velocity": ("1", "INCREMENTAL VELOCITY"),
+    "average_acceleration": ("2", "AVERAGE ACCELERATION"),
+    "integrated_velocity": ("4", "INTEGRATED VELOCITY"),
+}
 OUTPUTS: dict[str, tuple[str, str, dict[str, tuple[str, str]]]] = {
     "gyro_output": (
         "g",
@@ -43,22 +49,12 @@ OUTPUTS: dict[str, tuple[str, str, dict[str, tuple[str, str]]]] = {
     "accelerometer_output": (
         "a",
         "ACCELEROMETER",
-        {
-            "acceleration": ("0", "ACCELERATION"),
-            "incremental_velocity": ("1", "INCREMENTAL VELOCITY"),
-            "average_acceleration": ("2", "AVERAGE ACCELERATION"),
-            "integrated_velocity": ("4", "INTEGRATED VELOCITY"),
-        },
+        _ACCELERATIONS,
     ),
     "inclinometer_output": (
         "i",
         "INCLINOMETER",
-        {
-            "acceleration": ("0", "ACCELERATION"),
-            "incremental_velocity": ("1", "INCREMENTAL VELOCITY"),
-            "average_acceleration": ("2", "AVERAGE ACCELERATION"),
-            "integrated_velocity": ("4", "INTEGRATED VELOCITY"),
-        },
+        _ACCELERATIONS,
     ),
 }
 """Setting of the description -> sensor of `u`, its name in replies, choice -> (parameter, words) (table 9-51)."""

@@ -1,5 +1,6 @@
 """A manifest or an event log of wrong types: whoever reads the run says so in the house's words, or reads on."""
 
+import dataclasses
 import json
 from contextlib import suppress
 from pathlib import Path
@@ -14,12 +15,28 @@ from bench.fitting import load_thermal_runs
 from bench.gap import load_gap_runs
 from bench.gap._channel_data import load_channels
 from bench.panel._folders import RunsFolder
-from bench.recording import Run, read_manifest
+from bench.recording import Run, StreamReport, read_manifest
+from bench.recording._shapes import check_free_parts
 from bench.report._run_content import run_content
 from bench.run_record import gyro_source
 from drivers.errors import BenchError, RecordError
 
 OTHERS = ("text", "", 7, -1.5, 10**400, None, True, [], ["x"], {}, {"a": 1})
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(StreamReport)])
+def test_whatever_is_said_of_a_stream_has_its_type_checked(name):
+    parts = {
+        "started_utc": "2026-11-22T10:00:00+00:00",
+        "bench": {},
+        "stream": {"fog_1": {}},
+        "measurements": [],
+        "parameters": {},
+    }
+    check_free_parts(parts)
+    parts["stream"]["fog_1"][name] = "text"
+    with pytest.raises(ValueError, match=name):
+        check_free_parts(parts)
 
 
 def leaves(value, at=()):
