@@ -25,7 +25,7 @@ import benchmarks
 from benchmarks._guard import better, keep, lost
 from benchmarks._measure import be_quick
 from benchmarks._sections import RESULTS, write_section
-from drivers.clock import host_seconds
+from drivers.base.clock import host_seconds
 
 _HEAD = "| benchmark | ours | yardstick | ratio | unit | yardstick is |\n|---|---|---|---|---|---|\n"
 _SOFTWARE = (

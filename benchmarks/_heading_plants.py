@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.heading import PlatformLog, ReferenceTemperature, fit_reference
+from bench.analysis.heading import PlatformLog, ReferenceTemperature, fit_reference
 from simulators.plant.space_stable import PlatformParameters, PlatformSamples, SpaceStablePlatform
 
-Array = NDArray[np.float64]
 STEP_S = 300.0
 WARM_H = 240.0
 CALIBRATIONS = {

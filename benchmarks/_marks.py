@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from drivers.files import replace_file
+from drivers.base.files import replace_file
 
 
 def fill(page: Path, name: str, text: str) -> None:

@@ -14,14 +14,14 @@ import threading
 from pathlib import Path
 from time import process_time
 
-from bench.benchfile import load_bench_file
-from bench.emulated import EmulatedLab, Plant
-from bench.live import Live
-from bench.procedure import Demands, Parameters, Procedure
-from bench.questions import StageHand
-from bench.runner import RunRequest, run_procedure
-from bench.session import Bench
-from drivers.clock import host_seconds
+from bench.control.live import Live
+from bench.control.procedure import Demands, Parameters, Procedure
+from bench.control.questions import StageHand
+from bench.control.runner import RunRequest, run_procedure
+from bench.control.session import Bench
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.record.benchfile import load_bench_file
+from drivers.base.clock import host_seconds
 
 _BENCH = Path(__file__).parents[1] / "examples" / "lab.toml"
 

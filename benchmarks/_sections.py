@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.clock import utc_now
-from drivers.files import replace_file
+from drivers.base.clock import utc_now
+from drivers.base.files import replace_file
 
 _FOLDER = Path(__file__).parent
 

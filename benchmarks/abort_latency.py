@@ -29,18 +29,18 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from bench import safe_state
-from bench.benchfile import BenchFile, bench_file_from, load_bench_file
-from bench.emulated import EmulatedLab, Plant, PlantFault
-from bench.nursery import LabNursery
-from bench.procedure import Demands, Parameters, Procedure
-from bench.questions import AssumeYes
-from bench.recording import read_exchanges
-from bench.runner import RunRequest, run_procedure
-from bench.session import Bench
+from bench.control import safe_state
+from bench.control.procedure import Demands, Parameters, Procedure
+from bench.control.questions import AssumeYes
+from bench.control.runner import RunRequest, run_procedure
+from bench.control.session import Bench
+from bench.lab.emulated import EmulatedLab, Plant, PlantFault
+from bench.lab.nursery import LabNursery
+from bench.record.benchfile import BenchFile, bench_file_from, load_bench_file
+from bench.record.recording import read_exchanges
 from benchmarks._measure import Row, figure, usual
 from benchmarks._sections import write_section
-from drivers.clock import WallClock, utc_now
+from drivers.base.clock import WallClock, utc_now
 
 _RUNS = 9
 _PROMISED_MS = 50.0

@@ -13,7 +13,8 @@ import allantools
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.fitting import NOISE_NAMES, allan_deviation, fit_noise
+from bench.analysis.common.allan import allan_deviation
+from bench.analysis.common.allan_noise import NOISE_NAMES, fit_noise
 from benchmarks._measure import Row, in_turns, row
 
 SAMPLES = 10_000_000

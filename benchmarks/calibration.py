@@ -11,9 +11,8 @@ import statistics
 import sys
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.calibration import (
+from bench.analysis.calibration import (
     PARAMETERS,
     BiasWander,
     Effort,
@@ -31,10 +30,10 @@ from bench.calibration import (
     unpack,
 )
 from benchmarks._measure import Row, figure
-from drivers.clock import host_seconds
+from drivers.base.arrays import Array
+from drivers.base.clock import host_seconds
 from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
 
-Array = NDArray[np.float64]
 _TASK = Task()
 _RUNS = 5
 _EFFORT = Effort(8, 300, 2)
@@ -43,7 +42,7 @@ _WANDER = BiasWander(0.003 * math.radians(1.0) / 3600.0, 5.0 * 9.7803267715e-6, 
 
 def plain_filter(task: Task, schedule: Schedule) -> tuple[Array, float]:
     """Posterior sigma, (30,), by one predict and one update a second, and the seconds that took."""
-    from bench.calibration._model import dwell_transitions, process_noise, turn_transitions
+    from bench.analysis.calibration._model import dwell_transitions, process_noise, turn_transitions
 
     scale = task.prior_sigma
     attitudes = schedule.attitudes()

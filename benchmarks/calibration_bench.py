@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.benchfile import load_bench_file
-from bench.calibration import (
+from bench.analysis.calibration import (
     PARAMETER_NAMES,
     PARAMETERS,
     UNIT_SIZE,
@@ -25,10 +24,11 @@ from bench.calibration import (
     evaluate,
     load_calibration_run,
 )
-from bench.emulated import EmulatedLab, Plant, save_truth
-from bench.procedure import find_procedure
-from bench.questions import StageHand
-from bench.runner import RunRequest, run_procedure
+from bench.control.procedure import find_procedure
+from bench.control.questions import StageHand
+from bench.control.runner import RunRequest, run_procedure
+from bench.lab.emulated import EmulatedLab, Plant, save_truth
+from bench.record.benchfile import load_bench_file
 from benchmarks._measure import Row, figure
 
 BENCH = Path(__file__).parents[1] / "examples" / "two_axis.toml"

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 import drivers.can_dbc
 from benchmarks._measure import Pair, Row, Work, in_turns, speed_row
 from drivers.can_dbc import CanDecoder, CanLayout, load_layout
+from drivers.kit.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frames
 from drivers.sbg import ELLIPSE_DBC
-from drivers.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frames
 
 _SAMPLES, _BLOCK, _FRAMES, _FEW = 100_000, 1 << 20, 47_000, 20_000
 _LIVE = (64, 250, 1000, 4000)

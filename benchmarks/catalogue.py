@@ -15,9 +15,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from bench.catalogue import Catalogue, root_name
+from bench.record.catalogue import Catalogue, root_name
 from benchmarks._measure import Row, figure, usual
-from drivers.clock import host_seconds
+from drivers.base.clock import host_seconds
 
 _BUDGET_S = 0.3
 _REPEATS = 5
@@ -122,7 +122,7 @@ def _command(url: str, runs: Path) -> tuple[float, float]:
     ]
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), host_seconds()
     subprocess.run(
-        [sys.executable, "-c", "from bench.cli import main; main()", *arguments],
+        [sys.executable, "-c", "from bench.present.cli import main; main()", *arguments],
         check=True,
         stdout=subprocess.DEVNULL,
     )

@@ -32,21 +32,21 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.benchfile import BenchFile, bench_file_from
+from bench.analysis.gap import Model, Noise, model_text, nominal_model
 from bench.campaign import CampaignFolder
-from bench.cli import main as bench_main
-from bench.emulated import EmulatedLab, Plant
-from bench.gap import Model, Noise, model_text, nominal_model
-from bench.procedure import find_procedure
-from bench.questions import StageHand
-from bench.recording import read_manifest, verify
-from bench.recover import recover
-from bench.run_record import decode_run
-from bench.runner import RunRequest, run_procedure
+from bench.control.procedure import find_procedure
+from bench.control.questions import StageHand
+from bench.control.recover import recover
+from bench.control.run_record import decode_run
+from bench.control.runner import RunRequest, run_procedure
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.present.cli import main as bench_main
+from bench.record.benchfile import BenchFile, bench_file_from
+from bench.record.recording import read_manifest, verify
 from benchmarks._heading_plants import CALIBRATIONS, fly
 from benchmarks._sections import write_section
-from drivers.clock import WallClock
-from drivers.errors import BenchError
+from drivers.base.clock import WallClock
+from drivers.base.errors import BenchError
 from simulators.plant.space_stable import draw_platform
 
 _LOOK_S = 0.002
@@ -544,7 +544,7 @@ def command_kills(root: Path, kills: int, seed: int) -> Iterator[Tally]:
     (root / "bench.toml").write_text(_BENCH_TOML, encoding="utf-8")
     (root / "campaign.toml").write_text(_CAMPAIGN_TOML, encoding="utf-8")
     for name in _COMMANDS:
-        import_module(f"bench.cli.{name}")
+        import_module(f"bench.present.cli.{name}")
     commands, number = Commands(root, seed), 0
     while commands.tally.kills.total() < kills:
         for kind in kinds:

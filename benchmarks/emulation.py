@@ -16,7 +16,7 @@ from importlib.metadata import version
 
 from benchmarks._measure import Row, figure, usual
 from benchmarks.end_to_end import RATE_HZ, run_once
-from drivers.clock import WallClock, host_seconds
+from drivers.base.clock import WallClock, host_seconds
 
 _TICKS = 2000
 _CYCLES = 20_000

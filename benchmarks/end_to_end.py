@@ -23,15 +23,15 @@ from pathlib import Path
 
 import serial
 
-from bench.benchfile import BenchFile, load_bench_file
 from bench.campaign import load_campaign, rehearse_campaign
-from bench.emulated import EmulatedLab, Plant
-from bench.procedure import find_procedure
-from bench.questions import StageHand
-from bench.run_record import Ending, RunRecord
-from bench.runner import RunRequest, run_procedure
+from bench.control.procedure import find_procedure
+from bench.control.questions import StageHand
+from bench.control.run_record import Ending, RunRecord
+from bench.control.runner import RunRequest, run_procedure
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.record.benchfile import BenchFile, load_bench_file
 from benchmarks._measure import Pair, Row, all_cpu_s, figure, row, usual
-from drivers.clock import host_seconds
+from drivers.base.clock import host_seconds
 
 REPEATS = 3
 FRAME_BYTES = 36

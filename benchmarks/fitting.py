@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.fitting import FeatureRun, LstmModel, LstmSettings, ThermalRun, prepare, stepwise
+from bench.analysis.common.stepwise import stepwise
+from bench.analysis.thermal import FeatureRun, LstmModel, LstmSettings, ThermalRun, prepare
 from benchmarks._measure import Pair, Row, in_turns, row
 
 if TYPE_CHECKING:

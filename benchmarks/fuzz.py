@@ -33,9 +33,9 @@ from drivers.frames import (
     reader_of,
     shipped,
 )
-from drivers.framing import Crc
+from drivers.kit.framing import Crc
+from drivers.kit.slcan_codec import SlcanParser
 from drivers.kvh import KvhDecoder, encode_frames
-from drivers.slcan_codec import SlcanParser
 
 _BLOCK = 100_000
 

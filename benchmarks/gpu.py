@@ -11,12 +11,12 @@ from functools import partial
 import numpy as np
 import torch
 
-from bench.fitting import LstmSettings, prepare
-from bench.fitting._lstm_training import train_lstm
-from bench.gap._grams import gram_blocks
+from bench.analysis.gap._grams import gram_blocks
+from bench.analysis.thermal import LstmSettings, prepare
+from bench.analysis.thermal._lstm_training import train_lstm
 from benchmarks._measure import Row, in_turns, row
 from benchmarks.fitting import thermal_run
-from drivers.clock import host_seconds
+from drivers.base.clock import host_seconds
 
 
 def compared(device: str) -> list[Row]:

@@ -16,19 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.calibration import Effort, Schedule, Task, search
-from bench.catalogue import Catalogue, root_name
-from bench.fitting import (
-    LaggedRidgeModel,
-    LstmModel,
-    LstmSettings,
-    allan_deviation,
-    prepare,
-    stepwise,
-)
-from bench.gap import diagnose
-from bench.gap._exam import make_case, nominal_model
-from bench.recording import GyroSource, Journal, PortJournal, decode_stream, read_table
+from bench.analysis.calibration import Effort, Schedule, Task, search
+from bench.analysis.common.allan import allan_deviation
+from bench.analysis.common.stepwise import stepwise
+from bench.analysis.gap import diagnose
+from bench.analysis.gap._exam import make_case, nominal_model
+from bench.analysis.thermal import LaggedRidgeModel, LstmModel, LstmSettings, prepare
+from bench.record.catalogue import Catalogue, root_name
+from bench.record.recording import GyroSource, Journal, PortJournal, decode_stream, read_table
 from benchmarks._marks import fill
 from benchmarks._measure import Cost, Row, Work, cost, figure
 from benchmarks._sections import stamp

@@ -48,17 +48,25 @@ class Mechanism:
     guard: str
 
 
-_JOURNAL, _APPEND, _RECOVER = "bench/recording/_journal.py", "bench/recording/_append.py", "bench/recover.py"
-_FILES, _STATE, _SAFE = "drivers/files.py", "bench/state_file.py", "bench/safe_state.py"
-_GUARDIAN, _SESSION = "bench/watchdog/_process.py", "bench/session.py"
-_LIMITS, _WATCH = "bench/limits.py", "bench/limit_watch.py"
-_ACCESS, _FOLDERS = "bench/panel/_access.py", "bench/panel/_folders.py"
-_T_JOURNAL, _T_CUT = "tests/recording/test_journal.py", "tests/reliability/test_power_cut.py"
-_T_WHOLE, _T_RUNS = "tests/safety/test_whole_files.py", "tests/recording/test_runs.py"
-_T_SESSION, _T_DOG = "tests/bench/test_session.py", "tests/reliability/test_watchdog.py"
-_T_LIMITS, _T_LEASE = "tests/integration/test_limits.py", "tests/bench/test_lease.py"
-_T_FILES, _T_PANEL = "tests/safety/test_hostile_files.py", "tests/panel/test_panel_parts.py"
-_VISITORS, _T_VISITORS = "bench/panel/_visitors.py", "tests/panel/test_panel_visitors.py"
+_JOURNAL, _APPEND, _RECOVER = (
+    "bench/record/recording/_journal.py",
+    "bench/record/recording/_append.py",
+    "bench/control/recover.py",
+)
+_FILES, _STATE, _SAFE = (
+    "drivers/base/files.py",
+    "bench/analysis/common/state_file.py",
+    "bench/control/safe_state.py",
+)
+_GUARDIAN, _SESSION = "bench/control/watchdog/_process.py", "bench/control/session.py"
+_LIMITS, _WATCH = "bench/control/limits.py", "bench/control/limit_watch.py"
+_ACCESS, _FOLDERS = "bench/present/panel/_access.py", "bench/present/panel/_folders.py"
+_T_JOURNAL, _T_CUT = "tests/record/recording/test_journal.py", "tests/reliability/test_power_cut.py"
+_T_WHOLE, _T_RUNS = "tests/safety/test_whole_files.py", "tests/record/recording/test_runs.py"
+_T_SESSION, _T_DOG = "tests/control/test_session.py", "tests/reliability/test_watchdog.py"
+_T_LIMITS, _T_LEASE = "tests/integration/test_limits.py", "tests/control/test_lease.py"
+_T_FILES, _T_PANEL = "tests/safety/test_hostile_files.py", "tests/present/panel/test_panel_parts.py"
+_VISITORS, _T_VISITORS = "bench/present/panel/_visitors.py", "tests/present/panel/test_panel_visitors.py"
 _T_TYPES = "tests/integration/test_manifest_types.py"
 _T_CODE = "tests/contracts/test_nothing_executes.py"
 
@@ -126,7 +134,7 @@ MECHANISMS = (
         _RECOVER,
         "_cut(index, index.stat().st_size // _PAIR_BYTES * _PAIR_BYTES)",
         "pass",
-        "tests/recording/test_recover.py",
+        "tests/record/recording/test_recover.py",
     ),
     Mechanism(
         1,
@@ -142,12 +150,12 @@ MECHANISMS = (
         _RECOVER,
         "if holder is not None:",
         "if False:",
-        "tests/recording/test_recover.py",
+        "tests/record/recording/test_recover.py",
     ),
     Mechanism(
         1,
         "checksums are compared",
-        "bench/recording/_verify.py",
+        "bench/record/recording/_verify.py",
         "elif (found := checksum(path)) != entry:",
         "elif (found := checksum(path)) is None:",
         _T_RUNS,
@@ -155,7 +163,7 @@ MECHANISMS = (
     Mechanism(
         1,
         "tables are rebuilt and compared",
-        "bench/recording/_verify.py",
+        "bench/record/recording/_verify.py",
         "if left.tobytes() == right.tobytes():",
         "if True:",
         _T_RUNS,
@@ -227,7 +235,7 @@ MECHANISMS = (
     Mechanism(
         2,
         "a polled port that goes away is known at once",
-        "drivers/clock.py",
+        "drivers/base/clock.py",
         "others = [port for port in self._polled if port not in ports]",
         "others: list[Any] = []",
         "tests/drivers/test_clock.py -k what_a_polled_port",
@@ -235,7 +243,7 @@ MECHANISMS = (
     Mechanism(
         2,
         "a signal stops the run",
-        "bench/runner.py",
+        "bench/control/runner.py",
         'clock.interrupt.request(f"stopped by {name}")',
         "pass",
         "tests/integration/test_aborts.py::test_signals_to_a_run_on_the_wall_clock",
@@ -259,7 +267,7 @@ MECHANISMS = (
     Mechanism(
         2,
         "the watchdog takes over from one that hangs",
-        "bench/watchdog/__init__.py",
+        "bench/control/watchdog/__init__.py",
         "HUNG_S = 2.0",
         "HUNG_S = 2e6",
         "tests/safety/test_starved_runner.py",
@@ -275,7 +283,7 @@ MECHANISMS = (
     Mechanism(
         2,
         "the watchdog is armed",
-        "bench/runner.py",
+        "bench/control/runner.py",
         "            watchdog.arm()",
         "            pass",
         f"{_T_DOG} -k 9-the",
@@ -307,7 +315,7 @@ MECHANISMS = (
     Mechanism(
         2,
         "a rate is held against its limit before it is sent",
-        "bench/table_station.py",
+        "bench/control/table_station.py",
         "        if max_rate_dps > allowed:",
         "        if False:",
         "tests/integration/test_trouble.py -k beyond",
@@ -318,21 +326,23 @@ MECHANISMS = (
         _LIMITS,
         "if span < 360.0 and",
         "if False and",
-        "tests/bench/test_limits.py",
+        "tests/control/test_limits.py",
     ),
     Mechanism(
         2,
         "one user a bench",
-        "bench/lease.py",
+        "bench/control/lease.py",
         "            _set_lock(descriptor, fcntl.F_WRLCK)",
         "            pass",
         _T_LEASE,
     ),
-    Mechanism(2, "a stale lease is recognised", "bench/lease.py", "stale.append(left)", "pass", _T_LEASE),
+    Mechanism(
+        2, "a stale lease is recognised", "bench/control/lease.py", "stale.append(left)", "pass", _T_LEASE
+    ),
     Mechanism(
         2,
         "a platform's port is leased",
-        "bench/lease.py",
+        "bench/control/lease.py",
         "    ports += [platform.port for platform in file.platform]\n",
         "",
         _T_LEASE,
@@ -340,7 +350,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "the panel listens on this machine",
-        "bench/panel/_server.py",
+        "bench/present/panel/_server.py",
         'host: str = "127.0.0.1"',
         'host: str = "0.0.0.0"',
         _T_CODE,
@@ -348,7 +358,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "an open panel wants a token",
-        "bench/panel/_server.py",
+        "bench/present/panel/_server.py",
         "if self.token is None and not is_local(self.host):",
         "if False:",
         _T_PANEL,
@@ -404,7 +414,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "no name in a manifest leads out",
-        "bench/recording/_manifest.py",
+        "bench/record/recording/_manifest.py",
         'if any(part in ("", ".", "..") for part in name.split("/")):',
         "if False:",
         _T_FILES,
@@ -412,7 +422,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "no run id leads out",
-        "bench/run_record.py",
+        "bench/control/run_record.py",
         'if name == ".." or Path(name).name != name or not name.isprintable():',
         "if False:",
         _T_FILES,
@@ -460,7 +470,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "no table is larger than the memory",
-        "bench/recording/_read.py",
+        "bench/record/recording/_read.py",
         "if 2 * 8 * rows * columns > room:",
         "if False:",
         _T_FILES,
@@ -468,15 +478,15 @@ MECHANISMS = (
     Mechanism(
         3,
         "text in a report stays text",
-        "bench/report/_layout.py",
+        "bench/present/report/_layout.py",
         "autoescape=True",
         "autoescape=False",
-        "tests/report/test_report_html.py",
+        "tests/present/report/test_report_html.py",
     ),
     Mechanism(
         3,
         "nothing is evaluated, no pickle is loaded",
-        "bench/history.py",
+        "bench/control/history.py",
         "from __future__ import annotations\n",
         "from __future__ import annotations\nimport pickle\n",
         _T_CODE,
@@ -508,7 +518,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "a manifest has numbers where readers count on them",
-        "bench/recording/_shapes.py",
+        "bench/record/recording/_shapes.py",
         "    _FREE_PARTS.validate_python(parts)",
         "    pass",
         f"{_T_TYPES} -k file_and_key",
@@ -516,7 +526,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "an event has numbers where readers count on them",
-        "bench/recording/_shapes.py",
+        "bench/record/recording/_shapes.py",
         "        _check_field(name, row.get(name), form)",
         "        pass",
         f"{_T_TYPES} -k event_log",
@@ -532,7 +542,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "a process of ours imports nothing from the current folder",
-        "bench/nursery.py",
+        "bench/lab/nursery.py",
         '[sys.executable, "-P", "-m", "simulators.lab"],',
         '[sys.executable, "-m", "simulators.lab"],',
         f"{_T_CODE} -k current_folder",
@@ -540,7 +550,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "workers of a command import nothing from the current folder",
-        "bench/cli/_app.py",
+        "bench/present/cli/_app.py",
         'os.environ["PYTHONSAFEPATH"] = "1"',
         "pass",
         f"{_T_CODE} -k workers",
@@ -548,7 +558,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "a port is a device or a socket",
-        "drivers/link.py",
+        "drivers/kit/link.py",
         'if separator and scheme.lower() != "socket":',
         "if False:",
         f"{_T_FILES} -k port_writes",
@@ -556,7 +566,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "text of a file is no command to the terminal",
-        "bench/cli/_console.py",
+        "bench/present/cli/_console.py",
         "if segment.control is None and not segment.text.isprintable():",
         "if False:",
         f"{_T_FILES} -k terminal",
@@ -564,7 +574,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "text of a file is no markup",
-        "bench/cli/_console.py",
+        "bench/present/cli/_console.py",
         '{"markup": False, "emoji": False}',
         '{"markup": True, "emoji": False}',
         f"{_T_FILES} -k terminal",
@@ -582,7 +592,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "an exported cell is no formula",
-        "bench/exchange/_export.py",
+        "bench/record/exchange/_export.py",
         """return text if text[:1].isalnum() else f"'{text}\"""",
         "return text",
         f"{_T_FILES} -k formula",

@@ -13,9 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.heading import (
+from bench.analysis.heading import (
     SIDEREAL_DAY_S,
     HeadingCompensator,
     LaggedModel,
@@ -28,11 +27,11 @@ from bench.heading import (
 )
 from benchmarks._heading_plants import CALIBRATIONS, PlatformRun, fly, sequence, twin
 from benchmarks._measure import Row, figure
-from drivers.clock import host_seconds
-from drivers.errors import ConfigurationError
+from drivers.base.arrays import Array
+from drivers.base.clock import host_seconds
+from drivers.base.errors import ConfigurationError
 from simulators.plant.space_stable import PlatformParameters, SpaceStablePlatform, draw_platform
 
-Array = NDArray[np.float64]
 Correction = Callable[[PlatformRun], Array]
 DAY_S = SIDEREAL_DAY_S
 

@@ -12,13 +12,13 @@ import os
 import sys
 from pathlib import Path
 
-from bench.benchfile import load_bench_file
+from bench.analysis.common.fan_out import fan_out
+from bench.analysis.thermal import Study
 from bench.campaign import load_campaign, rehearse_campaign
-from bench.campaign_study import study_of
-from bench.emulated import Plant
-from bench.fan_out import fan_out
-from bench.fitting import Study
-from drivers.clock import host_seconds
+from bench.lab.emulated import Plant
+from bench.present.campaign_study import study_of
+from bench.record.benchfile import load_bench_file
+from drivers.base.clock import host_seconds
 
 ROOT = Path(__file__).parent
 TARGETS = {"chosen": 97.0, "hybrid": 95.0}

@@ -35,9 +35,9 @@ from urllib.request import urlopen
 
 import numpy as np
 
-from bench.panel._series import MinMax
+from bench.present.panel._series import MinMax
 from benchmarks._measure import Row, Work, cost, figure, usual
-from drivers.clock import WallClock, host_seconds, utc_now
+from drivers.base.clock import WallClock, host_seconds, utc_now
 
 _LIMIT = "limit of the design"
 _OPENINGS = 5
@@ -49,7 +49,7 @@ _ABBA = (True, False, False, True)
 _FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
 _processors = sorted(os.sched_getaffinity(0))
 _TICKS_S = os.sysconf("SC_CLK_TCK")
-_CLI = "from bench.cli import main; main()"
+_CLI = "from bench.present.cli import main; main()"
 
 
 def rows() -> Iterator[Row]:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.calibration import (
+from bench.analysis.calibration import (
     Effort,
     Noise,
     Schedule,
@@ -28,8 +28,8 @@ from bench.calibration import (
     schedule_segments,
     search,
 )
-from bench.calibration._model import dwell_transitions, process_noise, turn_transitions
-from bench.calibration._observability import observability
+from bench.analysis.calibration._model import dwell_transitions, process_noise, turn_transitions
+from bench.analysis.calibration._observability import observability
 from benchmarks._measure import Row, in_turns, row
 from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
 

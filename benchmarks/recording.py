@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.recording import PortJournal, read_table, table_writer
+from bench.record.recording import PortJournal, read_table, table_writer
 from benchmarks._measure import Row, in_turns, row
 from drivers.kvh import encode_frames
 

@@ -24,14 +24,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.benchfile import bench_file_from
-from bench.recording import read_manifest, verify
-from bench.recover import recover
-from bench.run_record import RunRecord, decode_run
-from bench.state_file import read_state, save_file, write_state
+from bench.analysis.common.state_file import read_state, save_file, write_state
+from bench.control.recover import recover
+from bench.control.run_record import RunRecord, decode_run
+from bench.record.benchfile import bench_file_from
+from bench.record.recording import read_manifest, verify
 from benchmarks._sections import write_section
-from drivers.clock import WallClock
-from drivers.errors import BenchError
+from drivers.base.clock import WallClock
+from drivers.base.errors import BenchError
 
 _REPORT = struct.Struct("<dq")
 _BLOCK = 360

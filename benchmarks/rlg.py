@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from bench.fitting import stepwise
-from bench.rlg import RampRun, load_chamber_cycle, ramp_run, run_rlg_study, study_chamber_cycle
+from bench.analysis.common.stepwise import stepwise
+from bench.analysis.rlg import RampRun, load_chamber_cycle, ramp_run, run_rlg_study, study_chamber_cycle
 from simulators.plant import rlg
 from simulators.plant.rlg_batch import ramp_profile, rlg_run
 

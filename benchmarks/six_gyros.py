@@ -19,15 +19,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.recording import Journal
+from bench.record.recording import Journal
 from benchmarks._measure import Row, figure
+from drivers.base.clock import WallClock, host_seconds
 from drivers.can_dbc import CanDecoder, load_layout
-from drivers.clock import WallClock, host_seconds
-from drivers.instruments import StreamDecoder
+from drivers.kit.instruments import StreamDecoder
+from drivers.kit.link import Link
+from drivers.kit.slcan_codec import FRAME_DTYPE
+from drivers.kit.slcan_codec import encode_frames as encode_can
 from drivers.kvh import KvhDecoder, encode_frames
-from drivers.link import Link
-from drivers.slcan_codec import FRAME_DTYPE
-from drivers.slcan_codec import encode_frames as encode_can
 
 _RATE_HZ, _TICK_S, _SERIAL, _CAN = 1000, 0.005, 4, 2
 

@@ -24,11 +24,11 @@ from can.interfaces.slcan import slcanBus
 from numpy.typing import ArrayLike
 
 from benchmarks._measure import Pair, Row, in_turns, speed_row, usual
-from drivers.clock import WallClock
-from drivers.link import Link
+from drivers.base.clock import WallClock
+from drivers.kit.link import Link
+from drivers.kit.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frames
 from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, SbgDecoder, ellipse_layout
 from drivers.slcan import BufferedSlcanBus
-from drivers.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frames
 
 _FEW, _MANY, _SAMPLES = 4_000, 400_000, 20_000
 _LINE = 22

@@ -26,8 +26,7 @@ from unittest import mock
 import numpy as np
 import pyarrow.parquet as pq
 
-from bench.benchfile import BenchFile, bench_file_from
-from bench.devices import (
+from bench.control.devices import (
     chamber_kind,
     chamber_settings,
     gyro_kind,
@@ -35,18 +34,19 @@ from bench.devices import (
     table_kind,
     table_settings,
 )
-from bench.emulated import EmulatedLab, Plant, PlantFault
-from bench.nursery import LabNursery
-from bench.procedure import Demands, Parameters, Procedure
-from bench.questions import Question
-from bench.recording import read_manifest, verify
-from bench.run_record import decode_run
-from bench.runner import RunRequest, RunResult, run_procedure
-from bench.session import Bench
+from bench.control.procedure import Demands, Parameters, Procedure
+from bench.control.questions import Question
+from bench.control.run_record import decode_run
+from bench.control.runner import RunRequest, RunResult, run_procedure
+from bench.control.session import Bench
+from bench.lab.emulated import EmulatedLab, Plant, PlantFault
+from bench.lab.nursery import LabNursery
+from bench.record.benchfile import BenchFile, bench_file_from
+from bench.record.recording import read_manifest, verify
 from benchmarks._sections import write_section
-from drivers import clock as host
-from drivers.errors import BenchError, RunAborted
-from drivers.virtual_clock import VirtualClock
+from drivers.base import clock as host
+from drivers.base.errors import BenchError, RunAborted
+from drivers.base.virtual_clock import VirtualClock
 
 _GYROS = ("fog_1", "can_1")
 _PORTS = ("table", "chamber", *_GYROS)

@@ -14,10 +14,10 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from bench.emulated import EmulatedLab, Plant
-from bench.testing import LabPool, usual_bench
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.lab.testing import LabPool, usual_bench
 from benchmarks._measure import Row, figure, usual
-from drivers.clock import host_seconds
+from drivers.base.clock import host_seconds
 
 _LIMIT = "limit of the design"
 

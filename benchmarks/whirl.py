@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.whirl import (
+from bench.analysis.whirl import (
     DirectFit,
     TurnRecord,
     WhirlCompensation,
@@ -35,7 +35,7 @@ from bench.whirl import (
 )
 from benchmarks._measure import Row, figure
 from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, reversing
-from drivers.clock import host_seconds
+from drivers.base.clock import host_seconds
 from simulators.plant.wobble import (
     BACKWARD_LINE,
     CAGE_LINE,

@@ -13,12 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.benchfile import bench_file_from
-from bench.emulated import EmulatedLab, Plant
-from bench.questions import StageHand
-from bench.recording import Run
-from bench.runner import RunRequest, run_procedure
-from bench.whirl import load_turns, study_whirl
+from bench.analysis.whirl import load_turns, study_whirl
+from bench.control.questions import StageHand
+from bench.control.runner import RunRequest, run_procedure
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.record.benchfile import bench_file_from
+from bench.record.recording import Run
 from benchmarks._measure import Row, figure
 from procedures.constant_rotation import PROCEDURE
 

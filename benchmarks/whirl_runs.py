@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.whirl import TurnRecord, Turns, align_angle
+from bench.analysis.whirl import TurnRecord, Turns, align_angle
 from drivers.acutrol import decode_transcript, encode_state_query
 from drivers.kvh import KvhDecoder
 from simulators.emulators.acutrol import AcutrolEmulator

@@ -12,7 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from drivers.frames import Frames
-from drivers.instruments import GyroKind, Settings
+from drivers.kit.instruments import GyroKind, Settings
 
 _Columns = Mapping[str, NDArray[Any]]
 

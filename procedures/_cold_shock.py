@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from bench.procedure import Demands, Parameters, parameter
-from bench.session import Bench
-from bench.stations import GyroStation
+from bench.control.procedure import Demands, Parameters, parameter
+from bench.control.session import Bench
+from bench.control.stations import GyroStation
 
 _GATE_WINDOW_S = 600.0
 _SHOCK_LIMIT_C = -40.0

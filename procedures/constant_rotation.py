@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from pydantic import field_validator
 
-from bench.procedure import Demands, Parameters, Procedure, parameter
-from bench.session import Bench
+from bench.control.procedure import Demands, Parameters, Procedure, parameter
+from bench.control.session import Bench
 
 _SETTLING_S = 10.0
 

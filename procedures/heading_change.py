@@ -12,8 +12,8 @@ from typing import Self
 
 from pydantic import model_validator
 
-from bench.procedure import Demands, Parameters, Procedure, parameter
-from bench.session import Bench
+from bench.control.procedure import Demands, Parameters, Procedure, parameter
+from bench.control.session import Bench
 
 _LEAST_STAY_H = 2.0
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from bench.procedure import Demands, Parameters, Procedure, parameter
-from bench.session import Bench
+from bench.control.procedure import Demands, Parameters, Procedure, parameter
+from bench.control.session import Bench
 from procedures._cold_shock import temperature_steady
 
 _POSITION_DEG = 0.01

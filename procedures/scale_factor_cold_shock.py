@@ -6,8 +6,8 @@ of output over rate through the three sections, aligned on the chamber's slope.
 
 from __future__ import annotations
 
-from bench.procedure import Demands, Procedure, parameter
-from bench.session import Bench
+from bench.control.procedure import Demands, Procedure, parameter
+from bench.control.session import Bench
 from procedures._cold_shock import (
     ColdShockParameters,
     go_to_room,

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from bench.procedure import Demands, Parameters, Procedure, parameter
-from bench.session import Bench
-from bench.stations import GyroStation
+from bench.control.procedure import Demands, Parameters, Procedure, parameter
+from bench.control.session import Bench
+from bench.control.stations import GyroStation
 from procedures.thermal_ramp import go_to_end
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 

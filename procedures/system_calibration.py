@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pydantic import field_validator
 
-from bench.calibration import (
+from bench.analysis.calibration import (
     Schedule,
     Site,
     Task,
@@ -22,8 +22,8 @@ from bench.calibration import (
     require_closed,
     table_axes,
 )
-from bench.procedure import Demands, Parameters, Procedure, parameter
-from bench.session import Bench
+from bench.control.procedure import Demands, Parameters, Procedure, parameter
+from bench.control.session import Bench
 
 _SETTLING_S = 5.0
 _START_TURN_DEG = 180.0

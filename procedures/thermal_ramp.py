@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from bench.procedure import Demands, Parameters, Procedure, parameter
-from bench.session import Bench
+from bench.control.procedure import Demands, Parameters, Procedure, parameter
+from bench.control.session import Bench
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 
 _WINDOW_S = 900.0

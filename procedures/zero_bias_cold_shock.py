@@ -11,9 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from bench.procedure import Demands, Procedure, parameter
-from bench.session import Bench
-from bench.stations import GyroStation
+from bench.control.procedure import Demands, Procedure, parameter
+from bench.control.session import Bench
+from bench.control.stations import GyroStation
 from procedures._cold_shock import (
     ColdShockParameters,
     go_to_room,

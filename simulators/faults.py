@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 
 WIRE_FAULTS: Mapping[str, str] = {
     "drop": "`count` bytes of a message are lost",

@@ -8,9 +8,9 @@ from typing import cast
 
 import numpy as np
 
-from drivers.clock import Clock, Readable
-from drivers.instruments import Exchange
-from drivers.link import Link
+from drivers.base.clock import Clock, Readable
+from drivers.kit.instruments import Exchange
+from drivers.kit.link import Link
 from simulators.interfaces import Emulator, GyroSignal, Reply, StreamingEmulator
 
 Answer = Callable[[bytes, float], list[tuple[float, bytes]]]

@@ -10,11 +10,11 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
-from bench.benchfile import BenchFile, GyroSection, bench_file_from
-from bench.figure_limits import Limit, wrong_limits
-from bench.procedure import Parameters, Procedure, find_procedure
-from drivers.errors import BenchError, ConfigurationError
-from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
+from bench.control.procedure import Parameters, Procedure, find_procedure
+from bench.record.benchfile import BenchFile, GyroSection, bench_file_from
+from bench.record.figure_limits import Limit, wrong_limits
+from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
 
 Role = Literal["training", "validation", "test", "record"]
 Occasion = Literal["prompt", "run_ended", "completed", "failed"]

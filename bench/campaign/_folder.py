@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from bench.benchfile import BenchFile, bench_file_from
 from bench.campaign._file import Campaign, CampaignRun, load_campaign
-from bench.emulated import Plant
-from bench.recording import Manifest, checksum, read_events, read_manifest
-from drivers.clock import epoch_seconds, utc_now
-from drivers.errors import BenchInUse, ConfigurationError, RecordError
-from drivers.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded
+from bench.lab.emulated import Plant
+from bench.record.benchfile import BenchFile, bench_file_from
+from bench.record.recording import Manifest, checksum, read_events, read_manifest
+from drivers.base.clock import epoch_seconds, utc_now
+from drivers.base.errors import BenchInUse, ConfigurationError, RecordError
+from drivers.base.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded
 
 CAMPAIGN_FILE, BENCH_FILE, JOURNAL_FILE, LOCK_FILE = "campaign.toml", "bench.json", "events.jsonl", ".lock"
 

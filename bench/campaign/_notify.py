@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.campaign._file import Notice
-from bench.questions import Operator, Question
-from drivers.clock import utc_now
+from bench.control.questions import Operator, Question
+from drivers.base.clock import utc_now
 
 _PATIENCE_S = 20.0
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from bench.benchfile import BenchFile
-from bench.emulated import EmulatedLab, Plant, save_truth
+from bench.lab.emulated import EmulatedLab, Plant, save_truth
+from bench.record.benchfile import BenchFile
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bench.benchfile import BenchFile
 from bench.campaign._file import Campaign, CampaignRun, bench_of
 from bench.campaign._rehearse import rehearse_run
-from bench.disk import estimated_bytes
-from bench.emulated import Plant
-from bench.figure_limits import OVER_RUNS
-from bench.procedure import Demands
-from bench.recording import read_events
-from drivers.errors import LimitExceeded
+from bench.control.disk import estimated_bytes
+from bench.control.procedure import Demands
+from bench.lab.emulated import Plant
+from bench.record.benchfile import BenchFile
+from bench.record.figure_limits import OVER_RUNS
+from bench.record.recording import read_events
+from drivers.base.errors import LimitExceeded
 
 
 @dataclass(frozen=True)

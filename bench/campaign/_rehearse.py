@@ -12,14 +12,14 @@ from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from types import FrameType
 
-from bench.benchfile import BenchFile
 from bench.campaign._file import Campaign, CampaignRun, bench_of
 from bench.campaign._places import EmulatedPlace
-from bench.emulated import Plant
-from bench.live import Live
-from bench.questions import AssumeYes, StageHand
-from bench.runner import RunRequest, RunResult, run_procedure
-from drivers.errors import RunAborted
+from bench.control.live import Live
+from bench.control.questions import AssumeYes, StageHand
+from bench.control.runner import RunRequest, RunResult, run_procedure
+from bench.lab.emulated import Plant
+from bench.record.benchfile import BenchFile
+from drivers.base.errors import RunAborted
 
 
 def rehearse_campaign(

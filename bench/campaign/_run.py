@@ -13,13 +13,13 @@ from bench.campaign._folder import CampaignFolder, RunState
 from bench.campaign._notify import Announcing, Notifier
 from bench.campaign._places import EmulatedPlace, Place, Placed, RealPlace
 from bench.campaign._plan import check_limits
-from bench.lease import Lease, take_lease
-from bench.live import Live, Request
-from bench.procedure import Procedure, find_procedure
-from bench.progress import Progress
-from bench.questions import Assisted, AssumeYes, Operator, Prepared, StageHand
-from bench.runner import RunRequest, RunResult, run_procedure
-from drivers.errors import BenchError, RunAborted
+from bench.control.lease import Lease, take_lease
+from bench.control.live import Live, Request
+from bench.control.procedure import Procedure, find_procedure
+from bench.control.progress import Progress
+from bench.control.questions import Assisted, AssumeYes, Operator, Prepared, StageHand
+from bench.control.runner import RunRequest, RunResult, run_procedure
+from drivers.base.errors import BenchError, RunAborted
 
 KNOWN_STATE = "known-state"
 """The procedure that brings the bench to a known state and says whether it got there."""

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 
 TERMINATOR = b"\r\n"
 HEADER_BYTES = 8

@@ -18,10 +18,10 @@ from drivers.acutrol._codec import (
     encode_state_query,
 )
 from drivers.acutrol._exchange import Exchanges
-from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.instruments import Identity, Rest, TableLimits, TableState
-from drivers.link import Link
-from drivers.repeat import asked, told_once
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
+from drivers.kit.link import Link
+from drivers.kit.retry import asked, told_once
 
 SERVO_TIMEOUT_S = 10.0
 """Drive enable delay (parameter x029) and fail-safe test delays run before the interlock reports Close."""
@@ -39,7 +39,7 @@ _FAULT_STATES = ("software abort", "hardware abort")
 
 
 class AcutrolTable:
-    """A table behind an ACUTROL3000, over RS-232 or TCP alike (`drivers.instruments.Turntable`).
+    """A table behind an ACUTROL3000, over RS-232 or TCP alike (`drivers.kit.instruments.Turntable`).
 
     `axes`: name of each axis, outermost first, and its number on the controller.
     """

@@ -15,9 +15,9 @@ from drivers.acutrol._codec import (
     decode_text,
     encode_command,
 )
-from drivers.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
-from drivers.link import Link
-from drivers.repeat import asked, told
+from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
+from drivers.kit.link import Link
+from drivers.kit.retry import asked, told
 
 REPLY_TIMEOUT_S = 2.0
 """A reply takes about 2 ms over Ethernet, 40 ms and more through a device server at 9600 baud."""
@@ -29,7 +29,7 @@ _T = TypeVar("_T")
 class Exchanges:
     """Every exchange has a deadline (DeviceSilent), a reply that is not one raises ProtocolError, and an error
     code raises DeviceRefused with the controller's own text and the top of its error queue: for good when the
-    exchange has been tried again (`drivers.repeat`). `where`: the controller, in words.
+    exchange has been tried again (`drivers.kit.retry`). `where`: the controller, in words.
     """
 
     def __init__(self, link: Link, where: str) -> None:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from drivers.acutrol._driver import AcutrolTable
 from drivers.acutrol._transcript import decode_transcript
-from drivers.clock import Clock
-from drivers.instruments import Exchange, Settings, TableKind
-from drivers.link import Link, Tap
+from drivers.base.clock import Clock
+from drivers.kit.instruments import Exchange, Settings, TableKind
+from drivers.kit.link import Link, Tap
 
 
 def _open(settings: Settings, clock: Clock, tap: Tap) -> AcutrolTable:

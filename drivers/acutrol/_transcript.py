@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.acutrol._codec import decode_numbers, encode_state_query, split_reply
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 
 _ONE_AXIS: Mapping[str, int] = {"table": 1}
 

@@ -12,10 +12,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from drivers.base.errors import ConfigurationError
+from drivers.base.files import parse_json, read_bounded
 from drivers.can_dbc._read_dbc import messages_in
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
-from drivers.errors import ConfigurationError
-from drivers.files import parse_json, read_bounded
 
 MAX_FILE_BYTES = 4 << 20
 """Large public DBC files (whole vehicles) have 1 to 2 MB."""
@@ -79,7 +79,7 @@ def load_database(path: Path) -> Mapping[str, Message]:
 def _read(content: bytes, ours: bool) -> Mapping[str, Message] | str:
     """Return the messages in the bytes of a DBC file, or why there are none; `ours` are read right here."""
     if ours:
-        import drivers.python_can  # noqa: F401  (cantools imports python-can, which takes long another way)
+        import drivers.kit.python_can  # noqa: F401  (cantools imports python-can, which takes long another way)
 
         return _by_name(messages_in(content))
     with subprocess.Popen(

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.base.errors import ConfigurationError
 from drivers.can_dbc._layout import CanLayout, SignalUse, ValidRule, outer_multiplexer
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
 from drivers.can_dbc._values import Source, Values, columns_of, merged
-from drivers.errors import ConfigurationError
-from drivers.instruments import FrameBatch, LossSide, StreamCounts
-from drivers.slcan_codec import FRAME_DTYPE, SlcanParser
+from drivers.kit.instruments import FrameBatch, LossSide, StreamCounts
+from drivers.kit.slcan_codec import FRAME_DTYPE, SlcanParser
 
 _ROWS = 1 << 62
 """Modulo of the row number that stands in for a counter."""
@@ -109,7 +109,7 @@ class CanDecoder:
         return batch
 
     def feed_frames(self, frames: NDArray[np.void]) -> FrameBatch:
-        """Decode the next frames, shape (n,) of `drivers.slcan_codec.FRAME_DTYPE`; `end_offset` grows."""
+        """Decode the next frames, shape (n,) of `drivers.kit.slcan_codec.FRAME_DTYPE`; `end_offset` grows."""
         cycle = _joined(self._waiting, frames) if len(self._waiting) else frames
         count = len(self._slots)
         whole = len(cycle) // count * count

@@ -7,23 +7,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.base.errors import DeviceSilent, WrongDevice
 from drivers.can_dbc._decode import CanDecoder
 from drivers.can_dbc._layout import CanLayout
 from drivers.can_dbc._signals import MessageLayout
-from drivers.errors import DeviceSilent, WrongDevice
-from drivers.instruments import Identity
-from drivers.link import Link
-from drivers.slcan_codec import SlcanParser
+from drivers.kit.instruments import Identity
+from drivers.kit.link import Link
+from drivers.kit.slcan_codec import SlcanParser
 
 if TYPE_CHECKING:  # whoever has the bus has python-can; a lab that emulates one does without
-    from drivers.python_can import can
+    from drivers.kit.python_can import can
 
 _LISTEN_S = 5.0
 """How long to wait for a first sample; the slowest output of the known units is 1 Hz."""
 
 
 class CanGyro:
-    """A unit (`drivers.instruments.Gyro`) whose outputs were set to `rate_hz` before.
+    """A unit (`drivers.kit.instruments.Gyro`) whose outputs were set to `rate_hz` before.
 
     `bus` and `link` are what `drivers.slcan.open_can` returned; the bus is kept because python-can shuts one down
     that nobody holds. `source_address`: the J1939 node to listen to, None for any.

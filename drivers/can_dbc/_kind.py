@@ -8,14 +8,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from drivers.base.clock import Clock
+from drivers.base.errors import ConfigurationError
 from drivers.can_dbc._decode import CanDecoder
 from drivers.can_dbc._driver import CanGyro
 from drivers.can_dbc._layout import CanLayout, layout_from_plain, layout_to_plain
 from drivers.can_dbc._mapping import layout_from_mapping, load_layout
-from drivers.clock import Clock
-from drivers.errors import ConfigurationError
-from drivers.instruments import GyroKind, Settings
-from drivers.link import Tap
+from drivers.kit.instruments import GyroKind, Settings
+from drivers.kit.link import Tap
 from drivers.slcan import open_can
 
 Layout = str | Mapping[str, Any]

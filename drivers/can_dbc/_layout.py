@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
+from drivers.base.errors import ConfigurationError
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
-from drivers.errors import ConfigurationError
 
 AXES = "xyz"
 

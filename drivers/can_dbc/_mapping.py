@@ -11,11 +11,11 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from drivers.base.errors import ConfigurationError
+from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
 from drivers.can_dbc._dbc import compile_message, find_message, load_database
 from drivers.can_dbc._layout import CanLayout, Role, SignalUse, Slot, ValidRule, outer_multiplexer
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
-from drivers.errors import ConfigurationError
-from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
 
 SHIPPED = Path(__file__).parent
 

@@ -15,7 +15,7 @@ def main(memory_bytes: int, cpu_s: int) -> int:
     """Read one file; 1 if it cannot be read. Beyond `cpu_s` the kernel ends the process."""
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    sys.modules["asammdf"] = None  # type: ignore[assignment]  # see drivers/python_can.py
+    sys.modules["asammdf"] = None  # type: ignore[assignment]  # see drivers/kit/python_can.py
     import cantools
 
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 
 END = b"\r\n"
 RESOLUTION_C = 0.1

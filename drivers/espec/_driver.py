@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TypeVar
 
-from drivers.chamber import PolledChamber
-from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.espec._codec import (
     END,
     MINUTE_S,
@@ -22,9 +21,10 @@ from drivers.espec._codec import (
     refusal_words,
     set_temperature_text,
 )
-from drivers.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
-from drivers.link import Link
-from drivers.repeat import asked, told
+from drivers.kit.chamber import PolledChamber
+from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
+from drivers.kit.link import Link
+from drivers.kit.retry import asked, told
 
 REPLY_TIMEOUT_S = 3.0
 """What the maker's own library allows."""
@@ -36,7 +36,7 @@ _T = TypeVar("_T")
 
 
 class EspecChamber(PolledChamber):
-    """One chamber (`drivers.instruments.Chamber`) at a serial port or TCP port 10001.
+    """One chamber (`drivers.kit.instruments.Chamber`) at a serial port or TCP port 10001.
 
     `address`: on RS-485, None on RS-232 and TCP. `rom`: how the ROM version of this controller begins, "" for
     whatever does not begin with P3.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.clock import Clock
+from drivers.base.clock import Clock
 from drivers.espec._driver import EspecChamber
 from drivers.espec._transcript import decode_transcript
-from drivers.instruments import ChamberKind, Settings
-from drivers.link import Link, Tap
+from drivers.kit.instruments import ChamberKind, Settings
+from drivers.kit.link import Link, Tap
 
 
 def _opener(model: str, rom: str) -> Callable[[Settings, Clock, Tap], EspecChamber]:

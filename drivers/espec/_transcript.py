@@ -7,10 +7,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 from drivers.espec._codec import END, decode_temperatures
-from drivers.instruments import Exchange
-from drivers.pairing import pairs, table
+from drivers.kit.instruments import Exchange
+from drivers.kit.pairing import pairs, table
 
 
 def decode_transcript(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames._model import Checksum, Endian
-from drivers.framing import Crc, PositionalCrc, crc_of_each
+from drivers.kit.framing import Crc, PositionalCrc, crc_of_each
 
 Bytes = NDArray[np.uint8]
 _SIZES = {"sum8": 1, "xor8": 1, "neg8": 1, "crc8": 1, "sum16": 2, "sum16_words": 2, "crc16": 2, "crc32": 4}

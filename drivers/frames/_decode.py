@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 from drivers.frames._form import Form, Layout
 from drivers.frames._line_read import LineReader
 from drivers.frames._lines import LineDescription, LineForm
@@ -18,7 +18,7 @@ from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, Counter, FieldSection
 from drivers.frames._read import bit_of, record_of
 from drivers.frames._split import StreamSplitter
 from drivers.frames._units import constant, factor
-from drivers.instruments import FrameBatch
+from drivers.kit.instruments import FrameBatch
 
 Array = NDArray[Any]
 _NO_WRAP = 1 << 62
@@ -93,7 +93,7 @@ class MessageReader:
 
 
 class FrameDecoder:
-    """Incremental decoder (`drivers.instruments.StreamDecoder`) of one gyro's stream.
+    """Incremental decoder (`drivers.kit.instruments.StreamDecoder`) of one gyro's stream.
 
     Columns, (n,): `counter` int64 (without one in the frame: frames by the bytes that went by, so that damage
     leaves a gap); `status` as sent; `valid` bool: status bits of severity "error" and valid bits are good for the

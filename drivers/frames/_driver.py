@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from drivers.errors import ConfigurationError, DeviceSilent, WrongDevice
+from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
 from drivers.frames._decode import FrameDecoder, reader_of
 from drivers.frames._load import FrameFamily
-from drivers.instruments import Identity
-from drivers.link import Link
+from drivers.kit.instruments import Identity
+from drivers.kit.link import Link
 
 _LISTEN_S = 5.0
 _ENOUGH = 2
@@ -21,7 +21,7 @@ def bits_a_byte(family: FrameFamily) -> int:
 
 
 class FrameGyro:
-    """A gyro on a serial port (`drivers.instruments.Gyro`) that sends `rate_hz` frames a second, unasked."""
+    """A gyro on a serial port (`drivers.kit.instruments.Gyro`) that sends `rate_hz` frames a second, unasked."""
 
     def __init__(self, link: Link, family: FrameFamily, decoder: FrameDecoder, *, baudrate: int) -> None:
         """Raise ConfigurationError for a frame rate that the line cannot carry."""

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import Clock
-from drivers.errors import ConfigurationError
+from drivers.base.clock import Clock
+from drivers.base.errors import ConfigurationError
 from drivers.frames._decode import FrameDecoder, celsius, channels, messages_of
 from drivers.frames._driver import FrameGyro
 from drivers.frames._form import Form
 from drivers.frames._load import FrameFamily, family_of
 from drivers.frames._model import ACCEL_ROLES
 from drivers.frames._units import factor
-from drivers.instruments import GyroKind, Settings
-from drivers.link import Link, Tap
+from drivers.kit.instruments import GyroKind, Settings
+from drivers.kit.link import Link, Tap
 
 Columns = Mapping[str, NDArray[Any]]
 

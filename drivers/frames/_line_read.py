@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from drivers.frames._find import Bytes, Ints
 from drivers.frames._form import Form
 from drivers.frames._lines import CELL, LINE_CRC, LineCheck, LineDescription, LineForm, number_parts
-from drivers.framing import PositionalCrc, find_sync, windows
-from drivers.instruments import StreamCounts
+from drivers.kit.framing import PositionalCrc, find_sync, windows
+from drivers.kit.instruments import StreamCounts
 
 Bools = NDArray[np.bool_]
 Part = tuple[int, int, np.dtype[Any]]

@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from drivers.frames._form import Form
 from drivers.frames._model import MOST_PARTS, Description, FieldSection, FrameSection, _listed
 from drivers.frames._verify import Mistake
-from drivers.framing import Crc
+from drivers.kit.framing import Crc
 
 CELL = 8
 """Bytes of a column's number in a row."""

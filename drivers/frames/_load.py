@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from drivers.errors import ConfigurationError
-from drivers.files import SETTINGS_BYTES, parse_toml, read_bounded
+from drivers.base.errors import ConfigurationError
+from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
 from drivers.frames._form import Form, forms_of
 from drivers.frames._lines import LineDescription, line_form, verify_lines
 from drivers.frames._model import Description

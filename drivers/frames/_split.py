@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from drivers.frames._candidates import Group, choose, insides, joined, open_places, refused, shares
 from drivers.frames._find import Bytes, Finder, Ints, Pattern
-from drivers.framing import Check, windows
-from drivers.instruments import StreamCounts
+from drivers.kit.framing import Check, windows
+from drivers.kit.instruments import StreamCounts
 
 Read = Callable[[Bytes, Ints], Ints]
 """Stream (n,) and where frames begin in it (m,) -> the bytes that each says it has (m,)."""

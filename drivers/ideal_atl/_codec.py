@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 
 END = b"\r\n"
 PROMPT = b">"

@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import math
 
-from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.ideal_atl._codec import END, POSITION, PROMPT, RATE, decode_number, encode, split_reply
-from drivers.instruments import Identity, Rest, TableLimits, TableState
-from drivers.link import Link
-from drivers.repeat import asked, told, told_once
+from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
+from drivers.kit.link import Link
+from drivers.kit.retry import asked, told, told_once
 
 REPLY_TIMEOUT_S = 2.0
 STANDSTILL_TIMEOUT_S = 120.0
@@ -21,7 +21,7 @@ _QUIET_S = 0.3
 
 
 class AtlTable:
-    """One axis behind an ATL controller (`drivers.instruments.Turntable`), RS-232, 9600 Bd 8N1.
+    """One axis behind an ATL controller (`drivers.kit.instruments.Turntable`), RS-232, 9600 Bd 8N1.
 
     What is not public is not used: the bits of `STA`, and `MCO`, which one source takes for 1 = complete and
     another for 0. Motion is judged by position and rate. The controller tells no limits: those of the bench

@@ -7,13 +7,13 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from drivers.clock import Clock
-from drivers.errors import ConfigurationError, ProtocolError
+from drivers.base.clock import Clock
+from drivers.base.errors import ConfigurationError, ProtocolError
 from drivers.ideal_atl._codec import POSITION, RATE, decode_number, split_reply
 from drivers.ideal_atl._driver import AtlTable
-from drivers.instruments import Exchange, Settings, TableKind
-from drivers.link import Link, Tap
-from drivers.pairing import pairs, table
+from drivers.kit.instruments import Exchange, Settings, TableKind
+from drivers.kit.link import Link, Tap
+from drivers.kit.pairing import pairs, table
 
 
 def _open(settings: Settings, clock: Clock, tap: Tap) -> AtlTable:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.framing import FrameSplitter
-from drivers.instruments import FrameBatch
+from drivers.kit.framing import FrameSplitter
+from drivers.kit.instruments import FrameBatch
 from drivers.kvh._format import (
     AXES,
     COUNTER_MODULO,
@@ -24,7 +24,7 @@ from drivers.kvh._format import (
 
 
 class KvhDecoder:
-    """Incremental decoder (`drivers.instruments.StreamDecoder`) of one KVH gyro's stream.
+    """Incremental decoder (`drivers.kit.instruments.StreamDecoder`) of one KVH gyro's stream.
 
     Columns, each of shape (n,): `counter` int64 0..127; `status` uint8 as sent; `valid` bool, all the unit's
     own gyros valid; `rot_<axis>` float32 as sent for each of `axes`; `temp_c` float32 (Format C sends it every

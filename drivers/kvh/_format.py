@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drivers.framing import Crc, PositionalCrc
+from drivers.kit.framing import Crc, PositionalCrc
 
 Format = Literal["A", "B", "C"]
 Rotation = Literal["delta", "rate"]

@@ -7,12 +7,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from drivers.clock import Clock
-from drivers.instruments import GyroKind, Settings
+from drivers.base.clock import Clock
+from drivers.kit.instruments import GyroKind, Settings
+from drivers.kit.link import Link, Tap
 from drivers.kvh._decode import KvhDecoder
 from drivers.kvh._driver import KvhGyro
 from drivers.kvh._format import rate_dps
-from drivers.link import Link, Tap
 
 _SENT_AS: dict[str, Any] = {"rotation": "delta", "temp_units": "C_100"}
 """A delta angle leaves nothing of the rotation out between samples; hundredths are the best resolution."""

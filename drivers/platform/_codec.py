@@ -26,7 +26,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivers.instruments import FrameBatch, StreamCounts
+from drivers.kit.instruments import FrameBatch, StreamCounts
 
 COUNTER_MODULO = 65536
 POSITION_VALID, NAVIGATING, REGULATED = 1, 2, 4
@@ -83,7 +83,7 @@ def encode_position(
 
 
 class PlatformDecoder:
-    """Bytes to rows, incrementally (`drivers.instruments.StreamDecoder`).
+    """Bytes to rows, incrementally (`drivers.kit.instruments.StreamDecoder`).
 
     Columns, shape (n,): `counter` int64, `status` uint8, `valid` bool (position valid and navigating),
     `latitude_deg`, `longitude_deg`, `temp_c`, `cabinet_temp_c` float64, NaN where missing. Rejected:

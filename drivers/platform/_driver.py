@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
-from drivers.instruments import Identity
-from drivers.link import Link
+from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
+from drivers.kit.instruments import Identity
+from drivers.kit.link import Link
 from drivers.platform._codec import LONGEST, parse, sentence
 
 _REPLY_S = 2.0

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.clock import Clock
-from drivers.instruments import PlatformKind, Settings
-from drivers.link import Link, Tap
+from drivers.base.clock import Clock
+from drivers.kit.instruments import PlatformKind, Settings
+from drivers.kit.link import Link, Tap
 from drivers.platform._codec import PlatformDecoder
 from drivers.platform._driver import PlatformIns
 

@@ -16,10 +16,10 @@ from drivers.can_dbc import (
     layout_from_mapping,
     load_message,
 )
-from drivers.link import Link
+from drivers.kit.link import Link
 
 if TYPE_CHECKING:  # whoever has the bus has python-can; a lab that emulates one does without
-    from drivers.python_can import can
+    from drivers.kit.python_can import can
 
 ELLIPSE_DBC = Path(__file__).with_name("ellipse.dbc")
 """The unit's messages of interest to a gyro bench, with their default identifiers."""

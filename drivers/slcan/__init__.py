@@ -1,6 +1,6 @@
 """CAN: an slcan adapter as a python-can bus, and any other python-can bus as a link of slcan lines.
 
-Loads python-can; the bytes alone are in `drivers.slcan_codec`.
+Loads python-can; the bytes alone are in `drivers.kit.slcan_codec`.
 """
 
 from drivers.slcan._bus import INTERFACE, BufferedSlcanBus

@@ -8,13 +8,13 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import Clock, WallClock, epoch_seconds
-from drivers.errors import LinkLost
-from drivers.instruments import StreamCounts
-from drivers.link import Link, Tap
-from drivers.python_can import can
+from drivers.base.clock import Clock, WallClock, epoch_seconds
+from drivers.base.errors import LinkLost
+from drivers.kit.instruments import StreamCounts
+from drivers.kit.link import Link, Tap
+from drivers.kit.python_can import can
+from drivers.kit.slcan_codec import CLOSE, OPEN, SlcanParser, bitrate_command
 from drivers.slcan._python_can import encode_message, to_messages
-from drivers.slcan_codec import CLOSE, OPEN, SlcanParser, bitrate_command
 
 INTERFACE = "gyrobench_slcan"
 """Name under which python-can finds `BufferedSlcanBus`."""

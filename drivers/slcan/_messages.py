@@ -9,12 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drivers.clock import Clock
-from drivers.errors import ProtocolError
-from drivers.link import REOPEN_S, Link, Opening, Tap
-from drivers.python_can import can
+from drivers.base.clock import Clock
+from drivers.base.errors import ProtocolError
+from drivers.kit.link import REOPEN_S, Link, Opening, Tap
+from drivers.kit.python_can import can
+from drivers.kit.slcan_codec import SlcanParser
 from drivers.slcan._python_can import encode_message, to_messages, unsupported_kind
-from drivers.slcan_codec import SlcanParser
 
 BUS_ERRORS = (can.CanError, NotImplementedError, OSError, ValueError, TypeError)
 """What python-can's interfaces raise when a bus cannot be opened, or is gone."""

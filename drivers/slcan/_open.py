@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivers.clock import Clock
-from drivers.errors import ConfigurationError
-from drivers.link import Link, Tap
-from drivers.python_can import can
+from drivers.base.clock import Clock
+from drivers.base.errors import ConfigurationError
+from drivers.kit.link import Link, Tap
+from drivers.kit.python_can import can
 from drivers.slcan._bus import INTERFACE, BufferedSlcanBus
 from drivers.slcan._messages import BUS_ERRORS, MessageLink
 

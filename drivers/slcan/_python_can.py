@@ -8,9 +8,9 @@ from itertools import repeat
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import LimitExceeded
-from drivers.python_can import can
-from drivers.slcan_codec import FRAME_DTYPE, encode_frame
+from drivers.base.errors import LimitExceeded
+from drivers.kit.python_can import can
+from drivers.kit.slcan_codec import FRAME_DTYPE, encode_frame
 
 
 def to_messages(frames: NDArray[np.void], timestamps_s: NDArray[np.float64]) -> list[can.Message]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from drivers.conversation import TRIES, ConversingGyro
-from drivers.errors import WrongDevice
+from drivers.base.errors import WrongDevice
 from drivers.frames import FrameDecoder
-from drivers.instruments import Identity
-from drivers.link import Link
+from drivers.kit.conversation import TRIES, ConversingGyro
+from drivers.kit.instruments import Identity
+from drivers.kit.link import Link
 from drivers.stim300._commands import (
     BANNER,
     DATAGRAMS,
@@ -29,7 +29,7 @@ _ENTERED = re.compile(rb"(?:" + BANNER.encode() + rb"|E00\d ).*?" + _PROMPT, re.
 
 
 class Stim300Gyro(ConversingGyro):
-    """A STIM300 on an RS-422 port, 8N1 (`drivers.instruments.Gyro`).
+    """A STIM300 on an RS-422 port, 8N1 (`drivers.kit.instruments.Gyro`).
 
     `rate_hz` is one of the unit's sample rates, `message` one of `DATAGRAMS`, of `length` bytes, `outputs` has
     choices among `OUTPUTS`. The unit is set to outputs without delay (angular rate and acceleration unless chosen

@@ -7,10 +7,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from drivers.clock import Clock
+from drivers.base.clock import Clock
 from drivers.frames import FrameDecoder, FrameFamily, Frames, load_family
-from drivers.instruments import GyroKind, Settings
-from drivers.link import Link, Tap
+from drivers.kit.instruments import GyroKind, Settings
+from drivers.kit.link import Link, Tap
 from drivers.stim300._commands import DATAGRAMS, OUTPUTS
 from drivers.stim300._driver import Stim300Gyro
 

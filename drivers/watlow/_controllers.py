@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from drivers.errors import ProtocolError
-from drivers.instruments import ChamberCapabilities, ChamberLimits
-from drivers.modbus import ModbusMaster, float_words, words_float
+from drivers.base.errors import ProtocolError
+from drivers.kit.instruments import ChamberCapabilities, ChamberLimits
+from drivers.kit.modbus import ModbusMaster, float_words, words_float
 from drivers.watlow._registers import F4, F4T, F4Readings, F4TReadings, scaled, unscaled
 
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
-from drivers.chamber import TROUBLES, PolledChamber
-from drivers.errors import DeviceSilent, ProtocolError
-from drivers.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
-from drivers.link import Link
-from drivers.modbus import ModbusMaster
-from drivers.repeat import asked
+from drivers.base.errors import DeviceSilent, ProtocolError
+from drivers.kit.chamber import TROUBLES, PolledChamber
+from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
+from drivers.kit.link import Link
+from drivers.kit.modbus import ModbusMaster
+from drivers.kit.retry import asked
 from drivers.watlow._controllers import Controller
 from drivers.watlow._registers import chamber_state
 
 
 class WatlowChamber(PolledChamber):
-    """One chamber (`drivers.instruments.Chamber`) at a serial port or a socket.
+    """One chamber (`drivers.kit.instruments.Chamber`) at a serial port or a socket.
 
     `auxiliary`: inputs of the controller, besides input 1, that are read with every state.
     """

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drivers.clock import Clock
-from drivers.instruments import ChamberKind, Settings
-from drivers.link import Link, Tap
-from drivers.modbus import Framing, ModbusMaster
+from drivers.base.clock import Clock
+from drivers.kit.instruments import ChamberKind, Settings
+from drivers.kit.link import Link, Tap
+from drivers.kit.modbus import Framing, ModbusMaster
 from drivers.watlow._controllers import Controller, F4Controller, F4TController
 from drivers.watlow._driver import WatlowChamber
 from drivers.watlow._registers import F4_WORDS, F4T_WORDS

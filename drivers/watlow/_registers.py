@@ -12,9 +12,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from drivers.errors import ProtocolError
-from drivers.instruments import ChamberState
-from drivers.modbus import to_signed, words_float
+from drivers.base.errors import ProtocolError
+from drivers.kit.instruments import ChamberState
+from drivers.kit.modbus import to_signed, words_float
 
 AIR_C, SET_POINT_C = "air_temp_c", "set_point_c"
 

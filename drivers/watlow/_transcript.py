@@ -8,10 +8,10 @@ from typing import Any
 from numpy.typing import NDArray
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadHoldingRegistersResponse
 
-from drivers.errors import ProtocolError
-from drivers.instruments import Exchange
-from drivers.modbus import Frames, Framing
-from drivers.pairing import pairs, table
+from drivers.base.errors import ProtocolError
+from drivers.kit.instruments import Exchange
+from drivers.kit.modbus import Frames, Framing
+from drivers.kit.pairing import pairs, table
 from drivers.watlow._registers import F4, F4T, F4Readings, F4TReadings, Readings
 
 

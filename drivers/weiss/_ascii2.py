@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 
 CR = b"\r"
 _NUMBER = re.compile(r"-?\d+\.\d+")

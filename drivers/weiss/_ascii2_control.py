@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.errors import DeviceRefused, ProtocolError
-from drivers.instruments import ChamberState
-from drivers.link import Link
-from drivers.repeat import asked, told
+from drivers.base.errors import DeviceRefused, ProtocolError
+from drivers.kit.instruments import ChamberState
+from drivers.kit.link import Link
+from drivers.kit.retry import asked, told
 from drivers.weiss._ascii2 import CR, Values, decode_values, encode_gradient, encode_read, encode_set
 from drivers.weiss._configuration import Configuration
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 
 _TOKEN = re.compile(r"(?:CV|SV|MV|DO)\d\d")
 _END_OF_LIST = re.compile(r"<CR>|Description", re.IGNORECASE)

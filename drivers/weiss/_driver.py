@@ -7,11 +7,11 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
-from drivers.chamber import PolledChamber
-from drivers.errors import DeviceSilent
-from drivers.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
-from drivers.link import Link
-from drivers.repeat import asked
+from drivers.base.errors import DeviceSilent
+from drivers.kit.chamber import PolledChamber
+from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
+from drivers.kit.link import Link
+from drivers.kit.retry import asked
 from drivers.weiss._ascii2 import encode_configuration_query
 from drivers.weiss._ascii2_control import Ascii2Control
 from drivers.weiss._configuration import Configuration, decode_configuration

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.clock import Clock
-from drivers.instruments import ChamberKind, Settings
-from drivers.link import Link, Tap
+from drivers.base.clock import Clock
+from drivers.kit.instruments import ChamberKind, Settings
+from drivers.kit.link import Link, Tap
 from drivers.weiss._driver import WeissChamber
 from drivers.weiss._transcript import decode_transcript
 

@@ -10,7 +10,7 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 
 SEPARATOR = "¶"
 """Byte B6, which is this character in Latin-1."""

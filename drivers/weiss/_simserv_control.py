@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from drivers.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
-from drivers.link import Link
-from drivers.repeat import asked, told
+from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
+from drivers.kit.link import Link
+from drivers.kit.retry import asked, told
 from drivers.weiss._simserv import (
     OK,
     REPLY_END,

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 from drivers.weiss._ascii2 import decode_values
 from drivers.weiss._configuration import Configuration, decode_configuration
 from drivers.weiss._simserv import Number, decode_simserv_reply, encode_request

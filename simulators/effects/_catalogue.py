@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from drivers.errors import ConfigurationError
-from drivers.plugins import entry_points_of
+from drivers.base.errors import ConfigurationError
+from drivers.base.plugins import entry_points_of
 from simulators.effects._channel import ChannelEffect
 from simulators.effects._channel_effects import CHANNEL_EFFECTS
 from simulators.effects._disturbances import DISTURBANCES

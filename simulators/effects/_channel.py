@@ -12,11 +12,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.effects._effect import Parameter
 
-Array = NDArray[np.float64]
 Channel = Literal[
     "chamber_air",
     "case_temperature",
@@ -26,7 +25,7 @@ Channel = Literal[
     "time_stamps",
     "platform_drift",
 ]
-"""All but the last have a simulator here; a platform's drift shows in its position only (`bench.gap`)."""
+"""All but the last have a simulator here; a platform's drift shows in its position only."""
 CHANNEL_UNITS: Mapping[Channel, str] = {
     "chamber_air": "K",
     "case_temperature": "K",

@@ -6,12 +6,11 @@ import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.effects._channel import Channel, ChannelEffect, ChannelInputs
 from simulators.effects._stimulus import REFERENCE_C
 
-Array = NDArray[np.float64]
 Values = Mapping[str, tuple[float, ...]]
 """Effect's name to the values of its parameters."""
 

@@ -15,7 +15,7 @@ PLATFORM_EFFECTS = (
         (*_GAINS, Parameter("core_lag_h", 0.1, 48.0)),
         (*(0.0,) * 9, 6.0),
         "change of the platform's temperature against the reference heading, times gravity's turn in its axes",
-        "temperature change after a lag, and its cos and sin over the sidereal angle: nine gains (bench/heading)",
+        "temperature change after a lag, and its cos and sin over the sidereal angle: nine gains",
         "The platform's temperature changes with heading, and its gyros drift with it where gravity pulls.",
     ),
     ChannelEffect(

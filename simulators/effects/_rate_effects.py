@@ -6,12 +6,11 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.effects._effect import Effect, Parameter
 from simulators.effects._stimulus import EARTH_RATE_DPH, Stimulus
 
-Array = NDArray[np.float64]
 Shape = Mapping[str, float]
 _AT_DPS = 100.0
 _SIDES: tuple[Shape, ...] = tuple({"side": side} for side in (0.0, 0.5, -0.5, 1.0, -1.0))

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.effects._effect import Effect, Parameter
 from simulators.effects._stimulus import Stimulus
 
-Array = NDArray[np.float64]
 Shape = Mapping[str, float]
 _SHARE = 1.2
 """Bound of the part of the formula that is there; 1 is all of it."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from drivers.base.arrays import Array
+
 EARTH_RATE_DPH = 15.041067
 """Earth's rotation rate, 7.292115e-5 rad/s (WGS 84)."""
 REFERENCE_C = 25.0

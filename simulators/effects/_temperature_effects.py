@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.effects._effect import Effect, Parameter
 from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
-Array = NDArray[np.float64]
 Shape = Mapping[str, float]
 _SHORT_LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 60.0, 180.0, 400.0, 800.0))
 _COIL_LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0))

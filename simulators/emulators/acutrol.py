@@ -17,7 +17,7 @@ from drivers.acutrol import (
     encode_reply,
     parse_message,
 )
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 from simulators.emulators._acutrol_axis import DEMANDS, FAULT_NAMES, MODES, AcutrolAxis, fault_bits
 from simulators.faults import DeviceFault, Fault
 from simulators.interfaces import Reply, TablePlant

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from drivers.base.errors import ConfigurationError
 from drivers.can_dbc import CanLayout, MessageLayout, SignalUse, Slot, ValidRule
-from drivers.errors import ConfigurationError
-from drivers.slcan_codec import FRAME_DTYPE, encode_frames
+from drivers.kit.slcan_codec import FRAME_DTYPE, encode_frames
 from simulators.emulators.slcan import SlcanAdapter
 from simulators.faults import WireShape
 from simulators.interfaces import GyroPlant, GyroSignal, Reply, StreamBlock

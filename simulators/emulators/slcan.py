@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.slcan_codec import BITRATE_COMMANDS, SlcanParser
+from drivers.kit.slcan_codec import BITRATE_COMMANDS, SlcanParser
 from simulators.interfaces import Reply
 
 _OK, _REFUSED = b"\r", b"\a"

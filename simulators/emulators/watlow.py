@@ -22,8 +22,8 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterResponse,
 )
 
-from drivers.errors import ProtocolError
-from drivers.modbus import Frames, Framing, float_words, to_signed, words_float
+from drivers.base.errors import ProtocolError
+from drivers.kit.modbus import Frames, Framing, float_words, to_signed, words_float
 from drivers.watlow import F4, F4T, scaled, unscaled
 from simulators.faults import DeviceFault, Fault, WireShape
 from simulators.interfaces import ChamberPlant, Reply

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from drivers.base.arrays import Array
 from simulators.plant.fog import fog_network, shupe_row
 from simulators.plant.fog_parameters import FOG_MID, FogParameters
 from simulators.plant.thermal import steady_state_c, tick_matrix
 
-Array = NDArray[np.float64]
 LAYERS = 16
 LATITUDE_DEG = 39.10
 RATE_STEPS_DPS = (1.0, 5.0, 10.0, 20.0, 50.0, 100.0)

@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.exam._campaign import LATITUDE_DEG, RunTruth
 from simulators.exam._physics import KNOWN, UNKNOWN, Draw, draw_unit
 
-Array = NDArray[np.float64]
 KINDS = ("null", "single", "pair", "unknown", "known and unknown", "stochastic")
 SHEET = {"arw": 0.004, "flicker": 0.006, "walk": 0.0, "quantum": 0.05}
 STOCHASTIC = {

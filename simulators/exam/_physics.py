@@ -11,12 +11,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from drivers.base.arrays import Array
 from simulators.exam._campaign import LATITUDE_DEG, RunTruth
 
-Array = NDArray[np.float64]
 Draw = dict[str, float]
 Signal = Callable[[RunTruth, Draw], Array]
 _EARTH_DPH = 15.041067

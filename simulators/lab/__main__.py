@@ -17,7 +17,7 @@ import sys
 from contextlib import suppress
 from typing import Any
 
-from drivers.errors import BenchError
+from drivers.base.errors import BenchError
 from simulators.lab._build import build_lab
 from simulators.lab._config import LabConfig
 from simulators.lab._service import VirtualService, run_on_wall_clock

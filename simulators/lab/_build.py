@@ -9,8 +9,8 @@ from typing import Any, TypeVar, cast, get_args
 
 import numpy as np
 
-from drivers.errors import ConfigurationError
-from drivers.plugins import entry_points_of
+from drivers.base.errors import ConfigurationError
+from drivers.base.plugins import entry_points_of
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from simulators.emulators.weiss import WeissEmulator
 from simulators.faults import VANISH, Fault

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence, Set
 from typing import Protocol
 
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, StreamingEmulator
 from simulators.lab._line import Line

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from drivers.errors import BenchError
+from drivers.base.errors import BenchError
 
 _BLOCK = 65536
 _STALL_MS = 20_000

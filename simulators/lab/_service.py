@@ -11,9 +11,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from drivers.clock import WallClock
-from drivers.errors import BenchError, ConfigurationError
-from drivers.virtual_clock import FULL, NOT_OPEN, PROTOCOL, VERSION, Codec, Request, share_cpu
+from drivers.base.clock import WallClock
+from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.virtual_clock import FULL, NOT_OPEN, PROTOCOL, VERSION, Codec, Request, share_cpu
 from simulators.lab._core import Lab
 from simulators.lab._stagehand import StageDoor
 

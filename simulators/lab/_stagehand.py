@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from drivers.errors import BenchError
+from drivers.base.errors import BenchError
 
 Act = Callable[[dict[str, Any]], dict[str, Any]]
 

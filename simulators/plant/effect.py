@@ -9,7 +9,7 @@ from typing import Any, Generic, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 from simulators.plant.noise import NoiseParameters
 
 StateT = TypeVar("StateT", contravariant=True)

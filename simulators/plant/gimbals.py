@@ -11,13 +11,11 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.plant.earth import EARTH_RATE_DPH
 from simulators.plant.imu import turned_about
 from simulators.plant.table import TableAxis
-
-Array = NDArray[np.float64]
 
 DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
     "east": (1.0, 0.0, 0.0),

@@ -16,12 +16,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
 from simulators.plant.recursion import follow
 
-Array = NDArray[np.float64]
 _EARTH_RATE_RAD_S = 7.292115e-5
 _GAUSS = np.polynomial.legendre.leggauss(3)
 

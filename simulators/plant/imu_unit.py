@@ -10,9 +10,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
 from simulators.interfaces import GyroSignal
 from simulators.plant.earth import gravity_mps2
 from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, earth_rate_rad_s, simpson
@@ -20,8 +20,6 @@ from simulators.plant.imu import ImuErrors, ImuNoise, turned_about, with_errors
 from simulators.plant.mounting import Mount, Mounting
 from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
 from simulators.plant.table import TableAxis
-
-Array = NDArray[np.float64]
 
 _PRIOR = (0.1, 1000.0, 100.0, 100.0, 100.0)
 """One sigma of a unit's errors, as after a factory calibration: deg/h, ug, ppm, arcsec, ug/g^2."""

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 from simulators.plant.chamber import ChamberAir, ChamberParameters
 from simulators.plant.effect import UnitModel, leave_out
 from simulators.plant.fog import fog_unit

@@ -6,12 +6,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.plant.space_stable import Navigation, PlatformParameters, SpaceStablePlatform
 from simulators.platform_interface import PlatformSignal
-
-Array = NDArray[np.float64]
 
 
 class LabPlatform:

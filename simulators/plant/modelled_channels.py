@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
 from simulators.effects import CATALOGUE, REFERENCE_C, ChannelEffect
 from simulators.plant.chamber import ChamberAir, ChamberDemand
 from simulators.plant.effect import UnitModel
@@ -22,7 +22,6 @@ from simulators.plant.table import TableParameters
 from simulators.plant.thermal import AIR, Link, build_network, tick_matrix
 from simulators.plant.wobble import EncodedTable, EncoderParameters
 
-Array = NDArray[np.float64]
 Channels = Mapping[str, tuple[float, ...]]
 """Effect of a channel to the values of its parameters."""
 _EFFECTS = {each.name: each for each in CATALOGUE if isinstance(each, ChannelEffect)}

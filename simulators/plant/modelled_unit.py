@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
 from simulators.effects import REFERENCE_C, Stimulus, catalogue
 from simulators.effects import Effect as Formula
 from simulators.plant.disturbances import Impulses, Line
@@ -112,7 +112,6 @@ class _Clock:
 
 
 _Value = Callable[[Temperatures], float]
-Array = NDArray[np.float64]
 
 
 def _warm_k(state: Temperatures) -> float:

@@ -11,9 +11,9 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from drivers.base.arrays import Array
+
 Gravity = Literal["spherical", "ellipsoid"]
 
 EARTH_RATE_RAD_S = 7.292115e-5

@@ -15,12 +15,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.plant.platform_navigation import EARTH_RATE_RAD_S, SCHULER_RAD_S, PlatformNavigator
 from simulators.plant.recursion import follow
 
-Array = NDArray[np.float64]
 Navigation = Literal["linear", "nonlinear"]
 
 SET_POINT_C = 45.0

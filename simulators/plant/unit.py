@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 from simulators.interfaces import GyroSignal
 from simulators.plant.effect import SamplePath, UnitModel
 from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up

@@ -19,7 +19,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
 from simulators.plant.earth import horizontal_rate_dph, vertical_rate_dph
 from simulators.plant.effect import UnitModel
 from simulators.plant.mounting import Mount, Mounting
@@ -27,7 +28,6 @@ from simulators.plant.noise import NoiseSource
 from simulators.plant.table import TableAxis, TableParameters
 from simulators.plant.unit import GyroUnit
 
-Array = NDArray[np.float64]
 _ARCSEC = math.radians(1.0 / 3600.0)
 _DPH_TO_RAD_PER_S = math.radians(1.0 / 3600.0)
 _TICKS_PER_S = 1000

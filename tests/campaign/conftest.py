@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.benchfile import load_bench_file
+from bench.record.benchfile import load_bench_file
 
 BENCH = """
 [bench]
@@ -89,7 +89,7 @@ class Started(subprocess.Popen):
 
     def __init__(self, path, words):
         self.path = path
-        code = "import sys; from bench.cli import main; sys.argv[0] = 'gyrobench'; main()"
+        code = "import sys; from bench.present.cli import main; sys.argv[0] = 'gyrobench'; main()"
         with path.open("wb") as output:
             super().__init__(
                 [sys.executable, "-c", code, *map(str, words)],

@@ -12,8 +12,8 @@ from bench.campaign import (
     not_measured,
     plan_campaign,
 )
-from bench.disk import check_disk, estimated_bytes
-from drivers.errors import ConfigurationError, LimitExceeded
+from bench.control.disk import check_disk, estimated_bytes
+from drivers.base.errors import ConfigurationError, LimitExceeded
 
 
 def test_units_take_their_place_on_the_bench_in_the_campaigns_order(campaign_path, bench_file):

@@ -9,7 +9,7 @@ import pytest
 
 from bench.campaign import Notice
 from bench.campaign._notify import Announcing, Notifier
-from bench.questions import AssumeYes, Question
+from bench.control.questions import AssumeYes, Question
 
 pytestmark = pytest.mark.concurrent
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from bench.benchfile import load_bench_file
 from bench.campaign import CampaignFolder, CampaignRunner, load_campaign, plan_campaign
-from bench.emulated import Plant
-from bench.lease import take_lease
-from bench.live import drop_answer, drop_request, read_now
-from bench.recording import read_events, read_manifest
-from drivers.errors import BenchInUse, ConfigurationError
+from bench.control.lease import take_lease
+from bench.control.live import drop_answer, drop_request, read_now
+from bench.lab.emulated import Plant
+from bench.record.benchfile import load_bench_file
+from bench.record.recording import read_events, read_manifest
+from drivers.base.errors import BenchInUse, ConfigurationError
 
 
 def wait_for(process, folder, condition):

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import typer.main
 
-from bench.cli._app import app
-from bench.procedure import load_procedures
+from bench.control.procedure import load_procedures
+from bench.present.cli._app import app
 
 ROOT = Path(__file__).parents[2]
 PAGES = [

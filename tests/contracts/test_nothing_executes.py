@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.nursery import start_lab
-from bench.panel import PanelSettings
+from bench.lab.nursery import start_lab
+from bench.present.panel import PanelSettings
 
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted(
@@ -72,7 +72,9 @@ def _is(node: ast.AST | None, value: object) -> bool:
 
 def test_no_source_runs_a_files_content() -> None:
     found = [f"{path.relative_to(ROOT)}: {each}" for path in SOURCES for each in wrong(tree(path))]
-    assert found == ["bench/export/_c_header.py: autoescape off"]  # C is no HTML; its names are checked there
+    assert found == [
+        "bench/analysis/export/_c_header.py: autoescape off"
+    ]  # C is no HTML; its names are checked there
 
 
 @pytest.mark.parametrize(
@@ -124,7 +126,7 @@ def test_tokens_are_compared_in_constant_time() -> None:
         and any("token" in ast.unparse(side).lower() for side in (node.left, *node.comparators))
     ]
     assert compared == []
-    access = ast.parse((ROOT / "bench/panel/_access.py").read_text(encoding="utf-8"))
+    access = ast.parse((ROOT / "bench/present/panel/_access.py").read_text(encoding="utf-8"))
     equal = next(n for n in ast.walk(access) if isinstance(n, ast.FunctionDef) and n.name == "_equal")
     assert "hmac.compare_digest" in ast.unparse(equal)
 
@@ -157,7 +159,7 @@ def test_workers_of_a_command_run_no_module_of_the_current_folder(tmp_path: Path
     """joblib starts its processes by `python -m`, too."""
     (tmp_path / "struct.py").write_text("open('ran', 'w').close()", encoding="utf-8")
     code = (
-        "import bench.cli._app as command; from bench.fan_out import fan_out\n"
+        "import bench.present.cli._app as command; from bench.analysis.common.fan_out import fan_out\n"
         "def work():\n"
         "    with fan_out(2) as fan: print(fan.map(abs, [-1, -2]))\n"
         "command.app = work; command.main()"

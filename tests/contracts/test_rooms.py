@@ -8,14 +8,14 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("bench", "drivers", "procedures", "simulators")
-CLOCK = Path("drivers/clock.py")
+CLOCK = Path("drivers/base/clock.py")
 FORBIDDEN = {
     "drivers": {"bench", "procedures", "simulators"},
     "simulators": {"bench", "procedures"},
     "bench": {"simulators", "procedures"},
     "procedures": {"drivers", "simulators"},
 }
-COMPARES_WITH_EMULATION = {Path("bench/gap"): ("simulators.effects", "simulators.exam")}
+COMPARES_WITH_EMULATION = {Path("bench/analysis/gap"): ("simulators.effects", "simulators.exam")}
 """The gap diagnosis holds a bench against its emulation: it alone reads the catalogue of effects."""
 SOURCES = sorted(path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 
@@ -88,7 +88,7 @@ def test_simulators_use_only_codecs_clock_and_errors_of_the_drivers() -> None:
         for path in SOURCES
         if path.parts[0] == "simulators"
         for name in imports(parse(path))
-        if name.split(".")[0] in ("serial", "can") or name.startswith("drivers.link")
+        if name.split(".")[0] in ("serial", "can") or name.startswith("drivers.kit.link")
     ]
     assert wrong == []
 

@@ -27,7 +27,7 @@ from drivers.acutrol import (
     parse_message,
     split_reply,
 )
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 
 POSITION_3 = Command(("DEMAND", "POSITION"), False, ("3", "10.5"))
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from drivers.acutrol import AcutrolTable, decode_transcript
-from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.instruments import Rest, TableLimits, TableState
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.kit.instruments import Rest, TableLimits, TableState
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from tests.memory_link import MemoryLink
 from tests.memory_link import scripted as answers

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.base.errors import ConfigurationError
 from drivers.can_dbc import (
     CanDecoder,
     can_kind,
@@ -24,7 +25,6 @@ from drivers.can_dbc import (
     load_layout,
     shipped_layouts,
 )
-from drivers.errors import ConfigurationError
 from drivers.slcan import from_messages
 from simulators.emulators.can_dbc import CanEmulator
 from simulators.interfaces import GyroSignal

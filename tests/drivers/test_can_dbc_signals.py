@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drivers.can_dbc._dbc
+from drivers.base.errors import ConfigurationError
 from drivers.can_dbc import MAX_FILE_BYTES, compile_message, load_database, load_message
-from drivers.errors import ConfigurationError
 
 HEAD = 'VERSION ""\nBU_: A\n'
 

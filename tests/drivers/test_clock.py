@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
-from drivers.clock import Interrupt, WallClock
-from drivers.errors import LinkLost, RunAborted
+from drivers.base.clock import Interrupt, WallClock
+from drivers.base.errors import LinkLost, RunAborted
 
 pytestmark = pytest.mark.concurrent
 

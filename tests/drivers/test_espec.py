@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import DeviceRefused, LimitExceeded, ProtocolError, WrongDevice
+from drivers.base.errors import DeviceRefused, LimitExceeded, ProtocolError, WrongDevice
 from drivers.espec import (
     EspecChamber,
     Temperatures,
@@ -15,7 +15,7 @@ from drivers.espec import (
     ramp_minutes,
     ramp_text,
 )
-from drivers.instruments import ChamberLimits, Rest
+from drivers.kit.instruments import ChamberLimits, Rest
 from simulators.emulators.espec import EspecEmulator
 from simulators.faults import Fault
 from tests.memory_link import ChamberPlant, MemoryLink

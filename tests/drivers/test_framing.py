@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.framing import Crc, FrameSplitter, PositionalCrc, crc_of_each, find_sync, without_overlap
+from drivers.kit.framing import Crc, FrameSplitter, PositionalCrc, crc_of_each, find_sync, without_overlap
 
 # Catalogue of parametrised CRC algorithms (Greg Cook, reveng.sourceforge.io): CRC of b"123456789".
 PUBLISHED = {

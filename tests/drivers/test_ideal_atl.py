@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from drivers.errors import ConfigurationError, DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.ideal_atl import AtlTable, IdealAtl, decode_number, decode_transcript, encode, split_reply
-from drivers.instruments import Rest
+from drivers.kit.instruments import Rest
 from simulators.emulators.ideal_atl import AtlEmulator
 from simulators.faults import Fault
 from simulators.plant.table import TableAxis, TableParameters

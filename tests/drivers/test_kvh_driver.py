@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.errors import BenchError, ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
+from drivers.base.errors import BenchError, ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
 from drivers.kvh import Kvh1750, KvhGyro, encode_frames, rate_dps
 from simulators.emulators.kvh import KvhEmulator
 from simulators.interfaces import Emulator

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.clock import WallClock
-from drivers.errors import ConfigurationError, DeviceSilent, LinkLost, ProtocolError
-from drivers.link import Link
+from drivers.base.clock import WallClock
+from drivers.base.errors import ConfigurationError, DeviceSilent, LinkLost, ProtocolError
+from drivers.kit.link import Link
 from tests.ptys import read_exactly, write_through
 
 pytestmark = pytest.mark.concurrent

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock import WallClock
-from drivers.errors import ConfigurationError, LinkLost
+from drivers.base.clock import WallClock
+from drivers.base.errors import ConfigurationError, LinkLost
+from drivers.kit.link import Link
 from drivers.kvh import KvhDecoder, encode_frames
-from drivers.link import Link
 
 pytestmark = pytest.mark.concurrent
 

@@ -14,8 +14,8 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from drivers.errors import DeviceRefused, DeviceSilent, ProtocolError
-from drivers.modbus import Frames, ModbusMaster, float_words, to_signed, words_float
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
+from drivers.kit.modbus import Frames, ModbusMaster, float_words, to_signed, words_float
 from tests.memory_link import scripted as answers
 
 

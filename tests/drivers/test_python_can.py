@@ -6,7 +6,7 @@ import sys
 CODE = """
 import sys
 import drivers.sbg, drivers.slcan
-from drivers.python_can import can
+from drivers.kit.python_can import can
 assert can.Message(arbitration_id=1).arbitration_id == 1
 assert not {"asammdf", "pandas", "sympy"} & set(sys.modules), "loaded for nothing"
 import importlib.util

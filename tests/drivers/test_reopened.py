@@ -14,9 +14,9 @@ from pathlib import Path
 import can
 import pytest
 
-from drivers.clock import WallClock
-from drivers.errors import ConfigurationError, LinkLost
-from drivers.link import Link
+from drivers.base.clock import WallClock
+from drivers.base.errors import ConfigurationError, LinkLost
+from drivers.kit.link import Link
 from drivers.slcan import MessageLink, open_can
 from tests.drivers.test_slcan_bus import SocketBus
 from tests.ptys import read_exactly

@@ -16,9 +16,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.recording import GyroSource, PortJournal, decode_stream
-from drivers.clock import WallClock
-from drivers.errors import ConfigurationError, DeviceSilent, WrongDevice
+from bench.record.recording import GyroSource, PortJournal, decode_stream
+from drivers.base.clock import WallClock
+from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
 from drivers.sbg import (
     ALL_GOOD,
     ELLIPSE_DBC,

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from drivers.clock import WallClock, epoch_seconds
-from drivers.errors import ConfigurationError, DeviceSilent, LimitExceeded, LinkLost, ProtocolError
+from drivers.base.clock import WallClock, epoch_seconds
+from drivers.base.errors import ConfigurationError, DeviceSilent, LimitExceeded, LinkLost, ProtocolError
 from drivers.slcan import BufferedSlcanBus, MessageLink, open_can
 from tests.ptys import read_exactly
 

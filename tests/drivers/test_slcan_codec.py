@@ -13,8 +13,8 @@ from can.interfaces.slcan import slcanBus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import LimitExceeded
-from drivers.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frame, encode_frames
+from drivers.base.errors import LimitExceeded
+from drivers.kit.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frame, encode_frames
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 CANDUMP = DATA / "can_canmod_gps" / "00000005-60FEB5A8.log"

@@ -8,17 +8,17 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from bench.benchfile import load_bench_file
-from bench.recording import read_manifest, verify
-from bench.run_record import decode_run
-from drivers.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
+from bench.control.run_record import decode_run
+from bench.record.benchfile import load_bench_file
+from bench.record.recording import read_manifest, verify
+from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
 from drivers.frames import FrameDecoder
 from drivers.stim300 import DATAGRAMS, Stim300, Stim300Gyro, bits_per_s, family
 from simulators.emulators.stim300 import Stim300Emulator
 from simulators.faults import Fault
 from simulators.interfaces import Emulator
-from tests.frames.test_frames_bench import BENCH
-from tests.frames.test_frames_bench import run as run_bench
+from tests.drivers.frames.test_frames_bench import BENCH
+from tests.drivers.frames.test_frames_bench import run as run_bench
 from tests.memory_link import Fake, MemoryLink, TurningPlant
 
 # TS1524 rev. 31: figure 8-1, shortened in its middle; the dash and the degree sign as the PDF has them.

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from drivers.errors import DeviceRefused, DeviceSilent, LimitExceeded, WrongDevice
-from drivers.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Rest
-from drivers.modbus import ModbusMaster
+from drivers.base.errors import DeviceRefused, DeviceSilent, LimitExceeded, WrongDevice
+from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Rest
+from drivers.kit.modbus import ModbusMaster
 from drivers.watlow import WatlowChamber, decode_f4, decode_f4t, scaled, unscaled
 from drivers.watlow._controllers import F4Controller, F4TController
 from drivers.watlow._registers import F4_WORDS, F4T_WORDS

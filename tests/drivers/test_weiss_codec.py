@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import ProtocolError
+from drivers.base.errors import ProtocolError
 from drivers.weiss import (
     ChamberStatus,
     SimServReply,

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers.errors import DeviceRefused, DeviceSilent, LimitExceeded, ProtocolError, WrongDevice
-from drivers.instruments import ChamberLimits, ChamberState, Rest
+from drivers.base.errors import DeviceRefused, DeviceSilent, LimitExceeded, ProtocolError, WrongDevice
+from drivers.kit.instruments import ChamberLimits, ChamberState, Rest
 from drivers.weiss import WeissChamber, decode_transcript
 from simulators.emulators.weiss import WeissEmulator
 from tests.memory_link import ChamberPlant, MemoryLink

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 from simulators.faults import Fault, WireShape
 from simulators.interfaces import Reply, StreamBlock
 from simulators.lab._line import Line

@@ -5,13 +5,13 @@ import json
 
 import pytest
 
-from bench.benchfile import load_bench_file
-from bench.emulated import EmulatedLab, Plant, PlantFault, load_plant
-from drivers.errors import BenchError, ConfigurationError, LinkLost
+from bench.lab.emulated import EmulatedLab, Plant, PlantFault, load_plant
+from bench.record.benchfile import load_bench_file
+from drivers.base.errors import BenchError, ConfigurationError, LinkLost
+from drivers.base.virtual_clock import VirtualClock
 from drivers.frames import FrameDecoder, load_family
+from drivers.kit.link import Link
 from drivers.kvh import KvhDecoder
-from drivers.link import Link
-from drivers.virtual_clock import VirtualClock
 
 BENCH = """
 [bench]

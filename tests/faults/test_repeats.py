@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from drivers.acutrol import AcutrolTable
-from drivers.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
+from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
 from drivers.espec import EspecChamber
 from drivers.ideal_atl import AtlTable
-from drivers.modbus import ModbusMaster
+from drivers.kit.modbus import ModbusMaster
 from drivers.watlow import WatlowChamber
 from drivers.watlow._controllers import F4Controller, F4TController
 from drivers.weiss import WeissChamber

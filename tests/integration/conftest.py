@@ -10,13 +10,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.benchfile import BenchFile, load_bench_file
-from bench.emulated import EmulatedLab, Plant, _with_ports, lab_config
-from bench.procedure import Demands, Parameters, Procedure, find_procedure, parameter
-from bench.questions import AssumeYes, StageHand
-from bench.recording import read_manifest, verify
-from bench.run_record import decode_run
-from bench.runner import RunRequest, RunResult, run_procedure
+from bench.control.procedure import Demands, Parameters, Procedure, find_procedure, parameter
+from bench.control.questions import AssumeYes, StageHand
+from bench.control.run_record import decode_run
+from bench.control.runner import RunRequest, RunResult, run_procedure
+from bench.lab.emulated import EmulatedLab, Plant, _with_ports, lab_config
+from bench.record.benchfile import BenchFile, load_bench_file
+from bench.record.recording import read_manifest, verify
 from simulators.lab._build import build_lab
 from simulators.lab._config import LabConfig
 from simulators.lab._service import VirtualService

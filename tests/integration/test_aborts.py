@@ -15,17 +15,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.benchfile import bench_file_text, load_bench_file
-from bench.devices import chamber_kind, chamber_settings, table_kind, table_settings
-from bench.emulated import EmulatedLab, Plant
-from bench.procedure import find_procedure
-from bench.questions import AssumeYes, Question
-from bench.recording import Run, read_exchanges
-from bench.runner import RunRequest, run_procedure
-from drivers.errors import BenchError, LinkLost, RecordError, RunAborted, RunUnsealed
-from drivers.virtual_clock import VirtualClock
+from bench.control.devices import chamber_kind, chamber_settings, table_kind, table_settings
+from bench.control.procedure import find_procedure
+from bench.control.questions import AssumeYes, Question
+from bench.control.runner import RunRequest, run_procedure
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.record.benchfile import bench_file_text, load_bench_file
+from bench.record.recording import Run, read_exchanges
+from drivers.base.errors import BenchError, LinkLost, RecordError, RunAborted, RunUnsealed
+from drivers.base.virtual_clock import VirtualClock
 
-CLI = "import bench.cli; bench.cli.main()"
+CLI = "import bench.present.cli; bench.present.cli.main()"
 STOP_TABLE = b":mode:off 1\r\n"
 STOP_CHAMBER = b"14001\xb61\xb61\xb60\r"
 SAFE_SET_POINT = b"11001\xb61\xb61\xb625.0\r"

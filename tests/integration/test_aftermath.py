@@ -7,10 +7,10 @@ import signal
 import pytest
 from rich.console import Console
 
-from bench.cli._run import say_result
-from bench.emulated import Plant, PlantFault
-from bench.runner import RunResult
-from bench.watchdog._process import _words
+from bench.control.runner import RunResult
+from bench.control.watchdog._process import _words
+from bench.lab.emulated import Plant, PlantFault
+from bench.present.cli._run import say_result
 
 
 def said(result):

@@ -5,10 +5,10 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
-from bench.benchfile import load_bench_file
-from bench.emulated import Plant
-from bench.procedure import Demands, Procedure
-from drivers.errors import LimitExceeded
+from bench.control.procedure import Demands, Procedure
+from bench.lab.emulated import Plant
+from bench.record.benchfile import load_bench_file
+from drivers.base.errors import LimitExceeded
 
 KINDS = {
     "espec_p300": "/dev/ttyUSB2",

@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
-from bench.cli import main
-from bench.live import read_now
+from bench.control.live import read_now
+from bench.present.cli import main
 
 BRISK = ("soak_min=1", "hold_min=10", "warm_up_min=0", "east_after_min=0", "east_dwell_s=60")
 
@@ -143,10 +143,10 @@ def test_runs_are_listed_and_shown(cli, short_run):
 
 
 HELP = """
-import bench.cli
+import bench.present.cli
 sys.argv = ["gyrobench", "--help"]
 try:
-    bench.cli.main()
+    bench.present.cli.main()
 except SystemExit:
     pass
 """
@@ -173,7 +173,13 @@ def test_start_up_loads_nothing_heavy(code):
 
 
 def test_a_run_loads_neither_torch_nor_pandas():
-    code = "import bench.runner, bench.emulated, procedures.zero_bias_cold_shock, bench.cli._run"
+    modules = (
+        "bench.control.runner",
+        "bench.lab.emulated",
+        "procedures.zero_bias_cold_shock",
+        "bench.present.cli._run",
+    )
+    code = f"import {', '.join(modules)}"
     said = subprocess.run(
         [sys.executable, "-c", LOADED.format(code=code)], capture_output=True, text=True, check=True
     )

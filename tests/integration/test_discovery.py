@@ -2,10 +2,10 @@
 
 import pytest
 
-from bench.benchfile import load_bench_file
-from bench.discovery import identify_port
-from bench.emulated import EmulatedLab, Plant
-from drivers.virtual_clock import VirtualClock
+from bench.control.discovery import identify_port
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.record.benchfile import load_bench_file
+from drivers.base.virtual_clock import VirtualClock
 
 BENCH = """
 [bench]

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.benchfile import load_bench_file
-from bench.discovery import identify_port
-from bench.emulated import Plant, lab_config
-from drivers.virtual_clock import VirtualClock
+from bench.control.discovery import identify_port
+from bench.lab.emulated import Plant, lab_config
+from bench.record.benchfile import load_bench_file
+from drivers.base.virtual_clock import VirtualClock
 from simulators.lab import _build
 from simulators.lab._config import LabConfig
 from simulators.plant.table import TableAxis, TableParameters

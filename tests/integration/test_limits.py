@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from bench.benchfile import bench_file_from
-from bench.emulated import EmulatedLab, Plant
-from bench.procedure import Demands, Procedure
-from drivers.errors import LimitExceeded
+from bench.control.procedure import Demands, Procedure
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.record.benchfile import bench_file_from
+from drivers.base.errors import LimitExceeded
 
 DOOR = {"name": "spin with the door open", "rate_dps": {"above": 0.1}, "door": "open"}
 COLD = {"name": "spin in the cold", "rate_dps": {"above": 4.0}, "air_temp_c": {"below": 10.0}}

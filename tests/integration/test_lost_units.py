@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from bench.emulated import EmulatedLab, Plant, PlantFault
-from bench.procedure import Demands, Parameters, Procedure, find_procedure
-from bench.questions import StageHand
-from bench.recording import read_exchanges, read_manifest
-from drivers.errors import DeviceSilent, LinkLost
+from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
+from bench.control.questions import StageHand
+from bench.lab.emulated import EmulatedLab, Plant, PlantFault
+from bench.record.recording import read_exchanges, read_manifest
+from drivers.base.errors import DeviceSilent, LinkLost
 from procedures.standard_test import power_cycle
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 

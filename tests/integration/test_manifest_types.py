@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given, settings
 from typer.testing import CliRunner
 
-from bench.cli._app import app
-from bench.fitting import load_thermal_runs
-from bench.gap import load_gap_runs
-from bench.gap._channel_data import load_channels
-from bench.panel._folders import RunsFolder
-from bench.recording import Run, StreamReport, read_manifest
-from bench.recording._shapes import check_free_parts
-from bench.report._run_content import run_content
-from bench.run_record import gyro_source
-from drivers.errors import BenchError, RecordError
+from bench.analysis.gap import load_gap_runs
+from bench.analysis.gap._channel_data import load_channels
+from bench.analysis.thermal import load_thermal_runs
+from bench.control.run_record import gyro_source
+from bench.present.cli._app import app
+from bench.present.panel._folders import RunsFolder
+from bench.present.report._run_content import run_content
+from bench.record.recording import Run, StreamReport, read_manifest
+from bench.record.recording._shapes import check_free_parts
+from drivers.base.errors import BenchError, RecordError
 
 OTHERS = ("text", "", 7, -1.5, 10**400, None, True, [], ["x"], {}, {"a": 1})
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bench.emulated import Plant
-from bench.recording import Run
+from bench.lab.emulated import Plant
+from bench.record.recording import Run
 
 
 def test_the_second_run_begins_at_zero_where_the_first_left_the_bench(bench, fog_file, tmp_path):

@@ -6,10 +6,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from bench.benchfile import load_bench_file
-from bench.emulated import Plant
-from bench.procedure import Demands, Procedure
-from bench.recording import read_exchanges
+from bench.control.procedure import Demands, Procedure
+from bench.lab.emulated import Plant
+from bench.record.benchfile import load_bench_file
+from bench.record.recording import read_exchanges
 
 TABLES = {
     "acutrol3000": (rb":demand:deltaposition 1, ?([-+.\deE]+)", "/dev/ttyUSB0"),

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from bench.emulated import Plant, PlantFault
-from bench.recording import read_manifest
+from bench.lab.emulated import Plant, PlantFault
+from bench.record.recording import read_manifest
 
 
 def struck(port, kind, *at_s, **more):

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from bench.emulated import Plant
-from bench.fitting import load_thermal_runs
-from bench.recording import Run, read_table
+from bench.analysis.thermal import load_thermal_runs
+from bench.lab.emulated import Plant
+from bench.record.recording import Run, read_table
 from simulators.plant.fog_parameters import FOG_MID
 
 

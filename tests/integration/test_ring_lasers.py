@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bench.benchfile import load_bench_file
-from bench.cli._app import app
-from bench.compensations import load_compensation
-from bench.emulated import Plant, unit_seed
-from bench.procedure import find_procedure
-from bench.progress import Progress
-from bench.questions import StageHand
-from bench.recording import read_manifest
-from bench.rlg import RampRun, RlgCompensation, load_ramp_runs
-from bench.runner import RunRequest, run_procedure
-from bench.standards import standard_figures
-from bench.state_file import read_state
-from drivers.errors import ConfigurationError
+from bench.analysis.common.state_file import read_state
+from bench.analysis.compensations import load_compensation
+from bench.analysis.figures import standard_figures
+from bench.analysis.rlg import RampRun, RlgCompensation, load_ramp_runs
+from bench.control.procedure import find_procedure
+from bench.control.progress import Progress
+from bench.control.questions import StageHand
+from bench.control.runner import RunRequest, run_procedure
+from bench.lab.emulated import Plant, unit_seed
+from bench.present.cli._app import app
+from bench.record.benchfile import load_bench_file
+from bench.record.recording import read_manifest
+from drivers.base.errors import ConfigurationError
 from simulators.plant.rlg import RLG_NOISE, rlg_coefficients
 
 BENCH = """

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.emulated import Plant
-from bench.recording import Run, read_exchanges, read_manifest
+from bench.lab.emulated import Plant
+from bench.record.recording import Run, read_exchanges, read_manifest
 from simulators.interfaces import StreamBlock
 
 FRAME_BYTES = 36

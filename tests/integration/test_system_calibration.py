@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from bench.calibration import (
+from bench.analysis.calibration import (
     ImuCompensation,
     Noise,
     Options,
@@ -22,11 +22,11 @@ from bench.calibration import (
     load_scheme,
     plan_turns,
 )
-from bench.cli._app import app
-from bench.cli._calibration import calibrate_command
-from bench.gap import load_gap_runs
-from bench.recording import Run
-from drivers.errors import ConfigurationError, RecordError
+from bench.analysis.gap import load_gap_runs
+from bench.present.cli._app import app
+from bench.present.cli._calibration import calibrate_command
+from bench.record.recording import Run
+from drivers.base.errors import ConfigurationError, RecordError
 
 BENCH = Path("examples/two_axis.toml")
 SCHEME, DWELL_S = "t10", 40.0
@@ -204,7 +204,7 @@ def test_no_such_scheme_and_one_that_does_not_close(tmp_path, scheme, match):
 
 
 def test_an_axis_of_the_plan_is_one_of_the_bench_files(run):
-    from bench.calibration import TableAxis
+    from bench.analysis.calibration import TableAxis
 
     recorded = load_calibration_run(run)
     axes = [TableAxis("outer", "east"), TableAxis("inner", "up")]

@@ -7,14 +7,14 @@ import tomllib
 import pyarrow.parquet as pq
 import pytest
 
-from bench.benchfile import bench_file_from
 from bench.campaign import check_limits, load_campaign
-from bench.emulated import EmulatedLab, Plant
-from bench.procedure import Demands, Parameters, Procedure, find_procedure
-from bench.questions import StageHand
-from bench.recording import read_events, read_manifest
-from bench.runner import RunRequest, run_procedure
-from drivers.errors import ConfigurationError
+from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
+from bench.control.questions import StageHand
+from bench.control.runner import RunRequest, run_procedure
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.record.benchfile import bench_file_from
+from bench.record.recording import read_events, read_manifest
+from drivers.base.errors import ConfigurationError
 from tests.benches import BENCH, FOG
 from tests.integration.conftest import SHORTEST
 

@@ -8,9 +8,9 @@ import tty
 import pytest
 import serial
 
-from bench.emulated import Plant
-from bench.procedure import Demands, Procedure
-from drivers.errors import ConfigurationError, DeviceSilent, LimitExceeded, RunAborted, WrongDevice
+from bench.control.procedure import Demands, Procedure
+from bench.lab.emulated import Plant
+from drivers.base.errors import ConfigurationError, DeviceSilent, LimitExceeded, RunAborted, WrongDevice
 
 SET_NUMBERS = {b"11001", b"14001", b"11068", b"11072", b"17012"}
 """SimServ numbers that change something: set point, digital output, gradients, reset."""

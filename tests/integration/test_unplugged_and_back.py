@@ -9,13 +9,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from bench.attendance import Returns
-from bench.benchfile import load_bench_file
-from bench.emulated import Plant, PlantFault
-from bench.recording import read_manifest
-from bench.stations import GyroStation, StreamTap
-from drivers.clock import WallClock
-from drivers.errors import LinkLost
+from bench.control.attendance import Returns
+from bench.control.stations import GyroStation, StreamTap
+from bench.lab.emulated import Plant, PlantFault
+from bench.record.benchfile import load_bench_file
+from bench.record.recording import read_manifest
+from drivers.base.clock import WallClock
+from drivers.base.errors import LinkLost
 from drivers.kvh import encode_frames
 from drivers.kvh._kind import Kvh1750
 from tests.benches import BENCH, FOG

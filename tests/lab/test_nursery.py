@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.benchfile import bench_file_text
-from bench.emulated import EmulatedLab, Plant, lab_config
-from bench.nursery import LabNursery
-from bench.testing import usual_bench
-from drivers.errors import BenchError, ConfigurationError
+from bench.lab.emulated import EmulatedLab, Plant, lab_config
+from bench.lab.nursery import LabNursery
+from bench.lab.testing import usual_bench
+from bench.record.benchfile import bench_file_text
+from drivers.base.errors import BenchError, ConfigurationError
 
 pytestmark = [pytest.mark.concurrent, pytest.mark.slow]
 
@@ -76,7 +76,7 @@ def test_a_lab_in_the_background_of_a_shell_ends_on_sigterm(tmp_path):
     """Such a shell starts it with SIGINT ignored; POSIX, Shell Command Language 2.11."""
     path = tmp_path / "lab.toml"
     path.write_text(bench_file_text(usual_bench(None)), encoding="utf-8")
-    code = "import signal, bench.cli; signal.signal(signal.SIGINT, signal.SIG_IGN); bench.cli.main()"
+    code = "from signal import *; from bench.present.cli import main; signal(SIGINT, SIG_IGN); main()"
     command = [sys.executable, "-c", code, "lab", "--bench", str(path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as lab:
         assert lab.stdout is not None

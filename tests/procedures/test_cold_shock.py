@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.history import History
-from bench.procedure import find_procedure
+from bench.control.history import History
+from bench.control.procedure import find_procedure
 from procedures._cold_shock import (
     ColdShockParameters,
     bias_steady,

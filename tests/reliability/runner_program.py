@@ -4,10 +4,10 @@ import json
 import sys
 from pathlib import Path
 
-from bench.benchfile import bench_file_from
-from bench.procedure import Demands, Parameters, Procedure
-from bench.questions import AssumeYes
-from bench.runner import RunRequest, run_procedure
+from bench.control.procedure import Demands, Parameters, Procedure
+from bench.control.questions import AssumeYes
+from bench.control.runner import RunRequest, run_procedure
+from bench.record.benchfile import bench_file_from
 
 
 def turn(bench, _):

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.benchfile import bench_file_from
-from bench.recording import Run, verify
-from bench.recover import recover
-from bench.run_record import RunRecord, decode_run
-from drivers.errors import RecordError
+from bench.control.recover import recover
+from bench.control.run_record import RunRecord, decode_run
+from bench.record.benchfile import bench_file_from
+from bench.record.recording import Run, verify
+from drivers.base.errors import RecordError
 
 FILE = {
     "bench": {"name": "power cut", "latitude_deg": 40.0},

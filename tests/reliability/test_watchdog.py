@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.benchfile import load_bench_file
-from bench.emulated import EmulatedLab, Plant
-from bench.lease import lease_holder, take_lease
-from bench.recording import Run, read_exchanges
-from drivers.errors import BenchInUse
+from bench.control.lease import lease_holder, take_lease
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.record.benchfile import load_bench_file
+from bench.record.recording import Run, read_exchanges
+from drivers.base.errors import BenchInUse
 
 pytestmark = [pytest.mark.concurrent, pytest.mark.slow]
 

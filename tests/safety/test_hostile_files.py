@@ -18,22 +18,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-import bench.cli
-from bench.benchfile import load_bench_file
-from bench.catalogue import read_row
-from bench.cli._app import app
-from bench.exchange import export_run, read_mapping
-from bench.live import read_history
-from bench.panel._tails import EventTail
-from bench.recording import Run, read_events, read_manifest, read_table, verify
-from bench.recover import recover
-from bench.run_record import _new_folder, decode_run
-from bench.state_file import read_arrays, read_state, write_state
+import bench.present.cli
+from bench.analysis.common.state_file import read_arrays, read_state, write_state
+from bench.control.live import read_history
+from bench.control.recover import recover
+from bench.control.run_record import _new_folder, decode_run
+from bench.present.cli._app import app
+from bench.present.panel._tails import EventTail
+from bench.record.benchfile import load_bench_file
+from bench.record.catalogue import read_row
+from bench.record.exchange import export_run, read_mapping
+from bench.record.recording import Run, read_events, read_manifest, read_table, verify
+from drivers.base.errors import ConfigurationError, RecordError
+from drivers.base.files import parse_json, parse_toml, read_bounded
 from drivers.can_dbc import load_layout
-from drivers.errors import ConfigurationError, RecordError
-from drivers.files import parse_json, parse_toml, read_bounded
 from drivers.frames import load_family
-from drivers.link import Link
+from drivers.kit.link import Link
 
 TOML_READERS = [load_bench_file, load_family, load_layout, read_mapping]
 MANIFEST = {"run_id": "r", "procedure": "p", "started_utc": "2026-01-01T00:00:00Z", "outcome": "aborted"}
@@ -414,7 +414,7 @@ def test_what_we_print_goes_through_the_terminal_that_takes_text_for_text():
     """rich's own Console reads tags in text and lets escape sequences through."""
     made = {
         path.name
-        for path in Path(bench.cli.__file__).parents[1].rglob("*.py")
+        for path in Path(bench.present.cli.__file__).parents[1].rglob("*.py")
         if re.search(r"(?<![\w.])Console\(", path.read_text(encoding="utf-8"))
     }
     assert made == set()

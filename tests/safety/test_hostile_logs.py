@@ -8,10 +8,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench.catalogue._database import Database, _without_password
-from bench.exchange import import_log
-from bench.recording import read_events, read_manifest
-from drivers.errors import BenchError, ConfigurationError, RecordError
+from bench.record.catalogue._database import Database, _without_password
+from bench.record.exchange import import_log
+from bench.record.recording import read_events, read_manifest
+from drivers.base.errors import BenchError, ConfigurationError, RecordError
 
 MAPPING = """format = 1
 unit_id = "U"

@@ -2,9 +2,9 @@
 
 from unittest.mock import MagicMock
 
-from bench.safe_state import bring_to_rest
-from drivers.errors import ConfigurationError, DeviceSilent, LinkLost
-from drivers.instruments import Rest
+from bench.control.safe_state import bring_to_rest
+from drivers.base.errors import ConfigurationError, DeviceSilent, LinkLost
+from drivers.kit.instruments import Rest
 
 
 class RunningClock:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.watchdog._process import _of, _Replaced
+from bench.control.watchdog._process import _of, _Replaced
 
 
 def made_ns(name):

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.watchdog import HUNG_S, STARVED_S
-from bench.watchdog._process import Patience, runqueue_wait_s
+from bench.control.watchdog import HUNG_S, STARVED_S
+from bench.control.watchdog._process import Patience, runqueue_wait_s
 
 pytestmark = pytest.mark.concurrent
 

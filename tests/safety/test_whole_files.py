@@ -5,9 +5,9 @@ import os
 
 import pytest
 
-from bench.state_file import read_state, save_file, saved_together, write_state
-from drivers.errors import RecordError
-from drivers.files import replace_file
+from bench.analysis.common.state_file import read_state, save_file, saved_together, write_state
+from drivers.base.errors import RecordError
+from drivers.base.files import replace_file
 
 
 @pytest.mark.parametrize("call", ["fsync", "replace"])

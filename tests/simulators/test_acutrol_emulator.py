@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError
 from drivers.sbg import SbgDecoder
 from simulators.emulators.sbg import SbgEmulator
 from simulators.emulators.slcan import SlcanAdapter

@@ -59,7 +59,7 @@ def installed(tmp_path_factory):
 
 def gyrobench(arguments, site, cwd):
     environment = {**os.environ, "PYTHONPATH": str(site) if site else ""}
-    program = [sys.executable, "-c", "from bench.cli import main; main()", *arguments]
+    program = [sys.executable, "-c", "from bench.present.cli import main; main()", *arguments]
     return subprocess.run(program, env=environment, cwd=cwd, capture_output=True, text=True, timeout=120)
 
 
@@ -108,7 +108,7 @@ def test_its_effect_is_a_candidate_and_a_term_of_models(installed, tmp_path):
 import sys
 from pathlib import Path
 import numpy as np
-from bench.gap import read_model
+from bench.analysis.gap import read_model
 from simulators.effects import Stimulus, catalogue
 n = 300
 warm = np.full(n, 28.0)
@@ -129,9 +129,9 @@ def test_its_effects_are_found_by_a_diagnosis(installed):
 from dataclasses import replace
 from pathlib import Path
 import numpy as np
-from bench.gap import diagnose, diagnose_channels, parse_model, read_model, with_channels
-from tests.gap.channel_lab import recorded
-from tests.gap.conftest import made_run, stimulus
+from bench.analysis.gap import diagnose, diagnose_channels, parse_model, read_model, with_channels
+from tests.analysis.gap.channel_lab import recorded
+from tests.analysis.gap.conftest import made_run, stimulus
 rng = np.random.default_rng(4)
 s = stimulus(4000)
 hidden = 0.3 * np.sin(2.0 * np.pi * (s.t_in_c - 25.0) / 12.0)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from drivers.framing import FrameSplitter
-from drivers.instruments import FrameBatch, GyroKind, Identity
-from drivers.link import Link
+from drivers.kit.framing import FrameSplitter
+from drivers.kit.instruments import FrameBatch, GyroKind, Identity
+from drivers.kit.link import Link
 
 FRAME = np.dtype([("sync", ">u2"), ("rate", ">f4"), ("temp", ">i2"), ("counter", ">u2"), ("sum", ">u2")])
 

@@ -1,0 +1,1 @@
+"""What is worked out from runs: figures, compensations, the gap between simulation and bench."""

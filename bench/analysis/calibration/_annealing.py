@@ -1,0 +1,99 @@
+"""Annealing by re-routing: every path between the ends of a window is evaluated, one is drawn by its merit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.calibration._graph import Graph, Integers
+from bench.analysis.calibration._paths import Path, stretch_of
+from bench.analysis.calibration._segments import Segment, compose, scaled_variances
+from drivers.base.arrays import Array
+
+_WINDOW = (2, 3, 4, 5)
+_WAYS = 6**5
+_START_HEAT, _END_HEAT = 0.02, 0.0005
+
+
+def anneal(
+    graph: Graph, weight: Array, start: Path, steps: int, rng: np.random.Generator
+) -> tuple[Path, float, int]:
+    """Return the best path met, its cost, and how many were evaluated."""
+    path, best, least, evaluated = start, start, math.inf, 0
+    for step in range(steps):
+        heat = _START_HEAT * (_END_HEAT / _START_HEAT) ** (step / max(1, steps - 1))
+        if rng.random() < 0.3:
+            path = _shifted(graph, path, int(rng.integers(len(path.moves))))
+        options = _rerouted(graph, path, rng)
+        cost = _cost(graph, path, options, weight)
+        evaluated += len(options.moves)
+        chance = np.exp(-(cost - cost.min()) / heat)
+        drawn = int(rng.choice(len(cost), p=chance / chance.sum()))
+        path = Path(path.home, options.at(path.moves, drawn))
+        if cost[drawn] < least:
+            best, least = path, float(cost[drawn])
+    return best, least, evaluated
+
+
+@dataclass(frozen=True, eq=False)
+class _Options:
+    """All ways through a window: moves (n, length) in place of those from `start` on."""
+
+    start: int
+    moves: Integers
+
+    def at(self, whole: tuple[int, ...], number: int) -> tuple[int, ...]:
+        inside = tuple(int(move) for move in self.moves[number])
+        return (*whole[: self.start], *inside, *whole[self.start + len(inside) :])
+
+
+def _rerouted(graph: Graph, path: Path, rng: np.random.Generator) -> _Options:
+    # with m moves a window of l turns has up to m^l ways: as many as five quarter turns give, at most
+    longest = max(2, int(math.log(_WAYS) / math.log(len(graph.moves))))
+    length = min(int(rng.choice(_WINDOW)), longest, len(path.moves))
+    start = int(rng.integers(len(path.moves) - length + 1))
+    nodes = graph.walk(path.home, path.moves)
+    ways = _ways(graph, nodes[start], nodes[start + length], length)
+    return _Options(start, np.array(ways))
+
+
+def _ways(graph: Graph, start: int, end: int, length: int) -> list[tuple[int, ...]]:
+    ways: list[tuple[tuple[int, ...], int]] = [((), start)] if graph.distance[start, end] <= length else []
+    for left in range(length - 1, -1, -1):
+        ways = [
+            ((*moves, move), int(to))
+            for moves, node in ways
+            for move, to in enumerate(graph.edges[node])
+            if to >= 0 and graph.distance[to, end] <= left
+        ]
+    return [moves for moves, _ in ways]
+
+
+def _cost(graph: Graph, path: Path, options: _Options, weight: Array) -> Array:
+    """Return worst plus a tenth of the rms ratio, shape (n,): the tenth leads where the worst is flat."""
+    length = options.moves.shape[1]
+    nodes = graph.walk(path.home, path.moves)
+    before = stretch_of(graph, path.home, path.moves[: options.start], rest=True)
+    count = len(options.moves)
+    node = np.full(count, nodes[options.start])
+    stretch = Segment(
+        *(
+            np.broadcast_to(part, (count, *part.shape))
+            for part in (before.transition, before.information, before.noise)
+        )
+    )
+    for moves in options.moves.T:
+        stretch = compose(stretch, graph.segments[graph.node_attitude[node], moves])
+        node = graph.edges[node, moves]
+    rest = path.moves[options.start + length :]
+    if rest:
+        stretch = compose(stretch, stretch_of(graph, nodes[options.start + length], rest, rest=False))
+    ratio = scaled_variances(stretch.information) * weight
+    return np.asarray(np.sqrt(ratio.max(axis=1)) + 0.1 * np.sqrt(ratio.mean(axis=1)))
+
+
+def _shifted(graph: Graph, path: Path, by: int) -> Path:
+    """Return the closed path begun at its position number `by`."""
+    return Path(graph.walk(path.home, path.moves)[by], (*path.moves[by:], *path.moves[:by]))

@@ -1,0 +1,165 @@
+"""A recorded run of `system-calibration` as the estimator takes it: increments from first dwell to last."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.calibration._conventions import AXES, pack
+from bench.analysis.calibration._navigation import Increments
+from bench.analysis.calibration._schedule import Schedule, home_attitude, parse_moves
+from bench.analysis.calibration._table import Table
+from bench.analysis.calibration._turning import TableAxis, table_type
+from bench.analysis.common.state_file import read_arrays
+from bench.record.benchfile import bench_file_from
+from bench.record.recording import Run
+from drivers.base.arrays import Array
+from drivers.base.errors import RecordError
+
+PROCEDURE = "system-calibration"
+_GAP = "a lost increment of a turn cannot be made up: every later position would be seen askew"
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationRun:
+    """What a run holds. `truth` (24,), SI, of an emulated unit, else None; `mounting` as the operator was told.
+
+    `turn_s`: how long each turn really took, settling included.
+    """
+
+    run_id: str
+    checksum: str
+    gyro: str
+    unit_id: str
+    latitude_deg: float
+    increments: Increments
+    schedule: Schedule
+    table: Table
+    mounting: str
+    turn_s: tuple[float, ...]
+    truth: Array | None
+
+
+def load_calibration_run(folder: Path, gyro: str | None = None) -> CalibrationRun:
+    """Read a run; RecordError says what keeps it from being one: procedure, outcome, axes, gaps, positions."""
+    run = Run.open(folder)
+    manifest = run.manifest
+    if manifest.procedure != PROCEDURE or manifest.outcome != "completed":
+        raise RecordError(
+            "not a completed calibration run",
+            where=str(folder),
+            found=f"{manifest.procedure}, {manifest.outcome}"
+            + (f": {manifest.reason}" if manifest.reason else ""),
+            expected=f"procedure {PROCEDURE}, outcome completed",
+            remedy="run the scheme again; a run that stopped on the way lacks positions",
+        )
+    file = bench_file_from(manifest.bench)
+    name = gyro or file.gyro[0].name
+    if name not in {section.name for section in file.gyro}:
+        raise RecordError("no such unit in the run", where=str(folder), found=name)
+    schedule = _schedule(run)
+    section = file.gyro_named(name)
+    axes = [
+        TableAxis(axis.name, axis.direction, axis.min_angle_deg, axis.max_angle_deg)
+        for axis in file.table.all_axes
+    ]
+    start_s, end_s, turn_s = _span(run, schedule)
+    table = run.gyro(name, start_s=start_s, end_s=end_s)
+    rate_hz = manifest.stream.get(name, {}).get("sample_rate_hz")
+    if not rate_hz:
+        raise RecordError("the unit's stream has no sample rate", where=str(folder), found=name)
+    entry = manifest.files.get(f"raw/{name}.bin")
+    return CalibrationRun(
+        run_id=manifest.run_id,
+        checksum=entry.sha256 if entry else "",
+        gyro=name,
+        unit_id=section.unit,
+        latitude_deg=file.bench.latitude_deg,
+        increments=_increments(table, name, section.axis, float(rate_hz)),
+        schedule=schedule,
+        table=table_type(axes),
+        mounting=manifest.mounting,
+        turn_s=turn_s,
+        truth=_truth(folder / f"truth_{name}.npz"),
+    )
+
+
+def _schedule(run: Run) -> Schedule:
+    rows = [row for row in run.events if row["kind"] == "scheme"]
+    if not rows:
+        raise RecordError(
+            "the run does not say which scheme it turned",
+            where=str(run.folder),
+            expected="an event `scheme` in events.jsonl",
+        )
+    row = rows[-1]
+    return Schedule(
+        name=str(row["name"]),
+        moves=parse_moves(row["moves"]),
+        home=home_attitude(row["home"]),
+        dwell_s=float(row["dwell_s"]),
+        rate_dps=float(row["rate_dps"]),
+        profile="constant",
+        source=str(row.get("source", "")),
+    )
+
+
+def _span(run: Run, schedule: Schedule) -> tuple[float, float, tuple[float, ...]]:
+    """Return start of the first dwell, end of the last, and how long each turn took."""
+    phases = run.phases()
+    dwells = [phase for phase in phases if phase.name == "dwell"]
+    if len(dwells) != schedule.positions:
+        raise RecordError(
+            "positions are missing from the run",
+            where=str(run.folder),
+            found=f"{len(dwells)} dwells",
+            expected=f"{schedule.positions} ({schedule.name})",
+            remedy="run the scheme again: what a missing position shows stays at its prior",
+        )
+    turns = tuple(phase.end_s - phase.start_s for phase in phases if phase.name == "turn")
+    return dwells[0].start_s, dwells[-1].end_s, turns
+
+
+def _increments(table: Mapping[str, Any], name: str, axis: str, rate_hz: float) -> Increments:
+    rates = {axis: "rate_dps"} | {other: f"rate_{other}_dps" for other in AXES if other != axis}
+    columns = [rates[each] for each in AXES] + [f"accelerometer_{each}_mps2" for each in AXES]
+    missing = [column for column in columns if column not in table]
+    if missing:
+        raise RecordError(
+            "the unit is no IMU of three gyros and three accelerometers",
+            where=f"gyro {name}",
+            found=", ".join(missing) + " not in the record",
+            expected='axes = "xyz" in the bench file and a frame with three accelerometers',
+        )
+    seconds = table["time_ns"] / 1e9
+    for what, bad in (
+        ("samples were lost", np.flatnonzero(table["lost_before"][1:] > 0) + 1),
+        ("samples are marked as faulty by the unit", np.flatnonzero(~table["valid"])),
+    ):
+        if len(bad):
+            count = int(table["lost_before"][bad].sum()) if what == "samples were lost" else len(bad)
+            raise RecordError(
+                what,
+                where=f"gyro {name}, {seconds[bad[0]]:.2f} s",
+                found=f"{count} of them",
+                expected=f"an unbroken record: {_GAP}",
+                remedy="check cable, baud rate and load of the host, then run the scheme again",
+            )
+    values = np.column_stack([np.asarray(table[column], dtype=np.float64) for column in columns])
+    period = 1.0 / rate_hz
+    return Increments(period, np.radians(values[:, :3]) * period, values[:, 3:] * period)
+
+
+def _truth(path: Path) -> Array | None:
+    """Return the emulated unit's parameters in state order; its K_a is lower triangular."""
+    if not path.exists():
+        return None
+    saved = read_arrays(path)
+    if "kg" not in saved:
+        return None
+    parts = (saved[key] for key in ("eps_rad_s", "nabla_mps2", "kg", "ka", "k2_s2pm"))
+    return pack(*parts)

@@ -1,0 +1,1 @@
+"""What the methods share: Allan deviation, stepwise regression, compensation files, processes."""

@@ -1,0 +1,175 @@
+"""Overlapping Allan deviation of long records: octaves, all averaging times, or those asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError, RecordError
+
+_BLOCK = 16384
+"""Starts worked on at once: the buffers stay in a 256 KiB cache."""
+_IN_BLOCKS = 7
+"""Octaves, up to 64 samples, that are worked on block by block: what is left of a long record is short then."""
+FEW_STARTS = 16
+"""Starts an averaging time of a long record's octaves. Neighbouring starts tell almost the same: the value
+differs from that of all starts by about a tenth of its own standard error at most."""
+LONG_RECORD = 1 << 20
+"""Samples beyond which octaves are computed from `FEW_STARTS` starts unless all are asked for."""
+
+Taus = Literal["octave", "all"] | ArrayLike
+
+
+@dataclass(frozen=True)
+class AllanDeviation:
+    """Deviation over averaging time, shape (k,) each, in the unit of the input.
+
+    `terms`: how many differences each value is made of. `relative_error`: one-sigma error of the value as a
+    fraction of it, 1 / sqrt(2 (n/m - 1)) (IEEE Std 952, annex on the Allan variance). `record_s` is the length of
+    the record, `rate_hz` its sample rate.
+    """
+
+    tau_s: Array
+    deviation: Array
+    terms: Array
+    relative_error: Array
+    record_s: float
+    rate_hz: float
+
+
+def allan_deviation(
+    values: Array, rate_hz: float, tau_s: Taus | None = None, *, all_starts: bool | None = None
+) -> AllanDeviation:
+    """Overlapping Allan deviation of rate samples `values`, shape (n,), equally spaced at `rate_hz`.
+
+    Averaging times: "octave" (the default), "all" (every number of samples), both up to half the record, or those
+    of `tau_s` rounded to whole samples (duplicates merged). Differences start at every sample, as NIST SP 1065
+    section 5.2.4 has it; octaves of a record longer than `LONG_RECORD` use `FEW_STARTS` starts an averaging time
+    unless `all_starts` is set. A level is removed before anything is summed, which keeps the digits of long
+    records. RecordError for gaps, ConfigurationError for averaging times outside [1 sample, half the record].
+    """
+    samples = np.asarray(values, dtype=np.float64)
+    count = len(samples)
+    if count < 3:
+        raise _broken(samples)
+    octaves = tau_s is None or (isinstance(tau_s, str) and tau_s == "octave")
+    few = count > LONG_RECORD if all_starts is None else not all_starts
+    lengths = _averaging_lengths(count, rate_hz, "octave" if tau_s is None else tau_s)
+    if octaves and few:
+        squares, terms = _octaves(samples, len(lengths))
+    else:
+        terms = count + 1 - 2 * lengths
+        phase = np.concatenate(([0.0], np.cumsum(samples - samples.mean())))
+        squares = np.array([_sum_of_squares(phase, int(m)) for m in lengths])
+    if not np.isfinite(squares).all():
+        raise _broken(samples)
+    return AllanDeviation(
+        tau_s=lengths / rate_hz,
+        deviation=np.sqrt(squares / terms / 2.0) / lengths,
+        terms=terms.astype(np.float64),
+        relative_error=1.0 / np.sqrt(2.0 * (count / lengths - 1.0)),
+        record_s=count / rate_hz,
+        rate_hz=rate_hz,
+    )
+
+
+def _broken(samples: Array) -> RecordError:
+    return RecordError(
+        "an Allan deviation needs an unbroken record",
+        found=f"{len(samples)} samples, {int((~np.isfinite(samples)).sum())} missing",
+        expected="at least 3 finite samples",
+        remedy="take the longest stretch without gaps",
+    )
+
+
+def _averaging_lengths(count: int, rate_hz: float, tau_s: ArrayLike) -> NDArray[np.int64]:
+    if isinstance(tau_s, str) and tau_s == "all":
+        return np.arange(1, count // 2 + 1)
+    if isinstance(tau_s, str) and tau_s == "octave":
+        return 1 << np.arange((count // 2).bit_length())
+    lengths = np.unique(np.round(np.atleast_1d(np.asarray(tau_s, dtype=np.float64)) * rate_hz))
+    if len(lengths) == 0 or lengths[0] < 1 or lengths[-1] > count // 2:
+        raise ConfigurationError(
+            "an averaging time is outside the record",
+            found=f"{np.min(tau_s, initial=np.inf):g}..{np.max(tau_s, initial=-np.inf):g} s",
+            expected=f"{1 / rate_hz:g}..{count // 2 / rate_hz:g} s",
+            remedy="choose averaging times between one sample and half the record",
+        )
+    return lengths.astype(np.int64)
+
+
+def _sum_of_squares(phase: Array, m: int) -> float:
+    """Sum of squares of the second differences of `phase` over `m` samples, in blocks that stay in cache."""
+    count = len(phase) - 2 * m
+    work = np.empty(min(_BLOCK, count))
+    total = 0.0
+    for start in range(0, count, _BLOCK):
+        size = min(_BLOCK, count - start)
+        block = work[:size]
+        np.add(phase[start : start + size], phase[start + 2 * m : start + 2 * m + size], out=block)
+        block -= phase[start + m : start + m + size]
+        block -= phase[start + m : start + m + size]
+        total += float(block @ block)
+    return total
+
+
+def _octaves(samples: Array, octaves: int) -> tuple[Array, NDArray[np.int64]]:
+    """Return the sums of squares and their terms for averaging lengths 1, 2, 4 ...; shape (octaves,) each.
+
+    The sums over 2m samples are made of those over m, so the record is read once. From `FEW_STARTS` samples on
+    every octave keeps every other start.
+    """
+    tally = _Tally(np.zeros(octaves), np.zeros(octaves, dtype=np.int64))
+    inside = min(octaves, _IN_BLOCKS)
+    rest = []
+    size = 2 * _BLOCK
+    room = size + (2 << inside)
+    centred, work = np.empty(room), np.empty((3, room))
+    level = samples[:size].mean()
+    for start in range(0, len(samples), size):
+        chunk = samples[start : start + room]
+        sums = np.subtract(chunk, level, out=centred[: len(chunk)])
+        kept = tally.descend(sums, work, range(inside), size)
+        rest.append(kept[: size // _stride(1 << inside)].copy())
+    if octaves > inside:
+        remaining = np.concatenate(rest)
+        room = len(remaining)
+        tally.descend(remaining, np.empty((3, room)), range(inside, octaves), len(samples))
+    return tally.squares, tally.terms
+
+
+def _stride(m: int) -> int:
+    """Return how many samples lie between starts at averaging length `m`."""
+    return max(1, m // FEW_STARTS)
+
+
+@dataclass
+class _Tally:
+    """Sums of squares and numbers of terms so far, by octave."""
+
+    squares: Array
+    terms: NDArray[np.int64]
+
+    def descend(self, sums: Array, work: Array, octaves: range, own: int) -> Array:
+        """Add the octaves of one stretch, whose first `own` samples are its starts, and return the last sums.
+
+        `sums` are those over the first octave's length; `work` (3, len(sums)) is scratch.
+        """
+        for octave in octaves:
+            m = 1 << octave
+            stride = _stride(m)
+            lag, step = m // stride, _stride(2 * m) // stride
+            count = min(-(-own // stride), len(sums) - lag)
+            if count <= 0:
+                return sums[:0]
+            difference = np.subtract(sums[lag : lag + count], sums[:count], out=work[2][:count])
+            self.squares[octave] += difference @ difference
+            self.terms[octave] += count
+            early = sums[: len(sums) - lag : step]
+            target = work[octave % 2][: len(early)]
+            sums = np.add(early, sums[lag::step], out=target)
+        return sums

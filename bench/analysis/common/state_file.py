@@ -1,0 +1,205 @@
+"""A single file for JSON metadata with numpy arrays in it: a zip of one JSON text and one .npy per array.
+
+No pickle goes in or comes out, so a file from a stranger can be read. The same content gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib.metadata import version
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.base.errors import RecordError
+from drivers.base.files import parse_json, replace_file
+
+_JSON = "compensation.json"
+THERMAL_DRIFT = "thermal drift"
+_MARK = "array"
+_MOST_BYTES = 256 << 20
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, RecursionError)
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def write_state(path: Path, state: Mapping[str, Any]) -> None:
+    """Write nested dicts and lists of JSON scalars and numpy arrays; the file appears whole or not at all.
+
+    Raises RecordError.
+    """
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    text = json.dumps(_without_arrays(state, "arrays", arrays), indent=1, sort_keys=True, allow_nan=False)
+    whole = BytesIO()
+    with zipfile.ZipFile(whole, "w") as archive:
+        archive.writestr(_entry(_JSON), text)
+        for name, value in arrays.items():
+            buffer = BytesIO()
+            np.lib.format.write_array(buffer, np.ascontiguousarray(value), allow_pickle=False)
+            archive.writestr(_entry(name), buffer.getvalue())
+    save_file(path, whole.getvalue())
+
+
+def save_file(path: Path, content: bytes | str) -> None:
+    """Save a result in one piece; RecordError if it cannot be, and then what was there before still is."""
+    try:
+        replace_file(path, content)
+    except OSError as error:
+        raise _not_saved(path, error) from error
+
+
+def _not_saved(path: Path, error: OSError) -> RecordError:
+    return RecordError(
+        "the file could not be saved",
+        where=str(path),
+        found=error.strerror or str(error),
+        expected="a folder that can be written, with space on its disk",
+        remedy="free space or name another folder with --out; the runs are not affected",
+    )
+
+
+@contextmanager
+def saved_together(folder: Path, *others: str) -> Iterator[Path]:
+    """Yield a folder to write the files of one result to; at the end they take their places in `folder`.
+
+    Files of an earlier result with these names, or named in `others`, go before the first new one comes: after a
+    kill or a power cut the files that are there, if not all of them, belong together. A failure on the way leaves
+    all that was there before. Raises RecordError.
+    """
+    part = folder / ".part"
+    try:
+        shutil.rmtree(part, ignore_errors=True)  # of a process that was killed
+        part.mkdir(parents=True)
+        yield part
+        names = sorted(path.name for path in part.iterdir())
+        for name in {*names, *others}:
+            (folder / name).unlink(missing_ok=True)
+        for name in names:
+            (part / name).replace(folder / name)
+    except OSError as error:
+        raise _not_saved(folder, error) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def read_state(path: Path) -> dict[str, Any]:
+    """Read what `write_state` wrote; RecordError for a file that is not one or is damaged."""
+    try:
+        content = _unzipped(path)
+        state = parse_json(content.pop(_JSON))
+        arrays = {name: _array(data) for name, data in content.items()}
+        restored: dict[str, Any] = _with_arrays(state, arrays)
+    except FileNotFoundError:
+        raise
+    except _DAMAGE as error:
+        raise RecordError(
+            "this is not a readable compensation file",
+            where=str(path),
+            found=f"{type(error).__name__}: {error}",
+            expected=f"a zip with {_JSON} and its arrays",
+            remedy="copy the file again, or fit the compensation again",
+        ) from error
+    return restored
+
+
+def read_compensation(path: Path, kind: str | None, form: int) -> dict[str, Any]:
+    """Return the state of a compensation file of one kind; RecordError for another kind or format.
+
+    A file says its `kind` (None: the thermal drift of a gyro) and the number of its `format`.
+    """
+    state = read_state(path)
+    found = (state.get("kind"), state.get("format"))
+    if found == (kind, form):
+        return state
+    raise RecordError(
+        "this compensation file is of another kind or format",
+        where=str(path),
+        found=f"kind {found[0] or THERMAL_DRIFT}, format {found[1]}",
+        expected=f"kind {kind or THERMAL_DRIFT}, format {form}",
+        remedy="`bench.analysis.compensations.load_compensation` reads every kind; of an older format, fit again",
+    )
+
+
+def versions(*names: str) -> dict[str, str]:
+    """Return the versions of Python, gyrobench, numpy, scipy and of the packages `names`: papers of a fit."""
+    packages = {name: version(name) for name in ("gyrobench", "numpy", "scipy", *names)}
+    return {**packages, "python": platform.python_version()}
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the arrays of an .npz file of plain numbers by name; RecordError for one that is none, is damaged or
+    unpacks to more than 256 MiB.
+    """
+    try:
+        return {name.removesuffix(".npy"): _array(data) for name, data in _unzipped(path).items()}
+    except _DAMAGE as error:
+        raise RecordError(
+            "this is not a readable file of arrays",
+            where=str(path),
+            found=f"{type(error).__name__}: {error}",
+            expected="a zip of .npy arrays of numbers",
+            remedy="copy the file again; a truth file may also be deleted, nothing but comparisons needs it",
+        ) from error
+
+
+def _unzipped(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
+        if sum(sizes.values()) > _MOST_BYTES:
+            raise ValueError(f"more than {_MOST_BYTES >> 20} MiB unpacked")
+        return {name: _unpacked(archive, name, size) for name, size in sizes.items()}
+
+
+def _unpacked(archive: zipfile.ZipFile, name: str, size: int) -> bytes:
+    """Return an entry, and never more than the directory says: a damaged one may unpack to gigabytes."""
+    with archive.open(name) as file:
+        return file.read(size)
+
+
+def _array(data: bytes) -> np.ndarray[Any, Any]:
+    """Return the array of an .npy text.
+
+    Made from the bytes that are there, never with room for what the header claims: numpy refuses objects, and a
+    shape that does not fit.
+    """
+    buffer = BytesIO(data)
+    if np.lib.format.read_magic(buffer) != (1, 0):
+        raise ValueError("an array of another format than 1.0")
+    shape, column_order, kind = np.lib.format.read_array_header_1_0(buffer)
+    array = np.frombuffer(data[buffer.tell() :], kind).reshape(shape, order="F" if column_order else "C")
+    return array.copy()
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, _EPOCH)
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    return entry
+
+
+def _without_arrays(value: Any, place: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+    if isinstance(value, np.ndarray):
+        name = f"{place}.npy"
+        arrays[name] = value
+        return {_MARK: name}
+    if isinstance(value, Mapping):
+        return {str(key): _without_arrays(item, f"{place}/{key}", arrays) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_arrays(item, f"{place}/{index}", arrays) for index, item in enumerate(value)]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _with_arrays(value: Any, arrays: Mapping[str, np.ndarray[Any, Any]]) -> Any:
+    if isinstance(value, dict):
+        if set(value) == {_MARK}:
+            return arrays[value[_MARK]]
+        return {key: _with_arrays(item, arrays) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_with_arrays(item, arrays) for item in value]
+    return value

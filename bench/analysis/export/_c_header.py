@@ -1,0 +1,161 @@
+"""A compensation as one C99 header for firmware: constants, state, step, self-test; no allocation, only tanhf.
+
+The header does what `CompensationStream` does: the same features from one-second temperatures, the same holds,
+limits and flags. Constants are IEEE 754 values printed with the digits that restore them, under one CRC.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from bench.analysis.export._c_program import TEMPLATES, CConstant, CProgram, Real, c_programs
+from bench.analysis.thermal._compensation import Compensation
+from bench.analysis.thermal._regression import TARGETS
+from bench.analysis.thermal._stream import CHANGE_S, FEATURES, LONGEST_GAP_S, WINDOW_S, Flag
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+
+SELF_TEST_STEPS = 32
+
+
+@dataclass(frozen=True)
+class _Printed:
+    """A constant with its full C name and its values as C literals."""
+
+    name: str
+    real: Real
+    values: tuple[str, ...]
+
+
+def c_header(compensation: Compensation, *, prefix: str = "gyrocomp") -> str:
+    """Return the header's text; all its names begin with `prefix`.
+
+    ConfigurationError if the model has no C form, a constant is beyond the range of its C type, or `prefix` is
+    not a C identifier.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
+        raise ConfigurationError(
+            "the prefix is not a C identifier",
+            where="C export",
+            found=repr(prefix),
+            expected="letters, digits, _",
+        )
+    programs = c_programs(compensation.model)
+    constants = [*_own_constants(compensation, prefix), *_program_constants(programs, prefix)]
+    environment = _environment()
+    parts = [_part(environment, program, prefix) for program in programs]
+    t_range = compensation.limits.inputs["t_in"]
+    return environment.get_template("header.h.j2").render(
+        p=prefix,
+        P=prefix.upper(),
+        guard=f"{prefix.upper()}_H",
+        version=version("gyrobench"),
+        unit_id=_quotable(compensation.unit_id),
+        model=_quotable(compensation.model.name),
+        step_s=compensation.step_s,
+        warm_up=max([program.sizes.get("warm_up", 0) for program in programs], default=0),
+        reference_temp_c=compensation.reference_temp_c,
+        k_ref=compensation.k_ref,
+        trained_from_s=math.ceil(compensation.limits.trained_from_s),
+        t_range=t_range,
+        training_runs=[_quotable(run.run_id) for run in compensation.training_runs],
+        flags=[(flag.name, flag.value) for flag in Flag],
+        constants=[_printed(constant) for constant in constants],
+        doubles=any(constant.real == "double" for constant in constants),
+        crc=_crc(constants),
+        programs=parts,
+        window=WINDOW_S,
+        change=CHANGE_S,
+        longest_gap=LONGEST_GAP_S,
+        self_test=SELF_TEST_STEPS,
+    )
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    environment.filters["c_float"] = lambda value: _literal(float(value), "float")
+    return environment
+
+
+def _part(environment: jinja2.Environment, program: CProgram, prefix: str) -> Any:
+    names = {"k": f"{prefix}_{program.tag}_", "s": f"{program.tag}_"}
+    return environment.from_string(program.source).make_module({**names, **program.sizes})
+
+
+def _program_constants(programs: Sequence[CProgram], prefix: str) -> list[CConstant]:
+    return [
+        CConstant(f"{prefix}_{program.tag}_{constant.name}", constant.values, constant.real)
+        for program in programs
+        for constant in program.constants
+    ]
+
+
+def _own_constants(compensation: Compensation, prefix: str) -> list[CConstant]:
+    limits = compensation.limits
+    inputs, outputs = _self_test(compensation)
+    return [
+        CConstant(f"{prefix}_input_range", np.array([limits.inputs[name] for name in FEATURES]), "double"),
+        CConstant(f"{prefix}_output_range", np.array([getattr(limits, name) for name in TARGETS]), "double"),
+        CConstant(f"{prefix}_self_test_inputs", inputs),
+        CConstant(f"{prefix}_self_test_outputs", outputs),
+    ]
+
+
+def _self_test(compensation: Compensation) -> tuple[Array, Array]:
+    """Inputs (n, 4) that sweep the valid range, as float32 values, and the clamped drift (n, 2) they give."""
+    phase = np.linspace(0.0, np.pi, SELF_TEST_STEPS)
+    low, high = np.array([compensation.limits.inputs[name] for name in FEATURES]).T
+    swing = 0.5 + 0.5 * np.cos(np.outer(phase, [1.0, 1.3, 2.1, 2.7]))
+    inputs = (low + (high - low) * swing).astype(np.float32).astype(np.float64)
+    stepper = compensation.model.stepper()
+    outputs = np.array([stepper.step(*map(float, row)) for row in inputs])
+    return inputs, compensation.limits.clamp(outputs)[0]
+
+
+def _crc(constants: Sequence[CConstant]) -> int:
+    crc = 0
+    for constant in constants:
+        crc = zlib.crc32(constant.values.astype("<f4" if constant.real == "float" else "<f8").tobytes(), crc)
+    return crc
+
+
+def _printed(constant: CConstant) -> _Printed:
+    flat = np.ravel(constant.values)
+    return _Printed(
+        constant.name, constant.real, tuple(_literal(float(value), constant.real) for value in flat)
+    )
+
+
+def _literal(value: float, real: Real) -> str:
+    """A C literal that reads back as the same IEEE 754 value: 9 digits for float, 17 for double."""
+    with np.errstate(over="ignore"):
+        stored = float(np.float32(value)) if real == "float" else value
+    if not math.isfinite(stored):
+        raise ConfigurationError(
+            f"a constant is beyond the range of a C {real}", where="C export", found=repr(value)
+        )
+    text = f"{stored:.9g}" if real == "float" else f"{stored:.17g}"
+    if not any(mark in text for mark in ".e"):
+        text += ".0"
+    return f"{text}f" if real == "float" else text
+
+
+def _quotable(text: str) -> str:
+    """Text for a C string and a C comment: anything but plain characters becomes an underscore."""
+    return re.sub(r"[^A-Za-z0-9 ._+:-]", "_", text)

@@ -1,0 +1,160 @@
+"""The LSTM as an ONNX file, written with no ONNX package: the protobuf wire format by hand.
+
+Sources: protocol buffers wire format (varint and length-delimited fields); onnx.proto3 of ONNX IR version 7
+for the field numbers; operator LSTM-14 for gate order (i, o, f, c) and shapes. The graph takes raw inputs in
+physical units, keeps the state outside (h0, c0 in; h1, c1 out) and leaves the sequence length free, so the
+same file runs a whole run or one step at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from bench.analysis.thermal._lstm import LstmModel
+from drivers.base.arrays import Array
+
+IR_VERSION = 7
+OPSET = 14
+_FLOAT, _INT64 = 1, 7
+_ATTRIBUTE_INT = 2
+_VARINT, _BYTES = 0, 2
+
+
+def lstm_to_onnx(model: LstmModel, metadata: Mapping[str, str] | None = None) -> bytes:
+    """Return the fitted network as ONNX bytes.
+
+    Inputs `features` (steps, 1, 3) in the order t_in degC, dt_60 degC/min, gradient degC; `h0`, `c0`
+    (1, 1, hidden). Outputs `drift` (steps, 1, 2) in deg/h and ppm; `h1`, `c1`. Start with h0 = c0 = 0 and
+    feed the first sample `warm_up` times (in the metadata) before the run. Raises `FitError` for an unfitted
+    model.
+    """
+    weights, n = model.weights, model.weights.hidden
+    gates = (
+        _reordered(weights.w_input, n),
+        _reordered(weights.w_hidden, n),
+        _reordered(weights.bias[:, None], n),
+    )
+    initialisers = {
+        "input_low": weights.input_low,
+        "input_slope": 2.0 / (weights.input_high - weights.input_low),
+        "one": np.ones(1),
+        "W": gates[0][None],
+        "R": gates[1][None],
+        "B": np.concatenate([gates[2][:, 0], np.zeros(4 * n)])[None],
+        "w_output": weights.w_output.T,
+        "b_output": weights.b_output,
+        "target_scale": weights.target_scale,
+        "target_mid": weights.target_mid,
+    }
+    nodes = [
+        _node("Sub", ["features", "input_low"], ["shifted"]),
+        _node("Mul", ["shifted", "input_slope"], ["stretched"]),
+        _node("Sub", ["stretched", "one"], ["normalised"]),
+        _node("LSTM", ["normalised", "W", "R", "B", "", "h0", "c0"], ["y", "h1", "c1"], {"hidden_size": n}),
+        _node("Squeeze", ["y", "direction_axis"], ["hidden"]),
+        _node("MatMul", ["hidden", "w_output"], ["projected"]),
+        _node("Add", ["projected", "b_output"], ["outputs"]),
+        _node("Mul", ["outputs", "target_scale"], ["scaled"]),
+        _node("Add", ["scaled", "target_mid"], ["drift"]),
+    ]
+    state = (1, 1, n)
+    graph = b"".join(
+        [
+            *(_field(1, node) for node in nodes),
+            _field(2, b"lstm_drift"),
+            *(_field(5, _tensor(name, value)) for name, value in initialisers.items()),
+            _field(5, _tensor("direction_axis", np.array([1]))),
+            *(
+                _field(11, _value(*item))
+                for item in (("features", ("steps", 1, 3)), ("h0", state), ("c0", state))
+            ),
+            *(
+                _field(12, _value(*item))
+                for item in (("drift", ("steps", 1, 2)), ("h1", state), ("c1", state))
+            ),
+        ]
+    )
+    return _model(graph, _with_defaults(model, metadata or {}))
+
+
+def _with_defaults(model: LstmModel, metadata: Mapping[str, str]) -> dict[str, str]:
+    own = {
+        "warm_up": str(model.settings.warm_up),
+        "inputs": "t_in_degc,dt_60_degc_per_min,gradient_degc",
+        "outputs": "bias_dph,sf_error_ppm",
+        "input_low": ",".join(repr(float(v)) for v in model.weights.input_low),
+        "input_high": ",".join(repr(float(v)) for v in model.weights.input_high),
+    }
+    return {**metadata, **own}
+
+
+def _reordered(rows: Array, hidden: int) -> Array:
+    """Gate rows from i, f, g, o (ours) to i, o, f, g (ONNX, which calls g c)."""
+    i, f, g, o = (rows[k * hidden : (k + 1) * hidden] for k in range(4))
+    return np.concatenate([i, o, f, g])
+
+
+def _model(graph: bytes, metadata: Mapping[str, str]) -> bytes:
+    return b"".join(
+        [
+            _int_field(1, IR_VERSION),
+            _field(2, b"gyrobench"),
+            _field(7, graph),
+            _field(8, _int_field(2, OPSET)),
+            *(
+                _field(14, _field(1, key.encode()) + _field(2, text.encode()))
+                for key, text in metadata.items()
+            ),
+        ]
+    )
+
+
+def _node(
+    operator: str, inputs: Sequence[str], outputs: Sequence[str], integers: Mapping[str, int] | None = None
+) -> bytes:
+    attributes = [
+        _field(1, key.encode()) + _int_field(3, value) + _int_field(20, _ATTRIBUTE_INT)
+        for key, value in (integers or {}).items()
+    ]
+    return b"".join(
+        [
+            *(_field(1, name.encode()) for name in inputs),
+            *(_field(2, name.encode()) for name in outputs),
+            _field(3, outputs[0].encode()),
+            _field(4, operator.encode()),
+            *(_field(5, attribute) for attribute in attributes),
+        ]
+    )
+
+
+def _tensor(name: str, value: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> bytes:
+    whole = np.issubdtype(value.dtype, np.integer)
+    raw = value.astype("<i8" if whole else "<f4").tobytes()
+    dims = b"".join(_int_field(1, size) for size in value.shape)
+    return dims + _int_field(2, _INT64 if whole else _FLOAT) + _field(8, name.encode()) + _field(9, raw)
+
+
+def _value(name: str, shape: Sequence[int | str]) -> bytes:
+    dims = (_field(2, size.encode()) if isinstance(size, str) else _int_field(1, size) for size in shape)
+    tensor_type = _int_field(1, _FLOAT) + _field(2, b"".join(_field(1, dim) for dim in dims))
+    return _field(1, name.encode()) + _field(2, _field(1, tensor_type))
+
+
+def _field(number: int, payload: bytes) -> bytes:
+    return _varint(number << 3 | _BYTES) + _varint(len(payload)) + payload
+
+
+def _int_field(number: int, value: int) -> bytes:
+    return _varint(number << 3 | _VARINT) + _varint(value)
+
+
+def _varint(value: int) -> bytes:
+    """Base-128 varint, least significant group first; `value` >= 0."""
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)

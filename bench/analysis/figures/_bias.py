@@ -1,0 +1,94 @@
+"""Bias, its stability, repeatability and sensitivity to temperature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bench.analysis.common.statistics import bias_stability, block_means
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+
+
+@dataclass(frozen=True)
+class BiasFigures:
+    """Bias of one run in deg/h and its stability on averages of 10 s and of 100 s.
+
+    White noise N in deg/sqrt(h) alone gives 18.97 N and 6 N: the averaging time belongs to the figure.
+    """
+
+    bias_dph: float
+    stability_10s_dph: float
+    stability_100s_dph: float
+
+
+def bias_figures(output_dph: Array, earth_rate_dph: float, rate_hz: float = 1.0) -> BiasFigures:
+    """Return the bias figures of `output_dph`, shape (n,), equally spaced at `rate_hz`, the gyro at rest.
+
+    Bias B0 = mean output less the Earth rate along the axis (IEEE Std 952, bias test; GJB 2426A, zero bias).
+    ConfigurationError for less than 200 s.
+    """
+    return BiasFigures(
+        bias_dph=float(np.nanmean(output_dph)) - earth_rate_dph,
+        stability_10s_dph=averaged_stability(output_dph, 10.0, rate_hz),
+        stability_100s_dph=averaged_stability(output_dph, 100.0, rate_hz),
+    )
+
+
+def averaged_stability(output_dph: Array, average_s: float, rate_hz: float = 1.0) -> float:
+    """Return sqrt(sum (F_i - mean F)^2 / (n - 1)) of `average_s` means (GJB 2426A, zero-bias stability)."""
+    return bias_stability(np.asarray(output_dph, dtype=np.float64), round(average_s * rate_hz))
+
+
+def repeatability(values: ArrayLike) -> float:
+    """Return the sample standard deviation of one figure over power cycles, in its unit.
+
+    GJB 2426A and IEEE Std 952 want at least six; ConfigurationError for fewer than two.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    if len(values) < 2:
+        raise ConfigurationError(
+            "a repeatability needs repeats",
+            where="standard test",
+            found=f"{len(values)} value",
+            expected="at least 2 power cycles, 6 for a figure of the standards",
+            remedy="set cycles, or give the runs of several days",
+        )
+    return float(np.std(values, ddof=1))
+
+
+def temperature_sensitivity(values: ArrayLike, temp_c: ArrayLike, reference: int = 0) -> float:
+    """Return max |(v_i - v_m) / (T_i - T_m)| against the point `reference` (m), per degC.
+
+    GJB 2426A, bias temperature sensitivity. Points within 1 K of the reference say nothing and are left out;
+    ConfigurationError when none is left.
+    """
+    v, t = np.asarray(values, dtype=np.float64), np.asarray(temp_c, dtype=np.float64)
+    step = t - t[reference]
+    use = np.abs(step) >= 1.0
+    if not use.any():
+        raise ConfigurationError(
+            "no two temperatures for a temperature sensitivity",
+            where="standard test",
+            found=", ".join(f"{temp:.1f} degC" for temp in t),
+            expected="points at least 1 K from the reference",
+            remedy="hold the unit at other temperatures",
+        )
+    return float(np.max(np.abs((v - v[reference])[use] / step[use])))
+
+
+def warm_up_time_s(output_dph: Array, tolerance_dph: float, rate_hz: float = 1.0) -> float:
+    """Return the time from switch-on after which 100 s means stay within `tolerance_dph` of the last mean.
+
+    IEEE Std 952, warm-up time. The reference is the mean of the last quarter of the record. NaN if the record
+    leaves the band at its very end.
+    """
+    count = round(100.0 * rate_hz)
+    means = block_means(np.asarray(output_dph, dtype=np.float64), count)
+    settled = float(np.nanmean(means[-max(1, len(means) // 4) :]))
+    outside = np.flatnonzero(~(np.abs(means - settled) <= tolerance_dph))
+    if not len(outside):
+        return 0.0
+    return float("nan") if outside[-1] == len(means) - 1 else float((outside[-1] + 1) * count / rate_hz)

@@ -1,0 +1,70 @@
+"""Candidates: the catalogue's variants that a model lacks, and which of them these runs can show at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._evidence import Candidate
+from bench.analysis.gap._generic import PREFIX, free_curves, grid_points
+from bench.analysis.gap._model_file import Model
+from bench.analysis.gap._response import proposed_variants
+from drivers.base.arrays import Array
+from simulators.effects import Effect, Variant, catalogue
+
+_LEAST_DETECTABLE = 5.0
+FREE_CURVE = -4.0
+"""Prior log odds of a free curve against an effect of the catalogue."""
+
+
+def candidate_variants(model: Model, runs: Sequence[GapRun]) -> list[Variant]:
+    """Return the catalogue's variants that the model does not have as terms, then free curves over the inputs."""
+    names = {term.name for term in model.terms}
+    effects = [each for each in catalogue().values() if isinstance(each, Effect) and each.name not in names]
+    usual = [variant for effect in effects if not effect.proposed for variant in effect.variants()]
+    return [*usual, *proposed_variants(effects, runs), *free_curves(runs)]
+
+
+def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:
+    """Return the variants as candidates; their columns follow the data in the reduced system."""
+    result, column = [], 1
+    for index, variant in enumerate(variants):
+        k = len(variant.effect.parameters)
+        own = tuple(range(column, column + k))
+        odds = FREE_CURVE if variant.effect.name.startswith(PREFIX) else 0.0
+        result.append(Candidate(variant.effect.name, index, own, grid_points(variant.effect), odds))
+        column += k
+    return result
+
+
+def possible_candidates(
+    system: Array,
+    gram: Array,
+    candidates: Sequence[Candidate],
+    variants: Sequence[Variant],
+    q: int,
+    coarseness: float,
+) -> tuple[list[int], dict[str, str]]:
+    """Return candidates that could show in these runs, and for effects without any the reason.
+
+    `coarseness`: the gyro's, see `Noise`.
+    """
+    possible: list[int] = []
+    reasons: dict[str, str] = {}
+    for index, candidate in enumerate(candidates):
+        at = np.array(candidate.columns)
+        apart, whole = np.diag(system)[at], np.diag(gram)[at + q]
+        both = [parameter.bounds(coarseness) for parameter in variants[index].effect.parameters]
+        bounds = np.array([max(-low, high) for low, high in both])
+        if whole.max() <= 0.0 or (bounds * np.sqrt(np.maximum(apart, 0.0))).max() < _LEAST_DETECTABLE:
+            reasons[candidate.effect] = f"{variants[index].effect.follows} does not change within any run"
+        elif (apart / np.maximum(whole, 1e-300)).max() < 1e-6:
+            reasons[candidate.effect] = "cannot be told from the nominal model's own terms in these runs"
+        else:
+            possible.append(index)
+    shown = {candidates[index].effect for index in possible}
+    return possible, {
+        name: reason for name, reason in reasons.items() if name not in shown and not name.startswith(PREFIX)
+    }

@@ -1,0 +1,185 @@
+"""Whitened runs cut into cells (parity of runs, octave-like band) and their Gram matrices.
+
+A cell's Gram matrix of [data, columns] is all that later steps need: every fit is small linear algebra.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.gap._data import Group
+from bench.analysis.gap._grams import gram_blocks
+from bench.analysis.gap._noise import Noise, spectrum
+from bench.analysis.gap._stack import Stack
+from drivers.base.arrays import Array
+
+BAND_EDGES_S = (3500.0, 1400.0, 560.0, 300.0, 150.0, 75.0, 38.0, 20.0, 10.0, 5.0)
+"""Periods between the bands, slowest band first."""
+BANDS = (
+    "over 58 min",
+    "23..58 min",
+    "9..23 min",
+    "5..9 min",
+    "150..300 s",
+    "75..150 s",
+    "38..75 s",
+    "20..38 s",
+    "10..20 s",
+    "5..10 s",
+    "under 5 s",
+)
+_NEGLIGIBLE = 1e-5
+"""Part of a column's energy in one cell below which it counts as none."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Part of the data: whitened products of [data, columns], `count` coefficients.
+
+    `block` (a, a) holds the products of the data, 0, and of the columns that have something here, `at` (a,), of
+    1 + p `columns`. `power` is the noise's mean power per coefficient, (deg/h)^2, `samples` the runs' length.
+    """
+
+    profile: str
+    parity: str
+    repeatable: bool
+    band: int
+    count: int
+    columns: int
+    at: NDArray[np.int64]
+    block: Array
+    power: float
+    samples: int
+
+    def products(self, columns: NDArray[np.int64]) -> Array:
+        """Return the products of some of [data, columns], (k, k); 0 is the data."""
+        places = np.full(self.columns, -1)
+        places[self.at] = np.arange(len(self.at))
+        own = places[columns]
+        here = own >= 0
+        result = np.zeros((len(columns),) * 2)
+        result[np.ix_(here, here)] = self.block[np.ix_(own[here], own[here])]
+        return result
+
+
+def mixing(group: Group) -> tuple[list[str], list[bool], Array]:
+    """Return `contrasts` of a group, or each run by itself where repeats are unequal."""
+    if group.balanced:
+        return contrasts(group.conditions, len(group.runs[0]))
+    runs = [run.run_id for each in group.runs for run in each]
+    return runs, [True] * len(runs), np.eye(len(runs))
+
+
+def mixed_whitened(group: Group, stacked: NDArray[Any], noise: Noise) -> Array:
+    """Return the parity runs, whitened, from the runs' coefficients (runs, p, n - 1), condition-major."""
+    n = stacked.shape[2] + 1
+    power = spectrum(noise, np.arange(1, n) / n, group.runs[0][0].stimulus.period_s)
+    mix = mixing(group)[2]
+    scale = (1.0 / np.sqrt(power)).astype(stacked.dtype)
+    result = np.tensordot(mix.astype(stacked.dtype), stacked, axes=1) if len(mix) > 1 else stacked.copy()
+    result *= scale
+    return np.asarray(result)
+
+
+def band_slices(n: int, period_s: float) -> list[slice]:
+    """Return for each band its slice of coefficients 1 .. n-1; number k has a period of 2 n / k samples."""
+    edges = [math.floor(2.0 * n * period_s / edge) for edge in BAND_EDGES_S]
+    cuts = [0, *(min(max(edge, 0), n - 1) for edge in edges), n - 1]
+    return [slice(low, high) for low, high in pairwise(cuts)]
+
+
+def contrasts(conditions: Sequence[str], repeats: int) -> tuple[list[str], list[bool], Array]:
+    """Return names, whether repeatable, and orthonormal rows (m, m), m = conditions x repeats, run order c-major.
+
+    Opposite rates give common, odd in rate and, with a zero run, even in rate. Differences of repeats come last.
+    """
+    names, between = _between(conditions)
+    within = _helmert(repeats)
+    rows, labels, repeatable = [], [], []
+    for repeat in range(repeats):
+        for index, name in enumerate(names):
+            rows.append(np.kron(between[index], within[repeat]))
+            labels.append(name)
+            repeatable.append(repeat == 0)
+    return labels, repeatable, np.array(rows)
+
+
+def _between(conditions: Sequence[str]) -> tuple[list[str], Array]:
+    if len(conditions) == 1:
+        return ["run"], np.ones((1, 1))
+    rates = _rates(conditions)
+    if rates is not None and len(rates) in (2, 3) and np.isclose(rates.sum(), 0.0):
+        order = np.argsort(-rates)
+        rows = np.zeros((len(rates), len(rates)))
+        rows[0] = 1.0
+        rows[1, order[0]], rows[1, order[-1]] = 1.0, -1.0
+        if len(rates) == 3:
+            rows[2, order] = (1.0, -2.0, 1.0)
+        names = ["common", "odd in rate", "even in rate"][: len(rates)]
+        return names, rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return ["common", *(f"orientation {k}" for k in range(1, len(conditions)))], _helmert(len(conditions))
+
+
+def _rates(conditions: Sequence[str]) -> Array | None:
+    try:
+        return np.array([float(each) for each in conditions])
+    except ValueError:
+        return None
+
+
+def _helmert(n: int) -> Array:
+    rows = np.zeros((n, n))
+    rows[0] = 1.0
+    for k in range(1, n):
+        rows[k, :k], rows[k, k] = 1.0, -float(k)
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+
+def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
+    """Return the cells of a group from its runs' coefficients of [data, columns]."""
+    n, period_s = stack.full.shape[2] + 1, group.runs[0][0].stimulus.period_s
+    names, repeatable, mix = mixing(group)
+    power = spectrum(noise, np.arange(1, n) / n, period_s)
+    parts = band_slices(n, period_s)
+    flat = [part for part in parts if part.stop > part.start]
+    sizes = np.array([stack.energies(part) / power[part].mean() for part in flat])
+    least = _NEGLIGIBLE * sizes.sum(axis=0)
+    cells = []
+    for index, part in enumerate(flat):
+        # most columns are smooth and have nothing in the fast bands, which hold most coefficients
+        at = np.flatnonzero(sizes[index] > least)
+        at = at if len(at) and at[0] == 0 else np.insert(at, 0, 0)
+        rows = stack.part(at, part) / np.sqrt(power[part])
+        rows = (mix @ rows.reshape(len(mix), -1)).reshape(rows.shape)
+        band, mean_power = parts.index(part), float(power[part].mean())
+        for name, same, block in zip(names, repeatable, gram_blocks(rows), strict=True):
+            cells.append(
+                Cell(
+                    group.profile,
+                    name,
+                    same,
+                    band,
+                    part.stop - part.start,
+                    len(stack.place),
+                    at,
+                    block,
+                    mean_power,
+                    n,
+                )
+            )
+    return cells
+
+
+def rescaled(cells: Sequence[Cell], floor: Array) -> list[Cell]:
+    """Return the cells with the noise's variance in each band multiplied by `floor` (bands,)."""
+    return [
+        replace(cell, block=cell.block / floor[cell.band], power=cell.power * floor[cell.band])
+        for cell in cells
+    ]

@@ -1,0 +1,342 @@
+"""The channels beside the gyro's rate, as a run folder has them: recorded signal, and what acted on it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from bench.control.run_record import gyro_source
+from bench.record.recording import Arrivals, Phase, Run, read_arrivals, seconds
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+from simulators.effects import CHANNEL_UNITS, Channel, ChannelInputs, Demand
+
+_STEP_S = 10.0
+_SETTLED_S = 1800.0
+"""Time after the demand's end from which a temperature counts as quiet."""
+_GO = re.compile(r"go to (\S+) degC (?:at (\S+) K/min|as fast as possible)")
+_POINT = re.compile(r"point to (\S+) deg")
+_SPIN = re.compile(r"spin at (\S+) deg/s")
+_AT_REST_DPS = 0.01
+_LEAST_SPIN_S = 30.0
+_SHORT = 8
+_LATE_MS = 50.0
+_ENVELOPE_S = 61
+"""Seconds over which the earliest arrivals are taken for punctual."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelSeries:
+    """One channel of one run: `values` (n,) with NaN where the channel has nothing to be compared with.
+
+    `phase` (n,) are names; `quiet` (n,) says where nothing is demanded to change, for the noise floor.
+    `resolution` is the least step seen. `scatter` maps stochastic effects of the channel to their size.
+    """
+
+    channel: Channel
+    run_id: str
+    inputs: ChannelInputs
+    values: Array
+    phase: NDArray[np.str_]
+    quiet: NDArray[np.bool_]
+    resolution: float
+    checksum: str = ""
+    scatter: Mapping[str, float] = field(default_factory=dict)
+
+    def pieces(self) -> list[tuple[str, slice]]:
+        """Return phases and stretches without gap inside one phase, of at least 8 samples."""
+        known = ~np.isnan(self.values)
+        cut = (self.phase[1:] != self.phase[:-1]) | (known[1:] != known[:-1])
+        cut |= np.diff(self.inputs.time_s) > 1.5 * self.inputs.period_s
+        changes = np.flatnonzero(cut) + 1
+        edges = [0, *changes.tolist(), len(self.values)]
+        return [
+            (str(self.phase[low]), slice(low, high))
+            for low, high in pairwise(edges)
+            if known[low] and high - low >= _SHORT
+        ]
+
+
+def load_channels(folder: Path, gyro: str | None = None) -> tuple[list[ChannelSeries], dict[str, str]]:
+    """Return the channels of a run folder, and for those that it cannot show the reason by channel."""
+    run = Run.open(folder)
+    if run.manifest.imported is not None:
+        return [], dict.fromkeys(CHANNEL_UNITS, "an imported recording has no commands in it")
+    units = [each for each in run.manifest.units if run.manifest.device(each).role == "gyro"]
+    name = gyro or next(iter(units), "")
+    found: list[ChannelSeries] = []
+    missing: dict[str, str] = {}
+    readers: dict[str, Callable[[], ChannelSeries | str]] = {
+        "chamber_air": lambda: _air(run),
+        "case_temperature": lambda: _case(run, name),
+        "gyro_temperature": lambda: _inside(run, name),
+        "table_angle": lambda: _angle(run),
+        "table_rate": lambda: _rate(run),
+        "time_stamps": lambda: _stamps(run, name),
+    }
+    for channel, read in readers.items():
+        series = read()
+        if isinstance(series, str):
+            missing[channel] = series
+        else:
+            found.append(series)
+    return found, missing
+
+
+def _air(run: Run) -> ChannelSeries | str:
+    if not (run.folder / "chamber.parquet").exists():
+        return "the run has no chamber"
+    demands, running_s = _chamber_demands(run)
+    if not demands or running_s is None:
+        return "the chamber was not started in this run"
+    table = run.chamber(("time_ns", "air_temp_c"), *running_s)
+    raw = table["air_temp_c"].astype(np.float64)
+    if len(raw) < 2 * _SHORT:
+        return "the chamber did not run long enough"
+    time_s, air = _stepped(seconds(table), raw)
+    # without a demanded rate there is nothing to compare with until the air has arrived
+    blind = np.zeros(len(time_s), np.bool_)
+    ends = [demand.time_s for demand in demands[1:]] + [math.inf]
+    for demand, end in zip(demands, ends, strict=True):
+        if math.isinf(demand.ramp_per_s):
+            own = (time_s >= demand.time_s) & (time_s < end)
+            near = np.flatnonzero(own & (np.abs(air - demand.target) < 1.0))
+            arrived_s = (
+                time_s[near[0]] + 300.0 if len(near) and abs(air[own][0] - demand.target) > 1.0 else 0.0
+            )
+            blind |= own & (time_s < (arrived_s if len(near) else math.inf))
+    inputs = ChannelInputs(time_s, _held(demands, time_s), float(air[0]), _STEP_S, tuple(demands))
+    quiet = time_s > _quiet_from(demands, time_s)
+    return _series(run, "chamber_air", inputs, np.where(blind, np.nan, air), quiet, raw)
+
+
+def _chamber_demands(run: Run) -> tuple[list[Demand], tuple[float, float] | None]:
+    """Return the demands in force while the chamber ran, and from when to when it did."""
+    target: tuple[float, float] | None = None
+    demands: list[Demand] = []
+    start_s: float | None = None
+    end_s = _end_s(run)
+    for event in run.events:
+        if event["kind"] != "command" or event.get("device") != "chamber":
+            continue
+        time_s, text = float(event["time_s"]), str(event["text"])
+        if match := _GO.match(text):
+            target = float(match[1]), float(match[2]) / 60.0 if match[2] else math.inf
+        elif text == "stop" and start_s is not None:
+            end_s = min(end_s, time_s)
+            break
+        elif text == "start" and start_s is None:
+            start_s = time_s
+        if start_s is not None and target is not None and (not demands or match):
+            demands.append(Demand(time_s, *target))
+    return demands, None if start_s is None else (start_s, end_s)
+
+
+def _held(demands: list[Demand], time_s: Array) -> Array:
+    starts = np.array([demand.time_s for demand in demands])
+    at = np.maximum(np.searchsorted(starts, time_s, side="right") - 1, 0)
+    return np.array([demand.target for demand in demands])[at]
+
+
+def _quiet_from(demands: list[Demand], time_s: Array) -> Array:
+    """Return for every time when its demand will have been reached for half an hour, (n,)."""
+    here = demands[0].target
+    settled = []
+    for demand in demands:
+        rate = demand.ramp_per_s if math.isfinite(demand.ramp_per_s) else 1.0 / 60.0
+        settled.append(demand.time_s + abs(demand.target - here) / rate + _SETTLED_S)
+        here = demand.target
+    starts = np.array([demand.time_s for demand in demands])
+    at = np.maximum(np.searchsorted(starts, time_s, side="right") - 1, 0)
+    return np.array(settled)[at]
+
+
+def _case(run: Run, gyro: str) -> ChannelSeries | str:
+    sensor = run.manifest.device(gyro).case_sensor if gyro else None
+    if sensor is None or not (run.folder / "chamber.parquet").exists():
+        return "no sensor on the unit's case (case_sensor in the bench file)"
+    table = run.chamber()
+    if "air_temp_c" not in table:
+        return "no record of the air that the case could follow"
+    if f"aux_{sensor}_temp_c" not in table:
+        return f"no record of the sensor on the unit's case (case_sensor {sensor})"
+    raw = table[f"aux_{sensor}_temp_c"].astype(np.float64)
+    time_s, case = _stepped(seconds(table), raw)
+    _, air = _stepped(seconds(table), table["air_temp_c"].astype(np.float64))
+    demands, _ = _chamber_demands(run)
+    quiet = time_s > _quiet_from(demands, time_s) if demands else np.ones(len(time_s), np.bool_)
+    return _series(
+        run, "case_temperature", ChannelInputs(time_s, air, float(raw[0]), _STEP_S), case, quiet, raw
+    )
+
+
+def _inside(run: Run, gyro: str) -> ChannelSeries | str:
+    sensor = run.manifest.device(gyro).case_sensor if gyro else None
+    if sensor is None or not (run.folder / "chamber.parquet").exists():
+        return "no sensor on the unit's case that the gyro's temperature could follow"
+    around = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))
+    table = run.gyro(gyro, ("time_ns", "temp_c"))
+    known = ~np.isnan(table["temp_c"])
+    if known.sum() < 2 * _SHORT:
+        return "the gyro says no temperature"
+    raw = table["temp_c"][known].astype(np.float64)
+    time_s, inside = _stepped(seconds(table)[known], raw)
+    case = np.interp(time_s, seconds(around), around[f"aux_{sensor}_temp_c"])
+    demands, _ = _chamber_demands(run)
+    quiet = time_s > _quiet_from(demands, time_s) if demands else np.ones(len(time_s), np.bool_)
+    return _series(
+        run, "gyro_temperature", ChannelInputs(time_s, case, float(raw[0]), _STEP_S), inside, quiet, raw
+    )
+
+
+def _table_commands(run: Run) -> Iterator[tuple[float, float, str]]:
+    """Yield (from, until, text) of the commands to the axis that carries the unit."""
+    ends = [
+        float(event["time_s"])
+        for event in run.events
+        if (event["kind"] == "command" and event.get("device") == "table")
+        or (event["kind"] == "note" and str(event.get("text", "")).startswith("made safe"))
+    ] + [_end_s(run)]
+    for event in run.events:
+        if event["kind"] == "command" and event.get("device") == "table":
+            start = float(event["time_s"])
+            yield start, min(end for end in ends if end > start), str(event["text"])
+
+
+def _angle(run: Run) -> ChannelSeries | str:
+    if not (run.folder / "turntable.parquet").exists():
+        return "the run has no table"
+    parts, demands = [], []
+    for start, end, text in _table_commands(run):
+        match = _POINT.match(text)
+        if match is None or end - start < _LEAST_SPIN_S:
+            continue
+        table = run.turntable(("time_ns", "angle_deg", "rate_dps"), start, end)
+        moving = np.flatnonzero(np.abs(table["rate_dps"]) > _AT_REST_DPS)
+        first = max(int(moving[-1]) + 5 if len(moving) else 5, 5)
+        at_s, angle = seconds(table)[first:], table["angle_deg"][first:].astype(np.float64)
+        if len(at_s) < 2 * _SHORT:
+            continue
+        off = 3600.0 * np.remainder(angle - float(match[1]) + 180.0, 360.0) - 648000.0
+        parts.append(np.stack((*_stepped(at_s, off), np.full(len(_stepped(at_s, off)[0]), float(match[1])))))
+        demands.append(Demand(float(at_s[0]), 0.0, math.inf))
+    if not parts:
+        return "the table was not held at any angle for half a minute"
+    time_s, off, angle = np.concatenate(parts, axis=1)
+    inputs = ChannelInputs(time_s, np.zeros(len(off)), float(off[0]), _STEP_S, tuple(demands), angle)
+    raw = run.turntable(("angle_deg",))["angle_deg"].astype(np.float64) * 3600.0
+    return _series(run, "table_angle", inputs, off, np.ones(len(off), np.bool_), raw)
+
+
+def _rate(run: Run) -> ChannelSeries | str:
+    if not (run.folder / "turntable.parquet").exists():
+        return "the run has no table"
+    parts = []
+    for start, end, text in _table_commands(run):
+        match = _SPIN.match(text)
+        if match is None or end - start < _LEAST_SPIN_S or float(match[1]) == 0.0:
+            continue
+        table = run.turntable(("time_ns", "angle_deg", "rate_dps"), start, end)
+        rate = table["rate_dps"].astype(np.float64)
+        steady = np.abs(np.diff(rate, prepend=0.0)) < 0.01 * abs(float(match[1]))
+        first = int(np.argmax(steady)) + 3
+        kept = slice(first, len(rate) - 1)
+        if len(rate[kept]) >= 2 * _SHORT:
+            demand = np.full(len(rate[kept]), float(match[1]))
+            parts.append(np.stack((seconds(table)[kept], rate[kept], demand, table["angle_deg"][kept])))
+    if not parts:
+        return "the table was not turned at a steady rate for half a minute"
+    time_s, rate, demand, angle = np.concatenate(parts, axis=1)
+    inputs = ChannelInputs(time_s, demand, float(rate[0]), float(np.median(np.diff(time_s))), (), angle)
+    return _series(run, "table_rate", inputs, rate, np.ones(len(rate), np.bool_), rate)
+
+
+def _stamps(run: Run, gyro: str) -> ChannelSeries | str:
+    if gyro not in run.manifest.stream or not (run.folder / "raw" / f"{gyro}.idx").exists():
+        return "no arrival times of the gyro's stream"
+    try:
+        source = gyro_source(run.manifest, gyro)
+    except ConfigurationError as error:
+        return f"the stream cannot be decoded again: {error}"
+    seen = read_arrivals(run.folder, source)
+    if len(seen.count) < 4 * _SHORT:
+        return "no arrival times of the gyro's stream"
+    late_ms = 1e3 * (seen.arrival_s - seen.count_s * seen.count)
+    second = np.floor(seen.arrival_s).astype(np.int64)
+    starts = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
+    earliest = np.minimum.reduceat(late_ms, starts)
+    line = np.interp(
+        seen.arrival_s, seen.arrival_s[starts], median_filter(earliest, _ENVELOPE_S, mode="nearest")
+    )
+    beyond = late_ms - line
+    scatter = {
+        "arrival_jitter": float(1.4826 * np.median(np.abs(beyond - np.median(beyond)))),
+        "late_frames": _late_fraction(seen, beyond),
+    }
+    time_s = seen.arrival_s[starts]
+    values = np.where(earliest - line[starts] > _LATE_MS, line[starts], earliest)
+    values = values - values.mean()
+    inputs = ChannelInputs(time_s, np.zeros(len(time_s)), float(values[0]), 1.0)
+    series = _series(run, "time_stamps", inputs, values, np.ones(len(time_s), np.bool_), values)
+    return replace(series, scatter=scatter, resolution=max(series.resolution, 1e-3))
+
+
+def _late_fraction(seen: Arrivals, beyond_ms: Array) -> float:
+    """Return the part of all frames that came late; a mark stands for every frame since the mark before."""
+    frame_ms = 1e3 * seen.count_s * float(np.median(np.diff(seen.count)))
+    frames = np.rint(1e3 * seen.count_s * np.diff(seen.count) / frame_ms)
+    late = np.ceil((beyond_ms[1:] + (frames - 1.0) * frame_ms - _LATE_MS) / frame_ms)
+    return float(np.clip(late, 0.0, frames).sum() / max(frames.sum(), 1.0))
+
+
+def _stepped(time_s: Array, values: Array, step_s: float = _STEP_S) -> tuple[Array, Array]:
+    """Return means over equal steps: their middles (m,) and values (m,), empty steps interpolated."""
+    row = np.floor((time_s - time_s[0]) / step_s).astype(np.int64)
+    count = int(row[-1])
+    row, values = row[row < count], values[row < count]
+    samples = np.bincount(row, minlength=count)
+    sums = np.asarray(np.bincount(row, values, count), dtype=np.float64)
+    middle = time_s[0] + (np.arange(count) + 0.5) * step_s
+    full = samples > 0
+    return middle, np.interp(middle, middle[full], sums[full] / samples[full]) if full.any() else sums
+
+
+def _end_s(run: Run) -> float:
+    return max(float(event["time_s"]) for event in run.events)
+
+
+def _series(
+    run: Run,
+    channel: Channel,
+    inputs: ChannelInputs,
+    values: Array,
+    quiet: NDArray[np.bool_],
+    raw: Array,
+) -> ChannelSeries:
+    steps = np.diff(np.unique(raw[:100_000]))
+    resolution = float(steps[steps > 1e-12].min()) if (steps > 1e-12).any() else 1e-6
+    return ChannelSeries(
+        channel,
+        run.manifest.run_id,
+        inputs,
+        values,
+        phase_at(run.phases(), inputs.time_s),
+        quiet,
+        resolution,
+        run.checksum,
+    )
+
+
+def phase_at(phases: tuple[Phase, ...], times_s: Array) -> NDArray[np.str_]:
+    """Return the name of the phase at every time, (n,)."""
+    names = np.array([phase.name for phase in phases] or ["run"])
+    starts = np.array([phase.start_s for phase in phases] or [0.0])
+    return np.asarray(names[np.maximum(np.searchsorted(starts, times_s, side="right") - 1, 0)])

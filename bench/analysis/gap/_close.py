@@ -1,0 +1,235 @@
+"""How far the gap shrinks: fitted effects applied to runs that took no part in choice or fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from bench.analysis.gap._cells import (
+    BANDS,
+    Cell,
+    band_slices,
+    group_cells,
+    rescaled,
+)
+from bench.analysis.gap._data import GapRun, check_runs, group_runs
+from bench.analysis.gap._diagnose import Diagnosis
+from bench.analysis.gap._disturbed import without_disturbances
+from bench.analysis.gap._fit import Floor, counts
+from bench.analysis.gap._model_file import Model
+from bench.analysis.gap._noise import spectrum
+from bench.analysis.gap._stack import stacked, transformed
+from bench.analysis.gap._where import SIGNIFICANT, holm, in_time
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+
+_CHANGED = 1.0
+"""Standard deviations of a cell's noise energy by which two models must differ for it to count."""
+_TWO_SIDED = 1.96
+_DIFFERENCE = (np.array([1.0, -1.0]), np.array([1.0, -1.0]))
+_LEAST_OF_GAP = 0.02
+"""Part of the whole gap from which a phase has a share of its own."""
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """Part of the reducible gap that is gone on held-out runs, with its 95 % interval; sizes before and after.
+
+    `rms_*_dph` are what is left above the floor. `by_profile`, `by_runs` (common, odd in rate, ...) and
+    `by_phase` ("profile: phase") hold the same share for their part of the data (NaN where it had no gap).
+    `cells` counts the cells with a gap, `active` says which; with none the share is NaN.
+    """
+
+    share: float
+    low: float
+    high: float
+    rms_before_dph: float
+    rms_after_dph: float
+    by_profile: dict[str, float]
+    by_runs: dict[str, float]
+    by_phase: dict[str, float]
+    cells: int
+    active: tuple[bool, ...]
+
+    @property
+    def caution(self) -> str:
+        """What must be said when the model, fitted to some runs, does not hold on others; empty when it does."""
+        if not self.cells or self.low > 0.5:
+            return ""
+        if self.high <= 0.0:
+            return (
+                "the held-out runs come no nearer with what was found: it belongs to the diagnosed runs alone; "
+                "do not close the model with it"
+            )
+        return (
+            "half of the gap or more may stay on held-out runs: what was found changes from run to run, "
+            "or more is missing"
+        )
+
+
+def closed_model(diagnosis: Diagnosis, *, resembling: bool = False) -> Model:
+    """Return the nominal model with the causes in it, fitted, and the runs that they were fitted on.
+
+    `resembling` adds the effects that fit a part of what is called unknown: they shrink the gap without being its
+    cause.
+    """
+    causes = diagnosis.causes + (diagnosis.resembles if resembling else ())
+    found = diagnosis.disturbed.terms
+    name = "+".join([diagnosis.model.name, *(cause.name for cause in causes), *(each.name for each in found)])
+    return replace(
+        diagnosis.model,
+        name=name,
+        terms=diagnosis.model.terms + tuple(cause.term for cause in causes),
+        fitted_on=dict(diagnosis.run_checksums),
+        disturbances=diagnosis.model.disturbances + found,
+    )
+
+
+def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor) -> Shrinkage:
+    """Return how much of the gap of `before` is gone with `after` on held-out `runs`.
+
+    Both are used as they are, nothing is fitted but each run's bias; impulses and lines are taken out. The two
+    fastest bands do not count: their floor is not known to a few per cent. ConfigurationError if a run was used
+    for the fit.
+    """
+    check_runs(runs)
+    used = [run.run_id for run in runs if run.run_id in after.fitted_on]
+    if used:
+        raise ConfigurationError(
+            "a run that the model was fitted on cannot judge it",
+            found=", ".join(used),
+            expected="held-out runs",
+        )
+    runs = without_disturbances(runs, before).runs
+    cells = rescaled(judged_cells(before, after, runs), floor.ratio)
+    number = counts(cells)
+    products = np.stack([cell.products(np.arange(2)) for cell in cells])
+    first, then, changed = (
+        products[:, 0, 0],
+        products[:, 1, 1],
+        np.einsum("cij,i,j->c", products, *_DIFFERENCE),
+    )
+    bands = np.array([cell.band for cell in cells])
+    deviation = np.sqrt(2.0 * number + (number * floor.sigma[bands]) ** 2)
+    # by what the models predict, so that no cell is chosen for its noise; and what is clear beside that
+    clear = holm(chi2.sf(first / (1.0 + 2.0 * floor.sigma[bands]), number)) < SIGNIFICANT
+    active = (changed > _CHANGED * deviation) | clear
+    share, low, high = _interval(
+        first[active], then[active], changed[active], number[active], bands[active], floor
+    )
+    return Shrinkage(
+        share,
+        low,
+        high,
+        _rms(cells, first, active),
+        _rms(cells, then, active),
+        _shares_by([cell.profile for cell in cells], active, first, then, number),
+        _shares_by([cell.parity for cell in cells], active, first, then, number),
+        _shares_by_phase(before, after, runs, floor, cells, active),
+        int(active.sum()),
+        tuple(active.tolist()),
+    )
+
+
+def _interval(
+    first: Array, then: Array, changed: Array, number: Array, bands: NDArray[np.int64], floor: Floor
+) -> tuple[float, float, float]:
+    """Return the share of the gap that is gone, gone / (gone + left), and its 95 % interval.
+
+    What is gone, `first - then`, has the noise of 2 e.d, d what the models differ by, `changed` = |d|^2; what is
+    left has each cell's noise and the floor's, which a band's cells share, and is not negative.
+    """
+    gone, left = float((first - then).sum()), float((then - number).sum())
+    if not len(first) or gone + max(left, 0.0) <= 0.0:
+        return math.nan, math.nan, math.nan
+    common = np.bincount(bands, number, len(BANDS)) * floor.sigma
+    own = float((2.0 * number + 4.0 * np.maximum(then - number, 0.0)).sum())
+    sigma_left = math.sqrt(own + float((common**2).sum()))
+    sigma_gone = 2.0 * math.sqrt(float(changed.sum()))
+
+    def share(gone: float, left: float) -> float:
+        return gone / max(gone + max(left, 0.0), 1e-12)
+
+    at = share(gone, left)
+    steps = [
+        math.hypot(
+            at - share(gone - sign * _TWO_SIDED * sigma_gone, left),
+            at - share(gone, left + sign * _TWO_SIDED * sigma_left),
+        )
+        for sign in (1.0, -1.0)
+    ]
+    return at, at - steps[0], min(at + steps[1], 1.0)
+
+
+def _shares_by(
+    of: Sequence[str], active: NDArray[np.bool_], first: Array, then: Array, number: Array
+) -> dict[str, float]:
+    shares = {}
+    for name in dict.fromkeys(of):
+        at = active & np.array([each == name for each in of])
+        gone, left = float((first - then)[at].sum()), float((then - number)[at].sum())
+        whole = gone + max(left, 0.0)
+        shares[name] = gone / whole if whole > 0.0 else math.nan
+    return shares
+
+
+def _shares_by_phase(
+    before: Model,
+    after: Model,
+    runs: Sequence[GapRun],
+    floor: Floor,
+    cells: Sequence[Cell],
+    active: NDArray[np.bool_],
+) -> dict[str, float]:
+    """Return shares of energy above the floor by phase, in the bands with a gap of each profile."""
+    bands: dict[str, set[int]] = {}
+    for cell, on in zip(cells, active, strict=True):
+        if on:
+            bands.setdefault(cell.profile, set()).add(cell.band)
+    excess: dict[str, Array] = {}
+    for group in group_runs(runs):
+        for run in (run for each in group.runs for run in each):
+            n, period_s = len(run.stimulus), run.stimulus.period_s
+            power = spectrum(after.noise, np.arange(1, n) / n, period_s)
+            own = transformed(run, left_by(run, (before, after))[0]) / np.sqrt(power)
+            for band in bands.get(group.profile, set()):
+                part = band_slices(n, period_s)[band]
+                expected = (part.stop - part.start) / n
+                energy = [in_time(row[None], part) / floor.ratio[band] - expected for row in own]
+                for phase in dict.fromkeys(run.phase.tolist()):
+                    at = run.phase == phase
+                    key = f"{group.profile}: {phase}"
+                    excess[key] = excess.get(key, np.zeros(2)) + [each[at].sum() for each in energy]
+    total = sum(max(float(each[0]), 0.0) for each in excess.values()) or 1.0
+    return {
+        key: float(1.0 - each[1] / each[0]) if each[0] > _LEAST_OF_GAP * total else math.nan
+        for key, each in excess.items()
+    }
+
+
+def judged_cells(before: Model, after: Model, runs: Sequence[GapRun]) -> list[Cell]:
+    """Return cells of what both models leave of runs, Gram (2, 2), in all but the two fastest bands."""
+    cells = []
+    for group in group_runs(runs):
+        flat = [run for each in group.runs for run in each]
+        stack = stacked(flat, lambda run: left_by(run, (before, after)), [False])
+        cells += group_cells(group, stack, after.noise)
+    return [cell for cell in cells if cell.band < len(BANDS) - 2]
+
+
+def left_by(run: GapRun, models: Sequence[Model]) -> list[Array]:
+    """Return what models leave of a run's output, one block (models, n)."""
+    return [run.output_dph - np.stack([model.predict(run.stimulus) for model in models])]
+
+
+def _rms(cells: Sequence[Cell], energy: Array, active: NDArray[np.bool_]) -> float:
+    """Return the rms over the runs of what is above the floor in the active cells, deg/h."""
+    samples = {(cell.profile, cell.parity, cell.repeatable): cell.samples for cell in cells}
+    power = np.array([cell.power for cell in cells])
+    excess = (np.maximum(energy - counts(cells), 0.0) * power)[active].sum()
+    return math.sqrt(float(excess) / sum(samples.values()))

@@ -1,0 +1,197 @@
+"""A run as the diagnosis sees it: the stimulus, the gyro's output, phases; runs grouped by profile."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+from simulators.effects import REFERENCE_C, Stimulus
+
+_COPY = 0.8
+SHORTEST = 256
+"""Samples below which a run has no time scales worth separating."""
+
+
+@dataclass(frozen=True)
+class GapRun:
+    """One stretch at constant mounting: `output_dph` (n,) with NaN where samples are missing.
+
+    `profile` is the same for runs that went through the same temperatures; `condition` names what differs
+    between them (a rate such as "+20" or an orientation). `phase` (n,) holds each sample's phase.
+    """
+
+    run_id: str
+    unit_id: str
+    profile: str
+    condition: str
+    stimulus: Stimulus
+    output_dph: Array
+    phase: NDArray[np.str_]
+    checksum: str = ""
+    lost_fraction: float = 0.0
+
+
+def check_runs(runs: Sequence[GapRun]) -> None:
+    """Raise ConfigurationError for runs that one diagnosis cannot take together."""
+    if not runs:
+        raise ConfigurationError("no runs to diagnose", expected="at least one run")
+    units = sorted({run.unit_id for run in runs})
+    if len(units) > 1:
+        raise ConfigurationError(
+            "runs of different units under one model",
+            found=", ".join(units),
+            expected="runs of one unit",
+            remedy="diagnose each unit by itself; coefficients differ between units",
+        )
+    for run in runs:
+        _check_run(run)
+    for group in group_runs(runs):
+        for repeats in group.runs:
+            _check_copies(repeats)
+
+
+def _check_copies(repeats: Sequence[GapRun]) -> None:
+    """Raise ConfigurationError for repeats with the same noise: their differences would be no floor."""
+    # signs, so that a few large steps of rate, which repeats share, do not count for more than noise
+    errors = [run.output_dph - run.stimulus.input_rate_dph for run in repeats]
+    steps = [np.sign(np.nan_to_num(np.diff(error, 2))) for error in errors]
+    for index, (run, step) in enumerate(zip(repeats, steps, strict=True)):
+        for other, theirs in zip(repeats[:index], steps[:index], strict=True):
+            together = float(step @ theirs) / max(
+                float(np.linalg.norm(step) * np.linalg.norm(theirs)), 1e-300
+            )
+            if run.run_id == other.run_id or together > _COPY:
+                raise ConfigurationError(
+                    "two runs hold the same samples",
+                    where=f"{other.run_id}, {run.run_id}",
+                    found=f"sample-to-sample changes correlated by {together:.2f}",
+                    expected="repeats with noise of their own",
+                    remedy="leave one out; an emulated lab repeats itself with the same seed",
+                )
+
+
+def _check_run(run: GapRun) -> None:
+    s = run.stimulus
+    missing = np.isnan(run.output_dph).mean() if len(run.output_dph) else 1.0
+    finite = all(np.isfinite(each).all() for each in (s.t_in_c, s.t_out_c, s.angle_deg, s.elevation_deg))
+    if len(s) != len(run.output_dph) or len(s.angle_deg) != len(s) + 1 or len(run.phase) != len(s):
+        raise ConfigurationError("the arrays of a run differ in length", where=run.run_id)
+    if len(s) < SHORTEST:
+        raise ConfigurationError(
+            "the run is too short", where=run.run_id, found=f"{len(s)} samples", expected=f"{SHORTEST}"
+        )
+    if missing > 0.2:
+        raise ConfigurationError(
+            "too much of the output is missing",
+            where=run.run_id,
+            found=f"{100 * missing:.0f} %",
+            expected="at most 20 %; shorter gaps are bridged",
+        )
+    if not finite:
+        raise ConfigurationError(
+            "a temperature or angle is missing",
+            where=run.run_id,
+            expected="T_in, T_out and table angle without gaps; without them their effects cannot be told",
+        )
+
+
+def stand_ins(t_in_c: Array | None, t_out_c: Array | None, count: int) -> tuple[Array, Array]:
+    """Return T_in and T_out, (count,), where one that was not measured is the other, and none are 25 degC.
+
+    What cannot be seen then drops out by itself: columns of T_in - T_out, or of any temperature, are zero.
+    """
+    if t_in_c is None and t_out_c is None:
+        t_in_c = np.full(count, REFERENCE_C)
+    t_in_c = t_out_c if t_in_c is None else t_in_c
+    t_out_c = t_in_c if t_out_c is None else t_out_c
+    assert t_in_c is not None
+    assert t_out_c is not None
+    return t_in_c, t_out_c
+
+
+def unseen(s: Stimulus) -> str:
+    """Return what a run's temperatures cannot show, because one or both were not measured; empty if both were."""
+    if not np.array_equal(s.t_in_c, s.t_out_c):
+        return ""
+    if not np.ptp(s.t_in_c):
+        return "no temperature was recorded: no effect of temperature can be seen, nor that there is none"
+    return (
+        "one temperature only, of the gyro or of its case: effects of the difference between them (gradient, "
+        "part of Shupe's) cannot be seen"
+    )
+
+
+def cut(run: GapRun, count: int) -> GapRun:
+    """Return the first `count` samples of a run."""
+    s = run.stimulus
+    if count >= len(s):
+        return run
+    shorter = Stimulus(
+        s.time_s[:count],
+        s.t_in_c[:count],
+        s.t_out_c[:count],
+        s.angle_deg[: count + 1],
+        s.elevation_deg[:count],
+        s.latitude_deg,
+        s.period_s,
+    )
+    return replace(run, stimulus=shorter, output_dph=run.output_dph[:count], phase=run.phase[:count])
+
+
+def bridged(values: Array, missing: NDArray[np.bool_]) -> Array:
+    """Return rows (p, n) with missing samples interpolated, so that data and columns are treated alike."""
+    if not missing.any():
+        return values
+    result = values.copy()
+    at, known = np.flatnonzero(missing), np.flatnonzero(~missing)
+    after = np.minimum(np.searchsorted(known, at), len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    left, right = known[before], known[after]
+    weight = np.clip((at - left) / np.maximum(right - left, 1), 0.0, 1.0)
+    result[:, at] = (1.0 - weight) * values[:, left] + weight * values[:, right]
+    return result
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs of one profile, cut to one length: `runs[condition][repeat]`."""
+
+    profile: str
+    conditions: tuple[str, ...]
+    runs: tuple[tuple[GapRun, ...], ...]
+
+    @property
+    def balanced(self) -> bool:
+        """Whether every condition was repeated equally often."""
+        return len({len(each) for each in self.runs}) == 1
+
+
+def group_runs(runs: Sequence[GapRun]) -> list[Group]:
+    """Return the runs by profile and sampling period, in order of appearance."""
+    groups: dict[tuple[str, float], dict[str, list[GapRun]]] = {}
+    for run in runs:
+        at = groups.setdefault((run.profile, run.stimulus.period_s), {})
+        at.setdefault(run.condition, []).append(run)
+    result = []
+    for (profile, _), by_condition in groups.items():
+        count = good_length(min(len(run.stimulus) for each in by_condition.values() for run in each))
+        rows = tuple(tuple(cut(run, count) for run in each) for each in by_condition.values())
+        result.append(Group(profile, tuple(by_condition), rows))
+    return result
+
+
+def good_length(count: int) -> int:
+    """Return the largest length up to `count` without prime factors above 7, for a fast transform."""
+    while True:
+        rest = count
+        for factor in (2, 3, 5, 7):
+            while rest % factor == 0:
+                rest //= factor
+        if rest == 1:
+            return count
+        count -= 1

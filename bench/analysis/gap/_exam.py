@@ -1,0 +1,220 @@
+"""The blind exam: cases from plants whose physics is not the catalogue's, and the examined diagnosis."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from bench.analysis.gap._cells import BANDS, group_cells
+from bench.analysis.gap._close import Shrinkage, closed_model, judged_cells, shrinkage
+from bench.analysis.gap._data import GapRun, group_runs
+from bench.analysis.gap._diagnose import diagnose
+from bench.analysis.gap._fit import Floor, nominal_energies
+from bench.analysis.gap._model_file import Model, Term, model_text, parse_model
+from bench.analysis.gap._noise import Noise
+from bench.analysis.gap._signature import signature_norm, with_nominal
+from drivers.base.arrays import Array
+from simulators.effects import Effect, Stimulus, Variant, catalogue
+from simulators.exam import (
+    LATITUDE_DEG,
+    SF_SIGMA_PPM,
+    SHEET,
+    SLOPE_SIGMA_DPH,
+    ExamCase,
+    RunTruth,
+    draw_case,
+    outputs_dph,
+    read_temperature,
+    signal_dph,
+    simulate_campaign,
+)
+
+REPEATS = 3
+"""Two repeats to diagnose, the third sealed for closing."""
+
+
+@dataclass(frozen=True)
+class Sealed:
+    """The answer of a case; its hash is given out before the diagnosis starts."""
+
+    case: ExamCase
+    amplitudes: Mapping[str, float]
+    snr: Mapping[str, float]
+    region: tuple[tuple[str, str, str], ...]
+    """Cells (profile, runs, band) that hold 80 % of the effects' true energy, strongest first."""
+
+    @property
+    def text(self) -> str:
+        """The answer as JSON."""
+        return json.dumps(
+            {
+                "case": asdict(self.case),
+                "amplitudes": dict(self.amplitudes),
+                "snr": dict(self.snr),
+                "region": [list(cell) for cell in self.region],
+            },
+            sort_keys=True,
+        )
+
+    @property
+    def sha256(self) -> str:
+        """The seal."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an examined diagnosis hands in; models are the text of their files."""
+
+    verdict: str
+    causes: tuple[str, ...]
+    alternatives: Mapping[str, Mapping[str, float]]
+    probabilities: Mapping[str, float]
+    resembles: tuple[str, ...]
+    unknown_probability: float
+    stochastic: tuple[str, ...]
+    strongest: tuple[str, str, str]
+    before: str
+    after: str
+    floor: Floor
+
+
+@dataclass(frozen=True)
+class Closed:
+    """Shrinkage on the sealed runs as stated, and as it truly is without noise."""
+
+    stated: Shrinkage
+    true_share: float
+
+
+def nominal_model() -> Model:
+    """Return the nominal model that an examined diagnosis is given."""
+    effects = catalogue()
+    scale, slope = effects["scale_factor"], effects["bias_linear"]
+    if not isinstance(scale, Effect) or not isinstance(slope, Effect):
+        raise TypeError("scale_factor and bias_linear are deterministic effects")
+    terms = (
+        Term(Variant(scale, {}), (0.0,), (SF_SIGMA_PPM,)),
+        Term(Variant(slope, dict(slope.shapes[0])), (0.0,), (SLOPE_SIGMA_DPH,)),
+    )
+    noise = Noise(SHEET["arw"], SHEET["flicker"], SHEET["walk"], SHEET["quantum"])
+    return Model("nominal", terms, noise)
+
+
+def make_case(seed: int, kind: str) -> tuple[Sealed, list[GapRun], list[GapRun], list[Array]]:
+    """Return the sealed answer, the runs to diagnose, the sealed runs and the latter without gap and noise."""
+    case = draw_case(seed, kind)
+    truths = simulate_campaign(seed, REPEATS)
+    rng = np.random.default_rng((seed, 9))
+    stimuli = [_stimulus(truth, rng) for truth in truths]
+    model = nominal_model()
+    amplitudes = _amplitudes(case, truths, stimuli, model)
+    outputs = outputs_dph(case, truths, amplitudes)
+    runs = [_run(*each) for each in zip(truths, stimuli, outputs, strict=True)]
+    given = [run for run, truth in zip(runs, truths, strict=True) if truth.repeat < REPEATS - 1]
+    kept = [run for run, truth in zip(runs, truths, strict=True) if truth.repeat == REPEATS - 1]
+    clean = outputs_dph(case, [t for t in truths if t.repeat == REPEATS - 1], amplitudes, noisy=False)
+    pure = [
+        replace(run, output_dph=signal)
+        for run, signal in zip(given, _signals(case, truths, amplitudes), strict=True)
+    ]
+    sealed = Sealed(case, amplitudes, dict.fromkeys(case.effects, case.snr), true_region(pure, model))
+    return sealed, given, kept, clean
+
+
+def _signals(case: ExamCase, truths: Sequence[RunTruth], amplitudes: Mapping[str, float]) -> list[Array]:
+    """Return the effects' signals alone in the runs that are given, (n,) each."""
+    return [
+        sum(
+            (own * signal_dph(case, effect, truth) for effect, own in amplitudes.items()),
+            np.zeros(len(truth.time_s)),
+        )
+        for truth in truths
+        if truth.repeat < REPEATS - 1
+    ]
+
+
+def _stimulus(truth: RunTruth, rng: np.random.Generator) -> Stimulus:
+    return Stimulus(
+        truth.time_s,
+        read_temperature(truth.t_in_c, rng),
+        read_temperature(truth.t_out_c, rng),
+        truth.angle_deg,
+        truth.elevation_deg,
+        LATITUDE_DEG,
+    )
+
+
+def _run(truth: RunTruth, stimulus: Stimulus, output: Array) -> GapRun:
+    name = f"{truth.profile} {truth.condition} {truth.repeat + 1}"
+    return GapRun(name, "unit", truth.profile, truth.condition, stimulus, output, truth.phase)
+
+
+def _amplitudes(
+    case: ExamCase, truths: Sequence[RunTruth], stimuli: Sequence[Stimulus], model: Model
+) -> dict[str, float]:
+    """Scale each effect so that its whitened signature, nominal columns projected out, has norm 10 snr."""
+    result = {}
+    given = [k for k, truth in enumerate(truths) if truth.repeat < REPEATS - 1]
+    for index, effect in enumerate(case.effects):
+        runs = [_run(truths[k], stimuli[k], signal_dph(case, effect, truths[k])) for k in given]
+        sign = -1.0 if (case.seed + index) % 2 else 1.0
+        result[effect] = sign * 10.0 * case.snr / signature_norm(runs, model)
+    return result
+
+
+def true_region(runs: Sequence[GapRun], model: Model) -> tuple[tuple[str, str, str], ...]:
+    """Return the repeatable cells with 80 % of the energy of outputs taken as a gap, nominal model out."""
+    cells = []
+    for group in group_runs(runs):
+        cells += group_cells(group, with_nominal(group, model), model.noise)
+    left = nominal_energies(cells, model.sigmas)
+    energy = sorted(
+        (
+            (own, (cell.profile, cell.parity, BANDS[cell.band]))
+            for own, cell in zip(left, cells, strict=True)
+            if cell.repeatable
+        ),
+        reverse=True,
+    )
+    total, gathered, region = sum(own for own, _ in energy), 0.0, []
+    for own, cell in energy:
+        if total <= 0.0 or gathered >= 0.8 * total:
+            break
+        gathered += own
+        region.append(cell)
+    return tuple(region)
+
+
+def examined(runs: Sequence[GapRun], nominal: str) -> Answer:
+    """Diagnose runs with the text of a nominal model; all that the examined process is given."""
+    found = diagnose(runs, parse_model(nominal, "nominal"))
+    strongest = found.places[0]
+    return Answer(
+        found.verdict,
+        tuple(cause.name for cause in found.causes),
+        {cause.name: dict(cause.alternatives) for cause in found.causes},
+        {cause.name: cause.probability for cause in found.causes},
+        tuple(cause.name for cause in found.resembles),
+        found.unknown_probability,
+        tuple(found.stochastic),
+        (strongest.profile, strongest.parity, strongest.band),
+        model_text(found.model),
+        model_text(closed_model(found, resembling=True)),
+        found.floor,
+    )
+
+
+def close(handed: Answer, sealed_runs: Sequence[GapRun], clean: Sequence[Array]) -> Closed:
+    """Judge the models handed in on the sealed runs, and on the same without noise (`clean`, (n,) a run)."""
+    before, after = parse_model(handed.before, "before"), parse_model(handed.after, "after")
+    stated = shrinkage(before, after, sealed_runs, handed.floor)
+    quiet = [replace(run, output_dph=own) for run, own in zip(sealed_runs, clean, strict=True)]
+    cells = [cell for cell, on in zip(judged_cells(before, after, quiet), stated.active, strict=True) if on]
+    first, then = (sum(float(cell.products(np.array([k]))[0, 0]) for cell in cells) for k in (0, 1))
+    return Closed(stated, 1.0 - then / first if first > 0.0 else math.nan)

@@ -1,0 +1,115 @@
+"""Lines: something periodic that no effect explains, found in what the best set leaves of each run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from bench.analysis.gap._data import Group
+from bench.analysis.gap._noise import Noise, spectrum
+from drivers.base.arrays import Array
+
+_WIDTH = 8
+_AROUND = 6
+"""Windows on either side that say how high the surroundings are."""
+_LONGEST_S = 700.0
+_CAUTION = 3.0
+"""Log odds against a line, beside the number of windows looked at."""
+_MISFIT_SHARE = 0.1
+"""Part of a profile's gap below which a line is taken for an effect's misfit."""
+
+
+@dataclass(frozen=True)
+class SpectralLine:
+    """A line in the runs of `profile`, or of several: period, amplitude, log evidence; part of a turn it is."""
+
+    profile: str
+    period_s: float
+    amplitude_dph: float
+    log_evidence: float
+    turns: float
+
+    @property
+    def frequency_hz(self) -> float:
+        """Frequency of the line."""
+        return 1.0 / self.period_s
+
+    @property
+    def harmonic(self) -> int:
+        """Which harmonic of the table's angle it is; 0 if none up to the 24th."""
+        if self.turns <= 0.0:
+            return 0
+        order = round(1.0 / self.turns)
+        return order if 1 <= order <= 24 and abs(1.0 / self.turns - order) < 0.01 * order else 0
+
+
+def strongest_line(
+    groups: Sequence[Group], residuals: Sequence[Array], noise: Noise, gaps: dict[str, float]
+) -> SpectralLine | None:
+    """Return the strongest line in whitened residuals (runs, n - 1) of each group; None without a clear one.
+
+    `gaps` holds each profile's energy above the floor under the nominal model: a line that is a small part of
+    it may be an effect's misfit. Looked at are the runs of each profile, and those of all profiles of one length:
+    what hums in a laboratory does so at one frequency in all of them. Probability is of the strongest of all
+    windows looked at (Sidak).
+    """
+    found: list[SpectralLine] = []
+    pools = _of_one_length(groups)
+    looked_at = sum(max(residuals[pool[0]].shape[1] // _WIDTH, 1) for pool in pools)
+    for pool in pools:
+        residual = np.concatenate([residuals[each] for each in pool])
+        runs = [groups[each].runs[0][0] for each in pool]
+        period_s = runs[0].stimulus.period_s
+        windows = residual.shape[1] // _WIDTH
+        energy = (residual[:, : windows * _WIDTH].reshape(len(residual), windows, _WIDTH) ** 2).sum(
+            axis=(0, 2)
+        )
+        size = float(_WIDTH * len(residual))
+        first = math.ceil(2.0 * (residual.shape[1] + 1) * period_s / _LONGEST_S / _WIDTH)
+        if windows - first < 4 * _AROUND:
+            continue
+        around = _surroundings(energy)
+        ratio = np.maximum(around / size, 1.0)
+        log_p = _log_tail(energy[first:] / ratio[first:], size)
+        k = int(np.argmin(log_p)) + first
+        excess = float(energy[k] - around[k])
+        evidence = -float(log_p[k - first]) - math.log(looked_at) - _CAUTION
+        if evidence <= 0.0 or excess < _MISFIT_SHARE * sum(gaps.get(run.profile, 0.0) for run in runs):
+            continue
+        middle = (k + 0.5) * _WIDTH + 1.0
+        own_s = 2.0 * (residual.shape[1] + 1) * period_s / middle
+        power = float(spectrum(noise, np.array([middle / (residual.shape[1] + 1)]), period_s)[0])
+        amplitude = math.sqrt(2.0 * excess * power / residual.size)
+        rate = max(float(np.median(np.abs(run.stimulus.table_rate_dps))) for run in runs)
+        names = ", ".join(run.profile for run in runs)
+        found.append(SpectralLine(names, own_s, amplitude, evidence, rate * own_s / 360.0))
+    return max(found, key=lambda line: line.log_evidence) if found else None
+
+
+def _log_tail(energy: Array, count: float) -> Array:
+    """Return the logarithm of the chi-square tail, beyond what numbers hold too (its leading term)."""
+    half = 0.5 * np.maximum(energy, 1e-12)
+    leading = -half + (0.5 * count - 1.0) * np.log(half) - math.lgamma(0.5 * count)
+    exact = chi2.logsf(energy, count)
+    return np.asarray(np.where(np.isfinite(exact), exact, leading))
+
+
+def _of_one_length(groups: Sequence[Group]) -> list[list[int]]:
+    """Return the places of each group alone, and of groups whose windows are of the same frequencies together."""
+    alike: dict[tuple[int, float], list[int]] = {}
+    for place, group in enumerate(groups):
+        run = group.runs[0][0]
+        alike.setdefault((len(run.stimulus), run.stimulus.period_s), []).append(place)
+    return [[place] for place in range(len(groups))] + [each for each in alike.values() if len(each) > 1]
+
+
+def _surroundings(energy: Array) -> Array:
+    """Return the median of the windows around each, itself and its neighbours left out, as a mean, (windows,)."""
+    offsets = [k for k in range(-_AROUND - 1, _AROUND + 2) if abs(k) > 1]
+    padded = np.pad(energy, _AROUND + 1, mode="reflect")
+    at = np.arange(len(energy)) + _AROUND + 1
+    return np.asarray(np.median([padded[at + k] for k in offsets], axis=0))

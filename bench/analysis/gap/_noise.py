@@ -1,0 +1,135 @@
+"""The gyro's noise: its power at every DCT coefficient, and a fit of its coefficients to quiet data.
+
+In the orthonormal DCT-II of n samples a random walk from a free start and white noise are exactly uncorrelated
+(the DCT-II diagonalises the second difference with reflecting ends; Strang, SIAM Review 41, 1999), Markov
+processes nearly so. Noise is therefore a power per coefficient, and whitening a division.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from drivers.base.arrays import Array
+
+_FLICKER_TIMES_S = 3.0 ** np.arange(9)
+_LEAST = 1e-9
+_FARTHEST = 30.0
+"""In the logarithm of a coefficient, from the data sheet's."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Coefficients as in IEEE Std 952: ARW N, bias instability B, rate random walk K, angle quantum."""
+
+    arw_deg_per_sqrt_h: float
+    bias_instability_dph: float = 0.0
+    rate_random_walk_dph_per_sqrt_h: float = 0.0
+    quantum_arcsec: float = 0.0
+
+    @property
+    def coarseness(self) -> float:
+        """How many times coarser than 0.02 deg/sqrt(h) and 0.1 deg/h the gyro is, 1 for a better one.
+
+        The catalogue's bounds on biases hold for optical gyros; a MEMS gyro is noisier and drifts more, alike.
+        """
+        return max(1.0, self.arw_deg_per_sqrt_h / 0.02, self.bias_instability_dph / 0.1)
+
+
+NAMES = tuple(field.name for field in fields(Noise))
+
+
+def unit_spectra(frequency: Array, period_s: float) -> Array:
+    """Return power (deg/h)^2 for every coefficient of `Noise` equal to one, float64 (4, m).
+
+    `frequency` (m,) is k/n of the DCT coefficients, in half cycles a sample, 0 < frequency < 1.
+    """
+    difference = 4.0 * np.sin(0.5 * np.pi * frequency) ** 2
+    cosine = np.cos(np.pi * frequency)
+    decay = np.exp(-period_s / _FLICKER_TIMES_S)[:, None]
+    flicker = ((1.0 - decay**2) / (1.0 + decay**2 - 2.0 * decay * cosine)).sum(axis=0)
+    return np.stack(
+        (
+            np.full(len(frequency), 3600.0 / period_s),
+            math.log(3.0) / math.pi * flicker,
+            period_s / 3600.0 / difference,
+            difference / 12.0 / period_s**2,
+        )
+    )
+
+
+def spectrum(noise: Noise, frequency: Array, period_s: float) -> Array:
+    """Return the noise's power (deg/h)^2 at DCT coefficients, (m,)."""
+    coefficients = np.array([getattr(noise, name) for name in NAMES])
+    return np.asarray(coefficients**2 @ unit_spectra(frequency, period_s))
+
+
+@dataclass(frozen=True)
+class Periodogram:
+    """DCT power gathered in bins: mean frequency, sum of squares and count, each (bins,)."""
+
+    frequency: Array
+    energy: Array
+    count: Array
+    period_s: float
+
+
+def periodogram(coefficients: Array, period_s: float, *, skip: int = 1) -> Periodogram:
+    """Gather DCT coefficients (rows, n) of residuals of one length in 8 bins an octave, `skip` lowest left out.
+
+    Coefficient 0, the free bias, is never used.
+    """
+    rows, n = coefficients.shape
+    index = np.arange(max(skip, 1), n)
+    bins = np.floor(8.0 * np.log2(index)).astype(np.int64)
+    _, bins = np.unique(bins, return_inverse=True)
+    power = (coefficients[:, index] ** 2).sum(axis=0)
+    count = np.bincount(bins).astype(np.float64)
+    mean = np.asarray(np.bincount(bins, index / n) / count, dtype=np.float64)
+    energy = np.asarray(np.bincount(bins, power), dtype=np.float64)
+    return Periodogram(mean, energy, count * rows, period_s)
+
+
+@dataclass(frozen=True)
+class NoiseFit:
+    """A fitted noise model and its cost, minus the logarithm of posterior density (up to a constant)."""
+
+    noise: Noise
+    cost: float
+
+
+def fit_noise(data: Sequence[Periodogram], sheet: Noise, widths: dict[str, float]) -> NoiseFit:
+    """Fit by maximum posterior: gamma likelihood of the bins, log-normal priors on the sheet's values.
+
+    `widths` gives each coefficient's prior standard deviation in its logarithm; one that it lacks stays as
+    the sheet has it.
+    """
+    free = [name for name in NAMES if name in widths]
+    energy = np.concatenate([each.energy for each in data])
+    count = np.concatenate([each.count for each in data])
+    unit = np.concatenate([unit_spectra(each.frequency, each.period_s) for each in data], axis=1)
+    start = np.array([getattr(sheet, name) for name in NAMES])
+    at = [NAMES.index(name) for name in free]
+    centre = np.log(np.maximum(start[at], _LEAST))
+    width = np.array([widths[name] for name in free])
+
+    def cost(log: Array) -> tuple[float, Array]:
+        values = start.copy()
+        values[at] = np.exp(log)
+        power = values**2 @ unit
+        ratio = energy / power
+        slope = count - ratio
+        away = (log - centre) / width
+        value = 0.5 * (count * np.log(power) + ratio).sum() + 0.5 * (away**2).sum()
+        gradient = (slope * unit[at] * values[at][:, None] ** 2 / power).sum(axis=1) + away / width
+        return float(value), gradient
+
+    # a step of the search into where nobody looks would leave the range of numbers
+    bounds = np.stack([centre - _FARTHEST, centre + _FARTHEST], axis=1)
+    found = minimize(cost, centre, jac=True, method="L-BFGS-B", bounds=bounds)
+    fitted = dict(zip(free, np.exp(found.x).tolist(), strict=True))
+    return NoiseFit(replace(sheet, **fitted), float(found.fun))

@@ -1,0 +1,162 @@
+"""The shrinkage in a log: a run against rehearsals of its procedure, with the nominal and the closed model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from bench.analysis.gap._channel_data import ChannelSeries
+from bench.analysis.gap._data import GapRun
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+from simulators.effects import CHANNEL_UNITS
+
+_MEAN_S = 100
+
+
+@dataclass(frozen=True)
+class LogGap:
+    """What a run differs by from rehearsals with the nominal and the closed model: rms in `unit`.
+
+    `part` is a phase or heading, or "all" of them, or a channel. `rms_floor` is what two rehearsals of one model
+    differ by: noise only. `share` is the part of the reducible gap (energy above the floor) that the closed model
+    takes away, NaN where it is less than the floor.
+    """
+
+    part: str
+    unit: str
+    rms_nominal: float
+    rms_closed: float
+    rms_floor: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class LogCurve:
+    """Run less rehearsal over time since power-on, 100 s means in deg/h, (m,) each."""
+
+    run_id: str
+    time_s: Array
+    nominal_dph: Array
+    closed_dph: Array
+    floor_dph: Array
+
+
+def channel_log_gaps(
+    run: Sequence[ChannelSeries],
+    nominal: Sequence[ChannelSeries],
+    closed: Sequence[ChannelSeries],
+    again: Sequence[ChannelSeries],
+) -> list[LogGap]:
+    """Return the gap of 100 s means of every channel that run and rehearsals have, all phases together.
+
+    Phases are laid on each other at their begins. Nothing is taken out: an offset is a gap.
+    """
+    gaps = []
+    for channel, unit in CHANNEL_UNITS.items():
+        logs = [
+            next((s for s in each if s.channel == channel), None) for each in (run, nominal, closed, again)
+        ]
+        known = [log for log in logs if log is not None]
+        if len(known) < len(logs):
+            continue
+        phases = [_phase_means(log) for log in known]
+        common = [name for name in phases[0] if all(name in each for each in phases)]
+        rows = []
+        for name in common:
+            parts = [each[name] for each in phases]
+            count = min(len(part) for part in parts)
+            rows.append(np.stack([part[:count] for part in parts]))
+        values = np.concatenate(rows, axis=1) if rows else np.zeros((4, 0))
+        real, first, then, other = values[:, ~np.isnan(values).any(axis=0)]
+        if len(real):
+            apart = np.stack((real - first, real - then, then - other))
+            gaps.append(log_gap(channel, unit, np.nanmean(apart**2, axis=1)))
+    return gaps
+
+
+def _phase_means(series: ChannelSeries) -> dict[str, Array]:
+    """Return means over 100 s from each phase's begin, NaN without a record, by number and name of the phase."""
+    time_s = series.inputs.time_s
+    cuts = np.flatnonzero(series.phase[1:] != series.phase[:-1]) + 1
+    result: dict[str, Array] = {}
+    for number, part in enumerate(np.split(np.arange(len(time_s)), cuts)):
+        row = ((time_s[part] - time_s[part[0]]) // _MEAN_S).astype(np.int64)
+        known = ~np.isnan(series.values[part])
+        size = int(row[-1]) + 1
+        count = np.bincount(row[known], minlength=size)
+        total = np.bincount(row[known], series.values[part][known], size)
+        means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        result[f"{number} {series.phase[part[0]]}"] = means
+    return result
+
+
+def log_gaps(
+    run: Sequence[GapRun], nominal: Sequence[GapRun], closed: Sequence[GapRun], again: Sequence[GapRun]
+) -> tuple[list[LogGap], list[LogCurve]]:
+    """Return the gaps of 100 s means by phase, all of them first, and the curves of every stretch.
+
+    `again` is rehearsed with the closed model and another seed. Phases are laid on each other at their begins,
+    since a wait for equilibrium takes its own time in every run; each stretch's mean is taken out.
+    ConfigurationError if the rehearsals went through other phases.
+    """
+    curves, names = [], []
+    for stretches in zip(run, nominal, closed, again, strict=False):
+        blocks = [_blocks(each) for each in stretches]
+        orders = [[name for name, _ in each] for each in blocks]
+        if any(order != orders[0] for order in orders[1:]) or len(run) != len(nominal):
+            raise ConfigurationError(
+                "the rehearsal went through other phases than the run",
+                where=stretches[0].run_id,
+                found=", ".join(orders[1]),
+                expected=", ".join(orders[0]),
+                remedy="the run's procedure may have changed since, or the run was cut short",
+            )
+        rows, phases = [], []
+        for number, (name, _) in enumerate(blocks[0]):
+            parts = [each[number][1] for each in blocks]
+            count = min(part.stop - part.start for part in parts) // _MEAN_S
+            taken = [slice(part.start, part.start + count * _MEAN_S) for part in parts]
+            means = [_means(each.output_dph[at]) for each, at in zip(stretches, taken, strict=True)]
+            rows.append(np.stack((_means(stretches[0].stimulus.time_s[taken[0]]), *means)))
+            phases += [name] * count
+        time_s, real, first, then, other = np.concatenate(rows, axis=1)
+        apart = np.stack((real - first, real - then, then - other))
+        apart -= np.nanmean(apart, axis=1, keepdims=True)
+        curves.append(LogCurve(stretches[0].run_id, time_s, *apart))
+        names.append(np.array(phases))
+    phase = np.concatenate(names)
+    values = np.stack(
+        [
+            np.concatenate([getattr(each, key) for each in curves])
+            for key in ("nominal_dph", "closed_dph", "floor_dph")
+        ]
+    )
+    by_part = {"all": values} | {name: values[:, phase == name] for name in dict.fromkeys(phase.tolist())}
+    return [log_gap(name, "deg/h", np.nanmean(part**2, axis=1)) for name, part in by_part.items()], curves
+
+
+def _blocks(run: GapRun) -> list[tuple[str, slice]]:
+    result, at = [], 0
+    for name, members in groupby(run.phase.tolist()):
+        size = len(list(members))
+        result.append((str(name), slice(at, at + size)))
+        at += size
+    return result
+
+
+def _means(values: Array) -> Array:
+    rows = values.reshape(-1, _MEAN_S)
+    return np.asarray(np.nanmean(rows, axis=1)) if len(rows) else np.zeros(0)
+
+
+def log_gap(part: str, unit: str, mean_squares: Array) -> LogGap:
+    """Return the gap of mean squares: run less nominal, run less closed, closed less closed again; shape (3,)."""
+    nominal, closed, floor = mean_squares.tolist()
+    reducible = nominal - floor
+    share = 1.0 - (closed - floor) / reducible if reducible > floor else math.nan
+    return LogGap(part, unit, math.sqrt(nominal), math.sqrt(closed), math.sqrt(floor), share)

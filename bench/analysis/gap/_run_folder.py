@@ -1,0 +1,254 @@
+"""Runs of this project as the diagnosis sees them: 1 s means of output, temperatures and table angle."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.calibration import load_calibration_run
+from bench.analysis.gap._data import GapRun, stand_ins
+from bench.analysis.gap._import import read_imported_run
+from bench.control.procedure import load_procedures
+from bench.record.recording import Phase, Run, second_rows, seconds
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+from simulators.effects import Stimulus
+
+_HOUR_S = 3600.0
+_TURNING_DPS = 0.05
+_SETTLING_S = 5
+AXES = "xyz"
+CALIBRATION = "system-calibration"
+
+
+def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
+    """Return the stretches of a run folder: one, or one for each section of a scale-factor group.
+
+    `gyro` defaults to the first of the bench file. A stretch starts with the first phase after the table took its
+    position (`equilibrium`, or a section's `reference`) and covers whole seconds. ConfigurationError names what a
+    folder lacks.
+    """
+    run = Run.open(folder)
+    units = [each for each in run.manifest.units if run.manifest.device(each).role == "gyro"]
+    if not units:
+        raise ConfigurationError(
+            "the run has no gyro",
+            where=str(folder),
+            found=f"{run.manifest.procedure} of "
+            + (", ".join(f"{n} ({each.role})" for n, each in run.manifest.devices.items()) or "no device"),
+            expected="a run with a gyro: the gap is looked for in its rate",
+            remedy="runs of a platform INS are diagnosed by themselves, without runs of a gyro among them",
+        )
+    name = gyro or units[0]
+    if name not in units:
+        raise ConfigurationError(
+            "the run has no such gyro",
+            where=str(folder),
+            found=name,
+            expected=", ".join(units),
+        )
+    if run.manifest.imported is not None:
+        return [read_imported_run(run.folder)]
+    if run.manifest.procedure == CALIBRATION:
+        return [_positions(run, name)]
+    sections = [float(event["time_s"]) for event in run.events if event["kind"] == "section"]
+    phases = run.phases()
+    if not phases:
+        raise ConfigurationError(
+            "the run has no phases", where=str(folder), expected="a run that got beyond its first phase"
+        )
+    if run.manifest.procedure == "standard-test":
+        rates = [phase for phase in phases if phase.name == "scale_factor"]
+        if not rates:
+            raise ConfigurationError(
+                "the run did not get to its rates",
+                where=str(folder),
+                expected="phase scale_factor; the other parts are at rest and mounted otherwise",
+            )
+        return [_stretch(run, name, rates[0].start_s, rates[-1].end_s, "", upright=True)]
+    ends = [*sections[1:], phases[-1].end_s]
+    if not sections:
+        start = next((phase.start_s for phase in phases if phase.name == "equilibrium"), phases[0].start_s)
+        return [_stretch(run, name, start, ends[-1], "")]
+    stretches = []
+    for number, (start, end) in enumerate(zip(sections, ends, strict=True), 1):
+        own = [phase for phase in phases if start <= phase.start_s < end and phase.name == "reference"]
+        stretches.append(_stretch(run, name, own[0].start_s if own else start, end, f" {number}"))
+    return stretches
+
+
+def _stretch(
+    run: Run, gyro: str, start_s: float, end_s: float, suffix: str, *, upright: bool = False
+) -> GapRun:
+    start, end = math.ceil(start_s), math.floor(end_s)
+    output, temp_c, lost = _second_means(run, gyro, start, end)
+    edges = np.arange(float(start), end + 1.0)
+    angle = _table_angle(run, edges) + _azimuth_error_deg(run)
+    turning = float(np.median(np.diff(angle)))
+    upright = upright or _upright(run, gyro, abs(turning) > _TURNING_DPS)
+    elevation = np.full(end - start, 90.0 if upright else 0.0)
+    t_in, t_out = _temperatures(run, temp_c, _case_temp(run, gyro, edges[:-1] + 0.5))
+    stimulus = Stimulus(
+        edges[1:],
+        t_in,
+        t_out,
+        angle,
+        elevation,
+        run.manifest.latitude_deg,
+    )
+    phases = [phase for phase in run.phases() if phase.end_s > start and phase.start_s < end]
+    condition = f"{round(float(np.median(angle))) % 360} deg"
+    if upright or abs(turning) > _TURNING_DPS:
+        condition = f"{round(turning):+d}"
+    return GapRun(
+        run.manifest.run_id + suffix,
+        run.manifest.unit(gyro),
+        _profile(run),
+        condition,
+        stimulus,
+        3600.0 * output,
+        _phase_names(phases, edges[1:]),
+        run.checksum,
+        lost,
+    )
+
+
+def _profile(run: Run) -> str:
+    """Return the procedure with those parameters that are not its defaults: repeats agree in both."""
+    known = load_procedures().get(run.manifest.procedure)
+    if known is None:
+        return run.manifest.procedure
+    usual = known.parse({}).model_dump(mode="json")
+    own = [
+        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in run.manifest.parameters.items()
+        if name != "repeats" and value != usual.get(name)
+    ]
+    return ", ".join([run.manifest.procedure, *own])
+
+
+def _upright(run: Run, gyro: str, turning: bool) -> bool:
+    """Return whether the axis under test is up; where no mounting was told, a turning unit's is."""
+    mounting, axis = run.manifest.mounting, run.manifest.device(gyro).axis
+    if mounting == "z_up":
+        return axis == "z"
+    return mounting == "axis_up" or (turning and mounting != "axis_horizontal")
+
+
+def _positions(run: Run, gyro: str) -> GapRun:
+    """Return the dwells of a system calibration, one behind the other, each at its attitude, without turns."""
+    schedule = load_calibration_run(run.folder, gyro).schedule
+    axis = AXES.index(str(run.manifest.device(gyro).axis or "x"))
+    parts = []
+    dwells = [phase for phase in run.phases() if phase.name == "dwell"]
+    for number, (phase, attitude) in enumerate(zip(dwells, schedule.attitudes(), strict=True), 1):
+        start, end = math.ceil(phase.start_s) + _SETTLING_S, math.floor(phase.end_s)
+        output, temp_c, lost = _second_means(run, gyro, start, end)
+        output[-1] = np.nan  # in it the angle jumps to that of the next position
+        east, north, up = attitude[:, axis]
+        full = np.full(end - start, 1.0)
+        parts.append(
+            (
+                np.arange(start + 1.0, end + 1.0),
+                output,
+                temp_c,
+                _case_temp(run, gyro, np.arange(float(start), float(end)) + 0.5),
+                math.degrees(math.atan2(-east, north)) * full,
+                math.degrees(math.asin(max(min(up, 1.0), -1.0))) * full,
+                np.full(end - start, f"position {number}"),
+                lost * full,
+            )
+        )
+    times, output, temp_c, case_c, angle, elevation, phases, losses = (
+        np.concatenate(each) for each in zip(*parts, strict=True)
+    )
+    t_in, t_out = _temperatures(run, temp_c, case_c)
+    stimulus = Stimulus(
+        times,
+        t_in,
+        t_out,
+        np.append(angle, angle[-1:]),
+        elevation,
+        run.manifest.latitude_deg,
+    )
+    return GapRun(
+        run.manifest.run_id,
+        run.manifest.unit(gyro),
+        run.manifest.procedure,
+        schedule.name,
+        stimulus,
+        3600.0 * output,
+        phases,
+        run.checksum,
+        float(losses.mean()),
+    )
+
+
+def _second_means(run: Run, gyro: str, start: int, end: int) -> tuple[Array, Array, float]:
+    """Return 1 s means of rate (deg/s) and temperature, (2 of n,), NaN where empty, and the lost fraction."""
+    count = end - start
+    sums, samples = np.zeros((2, count)), np.zeros((2, count))
+    lost = frames = 0
+    edges = np.append(np.arange(float(start), float(end), _HOUR_S), float(end))
+    for low, high in pairwise(edges):
+        table = run.gyro(gyro, ("time_ns", "rate_dps", "temp_c", "valid", "lost_before"), low, high)
+        row = np.clip(second_rows(table, start), 0, count - 1)
+        frames += len(row)
+        lost += int(table["lost_before"].sum())
+        for index, column in enumerate(("rate_dps", "temp_c")):
+            values = table[column].astype(np.float64)
+            use = ~np.isnan(values) & (table["valid"].astype(bool) | (index == 1))
+            sums[index] += np.bincount(row[use], values[use], count)
+            samples[index] += np.bincount(row[use], minlength=count)
+    means = np.where(samples > 0.0, sums / np.maximum(samples, 1.0), np.nan)
+    return means[0], means[1], lost / max(frames + lost, 1)
+
+
+def _filled(values: Array, run: Run, what: str) -> Array | None:
+    """Bridge single missing seconds; None if there is no value, ConfigurationError if a fifth is missing."""
+    known = ~np.isnan(values)
+    if not known.any():
+        return None
+    if known.mean() < 0.8:
+        raise ConfigurationError(
+            f"{what} is missing",
+            where=str(run.folder),
+            found=f"{100 * (1 - known.mean()):.0f} % of the seconds without a value",
+            expected="a temperature for every second",
+            remedy="without it no effect of temperature can be told",
+        )
+    at = np.arange(len(values))
+    return np.asarray(np.interp(at, at[known], values[known]))
+
+
+def _table_angle(run: Run, times_s: Array) -> Array:
+    table = run.turntable(("time_ns", "angle_deg"), float(times_s[0]) - 2.0, float(times_s[-1]) + 2.0)
+    return np.asarray(np.interp(times_s, seconds(table), np.unwrap(table["angle_deg"], period=360.0)))
+
+
+def _azimuth_error_deg(run: Run) -> float:
+    return run.manifest.measured("azimuth_error") or 0.0
+
+
+def _temperatures(run: Run, temp_c: Array, case_c: Array) -> tuple[Array, Array]:
+    inside = _filled(temp_c, run, "the gyro's temperature")
+    return stand_ins(inside, _filled(case_c, run, "the case's temperature"), len(temp_c))
+
+
+def _case_temp(run: Run, gyro: str, times_s: Array) -> Array:
+    """Return the case temperature, NaN without a sensor on it."""
+    sensor = run.manifest.device(gyro).case_sensor
+    if sensor is None or not (run.folder / "chamber.parquet").exists():
+        return np.full(len(times_s), np.nan)
+    table = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))
+    return np.asarray(np.interp(times_s, seconds(table), table[f"aux_{sensor}_temp_c"]))
+
+
+def _phase_names(phases: list[Phase], times_s: Array) -> NDArray[np.str_]:
+    names = np.array([phase.name for phase in phases])
+    starts = np.array([phase.start_s for phase in phases])
+    return np.asarray(names[np.maximum(np.searchsorted(starts, times_s - 0.5, side="right") - 1, 0)])

@@ -1,0 +1,247 @@
+"""Scores of an exam: what was right, by kind of case and signal-to-noise ratio, with Wilson intervals."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from bench.analysis.gap._exam import Answer, Closed, Sealed
+from drivers.base.errors import ConfigurationError
+from simulators.exam import KNOWN
+
+EDGES = (0.3, 1.0, 3.0, 10.0, 30.0)
+
+
+@dataclass(frozen=True)
+class Marked:
+    """One case, opened and compared: a line of the exam's results file.
+
+    The truth: `seed`, `kind`, `effects`, `stochastic`, `snr`, and the seal `sha256`. What was answered: `causes`
+    with their probabilities, the `alternatives` of each, `stochastic_named`, probability `unknown`.
+    `stated_share` is the shrinkage on sealed runs with its interval (NaN: no gap there), `true_share` the same
+    without noise. `placed`: the strongest cell lies in the region that holds 80 % of the true energy.
+    """
+
+    seed: int
+    kind: str
+    effects: tuple[str, ...]
+    stochastic: str
+    snr: float
+    sha256: str
+    causes: Mapping[str, float]
+    alternatives: Mapping[str, Mapping[str, float]]
+    stochastic_named: tuple[str, ...]
+    unknown: float
+    placed: bool
+    stated_share: tuple[float, float, float]
+    true_share: float
+    seconds: float
+
+    @classmethod
+    def of(cls, sealed: Sealed, answer: Answer, closed: Closed, seconds: float) -> Marked:
+        """Compare an answer with the truth."""
+        case, stated = sealed.case, closed.stated
+        return cls(
+            case.seed,
+            case.kind,
+            tuple(case.effects),
+            case.stochastic,
+            case.snr,
+            sealed.sha256,
+            dict(answer.probabilities),
+            {name: dict(own) for name, own in answer.alternatives.items()},
+            tuple(answer.stochastic),
+            answer.unknown_probability,
+            answer.strongest in sealed.region,
+            (stated.share, stated.low, stated.high) if stated.cells else (math.nan,) * 3,
+            closed.true_share,
+            seconds,
+        )
+
+    @classmethod
+    def from_line(cls, text: str) -> Marked:
+        """Return the case that a line of the results file holds; ConfigurationError for another text."""
+        try:
+            facts = json.loads(text)
+            for key in ("effects", "stochastic_named", "stated_share"):
+                facts[key] = tuple(facts[key])
+            return cls(**facts)
+        except (ValueError, TypeError, KeyError) as error:
+            raise ConfigurationError(
+                "a line of the results is no exam case",
+                found=str(error),
+                expected="a line as the exam writes it",
+            ) from error
+
+    @property
+    def line(self) -> str:
+        """The case as a line of the results file; `from_line` reads it back."""
+        return json.dumps(asdict(self))
+
+    @property
+    def known(self) -> frozenset[str]:
+        """True effects that the catalogue has."""
+        return frozenset(effect for effect in self.effects if effect in KNOWN)
+
+    @property
+    def foreign(self) -> bool:
+        """Whether an effect outside the catalogue acted."""
+        return len(self.known) < len(self.effects)
+
+    @property
+    def named(self) -> frozenset[str]:
+        """Deterministic causes named."""
+        return frozenset(self.causes)
+
+    @property
+    def first(self) -> bool:
+        """Whether the causes named are exactly the true ones."""
+        return self.named == self.known
+
+    @property
+    def in_set(self) -> bool:
+        """Whether every true effect is a cause or a stated alternative of one."""
+        stated = set(self.named)
+        for rivals in self.alternatives.values():
+            stated.update(rivals)
+        return self.known <= stated
+
+    @property
+    def claims(self) -> list[tuple[float, bool]]:
+        """Stated probabilities, of each cause named and of something unknown, and whether they came true."""
+        stated = [(p, name in self.known) for name, p in self.causes.items()]
+        return [*stated, (self.unknown, self.foreign)]
+
+    @property
+    def called_unknown(self) -> bool:
+        """Whether something outside the catalogue was reported."""
+        return self.unknown > 0.5
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the table: how many of how many, 95 % Wilson interval."""
+
+    what: str
+    snr: str
+    right: int
+    of: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson (JASA 22, 1927) interval of the proportion."""
+        return wilson(self.right, self.of)
+
+
+def wilson(right: int, of: int, z: float = 1.96) -> tuple[float, float]:
+    """Return Wilson's interval of a proportion; (0, 1) for no trials."""
+    if of == 0:
+        return 0.0, 1.0
+    p = right / of
+    centre = p + z * z / (2.0 * of)
+    half = z * math.sqrt(p * (1.0 - p) / of + z * z / (4.0 * of * of))
+    below = 1.0 + z * z / of
+    return max(0.0, (centre - half) / below), min(1.0, (centre + half) / below)
+
+
+def table(marked: Sequence[Marked]) -> list[Line]:
+    """Return the exam's lines."""
+    lines = [_line("null: a cause or unknown named (less is better)", marked, "null", _alarm)]
+    for low, high in pairwise(EDGES):
+        band = [each for each in marked if low <= each.snr < high]
+        snr = f"{low:g}..{high:g}"
+        lines += [
+            _line("single: right effect and nothing else", band, "single", lambda m: m.first, snr),
+            _line(
+                "single: right effect named or a stated alternative", band, "single", lambda m: m.in_set, snr
+            ),
+            _line("single: called unknown (less is better)", band, "single", lambda m: m.called_unknown, snr),
+            _line("pair: exactly both", band, "pair", lambda m: m.first, snr),
+            _line("pair: both named or alternatives", band, "pair", lambda m: m.in_set, snr),
+            _line("outside the catalogue: called unknown", band, "unknown", lambda m: m.called_unknown, snr),
+            _line(
+                "outside the catalogue: a false cause named", band, "unknown", lambda m: bool(m.named), snr
+            ),
+            _line("known and unknown: both reported", band, "known and unknown", _both, snr),
+        ]
+    detectable = [each for each in marked if each.snr >= 1.0]
+    pairs = [each for each in detectable if each.kind == "pair"]
+    hits = sum(len(each.named & each.known) for each in pairs)
+    lines.append(Line("pairs: precision", "1..30", hits, sum(len(each.named) for each in pairs)))
+    lines.append(Line("pairs: recall", "1..30", hits, sum(len(each.known) for each in pairs)))
+    lines.append(_line("stochastic: named exactly", marked, "stochastic", _stochastic))
+    for low, high in pairwise(EDGES[1:]):
+        acted = [each for each in marked if each.effects and low <= each.snr < high]
+        right = sum(each.placed for each in acted)
+        lines.append(
+            Line("place: strongest cell in the true 80 % region", f"{low:g}..{high:g}", right, len(acted))
+        )
+    strong = [each for each in marked if each.kind in ("single", "pair") and _coverable(each)]
+    covered = sum(c.stated_share[1] <= c.true_share <= c.stated_share[2] for c in strong)
+    lines.append(Line("shrinkage: 95 % interval holds the true shrinkage", "1..30", covered, len(strong)))
+    good = sum(each.true_share >= 0.95 for each in strong)
+    lines.append(Line("shrinkage: at least 95 % of the oracle's", "1..30", good, len(strong)))
+    return [line for line in lines if line.of]
+
+
+def shrinkage_quantiles(marked: Sequence[Marked]) -> tuple[float, float]:
+    """Return median and 10th percentile of true shrinkage over the oracle's, single effects and pairs, SNR >= 1.
+
+    The oracle takes out the true effect with its true amplitude, nothing but noise is left: its share is 1.
+    """
+    shares = [each.true_share for each in marked if each.kind in ("single", "pair") and _coverable(each)]
+    if not shares:
+        return math.nan, math.nan
+    return float(np.median(shares)), float(np.quantile(shares, 0.1))
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Claims of about one probability: their mean, how many there were and how many came true."""
+
+    stated: float
+    count: int
+    true: int
+
+
+def reliability(marked: Sequence[Marked]) -> tuple[list[Reliability], float]:
+    """Return claims in ten bins of probability, and the expected calibration error (Naeini et al., AAAI 2015)."""
+    claims = [claim for each in marked for claim in each.claims]
+    bins: list[Reliability] = []
+    error = 0.0
+    for k in range(10):
+        own = [claim for claim in claims if k / 10 <= claim[0] < (k + 1) / 10 or (k == 9 and claim[0] >= 1.0)]
+        if not own:
+            continue
+        stated, true = sum(p for p, _ in own) / len(own), sum(right for _, right in own)
+        bins.append(Reliability(stated, len(own), true))
+        error += abs(stated * len(own) - true) / len(claims)
+    return bins, error
+
+
+def _line(
+    what: str, marked: Sequence[Marked], kind: str, right: Callable[[Marked], bool], snr: str = "all"
+) -> Line:
+    own = [each for each in marked if each.kind == kind]
+    return Line(what, snr, sum(right(each) for each in own), len(own))
+
+
+def _alarm(each: Marked) -> bool:
+    return bool(each.named or each.stochastic_named) or each.called_unknown
+
+
+def _both(each: Marked) -> bool:
+    return each.called_unknown and each.known <= each.named
+
+
+def _stochastic(each: Marked) -> bool:
+    return each.stochastic_named == (each.stochastic,) and not each.named and not each.called_unknown
+
+
+def _coverable(each: Marked) -> bool:
+    return each.snr >= 1.0 and math.isfinite(each.stated_share[0])

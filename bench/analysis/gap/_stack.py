@@ -1,0 +1,117 @@
+"""Coefficients of the data and of every column, run by run; smooth columns are kept to a period of 20 s only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from bench.analysis.gap._data import GapRun, bridged
+from drivers.base.arrays import Array
+
+_SHORTEST_S = 20.0
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Orthonormal DCT-II coefficients 1 .. n-1 of a group's runs, condition-major.
+
+    `full` (runs, a, n - 1) and `slow` (runs, b, m), the first m coefficients of columns that have nothing beyond,
+    hold [data - model, model's columns, effects' columns] in any order; `place` (a + b,) says where each is,
+    those of `slow` after those of `full`.
+    """
+
+    full: NDArray[Any]
+    slow: NDArray[Any]
+    place: NDArray[np.int64]
+
+    def part(self, columns: Sequence[int] | NDArray[np.int64], part: slice) -> Array:
+        """Return some columns' coefficients, float64 (runs, k, part)."""
+        place = self.place[np.asarray(columns, dtype=np.int64)]
+        fast = place < self.full.shape[1]
+        result = np.zeros((len(self.full), len(place), part.stop - part.start))
+        result[:, fast] = self.full[:, place[fast], part]
+        own = self.slow[:, place[~fast] - self.full.shape[1], part]
+        result[:, ~fast, : own.shape[2]] = own
+        return result
+
+    def chosen(self, columns: Sequence[int] | NDArray[np.int64]) -> Array:
+        """Return some columns' coefficients, float64 (runs, k, n - 1)."""
+        return self.part(columns, slice(0, self.full.shape[2]))
+
+    def energies(self, part: slice) -> Array:
+        """Return every column's energy in a part of the coefficients, (a + b,)."""
+        own = [each[:, :, part] for each in (self.full, self.slow)]
+        return np.concatenate([np.einsum("rik,rik->i", each, each) for each in own])[self.place]
+
+    def narrowed(self, columns: Sequence[int], fresh: NDArray[Any]) -> Stack:
+        """Return some columns, and after them `fresh` ones in full, (runs, c, n - 1)."""
+        place = self.place[np.asarray(columns, dtype=np.int64)]
+        a, c = self.full.shape[1], fresh.shape[1]
+        fast = place < a
+        full = np.concatenate((self.full[:, place[fast]], fresh), axis=1)
+        slow = self.slow[:, place[~fast] - a]
+        new = np.empty(len(place) + c, dtype=np.int64)
+        new[: len(place)][fast] = np.arange(fast.sum())
+        new[: len(place)][~fast] = full.shape[1] + np.arange((~fast).sum())
+        new[len(place) :] = fast.sum() + np.arange(c)
+        return Stack(full, slow, new)
+
+
+def stacked(
+    runs: Sequence[GapRun], rows: Callable[[GapRun], Sequence[Array]], smooth: Sequence[bool]
+) -> Stack:
+    """Return the coefficients of runs' rows, in blocks (k, n) of which `smooth` ones have nothing under 20 s."""
+    full, slow = [], []
+    places: list[NDArray[np.int64]] = []
+    for run in runs:
+        blocks = rows(run)
+        full.append(_full(run, [own for own, few in zip(blocks, smooth, strict=True) if not few]))
+        slow.append(_slow(run, [own for own, few in zip(blocks, smooth, strict=True) if few]))
+        if not places:
+            few = np.repeat(np.array(smooth, dtype=bool), [len(own) for own in blocks])
+            place = np.empty(len(few), dtype=np.int64)
+            place[~few], place[few] = np.arange((~few).sum()), (~few).sum() + np.arange(few.sum())
+            places.append(place)
+    return Stack(np.stack(full), np.stack(slow), places[0])
+
+
+def transformed(run: GapRun, rows: Array) -> Array:
+    """Return the orthonormal DCT-II of rows (p, n) less coefficient 0, the run's free bias; (p, n - 1)."""
+    return np.asarray(dct(bridged(rows, np.isnan(run.output_dph)), norm="ortho", axis=-1)[:, 1:])
+
+
+def _full(run: GapRun, blocks: Sequence[Array]) -> NDArray[np.float32]:
+    """Return `transformed` of blocks of rows, single precision."""
+    missing = np.isnan(run.output_dph)
+    held = np.empty((sum(len(own) for own in blocks), len(missing)), dtype=np.float32)
+    at = 0
+    for block in blocks:
+        own = bridged(block, missing)
+        # a large mean would cost digits and is no coefficient
+        np.subtract(own, own.mean(axis=1, keepdims=True), out=held[at : at + len(own)], casting="same_kind")
+        at += len(own)
+    return np.asarray(dct(held, norm="ortho", axis=-1, overwrite_x=True)[:, 1:])
+
+
+def _slow(run: GapRun, blocks: Sequence[Array]) -> NDArray[np.float32]:
+    """Return `transformed` of blocks of smooth rows down to periods of about 20 s, (columns, m), from means.
+
+    The transform of means over b samples lacks the factor sin(b x)/(sqrt(b) sin x), x = pi k / 2n, at number k.
+    """
+    missing = np.isnan(run.output_dph)
+    n = len(missing)
+    longest = max(int(0.5 * _SHORTEST_S / run.stimulus.period_s), 1)
+    b = next(each for each in range(longest, 0, -1) if n % each == 0)
+    means = np.empty((sum(len(own) for own in blocks), n // b))
+    at = 0
+    for block in blocks:
+        means[at : at + len(block)] = bridged(block, missing).reshape(len(block), n // b, b).mean(axis=2)
+        at += len(block)
+    angle = 0.5 * np.pi * np.arange(1, n // b) / n
+    factor = np.sin(b * angle) / (np.sqrt(b) * np.sin(angle))
+    return np.asarray(dct(means, norm="ortho", axis=-1)[:, 1:] * factor, dtype=np.float32)

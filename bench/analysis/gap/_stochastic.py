@@ -1,0 +1,127 @@
+"""Noise floor without the model, and which stochastic effect raises it: spectra of repeats or of quiet runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import softmax
+
+from bench.analysis.gap._cells import mixed_whitened, mixing
+from bench.analysis.gap._data import Group
+from bench.analysis.gap._fit import solve
+from bench.analysis.gap._noise import NAMES, Noise, Periodogram, fit_noise, periodogram, spectrum
+from drivers.base.arrays import Array
+
+EFFECT_OF = {
+    "arw_deg_per_sqrt_h": "noise_level",
+    "bias_instability_dph": "bias_instability",
+    "rate_random_walk_dph_per_sqrt_h": "rate_random_walk",
+    "quantum_arcsec": "quantisation",
+}
+_SHEET_WIDTHS = {"arw_deg_per_sqrt_h": 0.07, "bias_instability_dph": 0.25, "quantum_arcsec": 0.15}
+_PENALTY = 4.0
+"""Log prior odds and Occam factor of one raised coefficient."""
+_LEAST_RISE = 1.15
+_QUIET_SPAN_K = 2.0
+
+
+@dataclass(frozen=True)
+class NoiseVerdict:
+    """Fitted noise, and the probability that each stochastic effect raised it ("" for none)."""
+
+    noise: Noise
+    probabilities: Mapping[str, float]
+    source: str
+    rises: Mapping[str, float]
+    sheet: Noise
+
+    def risen(self, effect: str) -> str:
+        """Return in words which coefficient a stochastic effect raised, from what to what; empty for others."""
+        name = next((name for name, own in EFFECT_OF.items() if own == effect), "")
+        if effect not in self.rises or not name:
+            return ""
+        return f"{name} = {self.rises[effect]:.3g}, the model has {getattr(self.sheet, name):.3g}"
+
+    @property
+    def named(self) -> str:
+        """The most probable stochastic effect, "" for none."""
+        return max(self.probabilities, key=lambda name: self.probabilities[name])
+
+
+def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> NoiseVerdict:
+    """Fit the noise with the sheet's values, and with each coefficient set free in turn, and compare."""
+    if not data:
+        return NoiseVerdict(sheet, {"": 1.0}, "data sheet", {}, sheet)
+    widths = {name: width for name, width in _SHEET_WIDTHS.items() if getattr(sheet, name) > 0.0}
+    base = fit_noise(data, sheet, widths)
+    fits = {"": base}
+    scores = {"": -base.cost}
+    for name in NAMES:
+        freed = [
+            fit_noise(data, replace(sheet, **{name: start}), {**widths, name: 1.5})
+            for start in _starts(sheet, name)
+        ]
+        best = min(freed, key=lambda fit: fit.cost)
+        if getattr(best.noise, name) > _LEAST_RISE * getattr(sheet, name):
+            fits[EFFECT_OF[name]] = best
+            scores[EFFECT_OF[name]] = -best.cost - _PENALTY
+    weights = softmax(np.array(list(scores.values())))
+    probabilities = dict(zip(scores, weights.tolist(), strict=True))
+    chosen = max(probabilities, key=lambda name: probabilities[name])
+    rises = {EFFECT_OF[name]: float(getattr(fits[chosen].noise, name)) for name in NAMES}
+    return NoiseVerdict(fits[chosen].noise, probabilities, source, rises, sheet)
+
+
+def _starts(sheet: Noise, name: str) -> list[float]:
+    value = float(getattr(sheet, name))
+    if name == "quantum_arcsec":
+        least = 60.0 * sheet.arw_deg_per_sqrt_h
+        return [max(value, part * least) * 2.0 for part in (0.3, 1.0, 3.0)]
+    scale = value or sheet.bias_instability_dph or 6.0 * sheet.arw_deg_per_sqrt_h
+    return [1.5 * scale, 4.0 * scale, 15.0 * scale]
+
+
+def floor_data(
+    groups: Sequence[Group], stacks: Sequence[NDArray[Any]], sheet: Noise, sigmas: Array
+) -> tuple[list[Periodogram], str]:
+    """Return spectra that hold noise only: differences of repeats, else quiet runs less their warm-up.
+
+    `stacks` holds each group's coefficients of [data, nominal columns], (runs, 1 + q, n - 1).
+    """
+    repeats = []
+    for group, stack in zip(groups, stacks, strict=True):
+        rows = [k for k, same in enumerate(mixing(group)[1]) if not same]
+        if rows:
+            left = _less_nominal(mixed_whitened(group, stack, sheet)[rows], sigmas)
+            repeats.append(_coloured(group, left, sheet))
+    if repeats:
+        return repeats, "differences of repeats"
+    quiet = []
+    for group, stack in zip(groups, stacks, strict=True):
+        flat = [run for each in group.runs for run in each]
+        for run, own in zip(flat, stack, strict=True):
+            still = np.ptp(run.stimulus.warm_k) < _QUIET_SPAN_K and np.ptp(run.stimulus.table_rate_dps) < 0.01
+            if still:
+                alone = Group(group.profile, ("0",), ((run,),))
+                left = _less_nominal(mixed_whitened(alone, own[None], sheet), sigmas)
+                quiet.append(_coloured(group, left, sheet, skip=5))
+    return quiet, "quiet runs" if quiet else "data sheet"
+
+
+def _less_nominal(parity_runs: Array, sigmas: Array) -> Array:
+    gram = np.einsum("rik,rjk->ij", parity_runs, parity_runs, optimize=True)
+    solution = solve(gram, sigmas, ())
+    return np.asarray(parity_runs[:, 0] - np.tensordot(solution.values, parity_runs[:, 1:], axes=(0, 1)))
+
+
+def _coloured(group: Group, left: Array, sheet: Noise, skip: int = 1) -> Periodogram:
+    """Return the periodogram of residuals in deg/h again, from whitened rows (m, n - 1)."""
+    n, period_s = left.shape[1] + 1, group.runs[0][0].stimulus.period_s
+    power = spectrum(sheet, np.arange(1, n) / n, period_s)
+    padded = np.zeros((len(left), n))
+    padded[:, 1:] = left * np.sqrt(power)
+    return periodogram(padded, period_s, skip=skip)

@@ -1,0 +1,78 @@
+"""What a set of effects leaves: more than noise and a formula's misfit? And whose name does it put in doubt?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.gap._cells import Cell
+from bench.analysis.gap._fit import Floor, Solution, counts
+from drivers.base.arrays import Array
+
+_PENALTY = 7.0
+"""Log odds that one cell must show before it counts: a few hundred cells are looked at."""
+_LEAST_SHARE = 0.10
+_MISFIT_OF_FLOOR = 0.03
+_ACTIVE = 4.0
+_BEYOND = 2.0
+"""Standard deviations of the noise in a cell below which nothing is left there that speaks against a name."""
+CREDIBLE = 0.75
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """Evidence that something is left, by cell (cells,) and pooled; the part of each cell's gap that is left.
+
+    `share` counts only what is left beyond twice the noise's standard deviation.
+    """
+
+    log_evidence: Array
+    pooled: float
+    share: Array
+
+    @property
+    def total(self) -> float:
+        """Log evidence over all cells, the better of single cells and the cells with a gap together."""
+        return max(float(self.log_evidence.sum()), self.pooled)
+
+
+def remainder(cells: Sequence[Cell], variance: Array, gap: Array, left: Array, floor: Floor) -> Remainder:
+    """Compare what is left (cells,) with noise and tolerance, `variance`; `gap` is the energy before.
+
+    A cell with x times its variance left supports a free variance by 0.5 n (x - 1 - ln x).
+    """
+    number = counts(cells)
+    band = np.array([cell.band for cell in cells])
+    excess = np.maximum(left - number, 0.0)
+    share = excess / np.maximum(np.maximum(gap - number, excess), 1e-12)
+    expected = number * variance * (1.0 + _MISFIT_OF_FLOOR + 2.0 * floor.sigma[band])
+    repeatable = np.array([cell.repeatable for cell in cells])
+    evidence = np.where(repeatable & (share > _LEAST_SHARE), _support(left, expected, number), 0.0)
+    active = repeatable & (gap - number > _ACTIVE * np.sqrt(2.0 * number))
+    own = number[active].sum()
+    ratio = (left[active] / expected[active] * number[active]).sum()
+    pooled = float(_support(np.array([ratio]), np.array([own]), np.array([own]))[0]) if own else 0.0
+    deviation = np.sqrt(2.0 * number) + number * floor.sigma[band]
+    sure = np.maximum(excess - _BEYOND * deviation, 0.0)
+    return Remainder(evidence, pooled, sure / np.maximum(np.maximum(gap - number, excess), 1e-12))
+
+
+def _support(left: Array, expected: Array, number: Array) -> Array:
+    above = np.maximum(left / expected, 1.0)
+    return np.asarray(np.maximum(0.5 * number * (above - 1.0 - np.log(above)) - _PENALTY, 0.0))
+
+
+def credibility(
+    cells: Sequence[Cell], variance: Array, solution: Solution, columns: Sequence[int], rest: Remainder
+) -> float:
+    """Return the part of the gap that is explained in the cells where an effect acts, weighted by its action.
+
+    An effect of the catalogue that is really there explains the cells in which it acts; one that another effect
+    imitates leaves a good part of them.
+    """
+    at = np.isin(solution.indices, columns)
+    values, indices = solution.values[at], solution.indices[at]
+    action = np.array([values @ cell.products(indices) @ values for cell in cells]) / variance
+    return float(1.0 - (action * rest.share).sum() / max(float(action.sum()), 1e-12))

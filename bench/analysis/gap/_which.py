@@ -1,0 +1,313 @@
+"""Which effects: sets judged by evidence and by what they leave, over the grid and then between its points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from bench.analysis.gap._candidates import candidates_of, possible_candidates
+from bench.analysis.gap._cells import Cell, group_cells, rescaled
+from bench.analysis.gap._evidence import SetPosterior, reduced, search
+from bench.analysis.gap._fit import (
+    DIRECTIONS,
+    MISFIT,
+    TOLERANCE,
+    Solution,
+    energies,
+    left_energies,
+    nominal_energies,
+    solve,
+    tolerated,
+    weighted_gram,
+)
+from bench.analysis.gap._generic import PREFIX, absorbed
+from bench.analysis.gap._lines import SpectralLine, strongest_line
+from bench.analysis.gap._model_file import Model
+from bench.analysis.gap._noise import spectrum
+from bench.analysis.gap._prepare import Prepared, gathered, narrowed, noise_beside, with_columns
+from bench.analysis.gap._refine import best_of_each, between_grid_points, sets_of_note
+from bench.analysis.gap._unknown import Remainder, remainder
+from drivers.base.arrays import Array
+from simulators.effects import Effect, Variant
+
+_UNKNOWN_PRIOR = 5.0
+_UNSEEN = 0.05
+"""Probability of something unknown where nothing of it was found: 25 of 448 claims of the exams before."""
+_SHOWN = 12.0
+_REFINED = 3
+"""Sets of catalogue effects whose shapes are looked at between the grid's points."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A set of effects, fitted; `left` (cells,) is the energy it leaves, `line` log evidence of a line.
+
+    `without_curves` is the fit of its catalogue effects alone, `in_form` that with the real forms of its effects.
+    """
+
+    names: frozenset[str]
+    members: frozenset[int]
+    log_evidence: float
+    solution: Solution
+    left: Array
+    rest: Remainder
+    without_curves: Solution
+    in_form: Solution
+    line: float = 0.0
+
+    @property
+    def curved(self) -> bool:
+        """Whether a free curve is a member."""
+        return any(name.startswith(PREFIX) for name in self.names)
+
+    @property
+    def remains(self) -> bool:
+        """Whether something is left that is more probably an effect than not, free curves taken out."""
+        return self.rest.total + self.line > _UNKNOWN_PRIOR
+
+    @property
+    def unknown(self) -> float:
+        """Probability that something is missing beside the effects of this set."""
+        if self.curved:
+            return 1.0
+        return float(expit(self.rest.total + self.line - _UNKNOWN_PRIOR))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found: sets judged, the best of them, cells' energies before (cells,) and their tolerance.
+
+    `hidden` maps effects that these runs cannot show to the reason.
+    """
+
+    data: Prepared
+    before: Array
+    variance: Array
+    posterior: SetPosterior
+    judged: list[Judged]
+    best: Judged
+    hidden: dict[str, str]
+    line: SpectralLine | None
+
+
+def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tuple[list[Variant], Prepared]:
+    """Return the variants and data again: noise beside the best set, its effects between the grid's points."""
+    # what an effect does differently in each repeat is no noise
+    noise = noise_beside(found.data, found.best.solution, model)
+    posterior = found.posterior
+    kept = best_of_each(posterior)
+    gram = _gram_of(found, model)
+    fresh: dict[tuple[str, tuple[float, ...]], Variant] = {}
+    for members in sets_of_note(posterior, _SHOWN, _REFINED):
+        for each in between_grid_points([variants[index] for index in sorted(members)], gram):
+            if not each.effect.name.startswith(PREFIX):
+                fresh[each.effect.name, tuple(each.shape.values())] = each
+    for each in variants:
+        fresh.pop((each.effect.name, tuple(each.shape.values())), None)
+    few, data = narrowed(found.data, model, variants, kept, list(fresh.values()))
+    taken = Solution(*_renumbered(found, kept, len(model.sigmas)))
+    return few, gathered(data.groups, data.stacks, noise, model, taken)
+
+
+def _gram_of(found: Found, model: Model) -> Callable[[Sequence[Variant]], Array]:
+    """Return what gives the weighted products of [data, variants' columns], nominal columns projected out."""
+    data, nominal = found.data, range(1 + len(model.sigmas))
+    variance = tolerated(data.cells, found.before, directions=DIRECTIONS)
+
+    def gram(variants: Sequence[Variant]) -> Array:
+        cells: list[Cell] = []
+        for group, stack in zip(data.groups, with_columns(data, nominal, variants), strict=True):
+            cells += group_cells(group, stack, data.noise.noise)
+        return reduced(weighted_gram(rescaled(cells, data.floor.ratio), variance), model.sigmas)
+
+    return gram
+
+
+def _renumbered(found: Found, kept: Sequence[int], q: int) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return the best solution with its columns at their places among those kept."""
+    solution = found.best.solution
+    columns = [column + q for each in kept for column in found.posterior.candidates[each].columns]
+    places_ = {column: 1 + q + index for index, column in enumerate(columns)}
+    indices = np.array([places_.get(int(each), int(each)) for each in solution.indices], dtype=np.int64)
+    return indices, solution.values, solution.covariance
+
+
+def judged_sets(
+    data: Prepared, model: Model, variants: Sequence[Variant], hidden: dict[str, str] | None = None
+) -> Found:
+    sigmas, cells = model.sigmas, data.cells
+    before = nominal_energies(cells, sigmas)
+    variance = tolerated(cells, before)
+    # formulas between their grid's points come closer
+    tolerance = TOLERANCE if hidden is None else MISFIT
+    gram = weighted_gram(cells, tolerated(cells, before, tolerance, DIRECTIONS))
+    system = reduced(gram, sigmas)
+    candidates = candidates_of(variants)
+    possible, reasons = possible_candidates(
+        system, gram, candidates, variants, len(sigmas), model.noise.coarseness
+    )
+    posterior = search(system, candidates, possible)
+    judged = _judge_sets(posterior, variants, data, gram, before, sigmas)
+    best = max(judged, key=lambda each: each.log_evidence)
+    gaps = dict.fromkeys((cell.profile for cell in cells), 0.0)
+    for cell, own in zip(cells, before, strict=True):
+        gaps[cell.profile] += max(own - cell.count, 0.0) if cell.repeatable else 0.0
+    line = strongest_line(data.groups, left_of_runs(data, best.in_form), data.noise.noise, gaps)
+    turning = any("a turn" in variants[each].effect.follows for each in best.members)
+    if line is not None and not (line.harmonic and turning):
+        # harmonics of a ripple that is named already are its waveform, no effect of their own
+        judged = [replace(each, line=line.log_evidence) for each in judged]
+        best = replace(best, line=line.log_evidence)
+    return Found(data, before, variance, posterior, judged, best, reasons if hidden is None else hidden, line)
+
+
+def _judge_sets(
+    posterior: SetPosterior,
+    variants: Sequence[Variant],
+    data: Prepared,
+    gram: Array,
+    before: Array,
+    sigmas: Array,
+) -> list[Judged]:
+    by_effects = posterior.by_effects()
+    highest = max(by_effects.values())
+    kept = [names for names, value in by_effects.items() if value > highest - _SHOWN or not names]
+    kept = sorted(kept, key=lambda names: -by_effects[names])[:60]
+    instead = (_instead_of(curve, names, by_effects) for names in kept for curve in names)
+    kept = list(dict.fromkeys([*kept, *(names for names in instead if names is not None), frozenset()]))
+    strict = tolerated(data.cells, before, MISFIT)
+    best = posterior.best_variants()
+    solutions = {names: solve(gram, sigmas, _columns(posterior, best[names], len(sigmas))) for names in kept}
+    used = np.unique(np.concatenate([[0], *(each.indices for each in solutions.values())]))
+    products = np.stack([cell.products(used) for cell in data.cells])
+    judged = []
+    for names in kept:
+        members, solution = best[names], solutions[names]
+        at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
+        left = left_energies(products[:, at[:, None], at], solution.values)
+        rest = remainder(data.cells, strict, before, left, data.floor)
+        known = frozenset(each for each in members if not variants[each].effect.name.startswith(PREFIX))
+        alone = solve(gram, sigmas, _columns(posterior, known, len(sigmas))) if known != members else solution
+        judged.append(Judged(names, members, by_effects[names], solution, left, rest, alone, solution))
+
+    def left_without(one: Judged, names: frozenset[str]) -> float:
+        rest = frozenset(each for each in one.members if posterior.candidates[each].effect not in names)
+        solution = solve(gram, sigmas, _columns(posterior, rest, len(sigmas)))
+        at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
+        return float(left_energies(products[:, at[:, None], at], solution.values).sum())
+
+    def in_form(one: Judged) -> Judged:
+        """Take out what curves over the very inputs of a set's effects take away, if that may be their form."""
+        members = set(one.members)
+        for name in sorted(one.names):
+            theirs = left_without(one, frozenset([name])) - float(one.left.sum())
+            for curve in curves:
+                if not absorbed(effects[name], [variants[curve].effect]):
+                    continue
+                solution = solve(gram, sigmas, _columns(posterior, one.members | {curve}, len(sigmas)))
+                gained = float(one.left.sum()) - float(energies(data.cells, solution).sum())
+                if gained <= TOLERANCE**2 * theirs:
+                    members.add(curve)
+        if members == one.members:
+            return one
+        solution = solve(gram, sigmas, _columns(posterior, frozenset(members), len(sigmas)))
+        rest = remainder(data.cells, strict, before, energies(data.cells, solution), data.floor)
+        return replace(one, rest=rest, in_form=solution)
+
+    effects = {candidate.effect: variants[candidate.variant].effect for candidate in posterior.candidates}
+    curves = [
+        next(iter(members))
+        for names, members in best.items()
+        if len(names) == 1 and next(iter(names)).startswith(PREFIX)
+    ]
+    matter = _curves_that_matter(judged, left_without, effects)
+    return [in_form(each) if each.rest.total and not each.curved else each for each in matter]
+
+
+def _instead_of(
+    curve: str, names: frozenset[str], by_effects: Mapping[frozenset[str], float]
+) -> frozenset[str] | None:
+    """Return the best set with an effect of the catalogue in a curve's place, however improbable; None if none.
+
+    Whether the curve is more than that effect's form is judged by what they take away.
+    """
+    if not curve.startswith(PREFIX):
+        return None
+    others = names - {curve}
+    possible = [
+        each
+        for each in by_effects
+        if others < each
+        and len(each) == len(names)
+        and not any(name.startswith(PREFIX) for name in each - others)
+    ]
+    return max(possible, key=lambda each: by_effects[each], default=None)
+
+
+def _curves_that_matter(
+    judged: Sequence[Judged],
+    left_without: Callable[[Judged, frozenset[str]], float],
+    effects: Mapping[str, Effect],
+) -> list[Judged]:
+    """Return the sets less those with a free curve that is no better than a formula's misfit lets it be.
+
+    Compared are sets with a catalogue effect in the curve's place, or nothing. What counts is what that effect
+    takes away (with nothing there, all); a curve over its very input may be its real form: more is tolerated.
+    """
+
+    def enough(curved: Judged, curve: str, other: Judged) -> bool:
+        instead = other.names - curved.names
+        theirs = left_without(other, instead or other.names) - float(other.left.sum())
+        same = all(absorbed(effects[name], [effects[curve]]) for name in instead) and bool(instead)
+        gained = float(other.left.sum()) - float(curved.left.sum())
+        return gained > (TOLERANCE if same else MISFIT) ** 2 * theirs
+
+    matter = []
+    for each in judged:
+        curves = [name for name in each.names if name.startswith(PREFIX)]
+        pairs = [
+            (curve, other)
+            for curve in curves
+            for other in judged
+            if each.names - {curve} <= other.names
+            and len(other.names) <= len(each.names)
+            and not any(name.startswith(PREFIX) for name in other.names - each.names)
+            and curve not in other.names
+        ]
+        if all(enough(each, *pair) for pair in pairs):
+            matter.append(each)
+    return matter
+
+
+def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:
+    """Return places of a set's columns in the full Gram matrix; those in `system` count without the nominal."""
+    return [column + q for each in sorted(members) for column in posterior.candidates[each].columns]
+
+
+def set_weights(judged: Sequence[Judged]) -> dict[frozenset[str], tuple[float, float]]:
+    """Return the probability of each set being all there is, and of it with something unknown beside it."""
+    highest = max(each.log_evidence for each in judged)
+    raw = {
+        each.names: (math.exp(each.log_evidence - highest), _UNSEEN + (1.0 - _UNSEEN) * each.unknown)
+        for each in judged
+    }
+    total = sum(weight for weight, _ in raw.values())
+    return {names: (weight / total * (1 - odd), weight / total * odd) for names, (weight, odd) in raw.items()}
+
+
+def left_of_runs(data: Prepared, solution: Solution) -> list[Array]:
+    """Return what a solution leaves of each run, whitened coefficients (runs, n - 1) by group."""
+    result = []
+    for group, stack in zip(data.groups, data.stacks, strict=True):
+        left = stack.chosen([0])[:, 0] - np.tensordot(
+            stack.chosen(solution.indices), solution.values, axes=(1, 0)
+        )
+        n = left.shape[1] + 1
+        power = spectrum(data.noise.noise, np.arange(1, n) / n, group.runs[0][0].stimulus.period_s)
+        result.append(left / np.sqrt(power))
+    return result

@@ -1,0 +1,210 @@
+"""The compensation in real time: temperature in, misalignment out, sample by sample, restartable."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.heading._frames import EARTH_RATE_RAD_S, position_error
+from bench.analysis.heading._lagged import FAST_TAU_S, LaggedModel
+from bench.analysis.heading._temperature import lag_weights
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError, RecordError
+
+HOLD_S = 2.0 * 3600.0
+OUTSIDE = 1.5
+_LATITUDE_DEG = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Compensated:
+    """What a block of samples gave: misalignment `phi_as` and drift `drift_dph`, (n, 3); flags (n,).
+
+    `held`: the temperature was missing; `outside`: a regressor beyond 1.5 times its calibrated range.
+    """
+
+    phi_as: Array
+    drift_dph: Array
+    held: NDArray[np.bool_]
+    outside: NDArray[np.bool_]
+
+
+class HeadingCompensator:
+    """Runs a fitted model forward. Any chunking of the same samples gives the same numbers.
+
+    Feed it from the alignment on, so that the lag knows the past, and call `start_navigation` when the
+    alignment ends. The angle must be counted as in the calibration: a clock offset turns the whole correction
+    about the pole.
+    """
+
+    def __init__(self, model: LaggedModel, latitude_deg: float | None = None) -> None:
+        """Raises ConfigurationError where the model says that temperature is not what drives the drift."""
+        if model.evidence.cause != "temperature":
+            raise ConfigurationError(
+                "this platform's heading effect is not driven by its temperature",
+                found=f"costs {model.evidence.none:.0f} without a cause, "
+                f"{model.evidence.temperature:.0f} with "
+                f"temperature, {model.evidence.steps:.0f} with a constant drift of each heading",
+                expected="temperature to explain more than constant drifts do",
+                remedy="look for friction, magnetic fields or cable forces that change with heading; "
+                "compensating "
+                "with temperature would add error",
+            )
+        self.model = model
+        latitude = model.latitude_deg if latitude_deg is None else latitude_deg
+        if abs(latitude - model.latitude_deg) > _LATITUDE_DEG:
+            raise ConfigurationError(
+                "the coefficients were found at another latitude",
+                found=f"{latitude:.2f} deg",
+                expected=f"{model.latitude_deg:.2f} deg within {_LATITUDE_DEG:g} deg",
+                remedy="calibrate at this latitude: the steady coefficient mixes two causes that "
+                "scale differently",
+            )
+        self.latitude_deg = latitude
+        # The part of the drift that gravity rectifies is proportional to cos(latitude).
+        scale = math.cos(math.radians(latitude)) / math.cos(math.radians(model.latitude_deg))
+        self._gain = model.gain.copy()
+        self._gain[:, 1:3] *= scale
+        self._time_s = float("nan")
+        self._inputs = (0.0, 0.0)
+        self._lags = (0.0, 0.0, 0.0)
+        self._seen_s = float("-inf")
+        self._phi = np.zeros(3)
+        self._drift = np.zeros(3)
+        self._weights: dict[float, tuple[tuple[float, float, float], tuple[float, float, float]]] = {}
+
+    def start_navigation(self) -> None:
+        """Count the misalignment from here on."""
+        self._phi = np.zeros(3)
+
+    def feed(self, time_s: Array, sidereal_rad: Array, temp_c: Array) -> Compensated:
+        """Take samples, arrays of shape (n,), later than all before; NaN temperatures are bridged.
+
+        A missing temperature holds the last change for 2 h; then the change is let go to zero with the
+        model's own lag. Raises RecordError for time that goes back.
+        """
+        count = len(time_s)
+        expected = self.model.reference.at(np.asarray(sidereal_rad))
+        phi, drift, terms = (
+            np.empty((count, 3)),
+            np.empty((count, 3)),
+            np.empty((count, len(self.model.terms))),
+        )
+        held = np.asarray(~np.isfinite(temp_c))
+        level = self.model.reference.coefficients[0]
+        cosine, sine = np.cos(sidereal_rad), np.sin(sidereal_rad)
+        for at in range(count):
+            now = float(time_s[at])
+            change, absolute = self._input(now, float(temp_c[at]), float(expected[at]), float(level))
+            x, fast, slow = self._advance(now, change, absolute)
+            row = (x, x * cosine[at], x * sine[at], fast - x, slow**2 - (slow - x) ** 2)
+            terms[at] = row[: terms.shape[1]]
+            drift[at] = self._gain @ terms[at]
+            if self._time_s == self._time_s:
+                self._phi = self._phi + 0.5 * (self._drift + drift[at]) * (now - self._time_s)
+            self._drift, self._time_s = drift[at].copy(), now
+            phi[at] = self._phi
+        outside = np.asarray((np.abs(terms) > OUTSIDE * self.model.largest).any(axis=1))
+        return Compensated(phi, drift, held, outside)
+
+    def state(self) -> dict[str, Any]:
+        """Return plain numbers from which `restore` goes on as if nothing had happened."""
+        return {
+            "time_s": self._time_s,
+            "inputs": list(self._inputs),
+            "lags": list(self._lags),
+            "seen_s": self._seen_s,
+            "phi_as": self._phi.tolist(),
+            "drift_dph": self._drift.tolist(),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a saved state; RecordError if it is not one."""
+        try:
+            inputs, lags = (tuple(float(each) for each in state[name]) for name in ("inputs", "lags"))
+            phi, drift = (np.array(state[name], dtype=np.float64) for name in ("phi_as", "drift_dph"))
+            time_s, seen_s = float(state["time_s"]), float(state["seen_s"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise _no_state(error) from error
+        if (len(inputs), len(lags), phi.shape, drift.shape) != (2, 3, (3,), (3,)):
+            raise _no_state("wrong sizes")
+        self._inputs, self._lags = (inputs[0], inputs[1]), (lags[0], lags[1], lags[2])
+        self._phi, self._drift, self._time_s, self._seen_s = phi, drift, time_s, seen_s
+
+    def _input(self, now_s: float, temp_c: float, expected_c: float, level_c: float) -> tuple[float, float]:
+        if temp_c == temp_c:
+            self._seen_s = now_s
+            return temp_c - expected_c, temp_c - level_c
+        change = self._inputs[0] if now_s - self._seen_s <= HOLD_S else 0.0
+        return change, change + expected_c - level_c
+
+    def _advance(self, now_s: float, change: float, absolute: float) -> tuple[float, float, float]:
+        if self._time_s != self._time_s:
+            self._lags = (change, change, absolute)
+        else:
+            (a, b, c), (af, bf, cf) = self._steps(now_s - self._time_s)
+            x, fast, slow = self._lags
+            old, old_absolute = self._inputs
+            self._lags = (
+                a * x + b * old + c * change,
+                af * fast + bf * old + cf * change,
+                a * slow + b * old_absolute + c * absolute,
+            )
+        self._inputs = (change, absolute)
+        return self._lags
+
+    def _steps(self, step_s: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        if not step_s > 0.0:
+            raise RecordError(
+                "time goes back or stands still in a compensation",
+                found=f"a step of {step_s:g} s",
+                expected="times increasing",
+                remedy="sort the samples, drop those that came twice",
+            )
+        if step_s not in self._weights:
+            if len(self._weights) > 64:
+                self._weights.clear()
+            self._weights[step_s] = (lag_weights(step_s / self.model.tau_s), lag_weights(step_s / FAST_TAU_S))
+        return self._weights[step_s]
+
+
+class PositionCorrector:
+    """Turns misalignments into corrected position errors; a damped INS shows them `delay_s` late.
+
+    Keeps the misalignments of the last `delay_s`, nothing else.
+    """
+
+    def __init__(self, latitude_deg: float, delay_s: float = 0.0) -> None:
+        self._latitude_deg, self._delay_s = latitude_deg, delay_s
+        self._past: deque[tuple[float, Array]] = deque()
+
+    def correction(self, time_s: Array, sidereal_rad: Array, phi_as: Array) -> tuple[Array, Array]:
+        """Return (north, east), arcsec, to subtract from latitude and cos(latitude) longitude; arrays
+        (n,)."""
+        times = np.concatenate([[moment for moment, _ in self._past], time_s])
+        known = np.concatenate([np.array([phi for _, phi in self._past]).reshape(-1, 3), phi_as])
+        shown = np.asarray(time_s) - self._delay_s
+        seen = np.stack([np.interp(shown, times, column) for column in known.T], axis=1)
+        keep = (
+            max(0, int(np.searchsorted(times, times[-1] - self._delay_s, side="right")) - 1)
+            if len(times)
+            else 0
+        )
+        self._past = deque(zip(times[keep:].tolist(), known[keep:], strict=True))
+        angle = np.asarray(sidereal_rad) - self._delay_s * EARTH_RATE_RAD_S
+        return position_error(seen, angle, self._latitude_deg)
+
+
+def _no_state(found: object) -> RecordError:
+    return RecordError(
+        "this is not a saved state of a heading compensation",
+        found=str(found),
+        expected="what `state` returned",
+        remedy="begin again from the alignment",
+    )

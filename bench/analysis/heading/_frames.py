@@ -1,0 +1,105 @@
+"""Inertial frame, sidereal angle, and how a platform's misalignment shows in latitude and longitude.
+
+Axes i: z along the Earth's pole; the sidereal angle is longitude plus the Earth's turn, so that the local
+meridian lies at that angle from x. The misalignment phi turns the true direction into the computed one,
+u_computed = u + phi x u, errors are computed minus true; the platform's own physical turn and drift are -phi
+and -eps. Angles in arcsec and drifts in deg/h, which makes one deg/h one arcsec a second.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from drivers.base.arrays import Array
+
+EARTH_RATE_RAD_S = 7.292115e-5
+SIDEREAL_DAY_S = 2.0 * math.pi / EARTH_RATE_RAD_S
+SCHULER_RAD_S = math.sqrt(3.986004418e14 / 6378137.0**3)
+"""Schuler frequency at the equatorial radius: sqrt(mu / a^3), WGS 84."""
+ARCSEC_RAD = math.radians(1.0 / 3600.0)
+_ECCENTRICITY_SQUARED = 6.69437999014e-3  # WGS 84
+_UNIX_J2000_S = 946728000.0
+
+
+def sidereal_rad(time_s: Array, zero_deg: float) -> Array:
+    """Return the sidereal angle of the local meridian, rad, not wrapped, for times of any shape.
+
+    `zero_deg` is the angle at time 0: longitude alone when nothing but the phase between runs of one clock
+    counts, or `earth_rotation_deg` of the clock's zero plus the longitude.
+    """
+    return math.radians(zero_deg) + EARTH_RATE_RAD_S * np.asarray(time_s, dtype=np.float64)
+
+
+def earth_rotation_deg(epoch_s: float) -> float:
+    """Return the Earth rotation angle, deg in [0, 360), at `epoch_s` s since 1970 (UTC taken as UT1).
+
+    IERS Conventions 2010, equation 5.15; UT1 - UTC of up to 0.9 s is 0.004 deg.
+    """
+    days = (epoch_s - _UNIX_J2000_S) / 86400.0
+    return 360.0 * ((0.7790572732640 + 1.00273781191135448 * days) % 1.0)
+
+
+def gravitation_latitude_deg(geodetic_deg: Array | float) -> Array:
+    """Return the latitude of the gravitation's direction at points on the WGS 84 ellipsoid, any shape.
+
+    It lies midway between geodetic and geocentric latitude (J2 makes half of the flattening). A platform that
+    integrates in inertial axes obeys the error equations in it: integrated with J2 at 20 .. 75 deg, a window
+    of a sidereal day finds the drift to 0.05 % of the misalignment a day; with either other latitude, to 0.5
+    %.
+    """
+    geodetic = np.radians(geodetic_deg)
+    geocentric = np.arctan2((1.0 - _ECCENTRICITY_SQUARED) * np.sin(geodetic), np.cos(geodetic))
+    return np.asarray(0.5 * np.degrees(geodetic + geocentric), dtype=np.float64)
+
+
+def position_rows(angle_rad: Array, latitude_deg: float) -> tuple[Array, Array]:
+    """Return (north, east), each (n, 3): position error in arcsec per arcsec of misalignment on i axes.
+
+    dL = phi_x sin - phi_y cos; cos L dlambda = phi_z cos L - sin L (phi_x cos + phi_y sin). The east error is
+    used instead of the longitude error, for equal noise and no pole.
+    """
+    sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
+    up, level = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
+    north = np.stack([sine, -cosine, np.zeros_like(sine)], axis=-1)
+    east = np.stack([-up * cosine, -up * sine, np.full_like(sine, level)], axis=-1)
+    return north, east
+
+
+def position_error(phi_as: Array, angle_rad: Array, latitude_deg: float) -> tuple[Array, Array]:
+    """Return (north, east) errors in arcsec, shape (n,), of misalignments `phi_as`, shape (n, 3)."""
+    north, east = position_rows(angle_rad, latitude_deg)
+    return np.sum(north * phi_as, axis=-1), np.sum(east * phi_as, axis=-1)
+
+
+def position_error_finite(phi_as: Array, angle_rad: Array, latitude_deg: float) -> tuple[Array, Array]:
+    """Return (north, east) errors in arcsec, shape (n,), with the misalignment as a finite turn.
+
+    u_computed = R(phi) u; matters above 0.05 deg of |phi| (40 arcsec of error at 1 deg).
+    """
+    up, level = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
+    truth = np.stack(
+        [level * np.cos(angle_rad), level * np.sin(angle_rad), np.full_like(angle_rad, up)], axis=-1
+    )
+    turned = rotate(np.asarray(phi_as) * ARCSEC_RAD, truth)
+    latitude = np.arctan2(turned[..., 2], np.hypot(turned[..., 0], turned[..., 1]))
+    longitude = np.arctan2(turned[..., 1], turned[..., 0]) - angle_rad
+    longitude = (longitude + np.pi) % (2.0 * np.pi) - np.pi
+    north = (latitude - math.radians(latitude_deg)) / ARCSEC_RAD
+    return north, level * longitude / ARCSEC_RAD
+
+
+def rotate(turn_rad: Array, vectors: Array) -> Array:
+    """Return `vectors` (n, 3) turned by the rotation vectors `turn_rad` (n, 3): Rodrigues' formula."""
+    angle = np.linalg.norm(turn_rad, axis=-1, keepdims=True)
+    crossed = np.cross(turn_rad, vectors)
+    # np.sinc(x / pi) = sin x / x, and (1 - cos x) / x^2 = sinc^2(x / 2) / 2, both sound at 0.
+    half = np.sinc(angle / (2.0 * np.pi))
+    turned: Array = vectors + np.sinc(angle / np.pi) * crossed + 0.5 * half**2 * np.cross(turn_rad, crossed)
+    return turned
+
+
+def wrap_deg(angle_deg: Array | float) -> Array:
+    """Return angles brought into [-180, 180)."""
+    return np.asarray((np.asarray(angle_deg) + 180.0) % 360.0 - 180.0, dtype=np.float64)

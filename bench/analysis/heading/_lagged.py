@@ -1,0 +1,238 @@
+"""The lagged bilinear model: drift follows the lagged temperature times where gravity stands in the platform.
+
+eps_i = sum_j K_ij g_j with g = [x, x cos, x sin] and x = the temperature change after a first-order lag: nine
+numbers and one time constant, no 24 h window, no steady state. With `rate` and `quadratic` terms, fifteen
+numbers. All are found in one least-squares fit with Gaussian priors, directly on the position errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize_scalar
+
+from bench.analysis.heading._calibration import Calibration, Priors
+from bench.analysis.heading._log import PlatformLog
+from bench.analysis.heading._nine import too_few_headings
+from bench.analysis.heading._temperature import ReferenceTemperature, fit_reference, lagged
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError, RecordError
+
+Form = Literal["lag9", "lag15"]
+Cause = Literal["temperature", "heading", "none"]
+
+FAST_TAU_S = 1800.0
+TAU_RANGE_S = (0.7 * 3600.0, 18.0 * 3600.0)
+LEAST_STAY_S = 2.0 * 3600.0
+_GRID = 12
+_TAU_TOLERANCE = 1e-3
+_LEAST_COST_DROP = 60.0
+"""Ten coefficients of noise lower the cost by 10 +- 4.5; this is far outside."""
+_STEPS_RULE, _MOST_SHARE, _MIXED = 3.0, 0.5, 0.5
+"""Ratio of costs, temperature to steps. Emulated platforms: temperature alone at most 0.35, friction alone at
+least 10;
+with a hidden gradient of 29 % or friction as large as the temperature's effect, anything between."""
+_NAMES = {"lag9": ("x", "x cos", "x sin"), "lag15": ("x", "x cos", "x sin", "rate", "quadratic")}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Costs (sum of squared normalised residuals and priors) of rival explanations of the same run.
+
+    `none`: neither; `temperature`: this model; `steps`: a constant drift of its own at each heading, which is
+    what friction or a magnetic field would make. `other_share` is the part of the heading effect (variance of
+    position) that steps still explain beside the temperature. `residual`: rms of normalised residuals; well
+    below 1 is usual, since the assumed noise of a mean allows for its correlation with the next.
+    """
+
+    none: float
+    temperature: float
+    steps: float
+    other_share: float
+    residual: float
+
+    @property
+    def cause(self) -> Cause:
+        """What the run says the heading effect comes from."""
+        if self.none - min(self.temperature, self.steps) < _LEAST_COST_DROP * max(1.0, self.residual**2):
+            return "none"
+        by_steps = self.temperature > _STEPS_RULE * self.steps and self.other_share > _MOST_SHARE
+        return "heading" if by_steps else "temperature"
+
+    @property
+    def mixed(self) -> bool:
+        """Whether temperature is the cause, but steps (or structure that is not modelled) are beside it."""
+        return self.cause == "temperature" and self.temperature > _MIXED * self.steps
+
+
+@dataclass(frozen=True, eq=False)
+class LaggedModel:
+    """A fitted model. `gain_dph_per_k`, (3, k), rows x y z, columns `terms`; `sigma` of the same shape.
+
+    `largest` (k,): the largest |regressor| of the calibration, beyond which the model was never tried.
+    `swing`, (3, 4): periodic drift at the reference heading, deg/h, on cos, cos 2, sin, sin 2 of the sidereal
+    angle.
+    """
+
+    form: Form
+    gain: Array
+    sigma: Array
+    tau_s: float
+    reference: ReferenceTemperature
+    reference_heading_deg: float
+    latitude_deg: float
+    largest: Array
+    swing: Array
+    evidence: Evidence
+    headings: int
+    hours: float
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Names of the regressors."""
+        return _NAMES[self.form]
+
+
+def regressors(
+    angle_rad: Array, temp_c: Array, step_s: float, reference: ReferenceTemperature, tau_s: float, form: Form
+) -> Array:
+    """Return g, (n, 3) or (n, 5), over uniform samples, settled on the first."""
+    expected = reference.at(angle_rad)
+    change = temp_c - expected
+    x = lagged(change, step_s / tau_s)
+    columns = [x, x * np.cos(angle_rad), x * np.sin(angle_rad)]
+    if form == "lag15":
+        absolute = lagged(temp_c - reference.coefficients[0], step_s / tau_s)
+        columns += [lagged(change, step_s / FAST_TAU_S) - x, absolute**2 - (absolute - x) ** 2]
+    return np.stack(columns, axis=1)
+
+
+def fit_lagged(
+    log: PlatformLog,
+    form: Form = "lag9",
+    priors: Priors | None = None,
+    reference: ReferenceTemperature | None = None,
+) -> LaggedModel:
+    """Fit the model to a calibration run that begins at the reference heading.
+
+    `reference` is that of the alignment; None takes it from the first stay of the log. Raises RecordError
+    with fewer than three headings beside the reference or without a sidereal day at it, ConfigurationError
+    for an unknown form.
+    """
+    if form not in _NAMES:
+        raise ConfigurationError(f"there is no model {form!r}", expected="one of " + ", ".join(_NAMES))
+    run = Calibration(log, priors or Priors())
+    others = run.headings().shape[1] if run.stays else 0
+    if others < 3:
+        raise too_few_headings(others, LEAST_STAY_S)
+    grid = run.grid
+    if reference is None:
+        stop = run.stays[0].stop
+        reference = fit_reference(grid.sidereal_rad[:stop], grid.temp_c[:stop])
+    step_s = float(grid.time_s[1] - grid.time_s[0])
+    columns, sigma = run.background()
+    fixed = _Fixed(columns, sigma, run.values)
+    known = reference
+
+    def drivers(tau_s: float) -> Array:
+        return regressors(grid.sidereal_rad, grid.temp_c, step_s, known, tau_s, form)
+
+    gain_prior = run.priors.gain_dph_per_k
+
+    def cost(log_tau: float) -> float:
+        return fixed.with_columns(run.drifts(drivers(float(np.exp(log_tau)))), gain_prior).cost
+
+    log_tau = _minimum(cost)
+    tau_s = float(np.exp(log_tau))
+    terms = drivers(tau_s)
+    effect = run.drifts(terms)
+    found = fixed.with_columns(effect, gain_prior)
+    if not np.abs(terms).max() > 0.0:
+        raise RecordError("the temperature never differs from its reference", expected="a heading effect")
+    count = terms.shape[1]
+    return LaggedModel(
+        form=form,
+        gain=found.solution[: 3 * count].reshape(3, count),
+        sigma=found.sigma[: 3 * count].reshape(3, count),
+        tau_s=tau_s,
+        reference=reference,
+        reference_heading_deg=run.stays[0].heading_deg,
+        latitude_deg=log.latitude_deg,
+        largest=np.abs(terms).max(axis=0),
+        swing=_swing(run, found.solution),
+        evidence=_evidence(run, fixed, effect, found.cost),
+        headings=others,
+        hours=float(grid.time_s[-1] - grid.time_s[0]) / 3600.0,
+    )
+
+
+def _swing(run: Calibration, solution: Array) -> Array:
+    if not run.priors.reference_periodic:
+        return np.zeros((3, 4))
+    last: Array = solution[-12:].reshape(3, 4)
+    return last
+
+
+def _evidence(run: Calibration, fixed: _Fixed, effect: Array, temperature_cost: float) -> Evidence:
+    priors = run.priors
+    steps = run.drifts(run.headings())
+    prior = np.concatenate(
+        [np.full(effect.shape[1], priors.gain_dph_per_k), np.full(steps.shape[1], priors.step_drift_dph)]
+    )
+    both = fixed.with_columns(np.concatenate([effect, steps], axis=1), prior)
+    thermal = effect @ both.solution[: effect.shape[1]]
+    other = steps @ both.solution[effect.shape[1] : effect.shape[1] + steps.shape[1]]
+    total = float(thermal @ thermal + other @ other)
+    return Evidence(
+        none=fixed.with_columns(effect[:, :0], 1.0).cost,
+        temperature=temperature_cost,
+        steps=fixed.with_columns(steps, priors.step_drift_dph).cost,
+        other_share=float(other @ other) / total if total > 0.0 else 0.0,
+        residual=float(np.sqrt(both.cost / max(1, int(np.count_nonzero(run.values))))),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    solution: Array
+    sigma: Array
+    cost: float
+
+
+class _Fixed:
+    """Normal equations of the columns that do not change; others are put in front of them and solved."""
+
+    def __init__(self, columns: Array, sigma: Array, values: Array) -> None:
+        self._columns, self._values = columns, values
+        self._normal = columns.T @ columns + np.diag(sigma**-2.0)
+        self._right = columns.T @ values
+        self._square = float(values @ values)
+
+    def with_columns(self, columns: Array, sigma: Array | float) -> _Solution:
+        cross = columns.T @ self._columns
+        prior = np.broadcast_to(np.asarray(sigma, dtype=np.float64), (columns.shape[1],))
+        own = columns.T @ columns + np.diag(prior**-2.0)
+        normal = np.block([[own, cross], [cross.T, self._normal]])
+        right = np.concatenate([columns.T @ self._values, self._right])
+        scale = np.sqrt(np.diag(normal))
+        factor = cho_factor(normal / np.outer(scale, scale), lower=True)
+        solution = cho_solve(factor, right / scale) / scale
+        count = columns.shape[1]
+        unit = np.zeros((len(scale), count))
+        unit[:count] = np.eye(count)
+        variance = np.diag(cho_solve(factor, unit)[:count]) / scale[:count] ** 2
+        return _Solution(solution, np.sqrt(variance), self._square - float(right @ solution))
+
+
+def _minimum(cost: Callable[[float], float]) -> float:
+    low, high = (float(np.log(end)) for end in TAU_RANGE_S)
+    grid = np.linspace(low, high, _GRID)
+    costs = [cost(float(at)) for at in grid]
+    best = int(np.argmin(costs))
+    low, high = float(grid[max(0, best - 1)]), float(grid[min(_GRID - 1, best + 1)])
+    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": _TAU_TOLERANCE})
+    return float(found.x) if found.fun < costs[best] else float(grid[best])

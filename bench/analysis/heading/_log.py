@@ -1,0 +1,151 @@
+"""What a platform INS recorded on its table, and the stretches at one heading in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.heading._frames import SCHULER_RAD_S, gravitation_latitude_deg, sidereal_rad, wrap_deg
+from drivers.base.arrays import Array
+from drivers.base.errors import RecordError
+
+_SAME_HEADING_DEG = 2.0
+_SHORTEST_STAY_S = 600.0
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformLog:
+    """A platform INS at a known, fixed place. Arrays of shape (n,), times increasing.
+
+    `north_as`, `east_as`: latitude error and cos(latitude) times longitude error, arcsec, NaN where the
+    position is missing. `temp_c`: the platform's own temperature, NaN where missing. `latitude_deg`: see
+    `gravitation_latitude_deg`. `delay_s`: by how much a velocity-damped INS shows its misalignment late, 2
+    zeta / Schuler frequency.
+    """
+
+    time_s: Array
+    sidereal_rad: Array
+    north_as: Array
+    east_as: Array
+    temp_c: Array
+    heading_deg: Array
+    latitude_deg: float
+    delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        sizes = {
+            len(each)
+            for each in (
+                self.time_s,
+                self.sidereal_rad,
+                self.north_as,
+                self.east_as,
+                self.temp_c,
+                self.heading_deg,
+            )
+        }
+        if len(sizes) != 1 or len(self.time_s) < 2 or not (np.diff(self.time_s) > 0).all():
+            raise RecordError(
+                "a platform log that cannot be used",
+                found=f"column lengths {sorted(sizes)}, {_backwards(self.time_s)} steps back in time",
+                expected="columns of one length, at least two rows, times increasing",
+                remedy="sort the rows by time and remove those that came twice",
+            )
+
+    def part(self, start: int, stop: int) -> PlatformLog:
+        """Return rows `start` to `stop`."""
+        rows = slice(start, stop)
+        return PlatformLog(
+            self.time_s[rows],
+            self.sidereal_rad[rows],
+            self.north_as[rows],
+            self.east_as[rows],
+            self.temp_c[rows],
+            self.heading_deg[rows],
+            self.latitude_deg,
+            self.delay_s,
+        )
+
+
+@dataclass(frozen=True)
+class Stay:
+    """Rows `start` to `stop` of a log, at one heading; `duration_s` between the first and the last."""
+
+    start: int
+    stop: int
+    heading_deg: float
+    duration_s: float
+
+
+def log_from_positions(
+    time_s: Array,
+    latitude_deg: Array,
+    longitude_deg: Array,
+    temp_c: Array,
+    heading_deg: Array,
+    *,
+    true_latitude_deg: float,
+    true_longitude_deg: float,
+    sidereal_zero_deg: float | None = None,
+    damping: float = 0.0,
+    schuler_rad_s: float = SCHULER_RAD_S,
+) -> PlatformLog:
+    """Return the log of an INS that put out geodetic positions, deg, at a place known to be elsewhere.
+
+    `sidereal_zero_deg`: Earth rotation angle at time 0, see `earth_rotation_deg`; None counts from Greenwich
+    at time 0, which serves for one run but not for a compensation that is to be used in another.
+    """
+    effective_deg = float(gravitation_latitude_deg(true_latitude_deg))
+    level = np.cos(np.radians(effective_deg))
+    zero_deg = (sidereal_zero_deg or 0.0) + true_longitude_deg
+    return PlatformLog(
+        time_s=np.asarray(time_s, dtype=np.float64),
+        sidereal_rad=sidereal_rad(time_s, zero_deg),
+        north_as=3600.0 * (gravitation_latitude_deg(latitude_deg) - effective_deg),
+        east_as=3600.0 * level * wrap_deg(np.asarray(longitude_deg) - true_longitude_deg),
+        temp_c=np.asarray(temp_c, dtype=np.float64),
+        heading_deg=np.asarray(heading_deg, dtype=np.float64),
+        latitude_deg=effective_deg,
+        delay_s=2.0 * damping / schuler_rad_s,
+    )
+
+
+def stays(log: PlatformLog) -> list[Stay]:
+    """Return the stretches of at least 10 min during which the heading stayed within 2 deg, in order.
+
+    Two stays in succession at the same heading (a gap between, a turn and back) are one.
+    """
+    found: list[tuple[int, int]] = []
+    heading = log.heading_deg
+    start = 0
+    for turn in [*(np.flatnonzero(np.abs(wrap_deg(np.diff(heading))) > _SAME_HEADING_DEG) + 1), len(heading)]:
+        if log.time_s[turn - 1] - log.time_s[start] >= _SHORTEST_STAY_S:
+            found.append((start, int(turn)))
+        start = int(turn)
+    joined: list[tuple[int, int]] = []
+    for first, last in found:
+        same = joined and abs(wrap_deg(heading[first] - heading[joined[-1][1] - 1])) <= _SAME_HEADING_DEG
+        joined[-1:] = [(joined[-1][0], last)] if same else [*joined[-1:], (first, last)]
+    return [
+        Stay(first, last, float(heading[last - 1]) % 360.0, float(log.time_s[last - 1] - log.time_s[first]))
+        for first, last in joined
+    ]
+
+
+def settled(log: PlatformLog, after_s: float) -> NDArray[np.bool_]:
+    """Return where the heading has not changed for `after_s`, shape (n,).
+
+    What a window of W says is transient for W plus twice the core's time constant after a turn. The
+    first stay is taken to have begun long before the log.
+    """
+    calm = np.ones(len(log.time_s), dtype=np.bool_)
+    for stay in stays(log)[1:]:
+        begun_s = log.time_s[stay.start]
+        calm &= (log.time_s < begun_s) | (log.time_s >= begun_s + after_s)
+    return calm
+
+
+def _backwards(time_s: Array) -> int:
+    return int(np.count_nonzero(np.diff(time_s) <= 0))

@@ -1,0 +1,229 @@
+"""Stepwise regression on training runs, as published and corrected for autocorrelation, judged on other runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.common.state_file import versions
+from bench.analysis.common.stepwise import StepwiseResult, stepwise
+from bench.analysis.rlg._compensation import RlgCompensation, training_ranges
+from bench.analysis.rlg._profile import how_it_differs, hysteresis_dph
+from bench.analysis.rlg._rows import RampRun
+from bench.analysis.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix
+from drivers.base.errors import ConfigurationError
+
+PLAIN, CORRECTED, FIVE = "stepwise", "stepwise, corrected", "five terms"
+
+
+@dataclass(frozen=True)
+class BeforeAfter:
+    """What an equation does to the stability of 100 s means (1 sigma, deg/h) on one run it was not fitted on.
+
+    `differs` says how the run differs from those fitted. With a truth: `oracle_dph` after subtracting the true
+    drift, `attained` = improvement over the oracle's. `outside_rows`: rows beyond what the training runs covered.
+    `hysteresis_before_dph`, `hysteresis_after_dph`: rms difference between warming and cooling at the same case
+    temperature, NaN for a run that goes one way only.
+    """
+
+    run_id: str
+    kind: str
+    differs: str
+    before_dph: float
+    after_dph: float
+    improvement_pct: float
+    oracle_dph: float | None
+    attained: float | None
+    outside_rows: int
+    hysteresis_before_dph: float
+    hysteresis_after_dph: float
+
+
+@dataclass(frozen=True)
+class StepwiseVariant:
+    """One way of choosing the terms: the regression with all its steps, its equation, and what it does."""
+
+    name: str
+    result: StepwiseResult
+    compensation: RlgCompensation
+    judged: tuple[BeforeAfter, ...]
+
+    @property
+    def mean_improvement_pct(self) -> float:
+        """Mean improvement over the runs judged."""
+        return float(np.mean([row.improvement_pct for row in self.judged])) if self.judged else float("nan")
+
+
+@dataclass(frozen=True)
+class RlgStudy:
+    """A study of one unit. `left_out`: variables that could take no part, and why."""
+
+    unit_id: str
+    training: tuple[RampRun, ...]
+    tests: tuple[RampRun, ...]
+    variants: tuple[StepwiseVariant, ...]
+    left_out: tuple[tuple[str, str], ...]
+
+    @property
+    def chosen(self) -> StepwiseVariant:
+        """The corrected selection: the equation to use, settled before any held-out run was looked at."""
+        return self.variant(CORRECTED)
+
+    def variant(self, name: str) -> StepwiseVariant:
+        """Return a variant by name; raises KeyError."""
+        return {variant.name: variant for variant in self.variants}[name]
+
+
+def run_rlg_study(
+    training: Sequence[RampRun],
+    tests: Sequence[RampRun],
+    variables: Sequence[str] = CANDIDATES,
+    *,
+    p_enter: float = 0.05,
+    p_remove: float = 0.10,
+) -> RlgStudy:
+    """Regress the bias of the training runs on the variables, judge every equation on the tests.
+
+    The five terms of the paper stand beside the selections as an equation of their own, fitted with all five in.
+    ConfigurationError for runs of several units, a run both fitted and judged, or fewer rows than variables.
+    """
+    _check(training, tests)
+    x, y = candidate_matrix(training, variables), np.concatenate([run.bias_dph for run in training])
+    usable, left_out = _usable(x, variables)
+    if len(y) < len(usable) + 3 or not usable:
+        raise ConfigurationError(
+            "too few rows for that many variables",
+            where="stepwise regression",
+            found=f"{len(y)} rows of 100 s, {len(usable)} usable variables",
+            expected=f"at least {len(usable) + 3} rows and one variable",
+            remedy="add runs, or shorten the list of variables",
+        )
+    segment = _segments(training)
+    columns = [list(variables).index(name) for name in usable]
+    options: dict[str, Any] = {"names": usable, "p_enter": p_enter, "p_remove": p_remove, "segments": segment}
+    chosen = {
+        PLAIN: stepwise(x[:, columns], y, **options),
+        CORRECTED: stepwise(x[:, columns], y, prewhiten=True, **options),
+    }
+    if set(FIVE_TERMS) <= set(usable):
+        five = candidate_matrix(training, FIVE_TERMS)
+        # Neither in nor out: p_remove of 1 keeps the five, p_enter of 0 adds none.
+        chosen[FIVE] = stepwise(
+            five, y, names=FIVE_TERMS, start=FIVE_TERMS, p_enter=0.0, p_remove=1.0, segments=segment
+        )
+    left_out += _collinear(chosen[PLAIN])
+    variants = []
+    for name, result in chosen.items():
+        compensation = _compensation(training, result)
+        variants.append(
+            StepwiseVariant(
+                name, result, compensation, tuple(judge(compensation, run, training) for run in tests)
+            )
+        )
+    return RlgStudy(training[0].unit_id, tuple(training), tuple(tests), tuple(variants), tuple(left_out))
+
+
+def judge(compensation: RlgCompensation, run: RampRun, training: Sequence[RampRun] = ()) -> BeforeAfter:
+    """Return what the equation does on a run; `training` are the runs that `differs` compares it with."""
+    before = float(np.std(run.bias_dph, ddof=1))
+    left = run.bias_dph - compensation.drift_dph(run)
+    after = float(np.std(left, ddof=1))
+    improvement = 100.0 * (1.0 - after / before)
+    oracle = attained = None
+    if run.true_bias_dph is not None:
+        oracle = float(np.std(run.bias_dph - run.true_bias_dph, ddof=1))
+        attained = improvement / (100.0 * (1.0 - oracle / before))
+    return BeforeAfter(
+        run.run_id,
+        run.kind,
+        how_it_differs(run, training),
+        before,
+        after,
+        improvement,
+        oracle,
+        attained,
+        int(compensation.outside(run).sum()),
+        hysteresis_dph(run, run.bias_dph),
+        hysteresis_dph(run, left),
+    )
+
+
+def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCompensation:
+    inside = np.flatnonzero(result.final.included)
+    temp_range, rate_range = training_ranges(training)
+    return RlgCompensation(
+        unit_id=training[0].unit_id,
+        variables=tuple(result.names[i] for i in inside),
+        coefficients=tuple(float(result.final.coefficient[i]) for i in inside),
+        intercept_dph=result.final.intercept,
+        temp_range_c=temp_range,
+        rate_range=rate_range,
+        training_runs={run.run_id: run.checksum for run in training},
+        statistics={
+            "multiple_r": result.multiple_r,
+            "r2": result.final.r2,
+            "adjusted_r2": result.adjusted_r2,
+            "rmse_dph": result.final.rmse,
+            "f": result.f,
+            "significance_f": result.significance_f,
+            "lag1_correlation": result.lag1_correlation,
+            "effective_n": result.effective_n,
+        },
+        software=versions(),
+    )
+
+
+def _usable(x: NDArray[np.float64], names: Sequence[str]) -> tuple[tuple[str, ...], list[tuple[str, str]]]:
+    """Return the variables that vary, and those that do not with the reason."""
+    spread, size = np.ptp(x, axis=0), np.abs(x).max(axis=0)
+    usable, left_out = [], []
+    for name, width, largest in zip(names, spread, size, strict=True):
+        if width > 1e-9 * max(largest, 1e-12):
+            usable.append(name)
+        else:
+            left_out.append((name, "constant in the training runs: nothing can be learnt from it"))
+    return tuple(usable), left_out
+
+
+def _collinear(result: StepwiseResult) -> list[tuple[str, str]]:
+    """Return the terms that cannot enter beside those that are in."""
+    final = result.final
+    return [
+        (name, "a sum of the variables already in (" + ", ".join(result.selected) + "): it adds nothing")
+        for name, inside, p in zip(result.names, final.included, final.p_value, strict=True)
+        if not inside and np.isnan(p)
+    ]
+
+
+def _segments(runs: Sequence[RampRun]) -> NDArray[np.int64]:
+    parts, offset = [], 0
+    for run in runs:
+        parts.append(run.segment + offset)
+        offset = int(parts[-1].max()) + 1
+    return np.concatenate(parts)
+
+
+def _check(training: Sequence[RampRun], tests: Sequence[RampRun]) -> None:
+    units = {run.unit_id for run in (*training, *tests)}
+    if not training or len(units) > 1:
+        raise ConfigurationError(
+            "one fit is of one unit",
+            where="stepwise regression",
+            found=", ".join(sorted(units)) or "no training run",
+            expected="training runs and test runs of one unit",
+            remedy="fit each unit on its own runs",
+        )
+    seen = {run.checksum for run in training if run.checksum}
+    twice = [run.run_id for run in tests if run.checksum in seen]
+    if twice:
+        raise ConfigurationError(
+            "a run is used for fitting and for judging",
+            where="stepwise regression",
+            found=", ".join(twice),
+            expected="different runs: an equation is judged on what it has not seen",
+            remedy="name each run once",
+        )

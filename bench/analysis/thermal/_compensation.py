@@ -1,0 +1,270 @@
+"""A compensation: a fitted model with what is needed to trust, refuse, apply and trace it; one .gyrocomp file.
+
+The correction is W = (F/K_ref - b) / (1 + dK 1e-6) with the drift (b, dK) counted from the reference state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.common.state_file import read_compensation, versions, write_state
+from bench.analysis.thermal._features import prepare
+from bench.analysis.thermal._registry import restore_model
+from bench.analysis.thermal._regression import TARGETS, common_step, in_reference
+from bench.analysis.thermal._selection import ModelScore
+from bench.analysis.thermal._stream import FEATURES, CompensationStream, Flag, Interval, Limits
+from bench.analysis.thermal._types import FeatureRun, ThermalModel, ThermalRun
+from drivers.base.arrays import Array
+from drivers.base.clock import utc_now
+from drivers.base.errors import BenchError, ConfigurationError
+
+FORMAT = 1
+UNITS = {"t_in": "degC", "t_out": "degC", "dt_60": "degC/min", "gradient": "degC"}
+MARGIN = 0.25
+"""The outputs are cut to the training targets' interval, widened on each side by this part of it."""
+
+
+class UnitMismatch(BenchError):
+    """A compensation fitted on one gyro, asked to correct another."""
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """A run the model learnt from: its id, the checksum of its recording, the targets it carried."""
+
+    run_id: str
+    checksum: str
+    targets: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A corrected series, arrays of shape (n,): the rate (deg/s), the drift taken off it, a `Flag` per sample."""
+
+    time_s: Array
+    rate_dps: Array
+    bias_dph: Array
+    sf_error_ppm: Array
+    flags: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """A fitted model of one unit and its papers.
+
+    `step_s`: the model's step. `reference_temp_c`: T_in at which the drift is zero. `k_ref`: the scale factor
+    there, output units per deg/s. `scores`: the models considered, on the validation runs, best first.
+    """
+
+    unit_id: str
+    model: ThermalModel
+    step_s: int
+    limits: Limits
+    reference_temp_c: float
+    k_ref: float
+    training_runs: tuple[TrainingRun, ...]
+    validation_runs: tuple[TrainingRun, ...] = ()
+    scores: tuple[ModelScore, ...] = ()
+    software: dict[str, str] = field(default_factory=dict)
+    created_utc: str = ""
+
+    @classmethod
+    def from_fit(
+        cls,
+        model: ThermalModel,
+        train: Sequence[FeatureRun],
+        validation: Sequence[FeatureRun] = (),
+        *,
+        scores: Sequence[ModelScore] = (),
+        k_ref: float = 1.0,
+    ) -> Self:
+        """Put the papers to a model fitted on `train`; ConfigurationError for runs of several units or steps."""
+        step_s = common_step(train)
+        return cls(
+            unit_id=train[0].unit_id,
+            model=model,
+            step_s=round(step_s),
+            limits=_limits(train),
+            reference_temp_c=float(np.median([_reference_temp_c(run) for run in train])),
+            k_ref=k_ref,
+            training_runs=tuple(map(_paper, train)),
+            validation_runs=tuple(map(_paper, validation)),
+            scores=tuple(scores),
+            software=versions("torch"),
+            created_utc=utc_now(),
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """Return the papers as JSON-able values: inputs, units, valid ranges, unit, runs, scores, versions."""
+        return {
+            "format": FORMAT,
+            "unit_id": self.unit_id,
+            "model": self.model.name,
+            "inputs": {
+                name: {"unit": UNITS[name], "valid_range": list(self.limits.inputs[name])}
+                for name in FEATURES
+            },
+            "outputs": {
+                "bias_dph": {"unit": "deg/h", "limits": list(self.limits.bias_dph)},
+                "sf_error_ppm": {"unit": "ppm", "limits": list(self.limits.sf_error_ppm)},
+            },
+            "step_s": self.step_s,
+            "reference_temp_c": self.reference_temp_c,
+            "k_ref": self.k_ref,
+            "trained_from_s": self.limits.trained_from_s,
+            "training_runs": [asdict(run) for run in self.training_runs],
+            "validation_runs": [asdict(run) for run in self.validation_runs],
+            "scores": [asdict(score) for score in self.scores],
+            "software": dict(self.software),
+            "created_utc": self.created_utc,
+        }
+
+    def save(self, path: Path) -> None:
+        """Write the file; it holds no pickle and appears whole or not at all."""
+        write_state(path, {**self.describe(), "state": self.model.to_state()})
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a file; RecordError if damaged or of another format, ConfigurationError without its model."""
+        saved = read_compensation(path, None, FORMAT)
+        inputs = {name: _interval(saved["inputs"][name]["valid_range"]) for name in FEATURES}
+        bias, sf = (_interval(saved["outputs"][name]["limits"]) for name in TARGETS)
+        return cls(
+            unit_id=saved["unit_id"],
+            model=restore_model(saved["model"], saved["state"]),
+            step_s=saved["step_s"],
+            limits=Limits(inputs, bias, sf, saved["trained_from_s"]),
+            reference_temp_c=saved["reference_temp_c"],
+            k_ref=saved["k_ref"],
+            training_runs=tuple(map(_read_paper, saved["training_runs"])),
+            validation_runs=tuple(map(_read_paper, saved["validation_runs"])),
+            scores=tuple(ModelScore(**score) for score in saved["scores"]),
+            software=saved["software"],
+            created_utc=saved["created_utc"],
+        )
+
+    def stream(self, unit_id: str, *, force_unit: bool = False) -> CompensationStream:
+        """Return a corrector for a live stream of `unit_id`; UnitMismatch as in `apply`."""
+        self._require_unit(unit_id, force_unit)
+        return CompensationStream(self.model.stepper, self.step_s, self.limits, self.k_ref)
+
+    def drift(self, run: ThermalRun, *, force_unit: bool = False) -> tuple[Array, Array, NDArray[np.uint8]]:
+        """Return bias (deg/h), scale-factor error (ppm) and flags at every second of a run, shape (n,) each.
+
+        Before the first second with both temperatures the drift is zero and flagged NO_DRIFT. UnitMismatch
+        unless the run is of this compensation's unit or `force_unit` is set.
+        """
+        self._require_unit(run.unit_id, force_unit)
+        present = np.isfinite(run.gyro_temp_c) & np.isfinite(run.case_temp_c)
+        flags = np.where(present, 0, int(Flag.MISSING)).astype(np.uint8)
+        flags[run.time_s < self.limits.trained_from_s] |= np.uint8(Flag.EARLY)
+        both = np.zeros((run.time_s.size, 2))
+        start = int(np.argmax(present)) if present.any() else present.size
+        flags[:start] |= np.uint8(Flag.NO_DRIFT)
+        if start < present.size:
+            flags[start] |= np.uint8(Flag.RESTARTED)
+            steps, step_flags = self._steps(_from(run, start))
+            index = np.arange(present.size - start) // self.step_s
+            both[start:], flags[start:] = steps[index], flags[start:] | step_flags[index]
+        return both[:, 0].copy(), both[:, 1].copy(), flags
+
+    def apply(
+        self,
+        unit_id: str,
+        time_s: Array,
+        gyro_temp_c: Array,
+        case_temp_c: Array,
+        rate: Array,
+        *,
+        force_unit: bool = False,
+    ) -> Corrected:
+        """Correct a series of 1 s means, shape (n,): temperatures in degC, output in k_ref units per deg/s.
+
+        The whole series at once, equal to pushing it through `stream` second by second. NaN marks seconds
+        without data. UnitMismatch unless `unit_id` is this compensation's unit or `force_unit` is set;
+        RecordError if the series is not on a 1 s grid.
+        """
+        run = ThermalRun("series", unit_id, time_s, gyro_temp_c, case_temp_c, None, None, (0.0, 0.0))
+        bias_dph, sf_error_ppm, flags = self.drift(run, force_unit=force_unit)
+        flags[~np.isfinite(rate)] |= np.uint8(Flag.MISSING)
+        corrected = (rate / self.k_ref - bias_dph / 3600.0) / (1.0 + sf_error_ppm * 1e-6)
+        return Corrected(time_s, corrected, bias_dph, sf_error_ppm, flags)
+
+    def _steps(self, run: ThermalRun) -> tuple[Array, NDArray[np.uint8]]:
+        features = prepare(run, step_s=self.step_s)
+        prediction = self.model.predict(features)
+        drift, clamped = self.limits.clamp(np.column_stack([prediction.bias_dph, prediction.sf_error_ppm]))
+        inputs = np.column_stack([getattr(features, name) for name in FEATURES])
+        return drift, clamped | self.limits.flags(inputs)
+
+    def _require_unit(self, unit_id: str, force: bool) -> None:
+        if unit_id != self.unit_id and not force:
+            raise UnitMismatch(
+                "this compensation was fitted on another gyro",
+                where=f"compensation of unit {self.unit_id}",
+                found=f"unit {unit_id}",
+                expected=f"unit {self.unit_id}",
+                remedy="use this unit's own compensation; on another unit the error can grow instead of shrink",
+            )
+
+
+def _from(run: ThermalRun, start: int) -> ThermalRun:
+    """The temperatures of a run from sample `start` on."""
+    parts = (run.time_s[start:], run.gyro_temp_c[start:], run.case_temp_c[start:])
+    return ThermalRun(run.run_id, run.unit_id, *parts, None, None, run.reference)
+
+
+def _limits(train: Sequence[FeatureRun]) -> Limits:
+    rows = np.concatenate(
+        [np.column_stack([getattr(run, name) for name in FEATURES])[run.weight > 0] for run in train]
+    )
+    inputs = {
+        name: (float(low), float(high))
+        for name, low, high in zip(FEATURES, rows.min(axis=0), rows.max(axis=0), strict=True)
+    }
+    trained_from_s = min(float(run.time_s[run.weight > 0][0]) for run in train if (run.weight > 0).any())
+    bias, sf = (_output_interval(train, name) for name in TARGETS)
+    return Limits(inputs, bias, sf, trained_from_s)
+
+
+def _output_interval(train: Sequence[FeatureRun], target: str) -> Interval:
+    parts = [getattr(run, target)[run.weight > 0] for run in train if getattr(run, target) is not None]
+    if not parts:
+        return 0.0, 0.0
+    values = np.concatenate(parts)
+    margin = MARGIN * float(np.ptp(values))
+    return float(values.min()) - margin, float(values.max()) + margin
+
+
+def _reference_temp_c(run: FeatureRun) -> float:
+    window = in_reference(run)
+    if not window.any():
+        raise ConfigurationError(
+            "a training run has no reference window",
+            where=f"run {run.run_id}",
+            found=f"window {run.reference[0]:g}..{run.reference[1]:g} s",
+            expected="equilibrium at room temperature before the shock",
+            remedy="leave the run out",
+        )
+    return float(run.t_in[window].mean())
+
+
+def _paper(run: FeatureRun) -> TrainingRun:
+    return TrainingRun(
+        run.run_id, run.checksum, tuple(name for name in TARGETS if getattr(run, name) is not None)
+    )
+
+
+def _read_paper(saved: dict[str, Any]) -> TrainingRun:
+    return TrainingRun(saved["run_id"], saved["checksum"], tuple(saved["targets"]))
+
+
+def _interval(pair: Sequence[float]) -> Interval:
+    low, high = pair
+    return float(low), float(high)

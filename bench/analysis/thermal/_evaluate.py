@@ -1,0 +1,139 @@
+"""How good a model is on a run: against the raw output, against the noise floor, against the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.common.statistics import BLOCK_S, bias_stability, block_means
+from bench.analysis.thermal._features import prepare, window_mean
+from bench.analysis.thermal._types import Prediction, ThermalModel, ThermalRun
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Figures of one model on one run, from the start of the reference window to the end; None = does not apply.
+
+    `raw_stability_dph`, `stability_dph`: 1 sigma (ddof 1) of 100 s block means before and after compensation.
+    `improvement_pct` = 100 (1 - after/before). `noise_floor_dph`: what white noise alone would leave, found from
+    short-term differences without a model; `attainable_pct`: the improvement if only that were left. With a
+    truth: `oracle_stability_dph` and `oracle_pct` for subtracting the true drift, `attained_fraction` =
+    improvement / oracle, `true_rmse_dph`, `true_max_dph` of the prediction's error; without, the fraction is
+    improvement / attainable. Scale factor: rms and largest error of 100 s block means against the measurement,
+    and against the truth.
+    """
+
+    run_id: str
+    raw_stability_dph: float | None = None
+    stability_dph: float | None = None
+    improvement_pct: float | None = None
+    noise_floor_dph: float | None = None
+    attainable_pct: float | None = None
+    oracle_stability_dph: float | None = None
+    oracle_pct: float | None = None
+    attained_fraction: float | None = None
+    true_rmse_dph: float | None = None
+    true_max_dph: float | None = None
+    sf_raw_rms_ppm: float | None = None
+    sf_rms_ppm: float | None = None
+    sf_max_ppm: float | None = None
+    sf_true_rms_ppm: float | None = None
+    sf_true_max_ppm: float | None = None
+
+
+def noise_floor(values: Array, *, short_s: int = 10) -> float:
+    """Standard deviation that the white noise of 1 s samples leaves in 100 s block means.
+
+    From the second differences of means over `short_s` (a Hadamard variance, blind to a steady drift), carried
+    to 100 s by 1/sqrt(time). Noise that averages slower than white is not in it. NaN without data.
+    """
+    means = block_means(values, short_s)
+    second = means[2:] - 2.0 * means[1:-1] + means[:-2]
+    second = second[np.isfinite(second)]
+    if not len(second):
+        return float("nan")
+    return float(np.sqrt(np.mean(second**2) / 6.0 * short_s / BLOCK_S))
+
+
+def evaluate(model_or_prediction: ThermalModel | Prediction, run: ThermalRun, *, step_s: int = 10) -> Scores:
+    """Score a model, or a prediction on the grid of `prepare(run, step_s=step_s)`, on a run of 1 s means.
+
+    The prediction is held over each step, as on the bench, and counted from its mean over the reference window.
+    """
+    grid = run.time_s[::step_s]
+    if isinstance(model_or_prediction, Prediction):
+        prediction = model_or_prediction
+    else:
+        prediction = model_or_prediction.predict(prepare(run, step_s=step_s))
+    if len(prediction.bias_dph) != len(grid):
+        raise ConfigurationError(
+            "the prediction is not on the run's grid",
+            where=f"run {run.run_id}",
+            found=f"{len(prediction.bias_dph)} values",
+            expected=f"{len(grid)} values, one every {step_s} s",
+            remedy="predict from prepare(run) with the same step",
+        )
+    used = run.time_s >= run.reference[0]
+    figures: dict[str, float | None] = {}
+    if run.bias_dph is not None:
+        drift = _from_reference(np.repeat(prediction.bias_dph, step_s)[: len(run.time_s)], run)
+        truth = None if run.true_bias_dph is None else _from_reference(run.true_bias_dph, run)
+        figures |= _bias_figures(run.bias_dph[used], drift[used], None if truth is None else truth[used])
+    if run.sf_error_ppm is not None:
+        drift = _from_reference(np.repeat(prediction.sf_error_ppm, step_s)[: len(run.time_s)], run)
+        truth = None if run.true_sf_error_ppm is None else _from_reference(run.true_sf_error_ppm, run)
+        measured = _from_reference(run.sf_error_ppm, run)
+        figures |= _sf_figures(measured[used], drift[used], None if truth is None else truth[used])
+    return Scores(run.run_id, **figures)
+
+
+def _from_reference(values: Array, run: ThermalRun) -> Array:
+    return values - window_mean(run.time_s, values, run.reference, where=f"run {run.run_id}")
+
+
+def _bias_figures(bias: Array, drift: Array, truth: Array | None) -> dict[str, float | None]:
+    raw, after, floor = bias_stability(bias), bias_stability(bias - drift), noise_floor(bias)
+    improvement, attainable = _percent(raw, after), _percent(raw, floor)
+    figures: dict[str, float | None] = {
+        "raw_stability_dph": raw,
+        "stability_dph": after,
+        "improvement_pct": improvement,
+        "noise_floor_dph": floor,
+        "attainable_pct": attainable,
+        "attained_fraction": improvement / attainable,
+    }
+    if truth is not None:
+        error = block_means(drift - truth)
+        oracle = bias_stability(bias - truth)
+        figures |= {
+            "oracle_stability_dph": oracle,
+            "oracle_pct": _percent(raw, oracle),
+            "attained_fraction": improvement / _percent(raw, oracle),
+            "true_rmse_dph": _rms(error),
+            "true_max_dph": float(np.nanmax(np.abs(error))),
+        }
+    return figures
+
+
+def _sf_figures(measured: Array, drift: Array, truth: Array | None) -> dict[str, float | None]:
+    error = block_means(measured - drift)
+    figures: dict[str, float | None] = {
+        "sf_raw_rms_ppm": _rms(block_means(measured)),
+        "sf_rms_ppm": _rms(error),
+        "sf_max_ppm": float(np.nanmax(np.abs(error))),
+    }
+    if truth is not None:
+        error = block_means(drift - truth)
+        figures |= {"sf_true_rms_ppm": _rms(error), "sf_true_max_ppm": float(np.nanmax(np.abs(error)))}
+    return figures
+
+
+def _percent(before: float, after: float) -> float:
+    return 100.0 * (1.0 - after / before)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))

@@ -1,0 +1,183 @@
+"""Scale factor and zero-rate bias at every second from runs of one profile at several constant rates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bench.analysis.thermal._alignment import find_shift, shifted
+from bench.analysis.thermal._features import trailing_mean, window_mean
+from bench.analysis.thermal._types import ThermalRun
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError, LimitExceeded
+
+_SMOOTH_S = 100
+
+
+@dataclass(frozen=True)
+class RateRun:
+    """One temperature run at a constant table rate, 1 s means, arrays of shape (n,); NaN = second without data.
+
+    `rate_dps` is the table's rate without Earth rate, which all runs of a group share and which cancels.
+    """
+
+    run_id: str
+    unit_id: str
+    rate_dps: float
+    time_s: Array
+    gyro_temp_c: Array
+    case_temp_c: Array
+    output_dps: Array
+    reference: tuple[float, float]
+    checksum: str = ""
+    phases: Sequence[tuple[float, str]] = ()
+    true_sf_error_ppm: Array | None = None
+    meta: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ScaleFactorGroup:
+    """What a group of rate runs gives, on the first run's time axis.
+
+    `run` carries the error of the scale factor and the mean temperatures. `scale_factor` is K(t), shape (n,),
+    `reference_scale_factor` its mean over the reference window, `zero_rate_bias_dph` B(t), shape (n,), with the
+    Earth-rate projection in it. `shifts_s` says how late each run was found against the first.
+    `temp_spread_c`: largest difference of T_in between the runs at equal time (100 s means).
+    `asymmetry_ppm`: the upper half's scale factor over the lower half's, less one, in the reference window;
+    None unless rates of both signs and zero are there.
+    """
+
+    run: ThermalRun
+    scale_factor: Array
+    reference_scale_factor: float
+    zero_rate_bias_dph: Array
+    shifts_s: tuple[int, ...]
+    temp_spread_c: float
+    asymmetry_ppm: float | None
+
+
+def rate_weights(rates_dps: ArrayLike) -> Array:
+    """Return the weights w, shape (m,), that make K = sum(w_i F_i) the least-squares slope of F over the rates.
+
+    For +W, -W, 0 they are (1, -1, 0) / 2W: the zero run never enters. ConfigurationError unless two rates differ.
+    """
+    rates = np.asarray(rates_dps, dtype=np.float64)
+    centred = rates - rates.mean()
+    power = float(centred @ centred)
+    if power <= 0.0:
+        raise ConfigurationError(
+            "a scale factor needs at least two different rates",
+            where="scale-factor group",
+            found=f"rates {rates.tolist()} deg/s",
+            expected="for instance +20, -20 and 0 deg/s",
+            remedy="add the missing rate runs to the group",
+        )
+    return np.asarray(centred / power)
+
+
+def fit_scale_factor(outputs_dps: Array, rates_dps: ArrayLike) -> tuple[Array, Array]:
+    """Fit F = K rate + B at every time point; `outputs_dps` (m, n) has one row a run.
+
+    Returns K, shape (n,), and B in deg/s, shape (n,).
+    """
+    weights = rate_weights(rates_dps)
+    scale_factor = weights @ outputs_dps
+    zero_rate = outputs_dps.mean(axis=0) - scale_factor * float(
+        np.mean(np.asarray(rates_dps, dtype=np.float64))
+    )
+    return np.asarray(scale_factor), np.asarray(zero_rate)
+
+
+def scale_factor_group(
+    runs: Sequence[RateRun], *, align: bool = True, max_shift_s: int = 600, max_spread_c: float = 1.0
+) -> ScaleFactorGroup:
+    """Combine rate runs of one profile and one unit into a run of scale-factor error (ppm of its reference mean).
+
+    With `align` the runs are shifted onto the first by their case temperature. ConfigurationError when the runs
+    do not belong together, LimitExceeded when T_in differs by more than `max_spread_c` at equal time: the least
+    squares would then mix different thermal states.
+    """
+    rates = [run.rate_dps for run in runs]
+    weights = rate_weights(rates)
+    first = runs[0]
+    _check_units(runs)
+    shifts = tuple(
+        find_shift(first.case_temp_c, run.case_temp_c, max_shift_s=max_shift_s) if align else 0
+        for run in runs
+    )
+    moved = zip(runs, shifts, strict=True)
+    count = min(len(run.time_s) - max(shift, 0) for run, shift in moved)
+    start = max(0, *(-shift for shift in shifts))
+
+    def stacked(name: str) -> Array:
+        pairs = zip(runs, shifts, strict=True)
+        return np.array([shifted(getattr(run, name), shift, count)[start:] for run, shift in pairs])
+
+    time_s = first.time_s[start:count]
+    outputs, inner = stacked("output_dps"), stacked("gyro_temp_c")
+    where = f"scale-factor group of {', '.join(run.run_id for run in runs)}"
+    spread = _spread(inner)
+    if spread > max_spread_c:
+        raise LimitExceeded(
+            "the gyro temperature differs between the runs of the group",
+            where=where,
+            found=f"{spread:.2f} degC at equal time, shifts {list(shifts)} s",
+            expected=f"at most {max_spread_c:g} degC",
+            remedy="repeat the run that departs, or align the runs",
+        )
+    scale_factor, zero_rate = fit_scale_factor(outputs, rates)
+    level = window_mean(time_s, scale_factor, first.reference, where=where)
+    truths = [run.true_sf_error_ppm for run in runs]
+    truth = None
+    if all(values is not None for values in truths):
+        truth = np.asarray((weights * np.asarray(rates)) @ stacked("true_sf_error_ppm"))
+    group = ThermalRun(
+        run_id="+".join(run.run_id for run in runs),
+        unit_id=first.unit_id,
+        time_s=time_s,
+        gyro_temp_c=inner.mean(axis=0),
+        case_temp_c=stacked("case_temp_c").mean(axis=0),
+        bias_dph=None,
+        sf_error_ppm=(scale_factor / level - 1.0) * 1e6,
+        reference=first.reference,
+        checksum="+".join(run.checksum for run in runs if run.checksum),
+        phases=first.phases,
+        true_sf_error_ppm=truth,
+        meta={"rates_dps": rates, "shifts_s": list(shifts), "temp_spread_c": spread},
+    )
+    asymmetry = _asymmetry_ppm(time_s, outputs, rates, first.reference)
+    return ScaleFactorGroup(group, scale_factor, level, zero_rate * 3600.0, shifts, spread, asymmetry)
+
+
+def _check_units(runs: Sequence[RateRun]) -> None:
+    units = sorted({run.unit_id for run in runs})
+    if len(units) > 1:
+        raise ConfigurationError(
+            "the runs of a scale-factor group belong to different units",
+            where="scale-factor group",
+            found=", ".join(units),
+            expected="one unit",
+            remedy="make one group for each unit",
+        )
+
+
+def _spread(temps_c: Array) -> float:
+    smooth = np.array([trailing_mean(row, _SMOOTH_S) for row in temps_c])
+    difference = smooth.max(axis=0) - smooth.min(axis=0)
+    return float(np.nanmax(difference)) if np.isfinite(difference).any() else float("inf")
+
+
+def _asymmetry_ppm(
+    time_s: Array, outputs_dps: Array, rates_dps: Sequence[float], reference: tuple[float, float]
+) -> float | None:
+    """Upper over lower half of the rates, by the mean outputs in the reference window (IEEE Std 952)."""
+    rates = np.asarray(rates_dps)
+    if not ((rates > 0).any() and (rates < 0).any() and (rates == 0).any()):
+        return None
+    levels = np.array([window_mean(time_s, row, reference) for row in outputs_dps])
+    upper, lower = (float(rate_weights(rates[side]) @ levels[side]) for side in (rates >= 0, rates <= 0))
+    return (upper / lower - 1.0) * 1e6

@@ -1,0 +1,115 @@
+"""One study: models fitted on training runs, one chosen on validation runs, all judged on test runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.analysis.common.fan_out import ALONE, FanOut
+from bench.analysis.thermal._anchor import anchor_runs
+from bench.analysis.thermal._compensation import Compensation
+from bench.analysis.thermal._dataset import load_thermal_runs
+from bench.analysis.thermal._evaluate import Scores, evaluate
+from bench.analysis.thermal._features import prepare
+from bench.analysis.thermal._selection import ModelScore, fit_models, score_models
+from bench.analysis.thermal._types import ThermalModel, ThermalRun
+from drivers.base.errors import ConfigurationError
+
+
+@dataclass(frozen=True)
+class Study:
+    """What came out. `scores` holds, for every model, its figures on every test run, in the order of `tests`.
+
+    Without test runs the validation runs stand in `tests` and `judged_on_chosen` says that the figures flatter.
+    """
+
+    train: tuple[ThermalRun, ...]
+    validation: tuple[ThermalRun, ...]
+    tests: tuple[ThermalRun, ...]
+    models: dict[str, ThermalModel]
+    selection: tuple[ModelScore, ...]
+    compensation: Compensation
+    scores: dict[str, tuple[Scores, ...]]
+    judged_on_chosen: bool
+
+    @property
+    def chosen(self) -> str:
+        """Name of the chosen model."""
+        return self.selection[0].name
+
+
+def run_study(
+    train: Sequence[ThermalRun],
+    validation: Sequence[ThermalRun],
+    tests: Sequence[ThermalRun],
+    names: Sequence[str] | None = None,
+    *,
+    fan: FanOut = ALONE,
+) -> Study:
+    """Fit where `fan` says, choose, judge; ConfigurationError for no validation run or runs of several units."""
+    _check(train, validation, tests)
+    prepared, checks = [prepare(run) for run in train], [prepare(run) for run in validation]
+    models = fit_models(prepared, checks, names, fan=fan)
+    selection = score_models(models, checks)
+    chosen = models[selection[0].name]
+    compensation = Compensation.from_fit(chosen, anchor_runs(prepared), checks, scores=selection)
+    judged = tests or validation
+    return Study(
+        train=tuple(train),
+        validation=tuple(validation),
+        tests=tuple(judged),
+        models=models,
+        selection=selection,
+        compensation=compensation,
+        scores={name: tuple(evaluate(model, run) for run in judged) for name, model in models.items()},
+        judged_on_chosen=not tests,
+    )
+
+
+def load_runs(
+    folders: Sequence[Path], gyro: str | None = None, *, allow_invalid: bool = False
+) -> list[ThermalRun]:
+    """Load thermal runs from run folders; ConfigurationError for an invalid run unless `allow_invalid`."""
+    runs = [run for folder in folders for run in load_thermal_runs(folder, gyro)]
+    invalid = [run.run_id for run in runs if run.meta.get("outcome") != "completed"]
+    if invalid and not allow_invalid:
+        raise ConfigurationError(
+            "runs that were not completed cannot be fitted",
+            found=", ".join(invalid),
+            expected="runs that met their own criteria",
+            remedy="leave them out; `gyrobench runs show` says why they are invalid",
+        )
+    return runs
+
+
+def _check(
+    train: Sequence[ThermalRun], validation: Sequence[ThermalRun], tests: Sequence[ThermalRun]
+) -> None:
+    if not validation:
+        raise ConfigurationError(
+            "no validation run",
+            where="fit",
+            found="training runs only",
+            expected="at least one run that takes no part in the fit, to choose between models",
+            remedy="name one with --validate",
+        )
+    units = {run.unit_id for run in (*train, *validation, *tests)}
+    if len(units) > 1:
+        raise ConfigurationError(
+            "runs of several units in one fit",
+            where="fit",
+            found=", ".join(sorted(units)),
+            expected="runs of one unit: a compensation belongs to one gyro",
+            remedy="fit each unit on its own runs",
+        )
+    seen = {run.checksum for run in train}
+    for run in (*validation, *tests):
+        if run.checksum and run.checksum in seen:
+            raise ConfigurationError(
+                "a run is used for training and for judging",
+                where="fit",
+                found=run.run_id,
+                expected="different runs: a model is judged on what it has not seen",
+                remedy="name each run once",
+            )

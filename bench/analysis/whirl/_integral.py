@@ -1,0 +1,157 @@
+"""The patent's fit: the integrated residual rate, a Fourier series in the rotation angle, coefficients
+matched.
+
+    theta_x = sum x_c cos n psi + x_s sin n psi, theta_y likewise;
+    integral of wbar_x = sum A_x cos n psi + B_x sin n psi, wbar_y likewise.
+
+For n = 1 the matching equations have rank 2 of 4: x1 and y2 are seen only as y2 - x1, x2 and y1 only as y1 +
+x2 (the free part of `bench.analysis.whirl._gauge`); here they are the ones of smallest norm, and other gauges are
+added after. Order 2 holds the body lines -1, 2 and 3. It cannot hold a constant tilt of the unit against the
+spin axis (line +1) nor line -2. Start of the integral and drift are a constant and a ramp in angle, both
+fitted with the series.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.whirl._kinematics import harmonic_matrix
+from bench.analysis.whirl._residual import residual_increments
+from bench.analysis.whirl._types import Complex, NotObservable, TurnRecord, UnfitRotation
+from drivers.base.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class FourierFit:
+    """The fitted series. `cosine_arcsec`, `sine_arcsec`: (order, 2), columns x and y: A_x, A_y and B_x, B_y.
+
+    `ramp_arcsec`: a radian of rotation, complex; in rotation one way the constant tilt and drift are in it
+    and are not corrected. `angle_rad`, `integral_arcsec`, `fitted_arcsec`: (k,) and complex (k,), what was
+    fitted and how well.
+    """
+
+    cosine_arcsec: Array
+    sine_arcsec: Array
+    ramp_arcsec: complex
+    angle_rad: Array
+    integral_arcsec: Complex
+    fitted_arcsec: Complex
+
+    @property
+    def order(self) -> int:
+        """Highest harmonic."""
+        return len(self.cosine_arcsec)
+
+    @property
+    def consistency_arcsec(self) -> complex:
+        """What breaks A_x1 = B_y1 and B_x1 = -A_y1: the first backward harmonic of the integral.
+
+        No whirl makes it; a constant rate r of the body does (Earth rate, heading, level): it is j r / w.
+        """
+        (ax, ay), (bx, by) = self.cosine_arcsec[0], self.sine_arcsec[0]
+        return complex(0.5 * ((ax - by) + 1j * (ay + bx)))
+
+
+def fit_integral(
+    record: TurnRecord,
+    order: int = 2,
+    *,
+    body_rate_dph: complex = 0j,
+    installation_arcsec: complex = 0j,
+    angle_rad: Array | None = None,
+    every_s: float = 0.1,
+) -> FourierFit:
+    """Integrate the residual rate and fit the series at the measured angle.
+
+    `angle_rad`, (n + 1,): another angle to fit at, such as the nominal w t. UnfitRotation for a record with
+    holes: an integral has no way across them (the direct fit has). NotObservable for less than one turn.
+    """
+    if not record.usable.all():
+        raise UnfitRotation(
+            "the integrated residual cannot cross missing samples",
+            where=f"run {record.run_id}",
+            found=f"{int((~record.usable).sum())} unusable samples",
+            expected="a stretch without holes",
+            remedy="use the direct fit, or the longest stretch without holes",
+        )
+    increments = residual_increments(record, body_rate_dph, installation_arcsec)
+    step = max(1, round(every_s / record.period_s))
+    integral = np.concatenate(([0j], np.cumsum(increments)))[::step]
+    angle = (record.angle_rad if angle_rad is None else angle_rad)[::step]
+    harmonics = [n for n in range(-order, order + 1) if n]
+    if np.ptp(angle) < 2.0 * np.pi:
+        raise NotObservable(
+            "less than one full turn",
+            where=f"run {record.run_id}",
+            found=f"{np.ptp(angle) / (2.0 * np.pi):.2f} turns",
+            expected="one turn at least: harmonics of a part of a turn cannot be told from start and drift",
+            remedy="record more turns",
+        )
+    columns = [np.ones(len(angle)), angle - angle.mean(), *(np.exp(1j * n * angle) for n in harmonics)]
+    design = np.stack(columns, axis=1).astype(np.complex128)
+    normal = design.conj().T @ design
+    values = np.linalg.solve(normal, design.conj().T @ integral)
+    found = dict(zip(harmonics, values[2:], strict=True))
+    cosine = np.array([found[n] + found[-n] for n in range(1, order + 1)])
+    sine = np.array([1j * (found[n] - found[-n]) for n in range(1, order + 1)])
+    return FourierFit(
+        np.stack([cosine.real, cosine.imag], axis=1),
+        np.stack([sine.real, sine.imag], axis=1),
+        complex(values[1]),
+        angle,
+        integral,
+        design @ values,
+    )
+
+
+def match_coefficients(fit: FourierFit) -> Array:
+    """Return the patent's unknowns (order, 4): x cosine, x sine, y cosine, y sine of each harmonic, arcsec.
+
+    Solved by the pseudo-inverse, which for the first harmonic leaves the free part at its smallest norm;
+    harmonics from 2 on have one solution.
+    """
+    return np.stack([np.linalg.pinv(harmonic_matrix(n)) @ _rates(fit, n) for n in range(1, fit.order + 1)])
+
+
+def solve_harmonic(fit: FourierFit, harmonic: int) -> Array:
+    """Return the four unknowns of one harmonic; NotObservable for the first, which has no unique solution."""
+    if harmonic == 1:
+        raise NotObservable(
+            "the first harmonic has no unique solution",
+            where="coefficient matching",
+            found="four equations of rank 2",
+            expected="a gauge for the free part",
+            remedy="use match_coefficients and name the gauge",
+        )
+    return np.asarray(np.linalg.solve(harmonic_matrix(harmonic), _rates(fit, harmonic)))
+
+
+def body_lines(coefficients_arcsec: Array) -> tuple[tuple[float, ...], Complex]:
+    """Return the lines m = n + 1 and their amplitudes (l,) of coefficients as `match_coefficients` gives
+    them.
+
+    Line 0, the free part, is left out.
+    """
+    lines: list[float] = []
+    amplitudes: list[complex] = []
+    for n, (xc, xs, yc, ys) in enumerate(coefficients_arcsec, start=1):
+        cosine, sine = yc + 1j * xc, ys + 1j * xs
+        for sign in (-1, 1):
+            if sign * n + 1:
+                lines.append(float(sign * n + 1))
+                amplitudes.append(complex(0.5 * (cosine - 1j * sign * sine)))
+    return tuple(lines), np.array(amplitudes)
+
+
+def nominal_angle(record: TurnRecord) -> Array:
+    """Return w t with the mean rate of the record, (n + 1,): what a fit at the nominal angle would use."""
+    share = (record.time_s - record.time_s[0]) / (record.time_s[-1] - record.time_s[0])
+    return np.asarray(record.angle_rad[0] + share * (record.angle_rad[-1] - record.angle_rad[0]))
+
+
+def _rates(fit: FourierFit, n: int) -> Array:
+    """Return cosine and sine coefficients of wbar_x and wbar_y in units of w, from those of their integrals."""
+    (ax, ay), (bx, by) = fit.cosine_arcsec[n - 1], fit.sine_arcsec[n - 1]
+    return np.array([n * bx, -n * ax, n * by, -n * ay])

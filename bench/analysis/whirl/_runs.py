@@ -1,0 +1,142 @@
+"""From a run folder to a `TurnRecord`: the gyro on a grid without holes, the table's angle at every sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.whirl._angle import Alignment, align_angle
+from bench.analysis.whirl._checks import alignment_findings, require_fit_for_whirl, rotation_findings
+from bench.analysis.whirl._types import Finding, TurnRecord
+from bench.record.recording import Run, seconds
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+
+SENSES = {"turn_forward": 1.0, "turn_reverse": -1.0}
+"""Phases of the procedure and the sense of the angle in them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """What a run folder gives: the record from first to last movement, how angle and gyro were laid on each other
+    (over all of the run, rests included), and what is odd about it.
+    """
+
+    record: TurnRecord
+    alignment: Alignment
+    findings: tuple[Finding, ...]
+
+
+def load_turns(run: Run, gyro: str | None = None) -> Turns:
+    """Read a run with rotation; `gyro` defaults to the first with axes x, y, z.
+
+    ConfigurationError if no gyro has three axes; UnfitRotation names a recording that cannot carry a whirl
+    fit.
+    """
+    name = gyro or next((each for each in run.gyros if _has_axes(run, each)), None)
+    if name is None or name not in run.gyros or not _has_axes(run, name):
+        raise ConfigurationError(
+            "no gyro with the axes x, y and z",
+            where=f"run {run.manifest.run_id}",
+            found=name or ", ".join(run.gyros) or "no gyros",
+            expected="a three-axis unit, z along the table axis",
+            remedy='name its axes in the bench file: axes = "xyz"',
+        )
+    edges_s, rate_dps, usable = _on_grid(run, name)
+    table = run.turntable()
+    poll_s = seconds(table)
+    for axis in range(3):
+        rate_dps[:, axis] = _filled(rate_dps[:, axis], usable)
+    angle_rad, alignment = align_angle(edges_s, rate_dps[:, 2], poll_s, table["angle_deg"])
+    record = TurnRecord(
+        run_id=run.manifest.run_id,
+        unit_id=run.manifest.unit(name),
+        period_s=float((edges_s[-1] - edges_s[0]) / (len(edges_s) - 1)),
+        time_s=edges_s,
+        rate_dps=rate_dps,
+        angle_rad=angle_rad,
+        usable=usable,
+        latitude_deg=run.manifest.latitude_deg,
+    )
+    require_fit_for_whirl(record)
+    record = while_turning(record)
+    announced = _announced(run)
+    fastest = float(np.degrees(np.median(np.abs(np.diff(record.angle_rad)))) / record.period_s)
+    findings = rotation_findings(record, announced)
+    findings += alignment_findings(alignment, fastest, float(edges_s[-1] - edges_s[0]))
+    if missing := int((~record.usable).sum()):
+        findings.append(
+            Finding(
+                "gaps",
+                f"{missing} samples missing or invalid: the blocks of 1 s they lie in were left out",
+            )
+        )
+    return Turns(record, alignment, tuple(findings))
+
+
+def while_turning(record: TurnRecord) -> TurnRecord:
+    """Return the record from where the table first turns at half its largest rate to where it last does."""
+    step = np.abs(np.diff(record.angle_rad))
+    fast = np.flatnonzero(step > 0.5 * step.max())
+    first, last = int(fast[0]), int(fast[-1]) + 1
+    return replace(
+        record,
+        time_s=record.time_s[first : last + 1],
+        angle_rad=record.angle_rad[first : last + 1],
+        rate_dps=record.rate_dps[first:last],
+        usable=record.usable[first:last],
+    )
+
+
+def _has_axes(run: Run, name: str) -> bool:
+    return _section(run, name).get("axes") == "xyz"
+
+
+def _section(run: Run, name: str) -> dict[str, Any]:
+    """Return the gyro's section of the bench file, empty if there is none."""
+    return next((section for section in run.manifest.bench.get("gyro", ()) if section["name"] == name), {})
+
+
+def _rate_columns(run: Run, name: str) -> tuple[str, ...]:
+    """Return the columns of the rates about x, y, z: the axis under test has the short name."""
+    under_test = _section(run, name)["axis"]
+    return tuple("rate_dps" if axis == under_test else f"rate_{axis}_dps" for axis in "xyz")
+
+
+def _on_grid(run: Run, name: str) -> tuple[Array, Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """Return edges (n + 1,), rates (n, 3) and what is usable (n,), on the gyro's own grid, holes included."""
+    names = _rate_columns(run, name)
+    table = run.gyro(name, ("time_ns", "valid", *names))
+    time_s = seconds(table)
+    period_s = float(np.median(np.diff(time_s)))
+    index = np.rint((time_s - time_s[0]) / period_s).astype(np.int64)
+    keep = np.append(True, np.diff(index) > 0)
+    period_s = float((time_s[-1] - time_s[0]) / index[-1])
+    count = int(index[-1]) + 1
+    rate_dps = np.zeros((count, 3))
+    usable = np.zeros(count, np.bool_)
+    rate_dps[index[keep]] = np.stack([table[column][keep] for column in names], axis=1)
+    usable[index[keep]] = np.asarray(table["valid"], np.bool_)[keep]
+    usable &= np.isfinite(rate_dps).all(axis=1)
+    return time_s[0] + period_s * np.arange(-1, count), rate_dps, usable
+
+
+def _filled(values: Array, usable: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Array:
+    if usable.all():
+        return values
+    at = np.arange(len(values))
+    return np.asarray(np.interp(at, at[usable], values[usable]))
+
+
+def _announced(run: Run) -> list[tuple[float, float, float]]:
+    """Return the stretches that the procedure's phases announce: start, end, signed rate in deg/s."""
+    rate = abs(run.manifest.parameter("rate_dps") or 0.0)
+    if not rate:
+        return []
+    return [
+        (phase.start_s + 2.0, phase.end_s - 2.0, SENSES[phase.name] * rate)
+        for phase in run.phases()
+        if phase.name in SENSES
+    ]

@@ -1,0 +1,156 @@
+"""A whirl study: lines chosen and fitted on some runs, judged on others, beside the patent's own fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.whirl._attitude import (
+    Oscillation,
+    carrier_tilt,
+    oscillation,
+    uncompensated,
+    unit_attitude,
+)
+from bench.analysis.whirl._checks import earth_rate_findings
+from bench.analysis.whirl._compensation import WhirlCompensation
+from bench.analysis.whirl._direct import DEFAULT_LINES, DirectFit, fit_direct
+from bench.analysis.whirl._gauge import Gauge
+from bench.analysis.whirl._integral import FourierFit, body_lines, fit_integral, match_coefficients
+from bench.analysis.whirl._kinematics import body_tilt
+from bench.analysis.whirl._lines import CANDIDATES, Line, choose_lines, scan_lines
+from bench.analysis.whirl._residual import heading_from_body_rate
+from bench.analysis.whirl._runs import Turns
+from bench.analysis.whirl._types import Complex, Finding, TurnRecord
+from drivers.base.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """A run before and after: tilts of the carrier, complex (n + 1,) arcsec, and how much they oscillate.
+
+    `patent` is None where the run fitted on has holes, which the integral cannot cross.
+    """
+
+    record: TurnRecord
+    tilt_before: Complex
+    tilt_after: Complex
+    before: Oscillation
+    after: Oscillation
+    patent: Oscillation | None
+
+    @property
+    def locked_factor(self) -> float:
+        """By how many times the part that is locked to the angle fell."""
+        return self.before.locked_arcsec / self.after.locked_arcsec
+
+
+@dataclass(frozen=True, eq=False)
+class WhirlStudy:
+    """All of a whirl fit. `judged_on_fitted`: there were no other runs to judge on."""
+
+    fit: DirectFit
+    compensation: WhirlCompensation
+    fourier: FourierFit | None
+    judgements: tuple[Judgement, ...]
+    judged_on_fitted: bool
+    cage_lines: tuple[Line, ...]
+    findings: tuple[Finding, ...]
+    heading_deg: float
+
+
+def study_whirl(
+    train: Sequence[Turns],
+    test: Sequence[Turns],
+    *,
+    gauge: Gauge,
+    checksums: dict[str, str] | None = None,
+    external_arcsec: complex | None = None,
+) -> WhirlStudy:
+    """Fit on `train`, judge on `test` (on `train` if there is none).
+
+    Lines are the default -3 .. 3 and what else of -8 .. 8 is significant at 1 %.
+    """
+    records = [turns.record for turns in train]
+    lines = choose_lines(records, CANDIDATES, keep=DEFAULT_LINES)
+    fit = fit_direct(records, lines)
+    findings = [finding for turns in (*train, *test) for finding in turns.findings]
+    findings += earth_rate_findings(fit, records[0])
+    compensation = WhirlCompensation.from_fit(
+        fit,
+        records[0].unit_id,
+        checksums or {record.run_id: "" for record in records},
+        gauge=gauge,
+        external_arcsec=external_arcsec,
+    )
+    for turns in test:
+        compensation.require_unit(turns.record.unit_id)
+    cage = scan_lines(fit)
+    findings += [_cage_finding(line) for line in cage]
+    fourier = _patent(records[0], fit)
+    judged = [turns.record for turns in (test or train)]
+    return WhirlStudy(
+        fit=fit,
+        compensation=compensation,
+        fourier=fourier,
+        judgements=tuple(judge(record, compensation, fit, fourier) for record in judged),
+        judged_on_fitted=not test,
+        cage_lines=cage,
+        findings=tuple(findings),
+        heading_deg=heading_from_body_rate(fit.body_rate_dph[0].value),
+    )
+
+
+def judge(
+    record: TurnRecord, compensation: WhirlCompensation, fit: DirectFit, fourier: FourierFit | None = None
+) -> Judgement:
+    """Return a run's carrier attitude without and with a compensation; heading from the fit's Earth rate."""
+    attitude = unit_attitude(record, heading_from_body_rate(fit.body_rate_dph[0].value))
+    angle, time_s = record.angle_rad, record.time_s
+    raw = uncompensated(attitude, angle)
+    before = carrier_tilt(raw)
+    after = carrier_tilt(compensation.carrier_attitude(attitude, angle))
+    patent = None
+    if fourier is not None:
+        lines, amplitudes = body_lines(match_coefficients(fourier))
+        patent = oscillation(before - body_tilt(angle, lines, amplitudes), time_s, angle)
+    return Judgement(
+        record, before, after, oscillation(before, time_s, angle), oscillation(after, time_s, angle), patent
+    )
+
+
+def integrated_residual(fit: DirectFit, at: int = 0) -> tuple[Array, Complex, Complex]:
+    """Return time (k,), integrated body tilt and its fit, complex (k,) arcsec, of record `at`; rates taken
+    out.
+
+    Both start at zero: the constant is free.
+    """
+    blocks = fit.blocks[at]
+    start = sum(len(part.first_rad) for part in fit.blocks[:at])
+    residual = fit.residual_arcsec[start : start + len(blocks.first_rad)]
+    model = np.zeros(len(blocks.first_rad), np.complex128)
+    for line, amplitude in zip(fit.lines, fit.amplitudes_arcsec, strict=True):
+        model += amplitude * blocks.column(line)
+    if fit.play_arcsec is not None:
+        model += fit.play_arcsec.value * (blocks.last_slack - blocks.first_slack)
+    time_s = blocks.duration_s * np.arange(1, len(model) + 1, dtype=np.float64)
+    return np.asarray(time_s), np.cumsum(model + residual), np.cumsum(model)
+
+
+def _patent(record: TurnRecord, fit: DirectFit) -> FourierFit | None:
+    if not record.usable.all():
+        return None
+    return fit_integral(record, 2, body_rate_dph=fit.body_rate_dph[0].value)
+
+
+def _cage_finding(line: Line) -> Finding:
+    return Finding(
+        "line",
+        f"a line off the whole numbers, {line.line:.4f} times the table's turn, "
+        f"{abs(line.amplitude_arcsec):.2f} arcsec "
+        f"(statistic {line.statistic:.0f}, threshold {line.threshold:.1f}): a bearing's cage or rollers. "
+        f"It is not in "
+        "the compensation, since its phase is not kept from run to run",
+    )

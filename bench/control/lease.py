@@ -1,0 +1,255 @@
+"""One user a bench: a lease on its ports, held by the kernel, with a note that says who has it.
+
+A lease is a lock (fcntl(2), "open file description locks") on one small file per port in
+`$XDG_STATE_HOME/gyrobench/leases`. The kernel lets go of it when the last process that has it open ends, however
+it ends, so no lease outlives its holder; what a killed process leaves is a note without a lock, which the next
+one finds, reports and replaces. A watchdog that inherits the descriptors keeps the lease until it has brought the
+bench to rest.
+
+Benches are told apart by their ports, not by their files: two bench files that share a chamber share its lease.
+The pseudo-terminals of a lab that was killed are other devices than those that get their numbers afterwards.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import getpass
+import hashlib
+import json
+import os
+import socket
+import struct
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+
+from bench.record.benchfile import BenchFile
+from drivers.base.clock import utc_now
+from drivers.base.errors import BenchInUse, ConfigurationError
+
+_PSEUDO_TERMINALS = "/dev/pts/"
+_FLOCK = struct.Struct("hhqqi4x")
+"""struct flock of Linux on 64 bits: type, whence, start, length, pid (0 with open file description locks)."""
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Who has a bench. `process_start` (ticks since boot) tells a process from a later one of the same id."""
+
+    bench: str
+    purpose: str
+    user: str
+    host: str
+    pid: int
+    process_start: int
+    since_utc: str
+    watchdog_pid: int = 0
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process that took the lease still runs; always True for one on another host."""
+        if self.host != socket.gethostname():
+            return True
+        return process_start(self.pid) == self.process_start
+
+    def __str__(self) -> str:
+        text = f"{self.user}@{self.host}, process {self.pid}, since {self.since_utc}: {self.purpose}"
+        if self.alive:
+            return text
+        return f"{text} (that process has ended; its watchdog {self.watchdog_pid or ''} has the bench still)"
+
+
+class Lease:
+    """A bench of one's own until `release`; use as a context manager."""
+
+    def __init__(self, holder: Holder, files: dict[Path, int], stale: tuple[Holder, ...]) -> None:
+        self.holder = holder
+        self.stale = stale
+        """Who left the bench without giving it back: killed, or the power went."""
+        self._files = files
+
+    @property
+    def descriptors(self) -> tuple[int, ...]:
+        """The locked files: a child process that inherits them keeps the lease."""
+        return tuple(self._files.values())
+
+    @property
+    def held(self) -> bool:
+        """Whether the lease has not been given back."""
+        return bool(self._files)
+
+    def update(self, *, purpose: str | None = None, watchdog_pid: int | None = None) -> None:
+        """Say anew what the bench is used for, and which watchdog guards it."""
+        fields = asdict(self.holder)
+        fields["purpose"] = self.holder.purpose if purpose is None else purpose
+        fields["watchdog_pid"] = self.holder.watchdog_pid if watchdog_pid is None else watchdog_pid
+        self.holder = Holder(**fields)
+        for descriptor in self._files.values():
+            _write(descriptor, self.holder)
+
+    def release(self) -> None:
+        """Give the bench back; harmless when given back already."""
+        files, self._files = self._files, {}
+        _let_go(files)
+
+    def __enter__(self) -> Lease:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+
+def take_lease(file: BenchFile, purpose: str) -> Lease:
+    """Take the bench for `purpose` ("run 20260101-...", "campaign ..."); BenchInUse says who has it."""
+    pid = os.getpid()
+    holder = Holder(
+        bench=file.bench.name,
+        purpose=purpose,
+        user=_user(),
+        host=socket.gethostname(),
+        pid=pid,
+        process_start=process_start(pid),
+        since_utc=utc_now(),
+    )
+    files: dict[Path, int] = {}
+    stale: list[Holder] = []
+    try:
+        for port, path in _paths(file):
+            files[path] = descriptor = _lock(path, port)
+            left = _read(descriptor)
+            if left is not None and left not in stale:
+                stale.append(left)
+            _write(descriptor, holder)
+    except BaseException:
+        _let_go(files)
+        raise
+    return Lease(holder, files, tuple(stale))
+
+
+def lease_holder(file: BenchFile) -> Holder | None:
+    """Return who has any of the bench's ports now, None if it is free."""
+    for _, path in _paths(file):
+        try:
+            descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:
+            continue
+        try:
+            asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
+            if _FLOCK.unpack(fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK, asked))[0] != fcntl.F_UNLCK:
+                return _read(descriptor)
+        finally:
+            os.close(descriptor)
+    return None
+
+
+def state_folder() -> Path:
+    """Return `$XDG_STATE_HOME/gyrobench` (default `~/.local/state/gyrobench`), where leases are."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / "gyrobench"
+
+
+def process_start(pid: int) -> int:
+    """Return when `pid` started, in clock ticks since boot (proc(5), field 22 of stat); 0 if there is none."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return 0
+    fields = text.rpartition(")")[2].split()  # the name in parentheses may hold anything
+    return 0 if fields[0] in "ZX" else int(fields[19])
+
+
+def _paths(file: BenchFile) -> list[tuple[str, Path]]:
+    """Return (port, its lease file), in an order that is the same for everybody: no deadlock, no half lease."""
+    ports = [file.table.port, file.chamber.port, *(gyro.port or gyro.channel or "" for gyro in file.gyro)]
+    ports += [platform.port for platform in file.platform]
+    places = sorted({os.path.realpath(port) if port.startswith("/") else port for port in ports})
+    folder = state_folder() / "leases"
+    names = [hashlib.sha256(device_at(place).encode()).hexdigest()[:24] for place in places]
+    return [(place, folder / f"{name}.json") for place, name in zip(places, names, strict=True)]
+
+
+def device_at(place: str) -> str:
+    """Return what tells the device at a place from another one that has its name later.
+
+    A pseudo-terminal, which an emulated lab is reached by, leaves its number to the next one; when it was made
+    stays the same however it is used (not so its change time if somebody changes its owner or mode).
+    """
+    if not place.startswith(_PSEUDO_TERMINALS):
+        return place
+    try:
+        return f"{place} {Path(place).stat().st_ctime_ns}"
+    except OSError:
+        return place
+
+
+def _lock(path: Path, port: str) -> int:
+    while True:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise ConfigurationError(
+                "the lease of the bench cannot be written",
+                where=str(path),
+                found=error.strerror or str(error),
+                expected="a folder for state that can be written",
+                remedy="set XDG_STATE_HOME to one that everybody who uses this bench can write",
+            ) from error
+        try:
+            _set_lock(descriptor, fcntl.F_WRLCK)
+        except BlockingIOError:
+            holder = _read(descriptor)
+            os.close(descriptor)
+            raise BenchInUse(
+                "the bench is in use",
+                where=port,
+                found=str(holder) if holder else "a lease that is being taken at this moment",
+                expected="a bench that nobody uses",
+                remedy="wait until it is free, or ask its user; a lease ends with the process that has it",
+            ) from None
+        if _is_at(descriptor, path):
+            return descriptor
+        os.close(descriptor)  # given back, and removed, between opening and locking
+
+
+def _set_lock(descriptor: int, kind: int) -> None:
+    fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, _FLOCK.pack(kind, os.SEEK_SET, 0, 0, 0))
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _let_go(files: dict[Path, int]) -> None:
+    for path, descriptor in files.items():
+        with contextlib.suppress(OSError):
+            path.unlink()
+        with contextlib.suppress(OSError):
+            _set_lock(descriptor, fcntl.F_UNLCK)
+        os.close(descriptor)
+
+
+def _write(descriptor: int, holder: Holder) -> None:
+    content = json.dumps(asdict(holder)).encode()
+    os.pwrite(descriptor, content, 0)
+    os.ftruncate(descriptor, len(content))
+
+
+def _read(descriptor: int) -> Holder | None:
+    try:
+        return Holder(**json.loads(os.pread(descriptor, 65536, 0)))
+    except (ValueError, TypeError):
+        return None
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # an id without a name, as in many containers
+        return str(os.getuid())

@@ -1,0 +1,23 @@
+"""How others see and steer a session: the live files beside a run, see docs/events.md."""
+
+from bench.control.live._files import (
+    Action,
+    Answer,
+    Request,
+    drop_answer,
+    drop_request,
+    read_history,
+    read_now,
+)
+from bench.control.live._session import Live
+
+__all__ = [
+    "Action",
+    "Answer",
+    "Live",
+    "Request",
+    "drop_answer",
+    "drop_request",
+    "read_history",
+    "read_now",
+]

@@ -1,0 +1,219 @@
+"""The live files themselves: written whole or not at all, read with suspicion."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from drivers.base.clock import epoch_seconds, utc_now
+from drivers.base.errors import BenchError, ConfigurationError, RecordError
+from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded
+
+LIVE_FOLDER = "live"
+NOW_FILE = "now.json"
+HISTORY_FILE = "history.jsonl"
+Action = Literal["pause", "resume", "abort"]
+_LONGEST = 4096
+"""Bytes of an answer or a request; a longer file is not one."""
+_HISTORY_BYTES = 4 << 20
+"""Read of a history at once; the caller comes again for the rest."""
+_order = itertools.count()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What somebody answered."""
+
+    answer: str
+    by: str
+    utc: str
+
+
+@dataclass(frozen=True)
+class Request:
+    """What somebody asked of the session."""
+
+    action: Action
+    by: str
+    utc: str
+
+
+def live_folder(session: Path) -> Path:
+    """Return the folder of the live files of a session folder."""
+    return session / LIVE_FOLDER
+
+
+def read_now(session: Path) -> dict[str, Any] | None:
+    """Return now.json of a session folder with `alive` (whether its process still runs), None if there is none.
+
+    Raises RecordError for a file that is not one.
+    """
+    path = live_folder(session) / NOW_FILE
+    try:
+        found = parse_json(read_bounded(path, SETTINGS_BYTES))
+        if not isinstance(found, dict) or found.get("format") != 1:
+            raise ValueError("not an object of format 1")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise RecordError("the live state cannot be read", where=str(path), found=str(error)) from error
+    return found | {"alive": found.get("state") != "ended" and _runs(found.get("pid"))}
+
+
+def read_history(run: Path, offset: int = 0) -> tuple[list[dict[str, Any]], int]:
+    """Return the lines of a run's history.jsonl from byte `offset` on, and the offset to read on from."""
+    try:
+        with (live_folder(run) / HISTORY_FILE).open("rb") as file:
+            file.seek(offset)
+            block = file.read(_HISTORY_BYTES)
+    except OSError:
+        return [], offset
+    whole, newline, _ = block.rpartition(b"\n")
+    if not newline and len(block) == _HISTORY_BYTES:
+        return [], offset + len(block)  # no line of ours is so long
+    rows = []
+    for line in whole.split(b"\n") if whole else []:
+        with suppress(ValueError):
+            rows.append(parse_json(line))
+    return rows, offset + len(whole) + len(newline)
+
+
+def drop_answer(session: Path, prompt_id: int, answer: str, by: str) -> Answer:
+    """Answer a question; the first answer stays. Returns the one that counts, which may be somebody else's.
+
+    Raises ConfigurationError for an answer that is empty or too long.
+    """
+    given = Answer(answer.strip(), by.strip() or "unknown", utc_now())
+    text = json.dumps(asdict(given), ensure_ascii=False)
+    if not given.answer or len(text.encode()) > _LONGEST:
+        raise ConfigurationError(
+            "an answer that cannot be kept", found=f"{len(answer)} characters", expected="1 to some hundred"
+        )
+    path = _answer_path(session, prompt_id)
+    part = _write_part(path.parent, text)
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        return read_answer(session, prompt_id) or given
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    finally:
+        part.unlink(missing_ok=True)
+    return given
+
+
+def read_answer(session: Path, prompt_id: int) -> Answer | None:
+    """Return the answer to a question, None if there is none yet; RecordError if the file is not one."""
+    path = _answer_path(session, prompt_id)
+    found = _read_small(path)
+    if found is None:
+        return None
+    try:
+        return Answer(**{name: str(found[name]) for name in ("answer", "by", "utc")})
+    except KeyError as error:
+        raise RecordError("this is not an answer", where=str(path), found=f"no {error}") from error
+
+
+def drop_request(session: Path, action: Action, by: str) -> Request:
+    """Ask a session for pause, resume or abort."""
+    if action not in get_args(Action):
+        raise ConfigurationError("an unknown request", found=action, expected=", ".join(get_args(Action)))
+    request = Request(action, by.strip()[:200] or "unknown", utc_now())
+    folder = live_folder(session) / "requests"
+    part = _write_part(folder, json.dumps(asdict(request), ensure_ascii=False))
+    # the name sorts by time, then by the order in this process, so that requests are taken in order
+    name = f"{epoch_seconds() * 1e3:.0f}-{next(_order):06d}-{secrets.token_hex(4)}.json"
+    try:
+        part.rename(folder / name)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise _unwritable(folder, error) from error
+    return request
+
+
+def take_requests(session: Path) -> Iterator[Request | BenchError]:
+    """Yield the requests there are, oldest first, deleting each; an error stands for a file that is none."""
+    folder = live_folder(session) / "requests"
+    with suppress(OSError):
+        for name in sorted(entry.name for entry in os.scandir(folder) if entry.name.endswith(".json")):
+            path = folder / name
+            try:
+                found = _read_small(path) or {}
+                action, by, utc = (str(found.get(key, "")) for key in ("action", "by", "utc"))
+                if action not in get_args(Action):
+                    raise RecordError("this is not a request", where=str(path), found=repr(action[:40]))
+                yield Request(action, by[:200] or "unknown", utc[:40])  # type: ignore[arg-type]
+            except RecordError as error:
+                yield error
+            finally:
+                path.unlink(missing_ok=True)
+
+
+def clear(session: Path) -> None:
+    """Remove answers and requests that an earlier session left: they were for other questions."""
+    for name in ("answers", "requests"):
+        folder = live_folder(session) / name
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in folder.iterdir():
+            path.unlink(missing_ok=True)
+
+
+def _answer_path(session: Path, prompt_id: int) -> Path:
+    return live_folder(session) / "answers" / f"{int(prompt_id)}.json"
+
+
+def _write_part(folder: Path, text: str) -> Path:
+    part = folder / f".{secrets.token_hex(8)}.part"
+    try:
+        part.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    return part
+
+
+def _read_small(path: Path) -> dict[str, Any] | None:
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise RecordError("a live file cannot be read", where=str(path), found=str(error)) from error
+    try:
+        content = os.read(descriptor, _LONGEST + 1)
+        found = parse_json(content) if len(content) <= _LONGEST else None
+    except (OSError, ValueError) as error:
+        raise RecordError("a live file cannot be read", where=str(path), found=str(error)) from error
+    finally:
+        os.close(descriptor)
+    if not isinstance(found, dict):
+        raise RecordError("a live file cannot be read", where=str(path), found="no short JSON object")
+    return found
+
+
+def _runs(pid: object) -> bool:
+    if not isinstance(pid, int) or pid <= 0:
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _unwritable(path: Path, error: OSError) -> RecordError:
+    return RecordError(
+        "the session cannot be reached",
+        where=str(path),
+        found=error.strerror or str(error),
+        expected="the folder of a session that goes on, which you may write to",
+        remedy="`gyrobench campaign status` says whether it does",
+    )

@@ -1,0 +1,359 @@
+"""The session's side of the live files: a thread that writes where it is and takes what others drop."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from bench.control.live._files import (
+    HISTORY_FILE,
+    NOW_FILE,
+    Request,
+    clear,
+    drop_answer,
+    live_folder,
+    read_answer,
+    take_requests,
+)
+from bench.control.progress import Progress
+from bench.control.questions import Operator, Question
+from drivers.base.clock import Interrupt, epoch_seconds, host_seconds, utc_now
+from drivers.base.errors import BenchError
+from drivers.base.files import replace_file
+
+_EVERY_S = 0.1
+_HISTORY_S = 1.0
+_BREATH_S = 0.05
+
+
+class Live:
+    """Shows a session in its live files and takes answers and requests from there.
+
+    `session`: the campaign's folder; None for a single run, whose own folder it is. It is a display (call it with
+    each `Progress`) and an operator (`ask`). Nothing that happens to the files raises into the run: `problem`
+    says why they stopped.
+    """
+
+    def __init__(self, session: Path | None = None) -> None:
+        self.name = "live files"
+        self.problem = ""
+        self.pause_wanted = ""
+        """Who wants a pause; empty when nobody does."""
+        self.abort: Request | None = None
+        self._session = session
+        self._campaign: dict[str, Any] | None = None
+        self._run: dict[str, Any] | None = None
+        self._run_folder: Path | None = None
+        self._run_started = host_seconds()
+        self._progress: Progress | None = None
+        self._prompts: dict[int, dict[str, Any]] = {}
+        self._next_id = int(epoch_seconds() * 1000.0)
+        self._taken: deque[Request | BenchError] = deque()
+        self._ending: tuple[str, str, list[str]] = ("", "", [])
+        self._ended = self._between_paused = False
+        self._interrupt: Interrupt | None = None
+        self._paced = False
+        self._lock = threading.Lock()
+        self._news, self._stop = threading.Event(), threading.Event()
+        self._history_from_s = -math.inf
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> Live:
+        if self._session is not None:
+            self._start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._thread is not None:
+            self._stop.set()
+            self._thread.join()
+            self._thread = None
+            self._ended = True
+            self._write()
+
+    # What the session says
+
+    def campaign(self, **fields: Any) -> None:
+        """Say where the campaign is: title, folder, number, count, run, left_s."""
+        self._campaign = fields
+
+    def begin_run(self, folder: Path, **fields: Any) -> None:
+        """Say which run begins: run_id, procedure, expected_s, started_utc, units, emulated."""
+        self._run_folder, self._progress = folder.absolute(), None
+        self._history_from_s = -math.inf
+        self._run_started = host_seconds()
+        self._run = {"folder": str(folder.absolute())} | fields
+        self._ending = ("", "", [])
+        if self._session is None:
+            self._session = folder.absolute()
+        self._start()
+
+    def end(self, outcome: str, reason: str, warnings: Sequence[str] = ()) -> None:
+        """Say how the run, or with the last word the session, ended."""
+        self._ending = (outcome, reason, list(warnings))
+
+    def between_paused(self, paused: bool) -> None:
+        """Say that the session stands still between two runs, or goes on."""
+        self._between_paused = paused
+
+    def __call__(self, progress: Progress) -> None:
+        """Take where the run is; the thread writes it down."""
+        self._progress = progress
+
+    # What others say
+
+    @contextmanager
+    def steering(self, interrupt: Interrupt, *, paced: bool) -> Iterator[None]:
+        """Have an abort interrupt `interrupt` meanwhile.
+
+        `paced`: bench time is not the host's, so that whoever waits for a human has to wait on the host too.
+        """
+        with self._lock:
+            self._interrupt, self._paced = interrupt, paced
+            if self.abort is not None:
+                interrupt.request(_aborted_by(self.abort))
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._interrupt, self._paced = None, False
+
+    def take(self) -> list[Request | BenchError]:
+        """Return what has been asked for since the last call, for the record."""
+        taken = []
+        while self._taken:
+            taken.append(self._taken.popleft())
+        return taken
+
+    def breathe(self) -> None:
+        """Called while waiting for a human: on a clock that is not the host's, wait a little on the host."""
+        if self._paced:
+            self._news.wait(_BREATH_S)
+            self._news.clear()
+
+    def wait_host(self) -> None:
+        """Wait on the host for a moment or for news: for a pause between two runs, when there is no clock."""
+        self._news.wait(2.0 * _EVERY_S)
+        self._news.clear()
+
+    def ask(self, question: Question) -> Callable[[], str | None]:
+        """Put the question where others see it; whoever answers first, here or elsewhere, answers."""
+        self._next_id += 1
+        number = self._next_id
+        prompt = {"id": number, "question": question.text, "utc": utc_now()}
+        self._prompts = {**self._prompts, number: prompt}
+
+        def answer() -> str | None:
+            if self._session is None:
+                return None
+            try:
+                found = read_answer(self._session, number)
+            except BenchError as error:
+                self._taken.append(error)
+                (live_folder(self._session) / "answers" / f"{number}.json").unlink(missing_ok=True)
+                return None
+            if found is None:
+                self.breathe()
+                return None
+            self.name = found.by
+            self._close(number)
+            return found.answer
+
+        return answer
+
+    def beside(self, operator: Operator) -> Operator:
+        """Return the operator that is this one and `operator`: whoever answers first."""
+        return _Either(self, operator)
+
+    def settle(self, answer: str, by: str) -> tuple[str, str]:
+        """Close the open question with an answer from elsewhere; return what was first, and from whom."""
+        for number in list(self._prompts):
+            if self._session is not None:
+                try:
+                    found = drop_answer(self._session, number, answer, by)
+                    answer, by = found.answer, found.by
+                except BenchError as error:
+                    self.problem = str(error)
+            self._close(number)
+        return answer, by
+
+    def _close(self, number: int) -> None:
+        # a new dict, since the thread may be reading the old one
+        self._prompts = {key: prompt for key, prompt in self._prompts.items() if key != number}
+
+    # The thread
+
+    def _start(self) -> None:
+        if self._thread is not None or self._session is None:
+            return
+        try:
+            clear(self._session)
+        except OSError as error:
+            self.problem = str(error)
+            return
+        self._thread = threading.Thread(target=self._work, name="live files", daemon=True)
+        self._thread.start()
+
+    def _work(self) -> None:
+        while not self._stop.wait(_EVERY_S):
+            self._take_requests()
+            self._write()
+
+    def _take_requests(self) -> None:
+        if self._session is None:
+            return
+        for request in take_requests(self._session):
+            self._taken.append(request)
+            if isinstance(request, Request):
+                self._obey(request)
+            self._news.set()
+
+    def _obey(self, request: Request) -> None:
+        if request.action == "pause":
+            self.pause_wanted = request.by
+        elif request.action == "resume":
+            self.pause_wanted = ""
+        elif self.abort is None:  # a second one must not disturb the bench being made safe
+            with self._lock:
+                self.abort = request
+                if self._interrupt is not None:
+                    self._interrupt.request(_aborted_by(request))
+
+    def _write(self) -> None:
+        """Write now.json and a line of history; a failure is kept in `problem`."""
+        if self._session is None:
+            return
+        try:
+            text = json.dumps(_finite(self._now()), ensure_ascii=False, allow_nan=False)
+            replace_file(live_folder(self._session) / NOW_FILE, text, sync=False)
+            self._write_history()
+            self.problem = ""
+        except OSError as error:
+            self.problem = str(error)
+
+    def _write_history(self) -> None:
+        progress = self._progress
+        if progress is None or self._run_folder is None:
+            return
+        if progress.time_s < self._history_from_s:
+            return
+        self._history_from_s = progress.time_s + _HISTORY_S
+        row = {
+            "time_s": round(progress.time_s, 3),
+            "air_temp_c": progress.air_temp_c,
+            "set_point_c": progress.set_point_c,
+            "angle_deg": progress.angle_deg,
+            "rate_dps": progress.rate_dps,
+            "gyros": {name: [gyro.latest_dps, gyro.temp_c] for name, gyro in progress.gyros.items()},
+        }
+        folder = live_folder(self._run_folder)
+        folder.mkdir(exist_ok=True)
+        with (folder / HISTORY_FILE).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(_finite(row), ensure_ascii=False, allow_nan=False) + "\n")
+
+    def _now(self) -> dict[str, Any]:
+        progress, run = self._progress, self._run
+        outcome, reason, warnings = self._ending
+        now: dict[str, Any] = {
+            "format": 1,
+            "utc": utc_now(),
+            "pid": os.getpid(),
+            "state": self._state(progress),
+            "outcome": outcome,
+            "reason": reason,
+            "warnings": warnings,
+            "pause_wanted": bool(self.pause_wanted),
+            "campaign": self._campaign,
+            "run": run,
+            "prompts": list(self._prompts.values()),
+        }
+        if progress is None:
+            return {**now, **_NOTHING_YET}
+        expected_s = float((run or {}).get("expected_s") or 0.0)
+        host_s = max(1e-3, host_seconds() - self._run_started)
+        return now | {
+            "time_s": progress.time_s,
+            "left_s": max(0.0, expected_s - progress.time_s),
+            "speed": progress.time_s / host_s,
+            "step": progress.step,
+            "doing": progress.doing,
+            "phase": progress.phase,
+            "chamber": {
+                "air_temp_c": progress.air_temp_c,
+                "set_point_c": progress.set_point_c,
+                "rate_k_per_min": progress.air_rate_k_per_min,
+                "auxiliary_c": dict(progress.auxiliary_c),
+            },
+            "table": {
+                "angle_deg": progress.angle_deg,
+                "rate_dps": progress.rate_dps,
+                "demand": progress.demand,
+            },
+            "gyros": {name: gyro.as_dict() for name, gyro in progress.gyros.items()},
+            "alarms": list(progress.alarms),
+            "log": list(progress.log),
+        }
+
+    def _state(self, progress: Progress | None) -> str:
+        if self._ended:
+            return "ended"
+        if self._prompts:
+            return "asking"
+        if self._between_paused or (progress is not None and progress.paused):
+            return "paused"
+        return "starting" if progress is None else "running"
+
+
+class _Either:
+    """Puts a question in the live files and to another operator."""
+
+    def __init__(self, live: Live, other: Operator) -> None:
+        self.name = other.name
+        self._live, self._other = live, other
+
+    def ask(self, question: Question) -> Callable[[], str | None]:
+        """Put the question to both; the answer is the first one's."""
+        there, here = self._live.ask(question), self._other.ask(question)
+
+        def answer() -> str | None:
+            if (given := here()) is not None:
+                given, self.name = self._live.settle(given, self._other.name)
+            elif (given := there()) is not None:
+                self.name = self._live.name
+            return given
+
+        return answer
+
+
+_NOTHING_YET: dict[str, Any] = {
+    **dict.fromkeys(("time_s", "left_s", "speed")),
+    **dict.fromkeys(("step", "doing", "phase"), ""),
+    "chamber": None,
+    "table": None,
+    "gyros": {},
+    "alarms": [],
+    "log": [],
+}
+
+
+def _aborted_by(request: Request) -> str:
+    return f"stopped by {request.by}"
+
+
+def _finite(value: Any) -> Any:
+    """Return `value` with numbers that are not finite as None, which JSON can say."""
+    if isinstance(value, Mapping):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,108 @@
+"""Completes a run folder that a crash left behind: nothing is lost but what had not reached the disk."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.control.lease import lease_holder
+from bench.control.run_record import decode_run
+from bench.record.benchfile import bench_file_from
+from bench.record.recording import Manifest, local_run, read_events, read_manifest, seal
+from drivers.base.clock import utc_now
+from drivers.base.errors import BenchInUse, RecordError
+
+_EVENTS = "events.jsonl"
+_PAIR_BYTES = 16
+
+
+def recover(folder: Path) -> Manifest:
+    """Decode and seal a run that was never closed, as aborted; return its manifest. A closed run stays as it is.
+
+    BenchInUse while somebody has its bench, for then the run may still go on; RecordError if the folder cannot be
+    read or written.
+    """
+    manifest = read_manifest(local_run(folder))
+    if manifest.complete:
+        return manifest
+    holder = lease_holder(bench_file_from(manifest.bench))
+    if holder is not None:
+        raise BenchInUse(
+            "the run may still be going on",
+            where=str(folder),
+            found=str(holder),
+            expected="a bench that nobody uses",
+            remedy="recover the run when its bench is free",
+        )
+    torn = _cut_events(folder)
+    for index in sorted((folder / "raw").glob("*.idx")):
+        _cut(index, index.stat().st_size // _PAIR_BYTES * _PAIR_BYTES)
+    rows = read_events(folder).rows
+    duration_s = _last_s(folder, [float(row["time_s"]) for row in rows])
+    reason = f"Recovered: the controller ended without closing the run. {_watchdog(folder)}".strip()
+    added: list[dict[str, Any]] = [{"kind": "note", "text": f"recovered {utc_now()}"}]
+    if torn:
+        added.append({"kind": "note", "text": f"an event was cut off: {torn}"})
+    added.append({"kind": "outcome", "outcome": "aborted", "reason": reason})
+    try:
+        with (folder / _EVENTS).open("a", encoding="utf-8") as file:
+            for row in added:
+                file.write(json.dumps({"time_s": duration_s, **row}, ensure_ascii=False) + "\n")
+    except OSError as error:
+        raise RecordError("the run cannot be completed", where=str(folder), found=str(error)) from error
+    streams = decode_run(folder)
+    return seal(
+        folder,
+        manifest.model_copy(
+            update={
+                "outcome": "aborted",
+                "reason": reason,
+                "ended_utc": utc_now(),
+                "duration_s": duration_s,
+                "measurements": tuple(_measurement(row) for row in rows if row["kind"] == "measurement"),
+                "repeats": dict(Counter(str(row["device"]) for row in rows if row["kind"] == "repeat")),
+                "stream": {name: dataclasses.asdict(stream) for name, stream in streams.items()},
+            }
+        ),
+    )
+
+
+def _measurement(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in row.items() if key not in ("time_s", "kind")}
+
+
+def _cut_events(folder: Path) -> str:
+    """Cut an incomplete last line off the event log and return it."""
+    torn = read_events(folder).torn
+    path = folder / _EVENTS
+    if torn:
+        _cut(path, path.read_bytes().rfind(b"\n") + 1)
+    return torn
+
+
+def _cut(path: Path, size: int) -> None:
+    with path.open("r+b") as file:
+        file.truncate(size)
+
+
+def _last_s(folder: Path, event_times_s: list[float]) -> float:
+    """Return the last bench time that anything in the record has."""
+    last = [0.0, *event_times_s]
+    for index in (folder / "raw").glob("*.idx"):
+        pairs = index.stat().st_size // _PAIR_BYTES
+        if pairs:
+            last.append(float(np.fromfile(index, "<i8", 2, offset=(pairs - 1) * _PAIR_BYTES)[1]) / 1e9)
+    return max(last)
+
+
+def _watchdog(folder: Path) -> str:
+    """Return in a sentence what a watchdog did."""
+    rows = read_events(folder / "watchdog").rows
+    if not rows:
+        return "No watchdog took over."
+    return f"The watchdog took over ({rows[0].get('cause')}): {rows[-1].get('outcome', 'it did not finish')}."

@@ -1,0 +1,304 @@
+"""The record of one run, from the first byte to the sealed folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import platform
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from bench.control.devices import (
+    chamber_kind,
+    gyro_kind,
+    gyro_settings,
+    platform_kind,
+    table_kind,
+    table_settings,
+)
+from bench.record.benchfile import BenchFile, GyroSection, PlatformSection, bench_file_from
+from bench.record.recording import (
+    DeviceEntry,
+    EmulatedLab,
+    EventLog,
+    GyroSource,
+    Journal,
+    Manifest,
+    PlatformSource,
+    PortJournal,
+    StreamReport,
+    StreamSource,
+    decode_instrument,
+    decode_stream,
+    read_events,
+    read_manifest,
+    seal,
+    units_off_s,
+    write_manifest,
+)
+from drivers.base.clock import utc_now
+from drivers.base.errors import BenchError, RecordError
+from drivers.kit.instruments import Identity
+
+_SOFTWARE = ("gyrobench", "numpy", "scipy", "pyserial", "python-can")
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a run ended once its folder was closed; `warnings` of its streams."""
+
+    outcome: str
+    reason: str
+    warnings: tuple[str, ...]
+
+
+class RunRecord:
+    """Writes a run folder: events as they come, raw bytes on the journal's cadence, by the journal's thread."""
+
+    def __init__(self, folder: Path, manifest: Manifest, flush_interval_s: float) -> None:
+        self.folder = folder
+        self._manifest = manifest
+        self._journal = Journal(folder, flush_interval_s)
+        self._events = EventLog(folder)
+        self._journal.adopt(self._events)
+        self._devices: dict[str, DeviceEntry] = {}
+        self._stream_starts: dict[str, int] = {}
+        self._measurements: list[dict[str, Any]] = []
+        self._repeats: Counter[str] = Counter()
+        self._mounting = ""
+
+    @classmethod
+    def create(
+        cls,
+        runs_folder: Path,
+        run_id: str | None,
+        procedure: str,
+        parameters: Mapping[str, Any],
+        file: BenchFile,
+        emulated: Mapping[str, Any] | None,
+    ) -> RunRecord:
+        """Make the run's folder and write that it is running; RecordError if it cannot be written."""
+        started = utc_now()
+        name = run_id or f"{datetime.fromisoformat(started):%Y%m%d-%H%M%S}-{procedure}"
+        folder = _new_folder(runs_folder, name)
+        manifest = Manifest(
+            run_id=folder.name,
+            procedure=procedure,
+            parameters=dict(parameters),
+            started_utc=started,
+            bench=file.model_dump(mode="json"),
+            bench_file_sha256=file.sha256,
+            units=file.units,
+            emulated=None if emulated is None else dict(emulated),
+            flush_interval_s=min(file.recording.flush_interval_s, 1.0),
+            software={"python": platform.python_version()} | {name: version(name) for name in _SOFTWARE},
+        )
+        write_manifest(folder, manifest)
+        return cls(folder, manifest, file.recording.flush_interval_s)
+
+    @property
+    def started_utc(self) -> str:
+        """When the run began, ISO 8601."""
+        return self._manifest.started_utc
+
+    def tap(self, port: str) -> PortJournal:
+        """Return the journal of a port, for its link."""
+        return self._journal.port(port)
+
+    def event(self, time_s: float, kind: str, **fields: Any) -> None:
+        """Write one line of events.jsonl."""
+        if kind == "measurement":
+            self._measurements.append(fields)
+        if kind == "repeat":
+            self._repeats[str(fields["device"])] += 1
+        if kind == "answer" and "mounting" in fields:
+            self._mounting = str(fields["mounting"])
+        self._events.event(time_s, kind, **fields)
+
+    def emulated(self, told: Mapping[str, Any]) -> None:
+        """Note what the lab that serves the clock says it emulates."""
+        self._manifest = self._manifest.model_copy(update={"emulated": EmulatedLab.model_validate(told)})
+
+    def check(self) -> None:
+        """Raise what the journal met."""
+        self._journal.check()
+
+    def identify(
+        self, name: str, role: str, kind: str, identity: Identity, section: GyroSection | None = None
+    ) -> None:
+        """Note who answered on a port."""
+        self._devices[name] = DeviceEntry(
+            kind=kind,
+            role=role,
+            maker=identity.maker,
+            model=identity.model,
+            serial_number=identity.serial_number,
+            firmware=identity.firmware,
+            axis=section.axis if section else None,
+            case_sensor=section.case_sensor if section else None,
+        )
+
+    def stream_starts(self, name: str, offset: int) -> None:
+        """Note that what arrives on gyro port `name` from byte `offset` on is its stream."""
+        self._stream_starts[name] = offset
+        write_manifest(self.folder, self._with_sources())  # a run that is never closed can be decoded too
+
+    def close(self, outcome: str, reason: str, duration_s: float) -> Ending:
+        """Close the raw files, decode them, write the outcome and seal the folder; return how it ended.
+
+        A run that could not be recorded or decoded whole is sealed as aborted with what there is. RecordError
+        only if not even the seal can be written.
+        """
+        problems = self._close_journal()
+        manifest = self._with_sources()
+        streams: dict[str, StreamReport] = {}
+        try:
+            write_manifest(self.folder, manifest)
+            streams = decode_run(self.folder)
+        except BenchError as error:
+            problems.append(f"The record could not be decoded: {error}")
+        if problems:
+            outcome = "aborted"
+            reason = " ".join([reason, *(text for text in problems if text not in reason)]).strip()
+        problems += self._close_events(duration_s, outcome, reason)
+        manifest = manifest.model_copy(
+            update={
+                "outcome": outcome,
+                "reason": reason,
+                "ended_utc": utc_now(),
+                "duration_s": duration_s,
+                "stream": {name: dataclasses.asdict(stream) for name, stream in streams.items()},
+            }
+        )
+        seal(self.folder, manifest)
+        warnings = [f"{name}: {text}" for name, stream in streams.items() for text in _warnings(stream)]
+        warnings += [
+            f"{name}: {count} exchange{'s' * (count > 1)} tried again"
+            for name, count in self._repeats.items()
+        ]
+        return Ending(outcome, reason, tuple(warnings))
+
+    def _with_sources(self) -> Manifest:
+        return self._manifest.model_copy(
+            update={
+                "devices": self._devices,
+                "stream": {name: {"start_offset": offset} for name, offset in self._stream_starts.items()},
+                "measurements": tuple(self._measurements),
+                "repeats": dict(self._repeats),
+                "mounting": self._mounting,
+            }
+        )
+
+    def _close_journal(self) -> list[str]:
+        try:
+            self._journal.close()
+        except BenchError as error:
+            return [str(error)]
+        return []
+
+    def _close_events(self, duration_s: float, outcome: str, reason: str) -> list[str]:
+        try:
+            self._events.event(duration_s, "outcome", outcome=outcome, reason=reason)
+            self._events.close()
+        except BenchError as error:
+            return [str(error)]
+        return []
+
+
+def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]:
+    """Make all tables of a run from its raw bytes, in `out` (default: the run folder); the one way there is."""
+    manifest = read_manifest(folder)
+    if manifest.imported is not None:
+        from bench.record.exchange import decode_imported  # only a run of another bench needs it
+
+        return decode_imported(folder, out or folder)
+    file = bench_file_from(manifest.bench)
+    settings = table_settings(file)
+    decode_instrument(
+        folder,
+        "table",
+        "turntable",
+        lambda exchanges: table_kind(file).decode_transcript(exchanges, settings),
+        out,
+    )
+    decode_instrument(folder, "chamber", "chamber", chamber_kind(file).decode_transcript, out)
+    starts = {name: int(entry.get("start_offset", 0)) for name, entry in manifest.stream.items()}
+    sources: list[StreamSource] = [
+        _gyro_source(each, starts[each.name]) for each in file.gyro if each.name in starts
+    ]
+    sources += [_platform_source(each, starts[each.name]) for each in file.platform if each.name in starts]
+    off_s: list[tuple[float, float]] = []
+    with suppress(RecordError):  # a damaged log is said when it is verified; without it more counts as lost
+        off_s = units_off_s(read_events(folder).rows)
+    return {source.name: decode_stream(folder, source, out, off_s) for source in sources}
+
+
+def gyro_source(manifest: Manifest, name: str) -> GyroSource:
+    """Return how the stream of a recorded run's gyro is decoded."""
+    section = bench_file_from(manifest.bench).gyro_named(name)
+    return _gyro_source(section, int(manifest.stream[name].get("start_offset", 0)))
+
+
+def _platform_source(section: PlatformSection, start_offset: int) -> PlatformSource:
+    kind, settings = platform_kind(section), section.model_dump()
+    return PlatformSource(
+        name=section.name,
+        decoder=lambda: kind.decoder(settings),
+        columns=kind.columns,
+        start_offset=start_offset,
+        baudrate=section.baudrate,
+    )
+
+
+def _gyro_source(section: GyroSection, start_offset: int) -> GyroSource:
+    kind, settings = gyro_kind(section), gyro_settings(section)
+    return GyroSource(
+        name=section.name,
+        decoder=lambda: kind.decoder(settings),
+        rates=lambda columns, rate_hz: kind.rates(settings, columns, rate_hz),
+        accelerations=None if kind.accelerations is None else partial(kind.accelerations, settings),
+        temperatures=None if kind.temperatures is None else partial(kind.temperatures, settings),
+        axis=section.axis,
+        start_offset=start_offset,
+        baudrate=None if section.on_can else section.baudrate,
+    )
+
+
+def _warnings(stream: StreamReport) -> list[str]:
+    texts = list(stream.warnings)
+    if stream.lost:
+        texts.append(f"{stream.lost} frames lost (marked in the table)")
+    if any(stream.rejected.values()):
+        texts.append("frames rejected: " + ", ".join(f"{n} {why}" for why, n in stream.rejected.items() if n))
+    return texts
+
+
+def _new_folder(root: Path, name: str) -> Path:
+    if name == ".." or Path(name).name != name or not name.isprintable():
+        raise RecordError(
+            "a run's id is the name of its folder",
+            found=repr(name),
+            expected="a name without / that does not lead out of the runs folder",
+        )
+    for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
+        folder = root / f"{name}{suffix}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise RecordError(
+                "the run folder cannot be made",
+                where=str(folder),
+                found=error.strerror or str(error),
+                expected="a folder that can be written",
+                remedy="name another with --runs",
+            ) from error
+        return folder
+    raise RecordError("too many runs of that name", where=str(root / name))

@@ -1,0 +1,316 @@
+"""One run from request to closed folder: open, identify, check limits, drive, make safe, decode, seal."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from bench.control.devices import (
+    chamber_kind,
+    chamber_settings,
+    gyro_kind,
+    gyro_settings,
+    open_clock,
+    platform_kind,
+    table_kind,
+    table_settings,
+)
+from bench.control.lease import Lease, take_lease
+from bench.control.live import Live
+from bench.control.procedure import Parameters, Procedure
+from bench.control.progress import Progress
+from bench.control.questions import Operator
+from bench.control.run_record import RunRecord
+from bench.control.session import Bench
+from bench.control.stations import GyroStation, PlatformStation, StreamStation, StreamTap
+from bench.control.watchdog import Watchdog
+from bench.record.benchfile import BenchFile, PlatformSection
+from drivers.base.clock import Clock, WallClock
+from drivers.base.errors import (
+    BenchError,
+    DeviceRefused,
+    DeviceSilent,
+    ProtocolError,
+    RecordError,
+    RunAborted,
+    RunUnsealed,
+    WrongDevice,
+)
+from drivers.base.virtual_clock import VirtualClock
+from drivers.kit.instruments import Gyro, Identity
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What to run, on what, and where the record goes.
+
+    `emulated` is written to the manifest of a run on an emulated lab (plant settings); None: what the lab or the
+    bench file says, and nothing on real devices.
+    `lease`: of a caller who keeps the bench for more than this run; None has the run take one for itself.
+    `live`: where others see and steer the run; None keeps it to itself.
+    """
+
+    procedure: Procedure
+    parameters: Parameters
+    file: BenchFile
+    runs_folder: Path
+    operator: Operator
+    display: Callable[[Progress], None] | None = None
+    run_id: str | None = None
+    emulated: dict[str, Any] | None = None
+    before_close: Callable[[Path], None] | None = None
+    lease: Lease | None = None
+    live: Live | None = None
+
+
+@dataclass
+class RunResult:
+    """How a run ended; `error` is what aborted it."""
+
+    folder: Path
+    outcome: str
+    reason: str
+    duration_s: float
+    error: BaseException | None = None
+    warnings: list[str] = field(default_factory=list)
+    safe: list[str] = field(default_factory=list)
+    """What table and chamber read back when they had been made safe; empty if nothing was opened yet."""
+
+
+def run_procedure(request: RunRequest) -> RunResult:
+    """Run a procedure and return how it ended; the folder is complete whatever happened.
+
+    Raises only what prevents a record from being made at all: BenchInUse, RecordError or ConfigurationError; and
+    RunUnsealed, with what became of the bench, if the folder of a run that was driven cannot be closed.
+    """
+    request.procedure.check_bench(request.file)
+    if request.lease is None:
+        with take_lease(request.file, f"run {request.run_id or request.procedure.name}") as lease:
+            return _run(replace(request, lease=lease))
+    return _run(request)
+
+
+def _run(request: RunRequest) -> RunResult:
+    record = RunRecord.create(
+        request.runs_folder,
+        request.run_id,
+        request.procedure.name,
+        request.parameters.model_dump(),
+        request.file,
+        request.emulated or _emulated_by_file(request.file),
+    )
+    if request.live is not None:
+        request.live.begin_run(
+            record.folder,
+            run_id=record.folder.name,
+            procedure=request.procedure.name,
+            expected_s=request.procedure.expected_duration_s(request.parameters),
+            started_utc=record.started_utc,
+            units={gyro.name: gyro.unit for gyro in request.file.gyro},
+            emulated=bool(request.emulated or request.file.bench.emulated or request.file.bench.clock),
+        )
+    outcome, reason, duration_s = "aborted", "", 0.0
+    error: BaseException | None = None
+    unsafe: list[str] = []
+    safe: list[str] = []
+    try:
+        with ExitStack() as stack:
+            clock = open_clock(request.file.bench.clock)
+            stack.callback(clock.close)
+            if request.emulated is None and isinstance(clock, VirtualClock) and clock.emulated:
+                record.emulated(clock.emulated)
+            stack.enter_context(_signals(clock))
+            if request.live is not None:
+                paced = request.file.bench.clock is not None
+                stack.enter_context(request.live.steering(clock.interrupt, paced=paced))
+            try:
+                bench = _drive(request, record, clock, stack, safe, unsafe)
+            finally:
+                duration_s = clock.now()
+        outcome = "invalid" if bench.invalid_reasons else "completed"
+        reason = "; ".join(bench.invalid_reasons)
+        if request.before_close is not None:
+            request.before_close(record.folder)
+    except BenchError as problem:
+        outcome, error, reason = "aborted", problem, str(problem)
+        if request.before_close is not None:
+            with suppress(BenchError, OSError):  # what it asks may be what is gone
+                request.before_close(record.folder)
+    except BaseException as problem:
+        outcome, error, reason = "aborted", problem, f"{type(problem).__name__}: {problem}"
+        raise
+    finally:
+        if unsafe:
+            outcome = "aborted"
+            reason = f"{reason} NOT CONFIRMED SAFE, go and look: {' '.join(unsafe)}".strip()
+        try:
+            ending = record.close(outcome, reason, duration_s)
+        except RecordError as problem:
+            if request.live is not None:
+                request.live.end("aborted", f"{reason} {problem}".strip())
+            raise _unsealed(record.folder, problem, outcome, reason, safe) from problem
+        if request.live is not None:
+            request.live.end(ending.outcome, ending.reason, ending.warnings)
+    return RunResult(
+        record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings), safe
+    )
+
+
+def _unsealed(
+    folder: Path, problem: RecordError, outcome: str, reason: str, safe: Sequence[str]
+) -> RunUnsealed:
+    """Say what became of the bench first, then of the record: nothing but this text tells the operator."""
+    bench = "; ".join(safe) or "nothing was told to move or to heat"
+    ended = f"the run ended as {outcome}" + (f": {reason}" if reason else "")
+    return RunUnsealed(
+        f"the run folder could not be closed. Bench: {bench}",
+        where=str(folder),
+        found=f"{problem.found}; {ended}",
+        expected=problem.expected,
+        remedy=f"what is on the disk can be read: with the folder back and room on its disk, "
+        f"`gyrobench runs recover {folder}` completes it",
+    )
+
+
+def _emulated_by_file(file: BenchFile) -> dict[str, Any] | None:
+    return None if file.bench.emulated is None else file.bench.emulated.model_dump()
+
+
+def _drive(
+    request: RunRequest,
+    record: RunRecord,
+    clock: Clock,
+    stack: ExitStack,
+    safe: list[str],
+    unsafe: list[str],
+) -> Bench:
+    """Run the procedure; `safe` and `unsafe` take what did and did not confirm its safe state afterwards."""
+    file = request.file
+    tests = request.procedure.tests
+    bench = Bench(file, clock, record, request.operator, _display(request), request.live, tests)
+    watchdog = _watchdog(request, record, clock, stack)
+    table = table_kind(file).open(table_settings(file), clock, record.tap("table"))
+    stack.callback(table.link.close)
+    chamber = chamber_kind(file).open(chamber_settings(file), clock, record.tap("chamber"))
+    stack.callback(chamber.link.close)
+    bench.install(table, chamber, tuple(file.chamber.auxiliary))
+    record.identify("table", "table", file.table.driver, table.identify())
+    record.identify("chamber", "chamber", file.chamber.driver, chamber.identify())
+    _check_limits(request, bench)
+    streams = [_open_gyro(bench, record, clock, section, stack) for section in file.gyro]
+    streams += [_open_platform(bench, record, clock, section, stack) for section in file.platform]
+    if watchdog is not None:
+        stack.callback(watchdog.dismiss)  # before the ports are closed, which may take its time
+    stack.callback(lambda: safe.extend(bench.confirmed))
+    stack.callback(lambda: unsafe.extend(bench.unconfirmed))
+    try:
+        for device, station in streams:
+            device.start()
+            record.stream_starts(station.name, device.link.bytes_received)
+            bench.listen(device, station)
+        if watchdog is not None:
+            watchdog.arm()
+        bench.table.confine()
+        bench.poll()
+        request.procedure.run(bench, request.parameters)
+    except BaseException as problem:
+        bench.make_safe(str(problem) if isinstance(problem, BenchError) else type(problem).__name__)
+        raise
+    bench.make_safe("end of the run")
+    for device, station in streams:
+        if not station.gone:
+            _stop(bench, device, station.name)
+    return bench
+
+
+def _stop(bench: Bench, device: Gyro, name: str) -> None:
+    """Stop a unit at the end of a run; one that no longer listens changes nothing of what was measured."""
+    try:
+        device.stop()
+    except (DeviceRefused, DeviceSilent, ProtocolError, WrongDevice) as problem:
+        bench.note(f"{name} was not stopped: {problem}")
+
+
+def _watchdog(request: RunRequest, record: RunRecord, clock: Clock, stack: ExitStack) -> Watchdog | None:
+    """Start the process that makes a bench on the wall clock safe if this one dies; dismissed with the stack."""
+    if not isinstance(clock, WallClock) or not request.file.safe.watchdog or request.lease is None:
+        return None
+    watchdog = Watchdog(request.file, record.folder, request.lease)
+    stack.callback(watchdog.dismiss)
+    clock.pulse = watchdog.beat
+    return watchdog
+
+
+def _display(request: RunRequest) -> Callable[[Progress], None] | None:
+    shown = [each for each in (request.display, request.live) if each is not None]
+
+    def show(progress: Progress) -> None:
+        for each in shown:
+            each(progress)
+
+    return show if shown else None
+
+
+def _check_limits(request: RunRequest, bench: Bench) -> None:
+    demands = request.procedure.demands(request.parameters)
+    bench.table.check(demands.max_rate_dps)
+    bench.chamber.check_sensors()
+    bench.chamber.check(demands.min_temp_c, demands.max_temp_c, demands.max_ramp_k_per_min)
+
+
+def _open_gyro(
+    bench: Bench, record: RunRecord, clock: Clock, section: Any, stack: ExitStack
+) -> tuple[Gyro, StreamStation]:
+    kind, settings = gyro_kind(section), gyro_settings(section)
+    station = GyroStation(kind, settings)
+    gyro = kind.open(settings, clock, StreamTap(record.tap(section.name), station.take))
+    stack.callback(gyro.close)
+    identity: Identity = gyro.identify()
+    record.identify(section.name, "gyro", section.driver, identity, section)
+    bench.gyros[section.name] = station
+    return gyro, station
+
+
+def _open_platform(
+    bench: Bench, record: RunRecord, clock: Clock, section: PlatformSection, stack: ExitStack
+) -> tuple[Gyro, StreamStation]:
+    kind, settings = platform_kind(section), section.model_dump()
+    station = PlatformStation(kind, settings)
+    station.device = kind.open(settings, clock, StreamTap(record.tap(section.name), station.take))
+    stack.callback(station.device.close)
+    record.identify(section.name, "platform", section.driver, station.device.identify())
+    bench.platforms[section.name] = station
+    return station.device, station
+
+
+@contextmanager
+def _signals(clock: Clock) -> Iterator[None]:
+    """While a run goes on, Ctrl-C, SIGTERM and a terminal that closes ask the clock to stop; the bench is made
+    safe, then we leave. Under nohup a closed terminal stays ignored.
+    """
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
+        clock.interrupt.request(f"stopped by {name}")
+
+    try:
+        before = {
+            number: signal.signal(number, ask)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+            if number != signal.SIGHUP or signal.getsignal(number) is signal.SIG_DFL
+        }
+    except ValueError:  # not the main thread: whoever embeds the bench there owns the signals
+        before = {}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+__all__ = ["RunAborted", "RunRequest", "RunResult", "run_procedure"]

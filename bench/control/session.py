@@ -1,0 +1,413 @@
+"""A bench in use: devices opened, telemetry flowing, every step in the record, and a safe state at the end."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import Any, Literal, Protocol
+
+from bench.control.attendance import Attendance, Returns
+from bench.control.limit_watch import LimitWatch
+from bench.control.live import Request
+from bench.control.progress import GyroProgress, Progress
+from bench.control.questions import Operator, Question
+from bench.control.safe_state import bring_to_rest
+from bench.control.stations import ChamberStation, GyroStation, PlatformStation, StreamStation
+from bench.control.table_station import TableStation
+from bench.record.benchfile import BenchFile
+from drivers.base.clock import Clock, host_seconds
+from drivers.base.errors import BenchError, RunAborted
+from drivers.kit.instruments import Chamber, Gyro, Turntable
+
+_POLL_S = 1.0
+_RESOLUTION_S = 1e-9
+"""A virtual clock counts whole ns: what is nearer than this has come."""
+_ALARMS_S = 60.0
+_DISPLAY_S = 0.1
+_KEPT_LINES = 20
+_RATE_WINDOW_S = 60.0
+
+
+class Record(Protocol):
+    """What the session writes to: the run's event log and journal."""
+
+    def event(self, time_s: float, kind: str, **fields: Any) -> None:
+        """Write one line of events.jsonl."""
+        ...
+
+    def check(self) -> None:
+        """Raise RecordError if the record can no longer be written."""
+        ...
+
+
+class Steering(Protocol):
+    """Who may ask the session to stand still; `bench.control.live.Live` does so for files."""
+
+    pause_wanted: str
+    """Who wants a pause; empty when nobody does."""
+
+    def take(self) -> list[Request | BenchError]:
+        """Return what has been asked for since the last call, for the record."""
+        ...
+
+    def breathe(self) -> None:
+        """Called while waiting for a human."""
+        ...
+
+
+class Bench:
+    """What a procedure drives. All waiting goes through `wait` and `wait_until`, where telemetry is polled,
+    limits are watched and the record is flushed.
+    """
+
+    def __init__(
+        self,
+        file: BenchFile,
+        clock: Clock,
+        record: Record,
+        operator: Operator,
+        display: Callable[[Progress], None] | None = None,
+        steering: Steering | None = None,
+        tests: Literal["gyro", "platform"] = "gyro",
+    ) -> None:
+        self.file = file
+        self.clock = clock
+        self.operator = operator
+        self.invalid_reasons: list[str] = []
+        self.unconfirmed: list[str] = []
+        """What did not confirm its safe state when it was last asked for."""
+        self.confirmed: list[str] = []
+        """What did, with what it read back."""
+        self.measurements: list[dict[str, Any]] = []
+        self.gyros: dict[str, GyroStation] = {}
+        self.platforms: dict[str, PlatformStation] = {}
+        self.table: TableStation
+        self.chamber: ChamberStation
+        self.limits: LimitWatch
+        self.phase_name = ""
+        self._attendance = Attendance(
+            tests,
+            lambda unit, text: self.event("alarm", device=unit, text=text),
+            self.invalidate,
+            file.safe.last_unit_s,
+        )
+        self._returns = Returns(
+            clock,
+            self._lose,
+            lambda unit: self._attendance.back(unit, clock.now()),
+            self.note,
+        )
+        self._record = record
+        self._display = display
+        self._steering = steering
+        self._paused = False
+        self._resumed_by = ""
+        self._alarms: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
+        self._log: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
+        self._step = ""
+        self._poll_s = _POLL_S
+        self._next_poll_s = clock.now()
+        self._next_alarms_s = clock.now() + _ALARMS_S
+        self._shown_at = 0.0
+
+    def install(self, table: Turntable, chamber: Chamber, auxiliary: tuple[int, ...]) -> None:
+        """Put the polled instruments in place."""
+        self.table = TableStation(table, self, self.file.table.all_axes)
+        self.chamber = ChamberStation(chamber, self, auxiliary)
+        self.limits = LimitWatch(self.file.limits, self.clock, self.table, self.chamber)
+        for name, device in (("table", table), ("chamber", chamber)):
+            device.link.on_repeat = partial(self.repeated, name)
+
+    # What a procedure says
+
+    @contextmanager
+    def step(self, code: str, title: str) -> Iterator[None]:
+        """Name what follows after the test plan's own step; a pause that was asked for comes before it."""
+        self._pause(title)
+        self._step = f"{code} {title}"
+        self.event("step", code=code, title=title)
+        yield
+
+    def phase(self, name: str) -> None:
+        """Begin a phase; it lasts until the next one."""
+        self.phase_name = name
+        self.event("phase", phase=name)
+
+    def note(self, text: str) -> None:
+        """Write a remark to the record."""
+        self.event("note", text=text)
+
+    def command(self, device: str, text: str) -> None:
+        """Write to the record what a device is told."""
+        self.event("command", device=device, text=text)
+
+    def measure(
+        self, name: str, value: float, unit: str, *, low: float | None = None, high: float | None = None
+    ) -> bool:
+        """Record a measured value against optional limits; return whether it is inside.
+
+        Without limits nothing is judged: `passed` of the record is then None, never a pass.
+        """
+        inside = (low is None or value >= low) and (high is None or value <= high)
+        row = {"name": name, "value": value, "unit": unit, "low": low, "high": high}
+        row["passed"] = None if low is None and high is None else inside
+        self.measurements.append(row)
+        self.event("measurement", **row)
+        return inside
+
+    def invalidate(self, reason: str) -> None:
+        """Mark the run invalid for its purpose; it goes on and its data are kept."""
+        self.invalid_reasons.append(reason)
+        self.event("alarm", device="procedure", text=f"run invalid: {reason}")
+
+    def ask(self, question: str, **act: Any) -> str:
+        """Put a question to the operator and wait, telemetry running, for the answer."""
+        self.event("prompt", question=question)
+        answered = self.operator.ask(Question(question, act))
+        while (answer := answered()) is None:
+            self._attendance.excuse_until(self.clock.now() + 1.0)
+            self.wait(0.2, f"operator: {question}")
+        self.event("answer", question=question, answer=answer, by=self.operator.name, **act)
+        if answer.strip().lower() in ("no", "n", "abort"):
+            raise RunAborted(f"the operator answered {answer!r} to: {question}")
+        return answer
+
+    @contextmanager
+    def polling(self, every_s: float) -> Iterator[None]:
+        """Take telemetry every `every_s` (default 1 s) meanwhile: for stays of days, where nothing moves."""
+        self._poll_s = every_s
+        try:
+            yield
+        finally:
+            self._poll_s = _POLL_S
+            self._next_poll_s = min(self._next_poll_s, self.clock.now() + _POLL_S)
+
+    def wait(self, duration_s: float, doing: str = "") -> None:
+        """Let bench time pass with telemetry running."""
+        end = self.clock.now() + duration_s
+        while end - self.clock.now() > _RESOLUTION_S:
+            self._tick(end, doing)
+
+    def wait_until(
+        self, condition: Callable[[], bool], *, timeout_s: float, what: str, every_s: float = _POLL_S
+    ) -> bool:
+        """Wait until `condition` holds after a poll (True) or `timeout_s` passed (False)."""
+        end = self.clock.now() + timeout_s
+        check_at = self.clock.now()
+        while end - self.clock.now() > _RESOLUTION_S:
+            self._tick(end, what)
+            if self.clock.now() >= check_at:
+                check_at += every_s
+                if condition():
+                    return True
+        return False
+
+    @property
+    def now_s(self) -> float:
+        """Bench time in s."""
+        return self.clock.now()
+
+    # What happens meanwhile
+
+    def event(self, kind: str, **fields: Any) -> None:
+        """Write one line to the event log, at bench time now."""
+        time_s = self.clock.now()
+        self._record.event(time_s, kind, **fields)
+        self._log.append({"time_s": round(time_s, 3), "kind": kind, **fields})
+        if kind == "alarm":
+            self._alarms.append({"time_s": round(time_s, 3), **fields})
+
+    def repeated(self, device: str, why: object) -> None:
+        """Write down that an exchange with a device is tried again, and what was received of it."""
+        self.event("repeat", device=device, text=str(why))
+
+    def poll(self) -> None:
+        """Ask both instruments, then collect: their answers travel at the same time."""
+        table, chamber = self.table, self.chamber
+        table.device.request_state()
+        chamber.device.request_state()
+        air = chamber.read_state()
+        auxiliary = (air.auxiliary_c[number] for number in chamber.auxiliary)
+        chamber.history.append(self.clock.now(), air.air_temp_c, air.set_point_c, *auxiliary)
+        turned = table.device.read_state()  # the quicker device: its answer has come meanwhile
+        table.take(self.clock.now(), turned)
+        self.limits.look()
+        table.watch()
+        chamber.watch()
+        self._returns.look()
+        self._attendance.check(self.units, self.clock.now())
+
+    @property
+    def units(self) -> list[StreamStation]:
+        """What streams: gyros and platforms."""
+        return [*self.gyros.values(), *self.platforms.values()]
+
+    def listen(self, device: Gyro, station: StreamStation) -> None:
+        """Take the stream of a unit from here on; when its port goes away it is looked for with every poll."""
+        station.listen(self.clock.now())
+        self._returns.watch(device, station)
+
+    def _lose(self, unit: StreamStation, error: BenchError) -> None:
+        self._attendance.lose(unit, self.clock.now(), error)
+        self._attendance.require_one(self.units, self.clock.now())
+
+    @property
+    def judge(self) -> GyroStation:
+        """The gyro that equilibrium and east are judged by: the first of the bench that still speaks.
+
+        When it is lost the next one takes its place, and the record says so: ask anew after every wait.
+        """
+        return self._attendance.judge(self.gyros.values())
+
+    @contextmanager
+    def units_off(self) -> Iterator[None]:
+        """Take what the units do not send meanwhile for intended: they are switched off and on again.
+
+        Neither their silence nor the gap in their streams counts against them. The two events that enclose it
+        tell the decoder of the record.
+        """
+        units = self.units
+        for unit in units:
+            unit.power_off()
+        self.event("units_off")
+        self._attendance.units_off = True
+        try:
+            yield
+        finally:
+            self._attendance.units_off = False
+            self._attendance.excuse_until(self.clock.now())
+            for unit in units:
+                unit.power_on()
+            self.event("units_on")
+
+    def check_alarms(self) -> None:
+        """Ask both instruments for alarms; any goes to the record and raises RunAborted."""
+        for name, found in (("table", self.table.device.alarms()), ("chamber", self.chamber.alarms())):
+            for text in found:
+                self.event("alarm", device=name, text=text)
+            if found:
+                raise RunAborted(
+                    f"the {name} reports a fault",
+                    where=name,
+                    found="; ".join(found),
+                    expected="no alarm",
+                    remedy="the bench is being made safe; clear the cause before starting again",
+                )
+
+    def _tick(self, end_s: float, doing: str) -> None:
+        self.clock.idle(min(end_s, self._next_poll_s) - self.clock.now())
+        if self._next_poll_s - self.clock.now() <= _RESOLUTION_S:
+            self.poll()
+            self._next_poll_s = max(self._next_poll_s + self._poll_s, self.clock.now())
+            if self.clock.now() >= self._next_alarms_s:
+                self._next_alarms_s = self.clock.now() + _ALARMS_S
+                self.check_alarms()
+            self._record.check()
+            self._note_requests()
+        if self._display is not None and host_seconds() - self._shown_at >= _DISPLAY_S:
+            self._shown_at = host_seconds()
+            self._display(self.progress(doing))
+
+    def progress(self, doing: str) -> Progress:
+        """Return what a display shows now."""
+        now = self.clock.now()
+        air, turned = self.chamber.history.last, self.table.history.last
+        nan = float("nan")
+        return Progress(
+            time_s=now,
+            step=self._step,
+            doing=doing,
+            phase=self.phase_name,
+            air_temp_c=air.get("air_temp_c", nan),
+            set_point_c=air.get("set_point_c", nan),
+            air_rate_k_per_min=self._air_rate_k_per_min(now),
+            auxiliary_c={str(n): air.get(f"aux_{n}_temp_c", nan) for n in self.chamber.auxiliary},
+            angle_deg=turned.get("angle_deg", nan),
+            rate_dps=turned.get("rate_dps", nan),
+            demand=self.table.demand_text,
+            gyros={name: _gyro_progress(station, now) for name, station in self.gyros.items()},
+            paused=self._paused,
+            alarms=tuple(self._alarms),
+            log=tuple(self._log),
+        )
+
+    def _air_rate_k_per_min(self, now_s: float) -> float:
+        rows = self.chamber.history.since(now_s - _RATE_WINDOW_S)
+        time_s, air_c = rows["time_s"], rows["air_temp_c"]
+        if len(time_s) < 2 or time_s[-1] - time_s[0] < 0.5 * _RATE_WINDOW_S:
+            return float("nan")
+        return float(60.0 * (air_c[-1] - air_c[0]) / (time_s[-1] - time_s[0]))
+
+    def _pause(self, before: str) -> None:
+        """Stand still, telemetry running, as long as somebody wants a pause."""
+        steering = self._steering
+        if steering is None or not (by := steering.pause_wanted):
+            return
+        self._note_requests()
+        self.event("paused", by=by)
+        self._paused = True
+        while steering.pause_wanted:
+            steering.breathe()
+            self.wait(0.2, f"paused by {by} before: {before}")
+        self._paused = False
+        self._note_requests()
+        self.event("resumed", by=self._resumed_by)
+
+    def _note_requests(self) -> None:
+        """Write to the record what has been asked of the session."""
+        for request in self._steering.take() if self._steering is not None else ():
+            if isinstance(request, Request):
+                self.event("request", action=request.action, by=request.by, utc=request.utc)
+                self._resumed_by = request.by
+            else:
+                self.event("note", text=str(request))
+
+    # How it ends
+
+    def make_safe(self, reason: str) -> bool:
+        """Stop the table, send the chamber to its safe set point; return whether both read back at rest."""
+        read_back: list[tuple[str, str]] = []
+        devices = {"table": self.table.device, "chamber": self.chamber.device}
+        self.confirmed, self.unconfirmed = [], ["bench: the way to the safe state was cut off"]
+        seen = {"table": self.table.last_seen, "chamber": self.chamber.last_seen}
+        told: set[str] = set()
+
+        def away(name: str, what: str) -> None:
+            with suppress(BenchError, OSError):  # whatever is wrong with record or display, the way goes on
+                if name not in told:
+                    told.add(name)
+                    text = f"{what}{seen[name]()}: STOP IT BY HAND. Being made safe: {reason}"
+                    self.event("alarm", device=name, text=f"not confirmed safe: {text}")
+                if self._display is not None:
+                    self._display(self.progress(f"making the bench safe, {name}: {what}"))
+
+        with self.clock.interrupt.ignored():
+            left = bring_to_rest(
+                devices, self.clock, lambda name, text: read_back.append((name, text)), away=away
+            )
+            problems = self.unconfirmed = [f"{name}: {text}{seen[name]()}" for name, text in left.items()]
+        self._note_requests()
+        self.event("note", text=f"{'not ' if problems else ''}made safe: {reason}")
+        self.confirmed = [f"{name} {text}" for name, text in read_back]
+        for text in self.confirmed:
+            self.event("note", text=text)
+        for problem in problems:
+            self.event("alarm", device="bench", text=f"not confirmed safe: {problem}")
+        return not problems
+
+
+def _gyro_progress(station: GyroStation, now_s: float) -> GyroProgress:
+    rate_dps = station.mean_rate_dps(now_s - 60.0)
+    last = station.history.last
+    nan = float("nan")
+    return GyroProgress(
+        rate_dps=rate_dps,
+        latest_dps=last.get("rate_dps", nan),
+        temp_c=last.get("temp_c", nan),
+        frames=station.frames,
+        lost=station.lost,
+        rejected=station.rejected,
+        age_s=now_s - last.get("time_s", nan),
+    )

@@ -1,0 +1,315 @@
+"""The table as a procedure works at it: axes, limits, demands that return when telemetry shows them settled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Literal
+
+from bench.control.history import History
+from bench.control.limits import check_stops
+from bench.record.benchfile import AxisSection
+from drivers.base.errors import DeviceRefused, LimitExceeded, RunAborted
+from drivers.kit.instruments import TableState, Turntable, alarms_in_words
+
+if TYPE_CHECKING:
+    from bench.control.session import Bench
+
+Sense = Literal["shortest", "positive", "negative"]
+
+_SETTLED_POLLS = 3
+_STAYS = 10.0
+"""A settled table may be off by this many times what counted as settled before it has left its demand."""
+
+
+class TableStation:
+    """The rate table. Verbs return when telemetry shows that the motion has settled.
+
+    A verb's `axis` is a name of the bench file's `[[table.axes]]`; "" is the axis that carries the unit, whose
+    telemetry is `angle_deg` and `rate_dps` in the history. The others' is `<name>_angle_deg`, `<name>_rate_dps`.
+    """
+
+    def __init__(self, device: Turntable, bench: Bench, axes: Sequence[AxisSection]) -> None:
+        self.device = device
+        self.axes = {axis.name: axis for axis in axes}
+        self._carrier = axes[-1].name
+        outer = [self._columns(axis.name) for axis in axes[:-1]]
+        self.history = History(("angle_deg", "rate_dps", *(name for pair in outer for name in pair)))
+        self._demands = dict.fromkeys(self.axes, "at rest")
+        self._turn_dps = dict.fromkeys(self.axes, math.inf)
+        self._bench = bench
+        self._stays: dict[str, Callable[[dict[str, float]], bool]] = {}
+
+    @property
+    def demand_text(self) -> str:
+        """What was asked of the axes last, in words."""
+        if len(self.axes) == 1:
+            return self._demands[self._carrier]
+        return ", ".join(f"{name} {text}" for name, text in self._demands.items())
+
+    @property
+    def rates_dps(self) -> tuple[float, ...]:
+        """The newest rate of every axis."""
+        return tuple(self.history.last[self._columns(name)[1]] for name in self.axes)
+
+    def last_seen(self) -> str:
+        """Return in words what telemetry said last, empty before the first."""
+        if not (last := self.history.last):
+            return ""
+        rates = ", ".join(f"{rate:.3f} deg/s" for rate in self.rates_dps)
+        return f" ({self._bench.now_s - last['time_s']:.0f} s ago it turned at {rates})"
+
+    def take(self, time_s: float, state: TableState) -> None:
+        """Keep telemetry."""
+        outer = [state.outer[name] for name in self.axes if name != self._carrier]
+        self.history.append(
+            time_s,
+            state.angle_deg,
+            state.rate_dps,
+            *(value for each in outer for value in (each.angle_deg, each.rate_dps)),
+        )
+
+    def angle_deg(self, axis: str = "") -> float:
+        """Return the newest angle of an axis."""
+        return self.history.last[self._columns(axis or self._carrier)[0]]
+
+    def check(self, max_rate_dps: float, axis: str = "") -> None:
+        """Raise LimitExceeded if `max_rate_dps` is beyond the bench file's or the table's own limit."""
+        allowed = self._max_rate_dps(axis or self._carrier)
+        if max_rate_dps > allowed:
+            raise LimitExceeded(
+                f"a table rate of {max_rate_dps:g} deg/s is not allowed",
+                where=self._where(axis or self._carrier),
+                found=f"{max_rate_dps:g} deg/s",
+                expected=f"at most {allowed:g} deg/s (bench file and table limits)",
+                remedy="lower the rate parameter, or raise limits.max_rate_dps if the bench really allows it",
+            )
+
+    def confine(self, max_rate_dps: float | None = None) -> None:
+        """Have the table itself keep turns to an angle within the bench file's limits and its own.
+
+        `max_rate_dps`: turns slower than that, for a procedure that wants a rate of its own.
+        """
+        for name, axis in self.axes.items():
+            rate_dps = self._max_rate_dps(name)
+            if max_rate_dps is not None:
+                self.check(max_rate_dps, name)
+                rate_dps = max_rate_dps
+            self._turn_dps[name] = rate_dps
+            self.device.limit_turns(rate_dps, self._named(name), axis.max_acceleration_dps2)
+
+    @property
+    def mounting_text(self) -> str:
+        """What an operator who mounts units must be told of the outer axes, empty on a table of one."""
+        outer = list(self.axes)[:-1]
+        return f"With {' and '.join(outer)} at 0 deg: " if outer else ""
+
+    def engage(self) -> None:
+        """Close the servo, and bring the axes outside of the one that carries the unit to 0 deg."""
+        self.device.servo_on()
+        for name in list(self.axes)[:-1]:
+            self.point(0.0, name)
+
+    def home(self, *, timeout_s: float = 300.0) -> None:
+        """Bring every axis to its reference position, outermost first, each settled before the next."""
+        for name in self.axes:
+            self._allow(name, "go home", self._turn_dps[name], 0.0)
+            self._bench.command(self._where(name), "go home")
+            self._begin(name, "home")
+            self.device.home(self._named(name))
+            self._settle_angle(name, 0.0, 0.002, timeout_s)
+
+    def point(
+        self,
+        angle_deg: float,
+        axis: str = "",
+        *,
+        sense: Sense = "shortest",
+        tolerance_deg: float = 0.002,
+        timeout_s: float = 300.0,
+    ) -> None:
+        """Turn to `angle_deg` and wait until three polls in a row are within `tolerance_deg`.
+
+        `sense`: "shortest", or "positive" or "negative" for the way round; an axis that is there already then
+        makes a whole turn. DeviceRefused if it does not settle there, LimitExceeded beyond its stops.
+        """
+        name = axis or self._carrier
+        self._require_between_stops(name, angle_deg)
+        self._allow(name, f"point to {angle_deg:g} deg", self._turn_dps[name], angle_deg)
+        way = "" if sense == "shortest" else f", {sense} sense"
+        self._bench.command(self._where(name), f"point to {angle_deg:.4f} deg{way}")
+        self._begin(name, f"{angle_deg:.3f} deg")
+        if sense == "shortest":
+            self.device.point(angle_deg, self._named(name))
+            self._settle_angle(name, angle_deg, tolerance_deg, timeout_s)
+            return
+        by_deg = self._way_round(name, angle_deg, sense, tolerance_deg)
+        self.device.turn(by_deg, self._named(name))
+        self._settle_angle(name, angle_deg, tolerance_deg, timeout_s, by_deg)
+
+    def spin(
+        self,
+        rate_dps: float,
+        axis: str = "",
+        *,
+        acceleration_dps2: float | None = None,
+        tolerance_share: float = 1e-3,
+        timeout_s: float = 300.0,
+    ) -> None:
+        """Turn at `rate_dps` and wait until three polls in a row are near it.
+
+        Near is within `tolerance_share` of the rate + 0.002 deg/s: more for a table whose rate ripples.
+        """
+        name = axis or self._carrier
+        self.check(abs(rate_dps), name)
+        if rate_dps != 0.0:  # coming to rest is always allowed
+            self._allow(name, f"spin at {rate_dps:g} deg/s", rate_dps)
+        within = "" if acceleration_dps2 is None else f" within {acceleration_dps2:g} deg/s2"
+        self._bench.command(self._where(name), f"spin at {rate_dps:g} deg/s{within}")
+        self._begin(name, f"{rate_dps:g} deg/s")
+        self.device.spin(rate_dps, self._named(name), acceleration_dps2)
+        tolerance, column = tolerance_share * abs(rate_dps) + 0.002, self._columns(name)[1]
+        self._settle(
+            name,
+            lambda row: abs(row[column] - rate_dps) <= tolerance,
+            lambda row: abs(row[column] - rate_dps) <= _STAYS * tolerance,
+            f"reaching {rate_dps:g} deg/s",
+            timeout_s,
+        )
+
+    def stop(self, axis: str = "") -> None:
+        """Come to rest."""
+        self.spin(0.0, axis)
+        self._demands[axis or self._carrier] = "at rest"
+
+    def watch(self) -> None:
+        """Raise RunAborted if telemetry shows that the table has left what it had settled at, or its stops."""
+        last = self.history.last
+        for name, axis in self.axes.items():
+            check_stops(axis, self.angle_deg(name), self._where(name))
+        if any(not stays(last) for stays in self._stays.values()):
+            self._look_again()
+            last = self.history.last
+        for name, stays in list(self._stays.items()):
+            if stays(last):
+                continue
+            del self._stays[name]
+            angle, rate = self._columns(name)
+            raise RunAborted(
+                "the table has left its demand",
+                where=self._where(name),
+                found=f"{last[angle]:.3f} deg, {last[rate]:.4f} deg/s; " + alarms_in_words(self.device),
+                expected=self._demands[name],
+                remedy="check interlock, emergency stop and the controller's error queue",
+            )
+
+    def _look_again(self) -> None:
+        """Read telemetry once more, at once: on a line without a check value one digit of it may be damaged."""
+        last = self.history.last
+        seen = ", ".join(f"{last[column]:g}" for name in self.axes for column in self._columns(name))
+        self._bench.repeated("table", f"{seen} (deg, deg/s) though it had settled at {self.demand_text}")
+        self.device.request_state()
+        state = self.device.read_state()
+        self.take(self._bench.now_s, state)
+
+    def _allow(self, name: str, what: str, rate_dps: float, angle_deg: float | None = None) -> None:
+        """Ask the rules of the bench file; other axes go on as they do."""
+        if not self._bench.file.limits.forbid:
+            return
+        others = [abs(rate) for axis, rate in zip(self.axes, self.rates_dps, strict=True) if axis != name]
+        where = f"{self._where(name)}: {what}" if len(self.axes) > 1 else what
+        fastest = max(abs(rate_dps), *others) if others else abs(rate_dps)
+        self._bench.limits.allow(
+            where, rate_dps=fastest, angle_deg=angle_deg if name == self._carrier else None
+        )
+
+    def _columns(self, name: str) -> tuple[str, str]:
+        prefix = "" if name == self._carrier else f"{name}_"
+        return f"{prefix}angle_deg", f"{prefix}rate_dps"
+
+    def _named(self, name: str) -> str:
+        """Return the axis argument of a demand: nothing for the axis that carries the unit."""
+        return "" if name == self._carrier else name
+
+    def _where(self, name: str) -> str:
+        return "table" if len(self.axes) == 1 else f"table, {name} axis"
+
+    def _max_rate_dps(self, name: str) -> float:
+        own = self.axes[name].max_rate_dps or math.inf
+        device = self.device.limits(self._named(name)).max_rate_dps
+        return min(self._bench.file.limits.max_rate_dps, own, device)
+
+    def _require_between_stops(self, name: str, angle_deg: float) -> None:
+        low, high = self.axes[name].min_angle_deg, self.axes[name].max_angle_deg
+        if low is not None and high is not None and not low <= angle_deg <= high:
+            raise LimitExceeded(
+                "an angle beyond the stops of the axis",
+                where=self._where(name),
+                found=f"{angle_deg:g} deg",
+                expected=f"{low:g} .. {high:g} deg (bench file)",
+                remedy="mount the unit another way, or take another scheme",
+            )
+
+    def _way_round(self, name: str, angle_deg: float, sense: Sense, tolerance_deg: float) -> float:
+        self._bench.poll()
+        ahead = (angle_deg - self.angle_deg(name)) % 360.0
+        if sense == "negative":
+            ahead -= 360.0
+        if abs(ahead) <= tolerance_deg:
+            ahead += math.copysign(360.0, 1.0 if sense == "positive" else -1.0)
+        return ahead
+
+    def _begin(self, name: str, demand: str) -> None:
+        self._demands[name] = demand
+        self._stays.pop(name, None)
+
+    def _settle_angle(
+        self, name: str, angle_deg: float, tolerance_deg: float, timeout_s: float, by_deg: float | None = None
+    ) -> None:
+        """Wait for an angle and, with `by_deg`, for telemetry to have gone that way: polls are half a turn apart
+        at most.
+        """
+        column = self._columns(name)[0]
+        before, travel = self.history.last.get(column, 0.0), 0.0
+
+        def error(row: dict[str, float]) -> float:
+            return abs(math.remainder(row[column] - angle_deg, 360.0))
+
+        def there(row: dict[str, float]) -> bool:
+            nonlocal before, travel
+            travel += math.remainder(row[column] - before, 360.0)
+            before = row[column]
+            return error(row) <= tolerance_deg and (by_deg is None or abs(travel - by_deg) < 180.0)
+
+        self._settle(
+            name,
+            there,
+            lambda row: error(row) <= _STAYS * tolerance_deg,
+            f"pointing to {angle_deg:.3f} deg" + (f" by {by_deg:+.1f} deg" if by_deg is not None else ""),
+            timeout_s,
+        )
+
+    def _settle(
+        self,
+        name: str,
+        close: Callable[[dict[str, float]], bool],
+        stays: Callable[[dict[str, float]], bool],
+        what: str,
+        timeout_s: float,
+    ) -> None:
+        in_a_row = 0
+
+        def settled() -> bool:
+            nonlocal in_a_row
+            in_a_row = in_a_row + 1 if close(self.history.last) else 0
+            return in_a_row >= _SETTLED_POLLS
+
+        if not self._bench.wait_until(settled, timeout_s=timeout_s, what=what):
+            raise DeviceRefused(
+                f"the table did not settle within {timeout_s:g} s while {what}",
+                where=self._where(name),
+                found=f"{self.history.last}, {alarms_in_words(self.device)}",
+                expected=self._demands[name],
+                remedy="check interlock, load balance and the axis limits",
+            )
+        self._stays[name] = stays

@@ -1,0 +1,10 @@
+"""The watchdog's process: the order on the first line of standard input, then beats until it closes."""
+
+from __future__ import annotations
+
+import sys
+
+from bench.control.watchdog._process import main
+
+if __name__ == "__main__":
+    sys.exit(main())

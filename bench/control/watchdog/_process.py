@@ -1,0 +1,266 @@
+"""What the watchdog does: miss a beat, end the runner, bring the bench to rest, write it down.
+
+Everything is imported and every setting checked before it says that it is ready: nothing can fail later but the
+devices themselves.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.control.devices import chamber_kind, chamber_settings, table_kind, table_settings
+from bench.control.lease import device_at
+from bench.control.safe_state import bring_to_rest
+from bench.control.watchdog import ARMED, DISMISSED, FOLDER, HUNG_S, STARVED_S
+from bench.record.benchfile import bench_file_from
+from bench.record.recording import EventLog, Journal
+from drivers.base.clock import Clock, WallClock, utc_now
+from drivers.base.errors import BenchError, RecordError
+from drivers.kit.instruments import Instrument
+from drivers.kit.link import Tap
+
+_PORTS_TIMEOUT_S = 60.0
+"""How long a port that cannot be opened is tried again: a gone adapter may come back."""
+
+_FIRST_TRY_S = 1.0
+_AGAIN_S = 0.02
+
+
+_Opener = Callable[[Clock, Tap], Instrument]
+
+
+class _Replaced(BenchError):
+    """Another device has the name of one that is no more."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the runner wants guarded."""
+
+    run_folder: Path
+    runner: int
+    lease: tuple[int, ...]
+    openers: dict[str, _Opener]
+
+
+class _Quiet:
+    """A tap that keeps nothing, for a run folder that can no longer be written."""
+
+    def received(self, data: bytes, arrival_s: float) -> None:
+        """Let them pass."""
+
+    def sent(self, data: bytes, time_s: float) -> None:
+        """Let them pass."""
+
+
+def main() -> int:
+    """Guard one runner; 0 when it was not needed or the bench is at rest, 1 when that could not be confirmed."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # whoever stops the runner must not stop what guards it
+    order = _read_order()
+    try:
+        runner = os.pidfd_open(order.runner)
+    except ProcessLookupError:
+        return 0
+    try:
+        os.write(1, b"ready\n")
+    except BrokenPipeError:  # dismissed while it came up: nothing was moved
+        return 0
+    armed, clock = False, WallClock()
+    patience = Patience(clock.now(), runqueue_wait_s(order.runner))
+    while True:
+        left_s = patience.left_s(clock.now(), runqueue_wait_s(order.runner))
+        ready, _, _ = select.select([0], [], [], left_s if armed else None)
+        said = os.read(0, 4096) if ready else b""
+        if DISMISSED in said or (ready and not said and not armed):
+            return 0
+        if ready and not said:
+            cause = "the runner's process has ended"
+            break
+        now_s, waited_s = clock.now(), runqueue_wait_s(order.runner)
+        if said:
+            armed = armed or ARMED in said
+            patience = Patience(now_s, waited_s)
+        elif not patience.left_s(now_s, waited_s):
+            cause = f"no sign of life for {now_s - patience.heard_s:.1f} s"
+            break
+    unconfirmed = _take_over(order, runner, cause)
+    for descriptor in order.lease:
+        with suppress(OSError):
+            Path(f"/proc/self/fd/{descriptor}").readlink().unlink()
+    return 1 if unconfirmed else 0
+
+
+@dataclass(frozen=True)
+class Patience:
+    """When the runner was last heard, and what its driving thread had waited for a processor by then (s)."""
+
+    heard_s: float
+    waited_s: float
+
+    def left_s(self, now_s: float, waited_s: float) -> float:
+        """Return how long a silent runner may go on being silent, 0 when it is taken for hung.
+
+        What it spent ready to run, without a processor, is the machine's fault and not its own.
+        """
+        starved_s = min(max(waited_s - self.waited_s, 0.0), STARVED_S)
+        return max(self.heard_s + HUNG_S + starved_s - now_s, 0.0)
+
+
+def runqueue_wait_s(pid: int) -> float:
+    """Return how long the main thread of a process has waited for a processor; 0 where nobody counts it.
+
+    Linux: second number of /proc/PID/task/TID/schedstat, ns (Documentation/scheduler/sched-stats.rst). A thread
+    that is stopped, asleep or computing does not wait.
+    """
+    try:
+        counted = Path(f"/proc/{pid}/task/{pid}/schedstat").read_text(encoding="ascii")
+        return int(counted.split()[1]) / 1e9
+    except (OSError, ValueError, IndexError):
+        return 0.0
+
+
+def _read_order() -> Order:
+    line = b""
+    while not line.endswith(b"\n"):
+        line += os.read(0, 1) or b"\n"
+    data: dict[str, Any] = json.loads(line)
+    file = bench_file_from(data["bench"])
+    table, chamber = table_kind(file), chamber_kind(file)
+    of_table, of_chamber = table_settings(file), chamber_settings(file)
+    return Order(
+        run_folder=Path(data["run_folder"]),
+        runner=int(data["runner"]),
+        lease=tuple(data["lease"]),
+        openers={
+            "table": _of(file.table.port, lambda clock, tap: table.open(of_table, clock, tap)),
+            "chamber": _of(file.chamber.port, lambda clock, tap: chamber.open(of_chamber, clock, tap)),
+        },
+    )
+
+
+def _of(port: str, opener: _Opener) -> _Opener:
+    """Return what opens a port as long as it leads to the device that it leads to now.
+
+    The numbers of a killed emulated lab's terminals are taken by the next one, whose run is not ours to stop.
+    """
+    device = device_at(port)
+
+    def opened(clock: Clock, tap: Tap) -> Instrument:
+        if device_at(port) != device:
+            raise _Replaced("the device is no more", where=port, found="nothing, or another of its name")
+        return opener(clock, tap)
+
+    return opened
+
+
+def _take_over(order: Order, runner: int, cause: str) -> list[str]:
+    """End the runner and bring the bench to rest; return what was not confirmed."""
+    with suppress(ProcessLookupError):
+        signal.pidfd_send_signal(runner, signal.SIGKILL)  # it must not come to and command the table again
+    select.select([runner], [], [], 1.0)
+    clock = WallClock()
+    notes = _Notes(order.run_folder / FOLDER, clock)
+    notes.say("takeover", cause=cause, utc=utc_now(), runner=order.runner)
+    closed = dict(order.openers)
+    problems: dict[str, str] = {}
+    confirmed: list[str] = []
+    told: set[str] = set()
+    deadline_s = clock.now() + _FIRST_TRY_S
+    while closed:
+        opened: dict[str, Instrument] = {}
+        while closed and not (opened and clock.now() >= deadline_s):
+            for name in list(closed):
+                try:
+                    opened[name] = closed[name](clock, notes.tap(name))
+                    del closed[name]
+                except _Replaced as error:
+                    problems[name] = str(error)
+                    del closed[name]
+                except BenchError as error:
+                    problems[name] = str(error)
+            if closed:
+                if clock.now() >= _PORTS_TIMEOUT_S:
+                    break
+                for name in closed if clock.now() >= deadline_s else ():
+                    if name not in told:
+                        told.add(name)
+                        text = (
+                            f"not stopped yet, STOP IT BY HAND; its port is tried for 60 s: {problems[name]}"
+                        )
+                        notes.say("alarm", device=name, text=text)
+                clock.sleep(_AGAIN_S)
+        if not opened:
+            break
+        problems |= bring_to_rest(opened, clock, lambda name, text: confirmed.append(f"{name} {text}"))
+        for line in confirmed:
+            problems.pop(line.partition(" ")[0], None)
+            notes.say("note", text=line)
+        confirmed.clear()
+    unconfirmed = [f"{name}: {text}" for name, text in problems.items()]
+    for problem in unconfirmed:
+        notes.say("alarm", device="bench", text=f"not confirmed safe: {problem}")
+    notes.say("outcome", outcome="not confirmed safe" if unconfirmed else "made safe", reason=cause)
+    notes.close()
+    return unconfirmed
+
+
+class _Notes:
+    """The watchdog's own record in the run folder: events and raw bytes; a folder that is gone stops nothing."""
+
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        self._clock, self._run = clock, folder.parent
+        self._taps: dict[str, Tap] = {}
+        self._journal: Journal | None = None
+        self._events: EventLog | None = None
+        try:
+            folder.mkdir(exist_ok=True)
+            self._journal, self._events = Journal(folder, 1.0), EventLog(folder)
+            self._journal.adopt(self._events)
+        except (OSError, RecordError) as error:
+            _tell(str(error))
+
+    def tap(self, port: str) -> Tap:
+        if port not in self._taps:
+            self._taps[port] = _Quiet()
+            if self._journal is not None:
+                with suppress(RecordError):
+                    self._taps[port] = self._journal.port(port)
+        return self._taps[port]
+
+    def say(self, kind: str, **fields: Any) -> None:
+        if self._events is not None:
+            self._events.event(self._clock.now(), kind, **fields)
+        _tell(_words(kind, fields, self._run))
+
+    def close(self) -> None:
+        for part in (self._journal, self._events):
+            if part is not None:
+                with suppress(BenchError):
+                    part.close()
+
+
+def _words(kind: str, fields: dict[str, Any], run: Path) -> str:
+    """Return an event in words for whoever sits at the terminal."""
+    if kind == "takeover":
+        return f"{fields['cause']}: the table and the chamber are being stopped"
+    if kind == "outcome":
+        after = "" if fields["outcome"] == "made safe" else ", go and look before anything else"
+        return (
+            f"{fields['outcome']}{after}. What had come is kept: `gyrobench runs recover {run}` completes it"
+        )
+    return f"{fields['device']}: {fields['text']}" if kind == "alarm" else str(fields["text"])
+
+
+def _tell(text: str) -> None:
+    """Say it on the runner's terminal, if there is one still."""
+    with suppress(OSError):
+        os.write(2, f"watchdog: {text}\n".encode())

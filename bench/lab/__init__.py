@@ -1,0 +1,1 @@
+"""The emulated lab as a bench, and what tests need of it."""

@@ -1,0 +1,347 @@
+"""An emulated lab that matches a bench file: started as a process of its own, spoken to through its stage door.
+
+The only things the bench learns of it are ports and a clock URL, which it puts in the bench file's place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from bench.control.devices import table_settings
+from bench.lab.nursery import LabProcess, start_lab
+from bench.lab.plant_rotation import BearingPlant, RotationPlant
+from bench.record.benchfile import BenchFile, Emulated, GyroSection
+from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
+
+_MODELS = {"kvh1750": "fog_mid", "sbg_ellipse": "mems", "can_dbc": "mems", "rlg2t": "rlg"}
+
+
+class PlantFault(BaseModel):
+    """`[[fault]]`: what happens to a port or its device, and when; docs/faults.md has the kinds."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    port: str
+    """`table`, `chamber` or a gyro's name."""
+    kind: str
+    at_s: tuple[float, ...] = ()
+    rate_per_h: float = Field(default=0.0, ge=0, le=3.6e6, allow_inf_nan=False)
+    start_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
+    end_s: float = Field(default=1e12, gt=0, allow_inf_nan=False)
+    count: int = Field(default=1, ge=0)
+    duration_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
+    factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
+    text: str = ""
+
+
+class Plant(BaseModel):
+    """What physics stands behind the emulated devices. Units not named get their driver's usual model."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    seed: int = Field(default=1, ge=0)
+    room_temp_c: float = 25.0
+    chamber: str = "standard"
+    delivery_s: float = Field(default=4.0, gt=0, le=4)
+    models: dict[str, str] = Field(default_factory=dict)
+    """Unit id -> model name (fog_mid, fog_nav, mems, ins_triad, rlg, imu, imu_full)."""
+    mount_azimuth_error_deg: float = Field(default=0.3, ge=-5, le=5)
+    heading_effect_dph: float = Field(default=1e-3, ge=0, le=1)
+    """rms over headings of the change of a platform's mean drift"""
+    clock_error_ppm: dict[str, float] = Field(default_factory=dict)
+    """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
+    rotation: RotationPlant = RotationPlant()
+    bearing: dict[str, BearingPlant] = Field(default_factory=dict)
+    """Unit id -> the bearing it turns in; a unit not named has its model's own."""
+    gap_model: dict[str, Path] = Field(default_factory=dict)
+    """Unit id -> model file (nominal, or written by `gyrobench gap close`): its effects and noise in place of the
+    unit's own errors. Relative to the plant file."""
+    fault: tuple[PlantFault, ...] = ()
+
+    def errors_of(self, unit: str) -> dict[str, Any] | None:
+        """Return terms and noise of the model that a unit is to follow, as JSON values, None without one."""
+        if unit not in self.gap_model:
+            return None
+        from bench.analysis.gap import read_model  # scipy takes its time to import
+
+        model = read_model(self.gap_model[unit])
+        terms = [
+            {"effect": term.name, "values": list(term.values), "shape": dict(term.variant.shape)}
+            for term in model.terms
+        ]
+        terms += [
+            {"effect": term.name, "values": list(term.values), "shape": {}} for term in model.disturbances
+        ]
+        channels = {term.name: list(term.values) for term in model.channel_terms}
+        return {"terms": terms, "noise": dataclasses.asdict(model.noise), "channels": channels}
+
+    def heading_effect_of(self, unit: str) -> list[float] | None:
+        """Return the values of the `heading_effect` of the model that a platform is to follow, None without one.
+
+        ConfigurationError for a model with effects that a platform does not have.
+        """
+        errors = self.errors_of(unit)
+        if errors is None:
+            return None
+        others = [term["effect"] for term in errors["terms"]]
+        others += [name for name in errors["channels"] if name != "heading_effect"]
+        if others:
+            raise ConfigurationError(
+                "an emulated platform cannot follow these effects of its model",
+                where=str(self.gap_model[unit]),
+                found=", ".join(others),
+                expected="heading_effect, or none",
+            )
+        values: list[float] | None = errors["channels"].get("heading_effect")
+        return values
+
+    def model_of(self, gyro: GyroSection, axes: int = 1) -> str:
+        """Return the name of the physics behind a gyro on a table of so many axes.
+
+        A unit of three axes on a table of several is an IMU.
+        """
+        if axes > 1 and gyro.axes == "xyz":
+            return self.models.get(gyro.unit, "imu")
+        usual = "mems" if gyro.driver in ("frames", "stim300") and len(gyro.axes) > 1 else "fog_mid"
+        return self.models.get(gyro.unit, _MODELS.get(gyro.driver, usual))
+
+    def told(self, file: BenchFile) -> dict[str, Any]:
+        """Return what the manifest of a run on this plant says of it."""
+        return {"seed": self.seed, "model": self.summary(file)}
+
+    def summary(self, file: BenchFile) -> str:
+        """Return in a few words what is emulated."""
+        axes = len(file.table.all_axes)
+        units = [
+            f"{gyro.name} {self.model_of(gyro, axes)}"
+            + (f" with the errors of {self.gap_model[gyro.unit].name}" if gyro.unit in self.gap_model else "")
+            for gyro in file.gyro
+        ]
+        for platform in file.platform:
+            model = self.gap_model.get(platform.unit)
+            drift = "" if model is None else f" with the drift of {model.name}"
+            units.append(f"{platform.name} space-stable platform{drift}")
+        faults = f", {len(self.fault)} faults" if self.fault else ""
+        return f"{self.chamber} chamber, {', '.join(units)}{faults}"
+
+
+def unit_seed(unit: str) -> int:
+    """Return the seed that makes an emulated unit itself: the same serial number is the same unit every day."""
+    return int.from_bytes(hashlib.sha256(unit.encode()).digest()[:4], "little")
+
+
+class EmulatedLab:
+    """A running lab; use as a context manager. `file` is the bench file that reaches it."""
+
+    def __init__(
+        self,
+        file: BenchFile,
+        plant: Plant,
+        *,
+        clock: Literal["virtual", "wall"] = "virtual",
+        lane: int | None = None,
+        start: Callable[[], LabProcess] = start_lab,
+    ) -> None:
+        self._process = start()
+        self._answers = self._process.stdout
+        cpu = _cpu_of(os.getpid() if lane is None else lane)
+        try:
+            self.perform_raw({**lab_config(file, plant, clock), "cpu": cpu})
+            ready = self._read()
+            if "refused" in ready:
+                raise ConfigurationError(**ready["refused"])
+        except BaseException:
+            self.close()
+            raise
+        self.ports: dict[str, str] = ready["ports"]
+        self.clock_url: str | None = ready["clock"]
+        # On a lab's own clock the greeting says what is emulated, on the wall clock only the bench file can.
+        told = plant.told(file) if self.clock_url is None else None
+        self.file = _with_ports(file, self.ports, self.clock_url, told)
+
+    def perform(self, act: dict[str, Any]) -> dict[str, Any]:
+        """Have a stage hand do `act` in the lab; BenchError says why it could not."""
+        self.perform_raw(act)
+        answer = self._read()
+        if not answer.get("ok"):
+            raise BenchError(f"the emulated lab could not do {act}: {answer.get('error')}")
+        return answer
+
+    def perform_raw(self, message: dict[str, Any]) -> None:
+        """Write one line to the stage door."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(message).encode() + b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError as error:
+            raise _ended() from error
+
+    def wait(self) -> None:
+        """Wait until the lab's process ends."""
+        self._process.wait()
+
+    def close(self) -> None:
+        """Close the stage door: the lab's process ends."""
+        if self._process.stdin is not None:
+            with suppress(BrokenPipeError):
+                self._process.stdin.close()
+        try:
+            self._process.wait(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._answers is not None:
+            self._answers.close()
+
+    def __enter__(self) -> EmulatedLab:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _read(self) -> dict[str, Any]:
+        line = self._answers.readline() if self._answers is not None else b""
+        if not line:
+            raise _ended()
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+
+def save_truth(lab: EmulatedLab, folder: Path) -> None:
+    """Keep the true drift of every emulated unit, and which faults struck, beside the run: for judging only."""
+    for gyro in lab.file.gyro:
+        path = (folder / f"truth_{gyro.name}.npz").resolve()
+        lab.perform({"act": "truth", "unit": gyro.name, "path": str(path)})
+    if struck := lab.perform({"act": "struck"})["struck"]:
+        lines = "".join(json.dumps(entry) + "\n" for entry in struck)
+        (folder / "truth_faults.jsonl").write_text(lines, encoding="utf-8")
+
+
+def _ended() -> BenchError:
+    return BenchError("the emulated lab ended before it was asked to", remedy="its own output says why")
+
+
+def load_plant(path: Path | None) -> Plant:
+    """Read a plant file (TOML); None gives the defaults."""
+    if path is None:
+        return Plant()
+    try:
+        plant = Plant.model_validate(parse_toml(read_bounded(path, SETTINGS_BYTES)))
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(
+            "the plant file cannot be used",
+            where=str(path),
+            found=str(error),
+            expected="keys of the plant file",
+        ) from error
+    models = {unit: path.parent / file for unit, file in plant.gap_model.items()}
+    return plant.model_copy(update={"gap_model": models})
+
+
+def _cpu_of(lane: int) -> int | None:
+    """Return the processor that lab and bench share; labs that run side by side have different lanes."""
+    if not hasattr(os, "sched_getaffinity"):
+        return None
+    allowed = sorted(os.sched_getaffinity(0))
+    return allowed[lane % len(allowed)]
+
+
+def _transport(port: str | None) -> str:
+    return "tcp" if port is not None and port.startswith("socket://") else "pty"
+
+
+def lab_config(file: BenchFile, plant: Plant, clock: str = "virtual") -> dict[str, Any]:
+    """Return what a lab's process is told to be: devices and units of the bench file, physics of the plant."""
+    return {
+        "clock": clock,
+        "seed": plant.seed,
+        "emulated": plant.told(file),
+        "latitude_deg": file.bench.latitude_deg,
+        "room_temp_c": plant.room_temp_c,
+        "chamber_model": plant.chamber,
+        "delivery_s": plant.delivery_s if clock == "virtual" else 0.02,
+        "table": {
+            "driver": file.table.driver,
+            "transport": _transport(file.table.port),
+            "settings": table_settings(file),
+        },
+        "chamber": {
+            "driver": file.chamber.driver,
+            "transport": _transport(file.chamber.port),
+            "settings": file.chamber.model_dump(mode="json"),
+        },
+        "gyros": [
+            {
+                "name": gyro.name,
+                "driver": gyro.driver,
+                "transport": "pty" if gyro.on_can else _transport(gyro.port),
+                "settings": gyro.model_dump(mode="json"),
+                "model": plant.model_of(gyro, len(file.table.all_axes)),
+                "unit_seed": unit_seed(gyro.unit),
+                "mount_azimuth_error_deg": plant.mount_azimuth_error_deg,
+                "clock_error_ppm": _clock_error_ppm(plant, gyro, errors),
+                "bearing": plant.bearing[gyro.unit].model_dump(mode="json")
+                if gyro.unit in plant.bearing
+                else None,
+                "errors": errors,
+            }
+            for gyro in file.gyro
+            for errors in [plant.errors_of(gyro.unit)]
+        ],
+        "rotation": plant.rotation.model_dump(mode="json"),
+        "faults": [fault.model_dump(mode="json") for fault in plant.fault],
+        "platforms": [
+            {
+                "name": platform.name,
+                "driver": platform.driver,
+                "transport": _transport(platform.port),
+                "settings": platform.model_dump(mode="json"),
+                "unit_seed": unit_seed(platform.unit),
+                "effect_dph": plant.heading_effect_dph,
+                "modelled": platform.unit in plant.gap_model,
+                "heading_effect": plant.heading_effect_of(platform.unit),
+            }
+            for platform in file.platform
+        ],
+    }
+
+
+def _clock_error_ppm(plant: Plant, gyro: GyroSection, errors: dict[str, Any] | None) -> float:
+    """Return how fast a gyro's sample clock is: as its model has it, else as the plant file says."""
+    modelled = (errors or {}).get("channels", {}).get("sample_clock_skew")
+    return float(modelled[0]) if modelled else plant.clock_error_ppm.get(gyro.name, 0.0)
+
+
+def _with_ports(
+    file: BenchFile, ports: dict[str, str], clock_url: str | None, told: dict[str, Any] | None = None
+) -> BenchFile:
+    gyros = tuple(
+        gyro.model_copy(update={"interface": "gyrobench_slcan", "channel": ports[gyro.name]})
+        if gyro.on_can
+        else gyro.model_copy(update={"port": ports[gyro.name]})
+        for gyro in file.gyro
+    )
+    return file.model_copy(
+        update={
+            "bench": file.bench.model_copy(
+                update={"clock": clock_url, "emulated": told and Emulated(**told)}
+            ),
+            "table": file.table.model_copy(update={"port": ports["table"]}),
+            "chamber": file.chamber.model_copy(update={"port": ports["chamber"]}),
+            "gyro": gyros,
+            "platform": tuple(
+                platform.model_copy(update={"port": ports[platform.name]}) for platform in file.platform
+            ),
+        }
+    )

@@ -1,0 +1,114 @@
+"""Where emulated labs' processes come from: one of its own each, or a fork of one that has loaded everything."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import IO, Any, Protocol
+
+from drivers.base.errors import BenchError
+
+_PID = struct.Struct("!i")
+
+
+class LabProcess(Protocol):
+    """A lab's process as whoever started it sees it; `subprocess.Popen` is one."""
+
+    stdin: IO[bytes] | None
+    stdout: IO[bytes] | None
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait until it has ended; subprocess.TimeoutExpired if it has not within `timeout` s."""
+        ...
+
+    def kill(self) -> None:
+        """End it at once."""
+        ...
+
+
+def start_lab() -> LabProcess:
+    """Start a lab's process."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "simulators.lab"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C is for the bench: the lab lives until the bench lets go of it
+    )
+
+
+class LabNursery:
+    """A process that has loaded the lab once and forks labs from then on; a context manager.
+
+    For whoever needs many labs after one another: a fork is ready in some hundredths of a second, a new process
+    in about one. `like` is the configuration (`bench.lab.emulated.lab_config`) of the labs to come: what such a
+    lab loads is loaded before the first fork, not in every one.
+    """
+
+    def __init__(self, like: Mapping[str, Any] | None = None) -> None:
+        self._socket, far = socket.socketpair()
+        with far:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "simulators.lab", "--nursery", str(far.fileno())],
+                stdin=subprocess.PIPE,
+                pass_fds=[far.fileno()],
+                start_new_session=True,
+            )
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError), self._process.stdin as stdin:
+            stdin.write(b"" if like is None else json.dumps(like).encode() + b"\n")
+
+    def __enter__(self) -> LabNursery:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()  # the nursery ends, and the labs with their own doors
+        self._process.wait()
+
+    def start_lab(self) -> LabProcess:
+        """Fork a lab's process."""
+        door_read, door_write = os.pipe()
+        answer_read, answer_write = os.pipe()
+        try:
+            socket.send_fds(self._socket, [b"+"], [door_read, answer_write])
+            pid = self._socket.recv(_PID.size)
+        except OSError:
+            pid = b""
+        finally:
+            os.close(door_read)
+            os.close(answer_write)
+        if len(pid) != _PID.size:
+            os.close(door_write)
+            os.close(answer_read)
+            raise BenchError("the nursery of emulated labs has ended", remedy="its own output says why")
+        return _Forked(_PID.unpack(pid)[0], os.fdopen(door_write, "wb"), os.fdopen(answer_read, "rb"))
+
+
+class _Forked:
+    """A lab that is the nursery's child: it has ended when its standard output has."""
+
+    def __init__(self, pid: int, stdin: IO[bytes], stdout: IO[bytes]) -> None:
+        self.stdin: IO[bytes] | None = stdin
+        self.stdout: IO[bytes] | None = stdout
+        self._output = stdout
+        self._pid = pid
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end of its output."""
+        while True:
+            if not select.select([self._output], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired("simulators.lab", timeout or 0.0)
+            if not os.read(self._output.fileno(), 65536):
+                return 0
+
+    def kill(self) -> None:
+        """End it at once."""
+        with suppress(ProcessLookupError):
+            os.kill(self._pid, signal.SIGKILL)

@@ -1,0 +1,93 @@
+"""The pytest plug-in: fixtures `emulated_bench` and `bench`, measurements in the JUnit file. See docs/pytest.md.
+
+Nothing of the bench is imported before a test asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from bench.lab.emulated import Plant
+    from bench.lab.testing import LabPool, TestBench
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options of the `bench` fixture."""
+    group = parser.getgroup("gyrobench", "gyro test bench")
+    group.addoption(
+        "--bench",
+        metavar="FILE",
+        help="bench file (TOML): the `bench` fixture drives its devices; without it, an emulated bench",
+    )
+    group.addoption(
+        "--bench-yes",
+        action="store_true",
+        help="answer the operator's questions on a real bench beforehand: it is prepared",
+    )
+    group.addoption("--bench-runs", metavar="FOLDER", help="where run folders go; default a temporary folder")
+    parser.addini("gyrobench_bench", "bench file that emulated benches are like (default: one FOG, one MEMS)")
+
+
+@pytest.fixture
+def bench_plant() -> Plant:
+    """The physics behind an emulated bench; override it to choose seed, models or chamber."""
+    from bench.lab.emulated import Plant
+
+    return Plant()
+
+
+@pytest.fixture(scope="session")
+def _bench_labs(pytestconfig: pytest.Config) -> Iterator[LabPool]:
+    from bench.lab.testing import LabPool, usual_bench
+
+    like = pytestconfig.getini("gyrobench_bench")
+    with LabPool(usual_bench(pytestconfig.rootpath / like if like else None)) as pool:
+        yield pool
+
+
+@pytest.fixture
+def emulated_bench(
+    _bench_labs: LabPool,
+    bench_plant: Plant,
+    request: pytest.FixtureRequest,
+) -> Iterator[TestBench]:
+    """A bench on an emulated lab in virtual time, fresh for every test."""
+    from bench.lab.testing import TestBench
+
+    with _bench_labs.lab(bench_plant) as lab:
+        yield TestBench(lab.file, _runs_folder(request), _report(request), lab=lab, plant=bench_plant)
+
+
+@pytest.fixture
+def bench(request: pytest.FixtureRequest) -> TestBench:
+    """The bench of `--bench FILE`, or an emulated one."""
+    from bench.lab.testing import TestBench
+    from bench.record.benchfile import load_bench_file
+
+    path = request.config.getoption("--bench")
+    if path is None:
+        found: TestBench = request.getfixturevalue("emulated_bench")
+        return found
+    yes = bool(request.config.getoption("--bench-yes"))
+    return TestBench(load_bench_file(path), _runs_folder(request), _report(request), yes=yes)
+
+
+def _report(request: pytest.FixtureRequest) -> Callable[[str, object], None]:
+    """Return what `record_property` is, without its warning about the xunit2 schema."""
+    properties = request.node.user_properties
+
+    def report(name: str, value: object) -> None:
+        properties.append((name, value))
+
+    return report
+
+
+def _runs_folder(request: pytest.FixtureRequest) -> Path:
+    given: Any = request.config.getoption("--bench-runs")
+    folder: Path = Path(given) if given else request.getfixturevalue("tmp_path") / "runs"
+    return folder

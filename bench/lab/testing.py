@@ -1,0 +1,266 @@
+"""What a test drives: a bench, emulated or real, whose measurements end up in the test report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
+from bench.control.questions import AssumeYes, Operator, Question, StageHand
+from bench.control.runner import RunRequest, run_procedure
+from bench.control.session import Bench
+from bench.lab.emulated import EmulatedLab, Plant, lab_config, save_truth
+from bench.lab.nursery import LabNursery
+from bench.record.benchfile import BenchFile, bench_file_from, load_bench_file
+from bench.record.recording import Run
+from drivers.base.errors import BenchError, RunAborted
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measured value against its limits."""
+
+    name: str
+    value: float
+    unit: str
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether it is inside, NaN never is; None without limits, when there is nothing to judge."""
+        if self.low is None and self.high is None:
+            return None
+        return (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high)
+
+    def __str__(self) -> str:
+        low = "" if self.low is None else f"{self.low:g} <= "
+        high = "" if self.high is None else f" <= {self.high:g}"
+        return f"{self.name}: {low}{self.value:.6g}{high} {self.unit}".rstrip()
+
+
+class TestRun:
+    """A run that a test has made. `record` reads its folder."""
+
+    __test__ = False
+
+    def __init__(
+        self, folder: Path, outcome: str, reason: str, measurements: tuple[Measurement, ...]
+    ) -> None:
+        self.folder, self.outcome, self.reason = folder, outcome, reason
+        self.measurements = measurements
+
+    @property
+    def record(self) -> Run:
+        """The recorded run: tables, events, manifest."""
+        return Run.open(self.folder)
+
+    def value(self, name: str) -> float:
+        """Return a measured value, the last one of that name; KeyError with the names there are."""
+        found = {each.name: each.value for each in self.measurements}
+        if name not in found:
+            raise KeyError(f"{name} was not measured; measured were {', '.join(found) or 'none'}")
+        return found[name]
+
+
+class TestBench:
+    """Runs procedures for a test and writes what they measure to its report.
+
+    `report(name, value)` is pytest's `record_property`; `lab` is the emulated lab, None for devices.
+    """
+
+    __test__ = False
+
+    def __init__(
+        self,
+        file: BenchFile,
+        runs: Path,
+        report: Callable[[str, object], None],
+        *,
+        lab: EmulatedLab | None = None,
+        plant: Plant | None = None,
+        yes: bool = False,
+    ) -> None:
+        self.file = file
+        self.runs = runs
+        self._report = report
+        self._lab, self._plant = lab, plant
+        self._yes = yes
+        self._used = False
+
+    @property
+    def emulated(self) -> bool:
+        """Whether there are no devices behind it."""
+        return self._lab is not None
+
+    def run(self, procedure: str, /, *, judge: bool = True, **parameters: Any) -> TestRun:
+        """Run an installed procedure. See `drive` for what `judge` does."""
+        found = find_procedure(procedure)
+        return self._run(found, found.parse(parameters), judge)
+
+    def drive(
+        self,
+        function: Callable[[Bench], None],
+        /,
+        *,
+        judge: bool = True,
+        demands: Demands | None = None,
+    ) -> TestRun:
+        """Run `function(bench)` as a procedure: recorded, limits checked, made safe at the end.
+
+        With `judge`, AssertionError if a measurement is outside its limits or the run is invalid; an aborted run
+        always is one. `demands` are what is checked against the limits before anything moves.
+        """
+        name = getattr(function, "__name__", "function").replace("_", "-").strip("-<>") or "function"
+        procedure = Procedure(
+            name=name,
+            title=(function.__doc__ or name).strip().splitlines()[0],
+            source="a test",
+            parameters=Parameters,
+            run=lambda bench, _: function(bench),
+            expected_duration_s=lambda _: 0.0,
+            demands=lambda _: demands or Demands(),
+            upright=False,
+        )
+        return self._run(procedure, Parameters(), judge)
+
+    def measure(
+        self, name: str, value: float, unit: str, *, low: float | None = None, high: float | None = None
+    ) -> float:
+        """Put a value that the test computed into the report; AssertionError if it is outside its limits."""
+        measured = Measurement(name, float(value), unit, low, high)
+        self._tell(measured)
+        assert measured.passed is not False, str(measured)
+        return measured.value
+
+    def _run(self, procedure: Procedure, parameters: Parameters, judge: bool) -> TestRun:
+        if self._used and self._lab is not None:
+            raise BenchError(
+                "an emulated bench is good for one run",
+                remedy="use one test a run, or measure both in one procedure: its clock does not start anew",
+            )
+        self._used = True
+        result = run_procedure(
+            RunRequest(
+                procedure,
+                parameters,
+                self.file,
+                self.runs,
+                self._operator(),
+                emulated=self._emulated(),
+                before_close=None if self._lab is None else self._keep_truth,
+            )
+        )
+        recorded = Run.open(result.folder).manifest.measurements
+        measurements = tuple(
+            Measurement(row["name"], _number(row["value"]), row["unit"], row["low"], row["high"])
+            for row in recorded
+        )
+        self._report("run_folder", str(result.folder))
+        self._report("run_outcome", result.outcome)
+        for each in measurements:
+            self._tell(each)
+        if isinstance(result.error, BenchError):
+            raise result.error
+        assert result.outcome != "aborted", result.reason
+        run = TestRun(result.folder, result.outcome, result.reason, measurements)
+        if judge:
+            failed = [str(each) for each in measurements if each.passed is False]
+            assert not failed, "outside its limits: " + "; ".join(failed)
+            assert result.outcome == "completed", f"{result.outcome}: {result.reason}"
+        return run
+
+    def _operator(self) -> Operator:
+        if self._lab is not None:
+            return StageHand(self._lab.perform)
+        return AssumeYes() if self._yes else _Nobody()
+
+    def _emulated(self) -> dict[str, Any] | None:
+        if self._lab is None or self._plant is None:
+            return None
+        return self._plant.told(self.file)
+
+    def _keep_truth(self, folder: Path) -> None:
+        assert self._lab is not None
+        save_truth(self._lab, folder)
+
+    def _tell(self, measured: Measurement) -> None:
+        self._report(measured.name, measured.value)
+        self._report(f"{measured.name}.unit", measured.unit)
+        for side in ("low", "high"):
+            if (limit := getattr(measured, side)) is not None:
+                self._report(f"{measured.name}.{side}", limit)
+        if measured.passed is not None:
+            self._report(f"{measured.name}.passed", measured.passed)
+
+
+class LabPool:
+    """Emulated labs of one bench, one after the other; a context manager."""
+
+    def __init__(self, file: BenchFile) -> None:
+        self._file = file
+        self._nursery = LabNursery(lab_config(file, Plant()))
+
+    def __enter__(self) -> LabPool:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._nursery.__exit__(*error)
+
+    def lab(self, plant: Plant) -> EmulatedLab:
+        """Return a fresh lab with that physics."""
+        return EmulatedLab(self._file, plant, start=self._nursery.start_lab)
+
+
+class _Nobody:
+    """Stands where an operator would on a real bench that nobody prepared."""
+
+    name = "nobody"
+
+    def ask(self, question: Question) -> Callable[[], str | None]:
+        """Abort: a test run has no one to answer."""
+        raise RunAborted(
+            "a question to the operator, and nobody is there",
+            found=question.text,
+            remedy="prepare the bench and say so with --bench-yes",
+        )
+
+
+def usual_bench(path: Path | None) -> BenchFile:
+    """Return the bench that emulated benches are like: that file's, or one with a FOG and a MEMS unit."""
+    if path is not None:
+        return load_bench_file(path)
+    fog: dict[str, Any] = {
+        "name": "fog_1",
+        "driver": "kvh1750",
+        "port": "pty",
+        "rate_hz": 10,
+        "axis": "x",
+        "unit": "FOG-001",
+    }
+    mems: dict[str, Any] = {
+        "name": "mems_1",
+        "driver": "sbg_ellipse",
+        "interface": "gyrobench_slcan",
+        "channel": "pty",
+    }
+    mems |= {"rate_hz": 10, "axes": "xyz", "axis": "z", "unit": "ELL-001"}
+    return bench_file_from(
+        {
+            "bench": {"name": "emulated bench", "latitude_deg": 39.1},
+            "table": {"driver": "acutrol3000", "port": "pty-table"},
+            "chamber": {
+                "driver": "weiss",
+                "port": "pty-chamber",
+                "auxiliary": {"1": "fog_1 case", "2": "mems_1 case"},
+            },
+            "gyro": [fog | {"case_sensor": 1}, mems | {"case_sensor": 2, "channel": "pty-mems"}],
+        },
+        "the usual emulated bench",
+    )
+
+
+def _number(value: Any) -> float:
+    return float("nan") if value is None else float(value)

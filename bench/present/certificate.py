@@ -1,0 +1,143 @@
+"""From run folders and limits to the test certificate: a record is verified before any figure of it counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from bench.analysis.figures import Figure, StandardFigures, figures_over_runs, standard_figures
+from bench.control.run_record import decode_run
+from bench.present.report import (
+    CertificateContent,
+    CertifiedFigure,
+    RunSummary,
+    UnitCertificate,
+    allan_figure,
+    run_content,
+)
+from bench.record.figure_limits import FIGURES, FURTHER, NO_LIMITS, Limit, Limits
+from bench.record.recording import Run, verify
+from bench.record.run_folder import url_of
+from drivers.base.clock import utc_now
+from drivers.base.errors import BenchError
+
+_OVER_RUNS = "all runs"
+
+
+def check_record(folder: Path) -> str:
+    """Return "verified", or in a sentence what is wrong with a run's record."""
+    if not url_of(folder) and not folder.is_dir():
+        return "missing: there is no such run folder"
+    try:
+        report = verify(folder, decode_run)
+    except BenchError as error:
+        return f"cannot be read: {error}"
+    return "verified" if report.passed else "; ".join(f"{p.path}: {p.text}" for p in report.problems)
+
+
+def certificate_content(
+    folders: Sequence[Path],
+    limits: Limits = NO_LIMITS,
+    *,
+    title: str = "",
+    expected_units: Iterable[str] = (),
+    warnings: Iterable[str] = (),
+    check: Callable[[Path], str] = check_record,
+) -> CertificateContent:
+    """Return the certificate of planned run folders; one that is missing or cannot be read counts against.
+
+    So does a unit of `expected_units` that no run is of.
+
+    Every record is verified (checksums, tables rebuilt from raw bytes) and only a completed run whose record
+    verifies gives figures. `check` says "verified" of a record, or what is wrong with it.
+    """
+    checks = {folder.name: check(folder) for folder in folders}
+    summaries: dict[str, RunSummary] = {}
+    results: dict[str, list[StandardFigures]] = {}
+    against: dict[str, list[str]] = {}
+    missing: list[str] = []
+    left_out: list[str] = []
+    for folder in folders:
+        name = folder.name
+        try:
+            summary = summaries[name] = run_content(Run.open(folder)).summary
+        except BenchError:
+            missing.append(f"Run {name}: {checks[name]}")
+            continue
+        for gyro, unit in summary.units.items():
+            reasons = against.setdefault(unit, [])
+            results.setdefault(unit, [])
+            reasons += _reasons(summary, checks[name])
+            if summary.procedure == "standard-test" and summary.valid and checks[name] == "verified":
+                result = standard_figures(folder, gyro)
+                results[unit].append(result)
+                left_out += [f"Run {name}, {unit}: no {what}. {why}" for what, why in result.missing]
+    units = [
+        UnitCertificate(unit, _figures(found, limits), [*dict.fromkeys(against[unit]), *missing])
+        for unit, found in results.items()
+    ]
+    units += [
+        UnitCertificate(unit, _figures([], limits), ["No run of this unit.", *missing])
+        for unit in sorted(set(expected_units) - set(results))
+    ]
+    drawn = [
+        block
+        for number, result in enumerate(one for found in results.values() for one in found)
+        for block in allan_figure(number, result)
+    ]
+    return CertificateContent(
+        title=title or f"Test of {', '.join(unit.unit_id for unit in units) or 'no unit'}",
+        created_utc=utc_now(),
+        units=units,
+        runs=list(summaries.values()),
+        checks=checks,
+        figures=drawn,
+        warnings=[*warnings, *missing, *left_out],
+        limits_from=limits.source,
+        limits_sha256=limits.sha256,
+    )
+
+
+def _reasons(run: RunSummary, check: str) -> list[str]:
+    reasons = []
+    if not run.valid:
+        said = "; ".join(run.reasons)
+        reasons.append(f"Run {run.run_id} is {'not finished' if run.outcome == 'running' else run.outcome}"
+                       + (f": {said}" if said else "."))  # fmt: skip
+    if check != "verified":
+        reasons.append(f"Run {run.run_id}: the record does not verify: {check}")
+    reasons += [
+        f"Run {run.run_id}: {item.name.replace('_', ' ')} is outside its limits."
+        for item in run.measurements
+        if item.passed is False
+    ]
+    return reasons
+
+
+def _figures(results: Sequence[StandardFigures], limits: Limits) -> list[CertifiedFigure]:
+    found: dict[str, list[tuple[str, Figure]]] = {}
+    for result in results:
+        for figure in result.figures:
+            found.setdefault(figure.name, []).append((result.run_id, figure))
+    if len(results) > 1:
+        for figure in figures_over_runs(results):
+            found.setdefault(figure.name, []).append((_OVER_RUNS, figure))
+    names = dict.fromkeys([*FIGURES, *found, *limits.rows])
+    return [_figure(name, found.get(name, []), limits.rows.get(name)) for name in names]
+
+
+def _figure(name: str, rows: Sequence[tuple[str, Figure]], limit: Limit | None) -> CertifiedFigure:
+    units = {figure.unit for _, figure in rows} or {FIGURES.get(name, FURTHER.get(name, ""))}
+    shown = CertifiedFigure(
+        name,
+        units.pop(),
+        {run: figure.value for run, figure in rows},
+        None if limit is None else limit.low,
+        None if limit is None else limit.high,
+    )
+    of_value = next((figure for _, figure in rows if figure.value == shown.value), None)
+    if of_value is None:
+        return shown
+    return CertifiedFigure(
+        **{**shown.__dict__, "low": of_value.low, "high": of_value.high, "source": of_value.source}
+    )

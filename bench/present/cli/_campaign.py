@@ -1,0 +1,239 @@
+"""`gyrobench campaign run`, `resume` and `status`."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.analysis.common.fan_out import ALONE
+from bench.campaign import (
+    CampaignEnding,
+    CampaignFolder,
+    CampaignRunner,
+    bench_of,
+    check_limits,
+    load_campaign,
+)
+from bench.control.disk import check_disk, estimated_bytes
+from bench.control.lease import take_lease
+from bench.control.live import read_now
+from bench.control.runner import RunResult
+from bench.present.cli._campaign_plan import plan_warnings, say_warnings
+from bench.present.cli._campaign_rehearse import fit_campaign
+from bench.present.cli._console import Terminal
+from bench.present.cli._display import RunDisplay
+from bench.present.cli._run import console_for, console_operator, plant_with_seed, say_result
+from bench.present.cli._texts import duration, event_text, say_json
+from bench.record.benchfile import load_bench_file
+from drivers.base.errors import BenchError, ConfigurationError, RecordError
+
+
+def run_command(
+    campaign_file: Path,
+    bench: Path,
+    out: Path,
+    *,
+    emulated: bool,
+    plant_file: Path | None,
+    seed: int | None,
+    ask: bool,
+    yes: bool,
+    as_json: bool,
+) -> int:
+    """Begin a campaign in a new folder and work until it is done or stopped."""
+    file = load_bench_file(bench)
+    campaign = load_campaign(campaign_file, file)
+    check_limits(campaign, bench_of(campaign, file))
+    needed = estimated_bytes(campaign.expected_duration_s(), bench_of(campaign, file))
+    check_disk(needed, out, "the campaign", "--out")
+    if not emulated and (plant_file is not None or seed is not None or ask):
+        raise ConfigurationError(
+            "--plant, --seed and --ask are for emulated labs", remedy="add --emulated, or leave them out"
+        )
+    plant = plant_with_seed(plant_file, seed) if emulated else None
+    if plant is None:
+        take_lease(
+            bench_of(campaign, file), f"campaign {campaign.title}"
+        ).release()  # taken: nothing is begun
+    folder = CampaignFolder.create(out, campaign_file, campaign, file, plant, ask)
+    return _work(folder, yes=yes, as_json=as_json)
+
+
+def resume_command(path: Path, *, yes: bool, as_json: bool) -> int:
+    """Go on with a campaign at its first run that is not complete."""
+    folder = CampaignFolder(path)
+    left = [each.run for each in folder.states() if each.state == "open"]
+    left_s = sum(run.test.expected_duration_s(run.values) for run in left)
+    needed = estimated_bytes(left_s, bench_of(folder.campaign, folder.file))
+    check_disk(needed, path, "what is left of the campaign", "--out of a new campaign")
+    return _work(folder, yes=yes, as_json=as_json)
+
+
+def status_command(path: Path, as_json: bool) -> int:
+    """Print how far a campaign is, from its files alone."""
+    console = console_for(as_json)
+    folder = CampaignFolder(path)
+    now, states = read_now(path), folder.states()
+    stopped = [row for row in folder.events() if row["kind"] == "stopped"]
+    if as_json:
+        for each in states:
+            where = None if each.folder is None else str(each.folder)
+            say_json(
+                console,
+                "run",
+                run=each.run.name,
+                state=each.state,
+                outcome=each.outcome,
+                reason=each.reason,
+                attempts=each.attempts,
+                folder=where,
+            )
+        done = sum(each.state == "done" for each in states)
+        say_json(console, "result", title=folder.campaign.title, done=done, count=len(states), now=now)
+        return 0
+    table = Table("run", "procedure", "state", "bench time", "attempts", "", title=folder.campaign.title)
+    going = str(((now or {}).get("run") or {}).get("run_id", "")) if now and now["alive"] else ""
+    for each in states:
+        doing = bool(going) and each.folder is not None and each.folder.name == going
+        state = str(now["state"]) if now and doing else each.outcome if each.state == "done" else "to do"
+        length = "" if each.duration_s is None else duration(each.duration_s)
+        reason = "" if doing else each.reason
+        table.add_row(each.run.name, each.run.procedure, state, length, str(each.attempts), reason)
+    console.print(table)
+    _print_now(console, now, stopped[-1] if stopped else None, path)
+    return 0
+
+
+def _print_now(
+    console: Console, now: dict[str, Any] | None, stopped: dict[str, Any] | None, path: Path
+) -> None:
+    if now is None or not now["alive"]:
+        died = now is not None and now["state"] != "ended"
+        if died and now is not None:
+            console.print(
+                f"the process {now['pid']} ended without a word, last seen {now['utc']}", style="red"
+            )
+        elif stopped is not None:
+            text = f"{stopped['outcome']} at {stopped['utc']}"
+            console.print(f"{text}: {stopped['reason']}" if stopped["reason"] else text)
+        if died or stopped is None or stopped["outcome"] != "completed":
+            console.print(f"`gyrobench campaign resume {path}` goes on", highlight=False)
+        return
+    console.print(
+        f"{now['state']}: {now['step']}: {'an operator is asked' if now['prompts'] else now['doing']}; "
+        f"{duration(now['left_s'] or 0.0)} left of this run, process {now['pid']}",
+        highlight=False,
+    )
+    for prompt in now["prompts"]:
+        console.print(f"waits for an answer: {prompt['question']}", style="bold yellow")
+        console.print(f"`gyrobench steer {path} answer yes` answers it", highlight=False)
+    for row in now["log"][-5:]:
+        console.print("  " + event_text(row), style="dim", highlight=False)
+
+
+def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
+    console = console_for(as_json)
+    campaign = folder.campaign
+    if not as_json:
+        expected = duration(campaign.expected_duration_s())
+        console.print(
+            f"{campaign.title}: {len(campaign.runs)} runs, about {expected} of bench time, in {folder.path}",
+            highlight=False,
+        )
+    say_warnings(console, plan_warnings(campaign), as_json=as_json)
+    with ExitStack() as stack:
+        shown: list[ExitStack] = []
+        reasons = [""]
+
+        def hide() -> None:
+            while shown:
+                shown.pop().close()
+
+        def display(name: str, expected_s: float) -> RunDisplay:
+            hide()
+            view = ExitStack()
+            shown.append(view)
+            return view.enter_context(RunDisplay(console, name, expected_s, as_json=as_json))
+
+        def say(result: RunResult) -> None:
+            hide()
+            reasons.append(result.reason)
+            say_result(console, result, as_json=as_json)
+            _report_run(result, console, as_json)
+
+        stack.callback(hide)
+        operator = None if as_json else console_operator(console)
+        ending = CampaignRunner(folder, operator, yes, display, say).run()
+    if ending.outcome == "completed" and campaign.gyro is not None:
+        folder.event("fitting", gyro=campaign.gyro)
+        fit_campaign(campaign, ending.folders, folder.path, fan=ALONE, console=console, quiet=as_json)
+        folder.event("fitted", gyro=campaign.gyro, folder=".")
+    verdict = _certify(folder, console, quiet=as_json or ending.outcome != "completed")
+    return _say_ending(console, folder, ending, verdict, as_json, said=reasons[-1])
+
+
+def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
+    """Write a run's report beside it; a report that cannot be made is said and stops nothing."""
+    if result.outcome == "aborted":
+        return
+    from bench.present.cli._report import run_report
+
+    try:
+        run_report(result.folder)
+    except BenchError as error:
+        if not as_json:
+            console.print(f"no report of this run: {error}", style="yellow", highlight=False)
+
+
+def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
+    """Write the campaign's certificate, whatever became of it; return its verdict, if there is one."""
+    from bench.present.cli._report import CERTIFICATE_FILE, certify_campaign
+
+    try:
+        verdict = certify_campaign(folder, Terminal(quiet=True) if quiet else console)
+    except ConfigurationError:  # not one run was begun: nothing to certify
+        return ""
+    except RecordError as error:
+        console.print(str(error), style="red", highlight=False)
+        return "not passed"
+    passed = {"passed": True, "not passed": False, "not judged": None}[verdict]
+    folder.event("certificate", file=CERTIFICATE_FILE, passed=passed)
+    if not quiet:
+        path = folder.path / CERTIFICATE_FILE
+        console.print(f"certificate: {path}", highlight=False, soft_wrap=True)
+    return verdict
+
+
+def _say_ending(
+    console: Console, folder: CampaignFolder, ending: CampaignEnding, verdict: str, as_json: bool, said: str
+) -> int:
+    invalid = [state.run.name for state in ending.states if state.outcome == "invalid"]
+    done = sum(state.state == "done" for state in ending.states)
+    if as_json:
+        say_json(
+            console,
+            "result",
+            outcome=ending.outcome,
+            reason=ending.reason,
+            done=done,
+            count=len(ending.states),
+            invalid=invalid,
+            certificate=verdict or None,
+            folder=str(folder.path),
+        )
+    else:
+        style = "green" if ending.outcome == "completed" else "red"
+        console.print(f"campaign {ending.outcome}, {done} of {len(ending.states)} runs recorded", style=style)
+        if ending.reason:
+            if ending.reason != said:  # else it stands above, with the run
+                console.print(ending.reason, style=style, highlight=False)
+            console.print(f"`gyrobench campaign resume {folder.path}` goes on", highlight=False)
+        if invalid:
+            console.print(f"invalid for their purpose: {', '.join(invalid)}", style="yellow")
+    if ending.outcome != "completed":
+        return 3
+    return 4 if invalid or verdict == "not passed" else 0

@@ -1,0 +1,167 @@
+"""`gyrobench campaign plan`."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from bench.campaign import (
+    Campaign,
+    PlannedRun,
+    bench_of,
+    load_campaign,
+    not_measured,
+    plan_campaign,
+)
+from bench.control.disk import check_disk
+from bench.lab.emulated import Plant
+from bench.present.cli._console import Terminal
+from bench.present.cli._run import console_for, plant_with_seed
+from bench.present.cli._texts import duration, say_json, size
+from bench.record.benchfile import BenchFile, load_bench_file
+from drivers.base.clock import utc_now
+
+
+def plan_command(
+    campaign_file: Path,
+    bench: Path,
+    out: Path,
+    plant_file: Path | None,
+    seed: int | None,
+    quick: bool,
+    as_json: bool,
+) -> int:
+    """Print the schedule and what it takes; LimitExceeded or ConfigurationError for what cannot be done."""
+    console = console_for(as_json)
+    file = load_bench_file(bench)
+    campaign = load_campaign(campaign_file, file)
+    plant = None if quick else plant_with_seed(plant_file, seed)
+    planned = _planned(campaign, file, plant, console, as_json)
+    begin = datetime.fromisoformat(utc_now())
+    bytes_ = sum(row.bytes for row in planned)
+    warnings = plan_warnings(campaign)
+    if as_json:
+        for row in planned:
+            say_json(console, "run", **_plan_json(row, begin))
+    else:
+        _print_plan(console, campaign, bench_of(campaign, file), planned, begin)
+    check_disk(bytes_, out, "the campaign", "--out")
+    if as_json:
+        total_s, chamber_s = planned[-1].end_s, sum(row.chamber_s for row in planned)
+        say_json(
+            console,
+            "result",
+            outcome="planned",
+            duration_s=total_s,
+            chamber_s=chamber_s,
+            bytes=bytes_,
+            warnings=warnings,
+        )
+    else:
+        say_warnings(console, warnings)
+    return 0
+
+
+def plan_warnings(campaign: Campaign) -> list[str]:
+    """Return what lets a campaign run whose certificate cannot say "passed"."""
+    missing = not_measured(campaign)
+    if not missing:
+        return []
+    return [
+        f"no run of this campaign measures {', '.join(missing)}: with limits on "
+        f"{'it' if len(missing) == 1 else 'them'} no unit can pass ([limits] in the campaign file)"
+    ]
+
+
+def say_warnings(console: Console, warnings: list[str], *, as_json: bool = False) -> None:
+    """Print warnings."""
+    for warning in warnings:
+        if as_json:
+            say_json(console, "warning", text=warning)
+            continue
+        console.print(f"warning: {warning}", style="yellow", highlight=False)
+
+
+def _planned(
+    campaign: Campaign, file: BenchFile, plant: Plant | None, console: Console, as_json: bool
+) -> list[PlannedRun]:
+    with Progress(
+        TextColumn("rehearsing"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Terminal(stderr=True, quiet=as_json or plant is None),
+        transient=True,
+    ) as progress:
+        task = progress.add_task("runs", total=None)
+        return plan_campaign(
+            campaign, file, plant, lambda done, count: progress.update(task, completed=done, total=count)
+        )
+
+
+def _print_plan(
+    console: Console, campaign: Campaign, file: BenchFile, planned: list[PlannedRun], begin: datetime
+) -> None:
+    console.print(campaign.title, style="bold", highlight=False)
+    table = Table("from", "to", "length", "what", box=SIMPLE_HEAD, pad_edge=False)
+    for column in table.columns[:3]:
+        column.no_wrap = True
+    about = "" if planned[0].rehearsed else "about "
+    for row in planned:
+        low, high = row.demands.min_temp_c, row.demands.max_temp_c
+        band = f"{low:g}" if low == high else f"{low:g} .. {high:g}"
+        chamber = f"{band} degC" if row.chamber_s else "chamber off"
+        what = f"{row.run.name}: {row.run.procedure}, {chamber}, {about}{size(row.bytes)}"
+        table.add_row(*_times(begin, row.start_s, row.end_s), Text(what))
+        for step in row.steps:
+            start_s, end_s = row.start_s + step.start_s, row.start_s + step.end_s
+            table.add_row(*_times(begin, start_s, end_s), Text(step.title), style="dim")
+    console.print(table)
+    units = ", ".join(f"{gyro.unit} on {gyro.name} ({gyro.port or gyro.channel})" for gyro in file.gyro)
+    chamber_h = sum(row.chamber_s for row in planned) / 3600.0
+    console.print(f"units: {units}", highlight=False)
+    console.print(f"total {about}{duration(planned[-1].end_s)}, chamber {chamber_h:.1f} h", highlight=False)
+    console.print(f"on disk {about}{size(sum(row.bytes for row in planned))}", highlight=False)
+    if about:
+        console.print("estimates of the procedures; without --quick a rehearsal gives steps and bytes")
+    asked = list(dict.fromkeys(question for row in planned for question in row.questions))
+    for question in asked:
+        console.print(f"will ask: {question}", highlight=False)
+    for notice in campaign.notify:
+        to = notice.webhook or notice.file or " ".join(notice.command or ())
+        console.print(f"tells {to}: {', '.join(notice.on)}", highlight=False)
+    for row in planned:
+        if row.rehearsed not in ("", "completed"):
+            text = f"rehearsal of {row.run.name} was {row.rehearsed}: {row.reason}"
+            console.print(text, style="yellow", highlight=False)
+
+
+def _times(begin: datetime, start_s: float, end_s: float) -> tuple[str, str, str]:
+    start, end = ((begin + timedelta(seconds=s)).astimezone() for s in (start_s, end_s))
+    return f"{start:%a %H:%M}", f"{end:%a %H:%M}", duration(end_s - start_s)
+
+
+def _plan_json(row: PlannedRun, begin: datetime) -> dict[str, Any]:
+    return {
+        "run": row.run.name,
+        "procedure": row.run.procedure,
+        "start_s": row.start_s,
+        "end_s": row.end_s,
+        "start_utc": (begin + timedelta(seconds=row.start_s)).isoformat(timespec="seconds"),
+        "chamber_s": row.chamber_s,
+        "bytes": row.bytes,
+        "steps": [
+            {"title": step.title, "start_s": row.start_s + step.start_s, "end_s": row.start_s + step.end_s}
+            for step in row.steps
+        ],
+        "questions": list(row.questions),
+        "rehearsed": row.rehearsed,
+        "reason": row.reason,
+    }

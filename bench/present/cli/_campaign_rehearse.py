@@ -1,0 +1,114 @@
+"""`gyrobench campaign rehearse`, and the fit at the end of every campaign."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from bench.analysis.common.fan_out import FanOut, fan_out
+from bench.campaign import (
+    Campaign,
+    bench_of,
+    check_limits,
+    load_campaign,
+    rehearse_campaign,
+)
+from bench.control.disk import check_disk, estimated_bytes
+from bench.control.runner import RunResult
+from bench.present.cli._console import Terminal
+from bench.present.cli._run import console_for, plant_with_seed, say_result
+from bench.present.cli._texts import duration, say_json
+from bench.record.benchfile import load_bench_file
+from drivers.base.clock import host_seconds
+from drivers.base.errors import ConfigurationError
+
+
+def rehearse_command(
+    campaign_file: Path,
+    bench: Path,
+    out: Path,
+    plant_file: Path | None,
+    seed: int | None,
+    jobs: int | None,
+    as_json: bool = False,
+    cluster: str | None = None,
+) -> int:
+    """Rehearse a campaign, fit, report; exit code 0 if every run completed or is invalid for a stated reason."""
+    console = console_for(as_json)
+    file = load_bench_file(bench)
+    plant = plant_with_seed(plant_file, seed)
+    campaign = load_campaign(campaign_file, file)
+    check_limits(campaign, bench_of(campaign, file))
+    runs_folder = out / "runs"
+    if runs_folder.exists() and any(runs_folder.iterdir()):
+        raise ConfigurationError(
+            "the folder already holds runs",
+            where=str(runs_folder),
+            expected="a new or empty folder: runs are never overwritten",
+            remedy="name another one with --out, or remove this one",
+        )
+    check_disk(estimated_bytes(campaign.expected_duration_s(), file), out, "the campaign", "--out")
+    count = jobs or len(os.sched_getaffinity(0))
+    expected = duration(campaign.expected_duration_s())
+    if not as_json:
+        console.print(
+            f"{campaign.title}: {len(campaign.runs)} runs, about {expected} of bench time, {count} at a time",
+        )
+    started = host_seconds()
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Terminal(stderr=True, quiet=True) if as_json else console,
+    ) as progress:
+        task = progress.add_task("runs", total=len(campaign.runs))
+
+        def finished(result: RunResult) -> None:
+            say_result(console if as_json else progress.console, result, as_json=as_json)
+            progress.advance(task)
+
+        results = rehearse_campaign(campaign, file, plant, runs_folder, jobs=count, finished=finished)
+    wall = host_seconds() - started
+    bench_s = sum(result.duration_s for result in results.values())
+    aborted = [name for name, result in results.items() if result.outcome == "aborted"]
+    if not as_json:
+        console.print(f"{duration(bench_s)} of bench time in {wall:.0f} s ({bench_s / wall:,.0f} x)")
+    if not aborted and campaign.gyro is not None:
+        folders = {name: result.folder for name, result in results.items()}
+        with fan_out(None if cluster else count, cluster) as fan:
+            fit_campaign(campaign, folders, out, fan=fan, console=console, quiet=as_json)
+    if as_json:
+        outcome = "aborted" if aborted else "completed"
+        say_json(
+            console,
+            "result",
+            outcome=outcome,
+            aborted=aborted,
+            duration_s=bench_s,
+            wall_s=wall,
+            folder=str(out),
+        )
+    return 3 if aborted else 0
+
+
+def fit_campaign(
+    campaign: Campaign, folders: dict[str, Path], out: Path, *, fan: FanOut, console: Console, quiet: bool
+) -> None:
+    """Fit on the training runs, choose on the validation runs, judge on the tests; write everything to `out`."""
+    from bench.present.campaign_study import study_of
+    from bench.present.cli._fit import score_table, write_study
+
+    shown = Terminal(quiet=True) if quiet else console
+    with shown.status("fitting models"):
+        study = study_of(campaign, folders, fan=fan)
+        write_study(study, list(folders.values()), out, title=campaign.title)
+    shown.print(score_table(study))
+    shown.print(Text.assemble("chosen on the validation runs: ", (study.chosen, "bold")))
+    for name in ("compensation.gyrocomp", "compensation.h", "lstm.onnx", "report.html"):
+        if (out / name).exists():
+            shown.print(f"  {out / name}", highlight=False)

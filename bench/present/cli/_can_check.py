@@ -1,0 +1,107 @@
+"""`gyrobench can list` and `gyrobench can check`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table as Grid
+
+from bench.present.cli._console import Terminal
+from bench.record.can_capture import others_on_the_bus, read_can_capture, write_can_plot
+from bench.record.capture import write_table
+from drivers.base.errors import ConfigurationError
+from drivers.can_dbc import CanLayout, identifier_names, load_layout, shipped_layouts
+
+
+def can_list_command() -> None:
+    """Show name, unit and the messages of a sample."""
+    grid = Grid("name", "unit", "messages of a sample", "axes")
+    for name in shipped_layouts():
+        layout = load_layout(name)
+        slots = ", ".join(slot.message for slot in layout.sample)
+        grid.add_row(name, f"{layout.maker} {layout.model}".strip(), slots, "".join(layout.rates()))
+    Terminal().print(grid)
+
+
+def can_check_command(
+    name: str,
+    path: Path | None,
+    out: Path,
+    parquet: bool,
+    source_address: int | None = None,
+    console: Console | None = None,
+) -> None:
+    """Show what the layout says, and decode the capture; ConfigurationError for what cannot be used."""
+    console = console or Terminal()
+    layout = load_layout(name)
+    _show(console, layout)
+    if path is not None:
+        _decode(console, layout, path, out, parquet, source_address)
+
+
+def _show(console: Console, layout: CanLayout) -> None:
+    unit = f"{layout.maker} {layout.model}".strip()
+    console.print(f"{layout.name}: {unit}, {layout.dbc}", highlight=False)
+    grid = Grid("message", "identifier", "bytes", "signal", "is", "type", "resolution")
+    for use in layout.uses:
+        message, signal = layout.messages[use.message], layout.signal(use)
+        kind = "f" if signal.is_float else "i" if signal.signed else "u"
+        held = "" if layout.slot_of(use) is not None else " (held)"
+        scale = f"{signal.scale * use.factor:.6g}"
+        unit = {"rate": " deg/s", "delta_angle": " deg", "accel": " m/s2", "time": " s"}.get(use.role, "")
+        unit = " K" if "temperature" in use.role else unit
+        grid.add_row(
+            use.message,
+            identifier_names({(message.identifier, message.extended)}),
+            str(message.length),
+            use.signal,
+            f"{use.role} {use.axis}".strip().replace("_", " ") + held,
+            f"{kind}{signal.bits} {'big' if signal.big_endian else 'little'}",
+            "-" if use.role == "status" else scale + unit,
+        )
+    console.print(grid)
+    for rule in layout.valid:
+        axis = f" for {rule.axis}" if rule.axis else ""
+        console.print(
+            f"valid{axis}: {rule.message}.{rule.signal} & {rule.mask:#x} = {rule.equals:#x}", highlight=False
+        )
+    if layout.use("time", "counter") is None:
+        console.print("note: without time or counter lost samples cannot be told", highlight=False)
+
+
+def _decode(
+    console: Console, layout: CanLayout, path: Path, out: Path, parquet: bool, source_address: int | None
+) -> None:
+    capture = read_can_capture(layout, path, source_address)
+    others = others_on_the_bus(layout, capture)
+    if not capture.columns or not len(capture.columns["counter"]):
+        wanted = {
+            (layout.messages[slot.message].identifier, layout.messages[slot.message].extended)
+            for slot in layout.sample
+        }
+        seen = identifier_names(set(sorted(capture.identifiers)[:12]))
+        raise ConfigurationError(
+            "there is no sample of this layout in the capture",
+            where=str(path),
+            found=f"{capture.frames} CAN frames with identifiers {seen}" if seen else "no CAN frame",
+            expected=f"frames {identifier_names(wanted)}, one behind the other",
+            remedy="check that the capture is of this unit, and `sample` in the mapping",
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    target = out / f"{path.stem}_{layout.name}.{'parquet' if parquet else 'csv'}"
+    write_table(target, capture.columns)
+    valid = capture.columns["valid"]
+    console.print(f"{len(valid)} samples, {int((~valid).sum())} not valid: {target}", highlight=False)
+    rejected = (
+        ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in capture.rejected.items()) or "none"
+    )
+    left_out = "".join(f", {count} {kind} left out" for kind, count in capture.left_out.items())
+    console.print(f"{capture.frames} CAN frames{left_out}; rejected: {rejected}", highlight=False)
+    for text in capture.notes:
+        console.print(text, highlight=False)
+    if others:
+        console.print(f"identifiers that the DBC file does not have: {others}", highlight=False)
+    plot = out / f"{path.stem}.png"
+    write_can_plot(plot, layout, capture.columns)
+    console.print(f"plot: {plot}", highlight=False)

@@ -1,0 +1,46 @@
+"""`gyrobench fit chamber-cycle`: a chamber cycle that somebody else recorded."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from rich.table import Table
+
+from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
+from bench.present.cli._console import Terminal
+from bench.present.report import render_chamber_cycle, write_report
+from drivers.base.clock import utc_now
+from drivers.base.errors import RecordError
+
+
+def cycle_command(log: Path, out: Path) -> None:
+    """Fit on all legs but the last, judge on the last, axis by axis; write the report to `out`."""
+    if not log.is_file():
+        raise RecordError(
+            "no such recording",
+            where=str(log),
+            expected="a tab-separated table with imu.gyro.x|y|z and imu.temperature",
+        )
+    study = study_chamber_cycle(*load_chamber_cycle(log))
+    checksum = hashlib.sha256(log.read_bytes()).hexdigest()
+    page = render_chamber_cycle(study, source=log.name, checksum=checksum, created_utc=utc_now())
+    write_report(out, page)
+    table = Table("axis", "before", "T only", "gain %", "T, rate, past", "gain %",
+                  title=f"1 sigma of {log.name} on its last leg")  # fmt: skip
+    for axis in study.axes:
+        table.add_row(
+            axis.axis,
+            f"{axis.before:.4g}",
+            f"{axis.after_static:.4g}",
+            f"{axis.static_pct:.1f}",
+            f"{axis.after_dynamic:.4g}",
+            f"{axis.dynamic_pct:.1f}",
+        )
+    console = Terminal()
+    console.print(table)
+    for axis in study.axes:
+        console.print(f"{axis.axis}: {axis.verdict}", highlight=False)
+    for remark in study.remarks:
+        console.print(remark, style="yellow", highlight=False)
+    console.print(f"{out}", highlight=False)

@@ -1,0 +1,146 @@
+"""What the panel may look at: the runs folder and what lies in it, nothing beyond, whatever a page asks for."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.record.recording import Manifest, read_manifest
+from bench.record.run_folder import MANIFEST_FILE
+from drivers.base.errors import BenchError
+
+_LISTED = 40
+_LOOKED_AT = 200
+_REHEARSED = 20
+NOW = Path("live") / "now.json"
+REPORTS = ("report.html", "certificate.html")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A run of the history: its folder relative to the runs folder; `problem` if its manifest cannot be read."""
+
+    name: str
+    manifest: Manifest | None
+    problem: str = ""
+
+
+class RunsFolder:
+    """A runs folder: in it run folders, and campaigns and rehearsals with run folders of their own."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root.resolve()
+        self._manifests: dict[Path, tuple[int, Entry]] = {}
+
+    def inside(self, name: str) -> Path | None:
+        """Return the folder or file of that relative name; None if it is not there or leads out.
+
+        Links are followed before the check: one that points elsewhere leads out.
+        """
+        if not name or "\0" in name or Path(name).is_absolute():
+            return None
+        try:
+            path = (self.root / name).resolve(strict=True)
+        except (OSError, RuntimeError, ValueError):
+            return None
+        return path if path != self.root and path.is_relative_to(self.root) else None
+
+    def within(self, path: str | Path) -> Path | None:
+        """Return an absolute path that a session has written, None unless it is inside the runs folder."""
+        try:
+            found = Path(path).resolve(strict=True)
+        except (OSError, RuntimeError, ValueError):
+            return None
+        return found if found.is_relative_to(self.root) else None
+
+    def sessions(self) -> list[Path]:
+        """Return the folders with live files, the one that was written to last first.
+
+        A campaign has them itself; of a rehearsal each run has its own.
+        """
+        found = []
+        for folder in [self.root, *self._newest(self.root)]:
+            if changed_ns := _live_ns(folder):
+                found.append((changed_ns, folder))
+            elif not (folder / MANIFEST_FILE).exists():
+                runs = self._newest(folder / "runs")[:_REHEARSED]
+                found += [(run_ns, run) for run in runs if (run_ns := _live_ns(run))]
+        return [folder for _, folder in sorted(found, reverse=True)]
+
+    def session(self, name: str) -> Path | None:
+        """Return the session folder of that name ("." is the runs folder itself), None if there is none."""
+        folder = self.root if name == "." else self.inside(name)
+        return folder if folder is not None and (folder / NOW).is_file() else None
+
+    def history(self) -> list[Entry]:
+        """Return the newest runs, newest first; manifests are read again only when they have changed."""
+        folders: list[Path] = []
+        for folder in self._newest(self.root):
+            if (folder / MANIFEST_FILE).is_file():
+                folders.append(folder)
+            else:
+                folders += [f for f in _two_down(folder) if (f / MANIFEST_FILE).is_file()]
+        entries = [entry for folder in folders[:_LOOKED_AT] if (entry := self._entry(folder)) is not None]
+        entries.sort(key=lambda entry: entry.manifest.started_utc if entry.manifest else "", reverse=True)
+        return entries[:_LISTED]
+
+    def report_of(self, name: str) -> Path | None:
+        """Return the report that lies in a run or campaign folder, None if there is none."""
+        folder = self.inside(name)
+        if folder is None or not folder.is_dir():
+            return None
+        for report in REPORTS:
+            path = self.inside(str((folder / report).relative_to(self.root)))
+            if path is not None and path.is_file():
+                return path
+        return None
+
+    def _entry(self, folder: Path) -> Entry | None:
+        try:
+            changed = (folder / MANIFEST_FILE).stat().st_mtime_ns
+        except OSError:
+            return None
+        known = self._manifests.get(folder)
+        if known is not None and known[0] == changed:
+            return known[1]
+        name = str(folder.relative_to(self.root))
+        try:
+            entry = Entry(name, read_manifest(folder))
+        except BenchError as error:
+            entry = Entry(name, None, str(error))
+        if len(self._manifests) > 4 * _LOOKED_AT:
+            self._manifests.clear()
+        self._manifests[folder] = (changed, entry)
+        return entry
+
+    def _newest(self, folder: Path) -> list[Path]:
+        try:
+            with os.scandir(folder) as entries:
+                found = [
+                    (entry.stat(follow_symlinks=False).st_mtime_ns, entry.path)
+                    for entry in entries
+                    if entry.is_dir(follow_symlinks=False) and not entry.name.startswith(".")
+                ]
+        except OSError:
+            return []
+        return [Path(path) for _, path in sorted(found, reverse=True)[:_LOOKED_AT]]
+
+
+def _live_ns(session: Path) -> int:
+    """Return when a folder's live state was written last, 0 if it has none."""
+    try:
+        return (session / NOW).stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def _two_down(folder: Path) -> list[Path]:
+    """Return the folders in a campaign folder and in its runs folder."""
+    try:
+        first = [Path(entry.path) for entry in os.scandir(folder) if entry.is_dir(follow_symlinks=False)]
+        runs = folder / "runs"
+        second = [Path(entry.path) for entry in os.scandir(runs)] if runs in first else []
+    except OSError:
+        return []
+    return [path for path in (*first, *second) if path.is_dir() and not path.is_symlink()]

@@ -1,0 +1,261 @@
+"""The page: what is on it and what its buttons do; numbers and curves come by the socket (assets/panel.js)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from urllib.parse import quote
+
+from nicegui import ui
+
+from bench.control.live import Action, drop_answer, drop_request
+from bench.present.panel._folders import Entry
+from bench.present.panel._static import first_paint, style_sheet
+from bench.present.panel._texts import duration
+from bench.present.panel._watch import LEVELS, Session, Watch
+from drivers.base.errors import BenchError
+
+_CONTROL_S = 0.25
+_HISTORY_S = 2.0
+_PATIENCE_S = 20.0
+_WORDS = {"completed": "✓ completed", "invalid": "! invalid", "aborted": "✕ aborted", "running": "● open"}
+
+
+def build_page(watch: Watch) -> None:
+    """Build the page of one browser: what it shows is plain HTML and there at once, its controls follow."""
+    dark = ui.dark_mode(value=None)
+    ui.add_head_html(f"<style>{style_sheet()}</style>")
+    ui.add_body_html(first_paint(watch.values(), watch.news()["banner"]))
+    ui.add_body_html('<script src="/panel/assets/panel.js"></script>')
+    ui.query(".nicegui-content").classes("panel")
+    ui.colors(primary="#005f96", negative="#b3261e", dark="#161d25", dark_page="#0d1116")
+    controls = Controls(watch)
+    with ui.element("header").classes("bar"):
+        ui.element("div").classes("names").props('data-place="names"')
+        controls.header(dark)
+    controls.others()
+    ui.element("div").props('data-place="banner"')
+    controls.questions()
+    ui.element("div").props('data-place="cards"')
+    with ui.element("section").classes("plots"):
+        with ui.element("div").classes("plots-head"):
+            ui.html("<h2>Curves</h2>", sanitize=False)
+            ui.toggle(list(LEVELS), value="run", on_change=lambda event: _show(str(event.value))).props(
+                'no-caps dense unelevated data-testid="window"'
+            )
+        for plot in ("temperature", "gyro", "table"):
+            ui.echart({"series": []}).classes("plot").props(f'data-plot="{plot}"')
+    ui.element("div").props('data-place="lists"')
+    with ui.element("section").classes("card history"):
+        ui.html("<h2>Runs</h2>", sanitize=False)
+        table = _history_table()
+    shown: list[list[Entry]] = [[]]
+
+    def refresh_history() -> None:
+        if watch.entries != shown[0]:
+            shown[0] = watch.entries
+            table.rows = [_history_row(entry) for entry in watch.entries]
+            table.update()
+
+    refresh_history()
+    ui.timer(_HISTORY_S, refresh_history)
+    ui.timer(_CONTROL_S, controls.refresh)
+    controls.refresh()
+
+
+class Controls:
+    """Buttons and questions of one page; every press becomes a file that the session takes."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+        self._client = ui.context.client
+        self._asked: list[int] = []
+        self._answered: set[int] = set()
+        self._beside: list[Session] = []
+
+    def header(self, dark: ui.dark_mode) -> None:
+        """Build name, pause, resume, abort and the switch between light and dark."""
+        with ui.element("div").classes("controls"):
+            self._name = ui.input(placeholder="your name", on_change=_keep_name).props(
+                'dense outlined maxlength=40 aria-label="your name, for the record" data-testid="name"'
+            )
+            ui.timer(0.1, self._recall_name, once=True)
+            self._pause = self._button("Pause", "pause", lambda: self._request("pause"))
+            self._resume = self._button("Resume", "play_arrow", lambda: self._request("resume"))
+            self._abort = self._button("Abort", "dangerous", self._confirm_abort, color="negative")
+            ui.button(icon="contrast", on_click=lambda: _toggle(dark)).props(
+                'flat round dense aria-label="light or dark"'
+            ).classes("contrast")
+        with ui.dialog() as self._dialog, ui.element("div").classes("dialog"):
+            ui.html(
+                "<h2>Abort the run?</h2><p>The table stops, the chamber goes to its safe set point, and what was "
+                "recorded is kept. The run cannot be continued; a campaign can be resumed later.</p>",
+                sanitize=False,
+            )
+            with ui.element("div").classes("choices"):
+                ui.button("Keep running", on_click=self._dialog.close).props("outline no-caps")
+                ui.button("Abort now", on_click=self._abort_now, color="negative").props(
+                    'no-caps unelevated data-testid="abort-now"'
+                )
+
+    def others(self) -> None:
+        """Make the place of the links to sessions that are at work beside the one shown."""
+        self._links = ui.element("nav").classes("others").props('data-testid="others"')
+        self._links.set_visibility(False)
+
+    def questions(self) -> None:
+        """Make the place where questions appear."""
+        self._place = ui.element("section").classes("questions")
+
+    def refresh(self) -> None:
+        """Bring buttons and questions up to date."""
+        watch = self._watch
+        now, steerable = watch.now or {}, watch.steerable
+        paused = bool(now.get("pause_wanted")) or now.get("state") == "paused"
+        self._pause.set_visibility(not paused)
+        self._resume.set_visibility(paused)
+        for button in (self._pause, self._resume, self._abort):
+            if button.enabled != steerable:
+                button.set_enabled(steerable)
+        if watch.others != self._beside:
+            self._beside = watch.others
+            self._links.clear()
+            self._links.set_visibility(bool(self._beside))
+            with self._links:
+                ui.label("Also at work here:")
+                for other in self._beside:
+                    ui.link(other.text, f"/?session={quote(other.name, safe='')}")
+        prompts = [prompt for prompt in watch.prompts if prompt["id"] not in self._answered]
+        ids = [prompt["id"] for prompt in prompts]
+        if ids != self._asked:
+            self._asked = ids
+            self._place.clear()
+            with self._place:
+                for prompt in prompts:
+                    self._question(prompt["id"], str(prompt.get("question", "")))
+
+    def _question(self, number: int, text: str) -> None:
+        with ui.element("div").classes("question"):
+            ui.label(text).classes("text").props('data-testid="question"')
+            with ui.element("div").classes("choices"):
+                ui.button("Done, go on", on_click=lambda: self._answer(number, "yes")).props(
+                    'no-caps unelevated data-testid="answer-yes"'
+                )
+                other = ui.input(placeholder="or another answer").props("dense outlined maxlength=200")
+                other.on("keydown.enter", lambda: self._answer(number, str(other.value or "")))
+                ui.button("No: abort", on_click=lambda: self._answer(number, "no")).props("no-caps outline")
+
+    def _answer(self, number: int, answer: str) -> None:
+        session = self._watch.session
+        if session is None or not answer.strip():
+            return
+        by = self._by()
+        try:
+            counted = drop_answer(session, number, answer, by)
+        except BenchError as error:
+            ui.notify(str(error), type="negative")
+            return
+        if counted.by != by:
+            ui.notify(f"{counted.by} was first and answered {counted.answer!r}", type="warning")
+        self._answered.add(number)
+        self.refresh()
+
+    def _request(self, action: Action) -> None:
+        session = self._watch.session
+        if session is None or not self._watch.steerable:
+            ui.notify("Nothing runs.", type="warning")
+            return
+        try:
+            drop_request(session, action, self._by())
+        except BenchError as error:
+            ui.notify(str(error), type="negative")
+            return
+        ui.notify(f"asked for {action}")
+
+    def _confirm_abort(self) -> None:
+        self._dialog.open()
+
+    def _abort_now(self) -> None:
+        self._dialog.close()
+        self._request("abort")
+
+    def _by(self) -> str:
+        return str(self._name.value or "").strip() or f"panel at {self._client.ip}"
+
+    async def _recall_name(self) -> None:
+        try:
+            name = await ui.run_javascript("localStorage.getItem('gyrobench-name')", timeout=_PATIENCE_S)
+        except TimeoutError:  # the page was closed again, or its browser is very busy
+            return
+        if name and not self._name.value:
+            self._name.value = str(name)[:40]
+
+    @staticmethod
+    def _button(text: str, icon: str, act: Callable[[], None], color: str = "primary") -> ui.button:
+        props = f'no-caps unelevated data-testid="{text.lower()}"'
+        return ui.button(text, icon=icon, on_click=act, color=color).props(props)
+
+
+def _keep_name(event: object) -> None:
+    ui.run_javascript(
+        f"localStorage.setItem('gyrobench-name', {_js_text(str(getattr(event, 'value', '') or ''))})"
+    )
+
+
+def _js_text(text: str) -> str:
+    return json.dumps(text).replace("<", "\\u003c")
+
+
+def _show(level: str) -> None:
+    ui.run_javascript(f"window.gyrobench && window.gyrobench.show({_js_text(level)})")
+
+
+def _toggle(dark: ui.dark_mode) -> None:
+    ui.run_javascript("Quasar.Dark.toggle(); window.gyrobench && window.gyrobench.repaint()")
+
+
+def _history_table() -> ui.table:
+    columns = [
+        {"name": name, "label": label, "field": name, "align": "left"}
+        for name, label in (
+            ("run", "Run"),
+            ("procedure", "Procedure"),
+            ("units", "Units"),
+            ("started", "Started (UTC)"),
+            ("length", "Bench time"),
+            ("outcome", "Outcome"),
+            ("report", ""),
+        )
+    ]
+    table = ui.table(columns=columns, rows=[], row_key="run", pagination=10).props("flat dense")
+    table.add_slot(
+        "body-cell-report",
+        '<q-td :props="props"><a v-if="props.row.link" :href="props.row.link" target="_blank">report</a></q-td>',
+    )
+    table.add_slot(
+        "body-cell-outcome",
+        '<q-td :props="props"><span :class="\'outcome \' + props.row.kind">{{ props.value }}</span></q-td>',
+    )
+    return table
+
+
+def _history_row(entry: Entry) -> dict[str, str]:
+    found = entry.manifest
+    if found is None:
+        return {
+            "run": entry.name,
+            "outcome": "cannot be read",
+            "kind": "aborted",
+            "procedure": "",
+            "link": "",
+        }
+    return {
+        "run": entry.name,
+        "procedure": found.procedure,
+        "units": ", ".join(found.units.values()),
+        "started": found.started_utc[:19].replace("T", " "),
+        "length": duration(found.duration_s),
+        "outcome": _WORDS[found.outcome],
+        "kind": found.outcome,
+        "link": f"/report/{quote(entry.name)}" if found.complete else "",
+    }

@@ -1,0 +1,277 @@
+"""The panel's server: the page, a socket that sends what is new ten times a second, reports."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import json
+import secrets
+import socket
+import sys
+import tempfile
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fastapi import WebSocket
+from fastapi.responses import FileResponse, PlainTextResponse, Response
+from nicegui import app, ui
+
+from bench.present.panel._access import LOCAL_NAMES, Access
+from bench.present.panel._folders import RunsFolder
+from bench.present.panel._page import build_page
+from bench.present.panel._visitors import SERVER_LIMITS, Visitor
+from bench.present.panel._watch import Watch
+from bench.record.run_folder import MANIFEST_FILE
+from drivers.base.errors import ConfigurationError
+
+_TICK_S = 0.1
+_REPORT_TIMEOUT_S = 300.0
+_WAITING = 8
+"""Ticks a slow browser may be behind before it is given everything anew."""
+_SHORTEST_TOKEN = 16
+_IDLE_HUBS = 4
+"""Sessions that nobody looks at any more and that are kept all the same: a page comes back within seconds."""
+_NO_SCRIPTS = {
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+
+
+@dataclass(frozen=True)
+class PanelSettings:
+    """Where the panel looks and who may open it."""
+
+    runs: Path
+    host: str = "127.0.0.1"
+    port: int = 8765
+    token: str | None = None
+
+    def check(self) -> None:
+        """Raise ConfigurationError for a folder that is none, an open door without a token, a port in use."""
+        if not self.runs.is_dir():
+            raise ConfigurationError(
+                "there is no such runs folder",
+                where=str(self.runs),
+                expected="the folder that `gyrobench run --runs` or `campaign run --out` writes to",
+            )
+        if self.token is not None and (len(self.token) < _SHORTEST_TOKEN or not self.token.isascii()):
+            raise ConfigurationError(
+                "a token that is easy to guess",
+                where="--token",
+                found=f"{len(self.token)} characters",
+                expected=f"at least {_SHORTEST_TOKEN} letters and digits",
+                remedy="GYROBENCH_PANEL_TOKEN=$(openssl rand -hex 16) gyrobench panel ...",
+            )
+        if self.token is None and not is_local(self.host):
+            raise ConfigurationError(
+                "a panel that others can reach needs a token",
+                where=f"--host {self.host}",
+                expected="--token, or GYROBENCH_PANEL_TOKEN in the environment",
+                remedy="GYROBENCH_PANEL_TOKEN=$(openssl rand -hex 16) gyrobench panel ...",
+            )
+        try:
+            with socket.create_server((self.host, self.port), reuse_port=False):
+                pass
+        except (OSError, OverflowError) as error:
+            raise ConfigurationError(
+                "the panel cannot listen there",
+                where=f"{self.host}:{self.port}",
+                found=str(error),
+                expected="an address of this machine and a free port",
+                remedy="name others with --host and --port",
+            ) from error
+
+
+def is_local(host: str) -> bool:
+    """Return whether only this machine reaches that address."""
+    with suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return host in LOCAL_NAMES
+
+
+def serve(settings: PanelSettings) -> None:
+    """Serve the panel until Ctrl-C; raises ConfigurationError for settings that cannot be used."""
+    settings.check()
+    folder = RunsFolder(settings.runs)
+    hubs = Hubs(folder)
+    app.add_middleware(Access, token=settings.token)
+    app.websocket("/panel/live")(hubs.attend)
+    app.timer(_TICK_S, hubs.tick)
+    scratch = tempfile.TemporaryDirectory(prefix="gyrobench-panel-")
+    reports = Reports(folder, Path(scratch.name))
+    app.get("/report/{name:path}")(reports.get)
+    app.add_static_files("/panel/assets", Path(__file__).parent / "assets")
+    ui.page("/", title="gyrobench panel", favicon=Path(__file__).parent / "assets" / "icon.svg")(hubs.page)
+    try:
+        ui.run(
+            host=settings.host,
+            port=settings.port,
+            title="gyrobench panel",
+            dark=None,
+            show=False,
+            reload=False,
+            tailwind=False,
+            binding_refresh_interval=None,
+            show_welcome_message=False,
+            message_history_length=100,
+            http=Visitor,
+            **SERVER_LIMITS,
+        )
+    finally:
+        scratch.cleanup()
+
+
+class Hubs:
+    """A hub for every session that pages look at, by its name; "" is the one the panel chooses itself."""
+
+    def __init__(self, folder: RunsFolder) -> None:
+        self._folder = folder
+        self._hubs = {"": Hub(Watch(folder))}
+
+    def page(self, session: str = "") -> None:
+        """Build the page of one browser."""
+        hub = self._of(session)
+        hub.tick()
+        build_page(hub.watch)
+
+    async def attend(self, page: WebSocket, session: str = "") -> None:
+        """Send to one page until it goes."""
+        await self._of(session).attend(page)
+
+    def tick(self) -> None:
+        """Send news to all pages; what nobody looks at is not read."""
+        for name, hub in list(self._hubs.items()):
+            if hub.watched or not name:
+                hub.tick()
+
+    def _of(self, session: str) -> Hub:
+        if session not in self._hubs:
+            for name in [name for name, hub in self._hubs.items() if name and not hub.watched][_IDLE_HUBS:]:
+                del self._hubs[name]
+            self._hubs[session] = Hub(Watch(self._folder, session))
+        return self._hubs[session]
+
+
+class Hub:
+    """Sends every page that looks at a session what is new. One reading of the files serves all of them."""
+
+    def __init__(self, watch: Watch) -> None:
+        self.watch = watch
+        self._name = secrets.token_hex(8)
+        self._pages: dict[WebSocket, asyncio.Queue[str]] = {}
+        self._values: dict[str, str] = {}
+        self._news: dict[str, Any] = {}
+        self._tails: dict[str, Any] = {}
+        self._versions: tuple[int, ...] = ()
+
+    @property
+    def watched(self) -> bool:
+        """Whether a page looks at it."""
+        return bool(self._pages)
+
+    def tick(self) -> None:
+        """Read, and hand every page what has changed since the last tick."""
+        watch = self.watch
+        watch.update()
+        values, news, tails = watch.values(), watch.news(), watch.tails()
+        message: dict[str, Any] = {}
+        if changed := {key: text for key, text in values.items() if self._values.get(key) != text}:
+            message["values"] = changed
+        if news != self._news:
+            message["news"] = news
+        if watch.versions() != self._versions:
+            message["curves"] = watch.snapshot()
+        elif tails != self._tails:
+            message["rows"] = tails
+        self._values, self._news, self._tails = values, news, tails
+        self._versions = watch.versions()
+        if message and self._pages:
+            text = _encoded(message)
+            for page, queue in self._pages.items():
+                if queue.full():
+                    self._begin(page)
+                else:
+                    queue.put_nowait(text)
+
+    async def attend(self, page: WebSocket) -> None:
+        """Send to one page until it goes; it says nothing itself."""
+        await page.accept()
+        self._begin(page)
+        leaving = asyncio.create_task(_until_gone(page))
+        try:
+            while not leaving.done():
+                getting = asyncio.create_task(self._pages[page].get())
+                await asyncio.wait({getting, leaving}, return_when=asyncio.FIRST_COMPLETED)
+                if not getting.done():
+                    getting.cancel()
+                    break
+                await page.send_text(getting.result())
+        except Exception:
+            pass  # the browser is gone in one of the many ways a connection ends
+        finally:
+            leaving.cancel()
+            self._pages.pop(page, None)
+
+    def _begin(self, page: WebSocket) -> None:
+        queue: asyncio.Queue[str] = asyncio.Queue(_WAITING)
+        everything = {"values": self._values, "news": self._news, "curves": self.watch.snapshot()}
+        queue.put_nowait(_encoded({"panel": self._name} | everything))
+        old = self._pages.get(page)
+        if old is None:
+            self._pages[page] = queue
+            return
+        while not old.empty():
+            old.get_nowait()
+        old.put_nowait(queue.get_nowait())
+
+
+class Reports:
+    """Serves the report of a run: the one in its folder, or one made for the occasion outside of it."""
+
+    def __init__(self, folder: RunsFolder, scratch: Path) -> None:
+        self._folder = folder
+        self._scratch = scratch
+        self._making: dict[str, asyncio.Lock] = {}
+
+    async def get(self, name: str) -> Response:
+        """Answer a request for the report of the run or campaign folder of that name."""
+        page = self._folder.report_of(name)
+        if page is None:
+            run = self._folder.inside(name)
+            if run is None or not (run / MANIFEST_FILE).is_file():
+                return PlainTextResponse("There is no such run.", status_code=404)
+            page = await self._make(run)
+        if page is None:
+            return PlainTextResponse(f"No report could be made of {name}.", status_code=500)
+        return FileResponse(page, headers=_NO_SCRIPTS, media_type="text/html; charset=utf-8")
+
+    async def _make(self, run: Path) -> Path | None:
+        """Have a process of its own make it: numbers and plots cost seconds, and the panel stays smooth."""
+        stamp = (run / MANIFEST_FILE).stat().st_mtime_ns
+        target = self._scratch / f"{abs(hash((str(run), stamp)))}.html"
+        async with self._making.setdefault(target.name, asyncio.Lock()):
+            if not target.exists():
+                command = "from bench.present.cli import main; main()"
+                process = await asyncio.create_subprocess_exec(
+                    *(sys.executable, "-c", command, "report", str(run), "--out", str(target)),
+                    stdout=asyncio.subprocess.DEVNULL,
+                    stderr=asyncio.subprocess.DEVNULL,
+                )
+                try:
+                    await asyncio.wait_for(process.wait(), _REPORT_TIMEOUT_S)
+                except TimeoutError:
+                    process.kill()
+                    await process.wait()
+        return target if target.exists() else None
+
+
+async def _until_gone(page: WebSocket) -> None:
+    while (await page.receive())["type"] != "websocket.disconnect":
+        pass
+
+
+def _encoded(message: dict[str, Any]) -> str:
+    return json.dumps(message, ensure_ascii=False, allow_nan=False, separators=(",", ":"))

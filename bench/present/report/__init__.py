@@ -1,0 +1,79 @@
+"""Reports: one self-contained HTML file each, made from plain content; content, figures and layout apart."""
+
+from bench.present.report._calibration import render_calibration
+from bench.present.report._calibration_content import CalibrationContent, calibration_content, scheme_content
+from bench.present.report._campaign import render_campaign
+from bench.present.report._certificate import (
+    CertificateContent,
+    CertifiedFigure,
+    UnitCertificate,
+    UnitVerdict,
+    render_certificate,
+)
+from bench.present.report._content import (
+    CampaignContent,
+    Comparison,
+    CompensationSummary,
+    Device,
+    Measurement,
+    ModelScore,
+    RunContent,
+    RunSummary,
+    StreamStatistics,
+    Trace,
+    ValidRange,
+)
+from bench.present.report._cycle import render_chamber_cycle
+from bench.present.report._file import find_browser, write_pdf, write_report
+from bench.present.report._gap import GapContent, render_gap
+from bench.present.report._gap_rehearsal import render_log_gaps
+from bench.present.report._heading import HeadingContent, mixed_text, render_heading
+from bench.present.report._rlg import render_rlg_study
+from bench.present.report._run import render_run
+from bench.present.report._run_content import run_content
+from bench.present.report._standard import allan_figure, render_standard_test
+from bench.present.report._whirl import render_whirl
+from bench.present.report._whirl_content import WhirlContent, WhirlJudgement, WhirlLine
+
+__all__ = [
+    "CalibrationContent",
+    "CampaignContent",
+    "CertificateContent",
+    "CertifiedFigure",
+    "Comparison",
+    "CompensationSummary",
+    "Device",
+    "GapContent",
+    "HeadingContent",
+    "Measurement",
+    "ModelScore",
+    "RunContent",
+    "RunSummary",
+    "StreamStatistics",
+    "Trace",
+    "UnitCertificate",
+    "UnitVerdict",
+    "ValidRange",
+    "WhirlContent",
+    "WhirlJudgement",
+    "WhirlLine",
+    "allan_figure",
+    "calibration_content",
+    "find_browser",
+    "mixed_text",
+    "render_calibration",
+    "render_campaign",
+    "render_certificate",
+    "render_chamber_cycle",
+    "render_gap",
+    "render_heading",
+    "render_log_gaps",
+    "render_rlg_study",
+    "render_run",
+    "render_standard_test",
+    "render_whirl",
+    "run_content",
+    "scheme_content",
+    "write_pdf",
+    "write_report",
+]

@@ -1,0 +1,134 @@
+"""The report of a chamber cycle recorded elsewhere: what each axis gains on the leg it was not fitted on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.present.report import _parts as parts
+from bench.present.report._figures import Curve, Lane, lanes
+from bench.present.report._layout import render_page
+from bench.present.report._numbers import fixed, moment, significant
+from bench.present.report._page import (
+    Block,
+    Cell,
+    Column,
+    Definitions,
+    Fact,
+    Figures,
+    Headline,
+    Notes,
+    Page,
+    Section,
+    Table,
+    Verdict,
+)
+from bench.present.report._palette import AFTER, BEFORE, GREEN, SAND
+
+if TYPE_CHECKING:
+    from bench.analysis.rlg import CycleStudy
+
+_TERMS = [
+    (
+        "Before",
+        "Sample standard deviation of the means of 25 rows on the held-out leg, 1σ, in the table's unit.",
+    ),
+    ("Temperature only", "Stepwise selection from T, T², T³ on the fitted legs."),
+    (
+        "Rate and past",
+        "The same, with dT, T·dT and the distance of T from its own lagged course (lag T) on offer.",
+    ),
+    (
+        "Held-out leg",
+        "What follows the last turn of temperature. Nothing of it took part in the fit; where it goes beyond the "
+        "fitted temperatures it is not judged.",
+    ),
+]
+
+
+def render_chamber_cycle(study: CycleStudy, *, source: str, checksum: str, created_utc: str) -> str:
+    """Return the report of a chamber cycle as a self-contained HTML file."""
+    gaining = [axis.axis for axis in study.axes if axis.gains]
+    losing = [axis.axis for axis in study.axes if min(axis.static_pct, axis.dynamic_pct) < 0.0]
+    sentences = [
+        "Gains on the held-out leg: "
+        + ", ".join(f"{axis.axis} {fixed(axis.best_pct, 0)} %" for axis in study.axes)
+        + " by the better of two equations. The better one is known only after looking at that leg."
+    ]
+    if losing:
+        sentences.append(f"At least one equation makes {', '.join(losing)} worse than no compensation.")
+    rows = [
+        parts.named(
+            axis.axis,
+            significant(axis.before, 4),
+            significant(axis.after_static, 4),
+            _gain(axis.static_pct),
+            significant(axis.after_dynamic, 4),
+            _gain(axis.dynamic_pct),
+            axis.verdict,
+        )
+        for axis in study.axes
+    ]
+    heads = [Column("Axis")] + [
+        Column(title, unit, number=True)
+        for title, unit in (
+            ("Before", ""), ("Temperature only", ""), ("Gain", "%"), ("Rate and past", ""), ("Gain", "%"),
+        )
+    ] + [Column("Verdict")]  # fmt: skip
+    terms = [
+        parts.named(
+            axis.axis, ", ".join(axis.terms_static) or "none", ", ".join(axis.terms_dynamic) or "none"
+        )
+        for axis in study.axes
+    ]
+    blocks: list[Block] = [
+        Table(heads, rows, "1σ on the held-out leg, in the table's unit."),
+        _courses(study),
+    ]
+    remarks: list[Block] = [Notes(study.remarks)] if study.remarks else []
+    page = Page(
+        title="Chamber cycle",
+        kind="Regression over temperature, one recording",
+        facts=[Fact("Recording", source), Fact("SHA-256", checksum, code=True),
+               Fact("Report made", moment(created_utc))],
+        verdict=Verdict(
+            f"{len(gaining)} of {len(study.axes)} axes gain",
+            "good" if len(gaining) == len(study.axes) else "doubt",
+            sentences,
+            [Headline(f"axis {axis.axis}", fixed(axis.best_pct, 1), "%") for axis in study.axes],
+        ),
+        sections=[
+            Section("Held-out leg", blocks),
+            *([Section("Left out of the recording", remarks)] if remarks else []),
+            Section(
+                "Terms",
+                [Table([Column("Axis"), Column("Temperature only"), Column("Rate and past")], terms)],
+                "Chosen on the fitted legs, autocorrelation of the residuals taken off first.",
+            ),
+            Section("Definitions", [Definitions(_TERMS)]),
+        ],
+    )  # fmt: skip
+    return render_page(page)
+
+
+def _courses(study: CycleStudy) -> Figures:
+    number = np.arange(len(study.temp_c), dtype=np.float64)
+    plots = [Lane("Temperature, °C", [Curve("T", number, study.temp_c, SAND)], height=90.0)]
+    for axis in study.axes:
+        curves = [
+            Curve(label, number, values - values[study.turn :].mean(), paint)
+            for label, values, paint in (
+                ("before", axis.means, BEFORE),
+                ("temperature only", axis.left_static, GREEN),
+                ("rate and past", axis.left_dynamic, AFTER),
+            )
+        ]
+        plots.append(Lane(f"Axis {axis.axis}", curves, height=110.0))
+    legs = [(0.0, float(study.turn), "fitted"), (float(study.turn), number[-1], "held out")]
+    caption = "Means of 25 rows, in the table's unit, from their mean over the held-out leg."
+    return Figures([lanes("cycle", plots, "Number of the mean", phases=legs, description=caption)], caption)
+
+
+def _gain(percent: float) -> Cell:
+    return Cell(fixed(percent, 1), "bad" if percent < 0.0 else "plain")

@@ -1,0 +1,110 @@
+"""The part of a gap report on the channels beside the gyro's rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from markupsafe import Markup
+
+from bench.present.report._figures import Curve, Lane, lanes
+from bench.present.report._heat_map import HeatCell, heat_map
+from bench.present.report._numbers import DASH, fixed, significant
+from bench.present.report._page import Block, Cell, Column, Figures, Key, Notes, Row, Table
+from bench.present.report._palette import AFTER, BEFORE
+
+if TYPE_CHECKING:
+    from bench.analysis.gap import ChannelDiagnosis, ChannelPlace
+
+_HOUR_S = 3600.0
+_SIGNIFICANT = 0.01
+
+
+def channel_blocks(channels: Sequence[ChannelDiagnosis]) -> list[Block]:
+    """Return a table of all channels, and for each with a gap its causes, map and curves."""
+    seen = [each for each in channels if not each.reason]
+    if not seen:
+        return []
+    heads = [
+        Column("Channel"),
+        Column("Gap, rms", "", True),
+        Column("Floor, rms", "", True),
+        Column("Unit"),
+        Column("Verdict"),
+        Column("Explained", "%", True),
+        Column("Gone on held-out runs", "%", True),
+    ]
+    blocks: list[Block] = [
+        Table(
+            heads,
+            [_row(each) for each in seen],
+            "Each channel against its own model and its own noise floor.",
+        )
+    ]
+    for each in seen:
+        if each.verdict not in ("no gap", "within the model's accuracy"):
+            blocks += _of_channel(each)
+    hidden = [f"{_plain(each.channel)}: {each.reason}" for each in channels if each.reason]
+    if hidden:
+        blocks.append(Notes(["Not seen: " + "; ".join(hidden) + "."]))
+    return blocks
+
+
+def _row(found: ChannelDiagnosis) -> Row:
+    from bench.analysis.gap import scatter_sentence
+
+    held = found.held_out
+    cells = [
+        Cell(_plain(found.channel).capitalize(), strong=True),
+        Cell(significant(found.rms)),
+        Cell(significant(found.floor_rms)),
+        Cell(found.unit),
+        Cell(found.verdict),
+        Cell(fixed(100.0 * found.explained, 0) if found.causes else DASH),
+        Cell(fixed(100.0 * held.share, 1) if held is not None else DASH),
+    ]
+    notes = [f"{_plain(cause.effect.name).capitalize()}: {cause.sentence}" for cause in found.causes]
+    notes += [scatter_sentence(name, size) + "." for name, size in found.stochastic.items()]
+    return Row(cells, note=" ".join(notes))
+
+
+def _of_channel(found: ChannelDiagnosis) -> list[Block]:
+    name = _plain(found.channel)
+    blocks: list[Block] = []
+    if any(place.p_value < _SIGNIFICANT for place in found.places):
+        caption = f"{name.capitalize()}: where its gap lies, rms in {found.unit} where significant."
+        blocks.append(Figures([_map(found.channel, found.places, caption)], caption))
+    curve = found.curves[0]
+    hours = curve.time_s / _HOUR_S
+    apart = np.diff(hours, prepend=hours[0]) > 5.0 * np.median(np.diff(hours))
+    plots = [Curve("nominal", hours, np.where(apart, np.nan, curve.before), BEFORE)]
+    keys = [Key("nominal model", BEFORE)]
+    if found.causes:
+        plots.append(Curve("closed", hours, np.where(apart, np.nan, curve.after), AFTER))
+        keys.append(Key("with the effects in it", AFTER))
+    caption = f"{name.capitalize()}: recorded less simulated in {curve.run_id}."
+    drawn = lanes(
+        f"{found.channel}-curve", [Lane(found.unit, plots, 120.0)], "Time in the run, h", description=caption
+    )
+    blocks.append(Figures([drawn], caption, keys))
+    return blocks
+
+
+def _map(channel: str, places: Sequence[ChannelPlace], caption: str) -> Markup:
+    from bench.analysis.gap import channel_bands
+
+    phases = list(dict.fromkeys(place.phase for place in sorted(places, key=lambda place: place.start_s)))
+    bands = [band for band in channel_bands() if any(place.band == band for place in places)]
+    cells = {
+        (place.phase.replace("_", " "), place.band): HeatCell(
+            place.share, significant(place.rms, 2), place.p_value < _SIGNIFICANT
+        )
+        for place in places
+    }
+    rows = [phase.replace("_", " ") for phase in phases]
+    return heat_map(f"{channel}-map", rows, bands, cells, description=caption)
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")

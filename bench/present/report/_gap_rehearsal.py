@@ -1,0 +1,145 @@
+"""The report of a rehearsal of the gap: a run's log against those of the nominal and the closed model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from bench.present.report._figures import Curve, Panel
+from bench.present.report._gap_curves import left_over_panels
+from bench.present.report._layout import render_page
+from bench.present.report._numbers import DASH, fixed, moment, significant
+from bench.present.report._page import (
+    Cell,
+    Column,
+    Fact,
+    Figures,
+    Headline,
+    Key,
+    Page,
+    Row,
+    Section,
+    Table,
+    Verdict,
+)
+from bench.present.report._palette import AFTER, BEFORE
+
+if TYPE_CHECKING:
+    from bench.analysis.gap import LogCurve, LogGap
+
+_HOUR_S = 3600.0
+_MOSTLY = 0.9
+
+
+def render_log_gaps(
+    run_id: str,
+    unit_id: str,
+    models: tuple[str, str],
+    gaps: Sequence[LogGap],
+    curves: Sequence[LogCurve],
+    channels: Sequence[LogGap],
+    created_utc: str,
+) -> str:
+    """Return the page; `models` are the files of the nominal and the closed model."""
+    whole = gaps[0]
+    closed = math.isfinite(whole.share) and whole.share > _MOSTLY
+    share = fixed(100.0 * whole.share, 1) if math.isfinite(whole.share) else DASH
+    page = Page(
+        title=f"The gap in the log: {run_id}",
+        kind="Sim-to-real gap, rehearsed",
+        facts=[
+            Fact("Unit under test", unit_id),
+            Fact("Nominal model", models[0]),
+            Fact("Closed model", models[1]),
+            Fact("Report made", moment(created_utc)),
+        ],
+        verdict=Verdict(
+            f"{share} % of the reducible gap is gone" if math.isfinite(whole.share) else "No gap in this log",
+            "good" if closed or not math.isfinite(whole.share) else "doubt",
+            [
+                "The procedure was run on the emulated bench with each model; the run's log is held against both."
+            ],
+            [
+                Headline(
+                    "Run less rehearsal, rms",
+                    significant(whole.rms_closed),
+                    "°/h",
+                    significant(whole.rms_nominal),
+                    f"floor {significant(whole.rms_floor)} °/h: two rehearsals that differ in noise only",
+                )
+            ],
+        ),
+        sections=[
+            Section("By phase", [_table(gaps)]),
+            Section("Over time", [_figures(curves)]),
+            Section("Other channels", [_channel_table(channels)] if channels else []),
+        ],
+        colophon="Means of 100 s, each stretch's own mean taken out; phases laid on each other at their begins.",
+    )
+    return render_page(page)
+
+
+def _table(gaps: Sequence[LogGap]) -> Table:
+    heads = [
+        Column("Phase"),
+        Column("Nominal", "°/h rms", True),
+        Column("Closed", "°/h rms", True),
+        Column("Floor", "°/h rms", True),
+        Column("Reducible gap gone", "%", True),
+    ]
+    rows = [
+        Row(
+            [
+                Cell(each.part.replace("_", " "), strong=number == 0),
+                Cell(significant(each.rms_nominal)),
+                Cell(significant(each.rms_closed)),
+                Cell(significant(each.rms_floor)),
+                Cell(fixed(100.0 * each.share, 1) if math.isfinite(each.share) else DASH),
+            ],
+            emphasis=number == 0,
+        )
+        for number, each in enumerate(gaps)
+    ]
+    return Table(heads, rows, "What the run's log differs by from the rehearsals' logs.")
+
+
+def _channel_table(gaps: Sequence[LogGap]) -> Table:
+    heads = [
+        Column("Channel"),
+        Column("Unit"),
+        Column("Nominal", "rms", True),
+        Column("Closed", "rms", True),
+        Column("Floor", "rms", True),
+        Column("Reducible gap gone", "%", True),
+    ]
+    rows = [
+        Row(
+            [
+                Cell(each.part.replace("_", " ")),
+                Cell(each.unit),
+                Cell(significant(each.rms_nominal)),
+                Cell(significant(each.rms_closed)),
+                Cell(significant(each.rms_floor)),
+                Cell(fixed(100.0 * each.share, 1) if math.isfinite(each.share) else DASH),
+            ]
+        )
+        for each in gaps
+    ]
+    return Table(heads, rows, "What the run differs by beside the gyro's rate; nothing taken out.")
+
+
+def _figures(curves: Sequence[LogCurve]) -> Figures:
+    plots = [
+        Panel(
+            [
+                Curve("nominal", each.time_s / _HOUR_S, each.nominal_dph, BEFORE),
+                Curve("closed", each.time_s / _HOUR_S, each.closed_dph, AFTER),
+            ],
+            each.run_id,
+            description=f"Run less rehearsal in {each.run_id}",
+        )
+        for each in curves
+    ]
+    keys = [Key("nominal model", BEFORE), Key("closed model", AFTER)]
+    return left_over_panels("log", plots, "Run less rehearsal, 100 s means.", keys)

@@ -1,0 +1,304 @@
+"""The report of a heading-effect fit: temperature against drift, coefficients, errors before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.present.report._figures import Curve, Panel, lanes, limits, panels
+from bench.present.report._layout import render_page
+from bench.present.report._numbers import DASH, fixed, moment, significant
+from bench.present.report._page import (
+    Block,
+    Cell,
+    Column,
+    Definitions,
+    Fact,
+    Facts,
+    Figures,
+    Headline,
+    Key,
+    Notes,
+    Page,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+)
+from bench.present.report._palette import MUTED, PURPLE
+from bench.present.report._parts import BEFORE_AFTER, before_after, made, named, warnings
+from bench.present.report._tables import checksum_table
+
+if TYPE_CHECKING:
+    from bench.analysis.heading import HeadingStudy, Judgement, NineCoefficients
+
+_HOUR = 3600.0
+_SIGNIFICANT = 0.05
+_AXES = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class HeadingContent:
+    """A study with where it came from; `checksums` of the logs by file name, `model_file` empty if none."""
+
+    study: HeadingStudy
+    title: str
+    created_utc: str
+    checksums: Mapping[str, str]
+    model_file: str = ""
+
+
+def render_heading(content: HeadingContent) -> str:
+    """Return the report as a self-contained HTML file."""
+    study = content.study
+    model = study.model
+    page = Page(
+        title=f"Heading effect: {content.title}",
+        kind="Heading compensation report",
+        facts=[
+            Fact("Calibration", f"{model.headings} headings beside the reference, {fixed(model.hours, 0)} h"),
+            Fact("Reference heading", f"{fixed(model.reference_heading_deg, 1)}°"),
+            Fact("Latitude in the equations", f"{fixed(model.latitude_deg, 3)}°"),
+            Fact("Report made", moment(content.created_utc)),
+        ],
+        verdict=_verdict(study),
+        sections=[
+            warnings(_findings(study)),
+            Section("Position before and after", _errors(study)),
+            Section("Reduction of heading sensitivity", _reductions(study.judgements)),
+            Section("Temperature and drift", _temperature(study)),
+            Section("Lagged model", _lagged(content)),
+            Section("Nine coefficients", _nine(study.nine, study.nine_refused)),
+            Section("Where the drift comes from", _evidence(study)),
+            Section("Provenance", checksum_table(content.checksums, "Logs and their checksums.")),
+            Section("Definitions", [Definitions(_TERMS)]),
+        ],
+        colophon=made(content.created_utc, "Errors are computed minus true position."),
+    )
+    return render_page(page)
+
+
+def _verdict(study: HeadingStudy) -> Verdict:
+    cause = study.model.evidence.cause
+    if cause == "none":
+        return Verdict(
+            "No heading effect", "plain", ["Nothing beyond the noise of the run depends on heading."]
+        )
+    if cause == "heading":
+        return Verdict(
+            "Not driven by temperature",
+            "bad",
+            [
+                "The drift steps with heading at once and does not follow the temperature. Compensating with "
+                "temperature would add error: there is no compensation."
+            ],
+        )
+    own = [row for row in study.judgements if row.method == study.model.form]
+    held = [row for row in own if row.held_out]
+    shown = held or own
+    median = float(np.median([row.reduction_percent for row in shown]))
+    sentences = [
+        f"The {study.model.form} model takes {fixed(median, 1)} % off the heading sensitivity of the "
+        "position error"
+        + (f" on {len(held)} held-out logs (median)." if held else " of the log that it was fitted on."),
+    ]
+    if not held:
+        sentences.append("No held-out log was given: this figure says nothing about other headings.")
+    tone: Tone = "doubt" if not held else "good" if median > 0.0 else "bad"
+    before, after = (
+        float(np.sqrt(np.mean([getattr(row, name) ** 2 for row in shown])))
+        for name in ("rms_before_as", "rms_after_as")
+    )
+    headlines = [
+        Headline("Position error, rms", significant(after / 60.0), "′", before=significant(before / 60.0)),
+        Headline("Reduction", fixed(median, 1), "%", note="held out" if held else "on the fitted log"),
+        Headline("Core time constant", fixed(study.model.tau_s / _HOUR, 2), "h"),
+    ]
+    return Verdict("Compensated", tone, sentences, headlines)
+
+
+def _findings(study: HeadingStudy) -> list[str]:
+    texts = [f"{finding.what}: {finding.consequence}." for finding in study.findings]
+    texts += [mixed_text(study)] if study.model.evidence.mixed else []
+    texts += [
+        f"{row.name}: regressors beyond the calibrated range for {fixed(100 * row.outside_share, 0)} "
+        "% of the time."
+        for row in study.judgements
+        if row.outside_share > 0.01
+    ]
+    return texts
+
+
+def mixed_text(study: HeadingStudy) -> str:
+    """Say that temperature explains a part only."""
+    share = fixed(100.0 * study.model.evidence.other_share, 0)
+    return (
+        f"{share} % of the heading effect goes with heading at once and not with the measured "
+        "temperature (friction, "
+        "magnetic field, or a gradient that no sensor sees): that part stays after compensation."
+    )
+
+
+def _errors(study: HeadingStudy) -> list[Block]:
+    blocks: list[Block] = []
+    own = [row for row in study.judgements if row.method == study.model.form]
+    for number, row in enumerate(own):
+        hours = (row.time_s - row.time_s[0]) / _HOUR
+        plots = [
+            before_after(f"{name} error, ′", hours, before / 60.0, after / 60.0)
+            for name, before, after in (
+                ("Latitude", row.north_before_as, row.north_after_as),
+                ("Longitude", row.east_before_as, row.east_after_as),
+            )
+        ]
+        caption = (
+            f"{row.name}: position error before and after {row.method}, less what the first stay "
+            "foretells; longitude "
+            "error times cos(latitude)."
+        )
+        drawn = lanes(f"errors-{number}", plots, "Time, h", description=caption)
+        blocks.append(Figures([drawn], caption, BEFORE_AFTER))
+    return blocks
+
+
+def _reductions(judgements: Sequence[Judgement]) -> list[Block]:
+    rows = [
+        named(
+            judged.name,
+            "held out" if judged.held_out else "fitted on",
+            judged.method,
+            significant(judged.rms_before_as / 60.0),
+            significant(judged.rms_after_as / 60.0),
+            Cell(fixed(judged.reduction_percent, 1), "plain" if judged.reduction_percent > 0.0 else "bad"),
+        )
+        for judged in judgements
+    ]
+    heads = [
+        Column("Log"),
+        Column("Role"),
+        Column("Model"),
+        Column("Before", "′", number=True),
+        Column("After", "′", number=True),
+        Column("Reduction", "%", number=True),
+    ]
+    caption = "Rms position error after the first turn, both channels together."
+    return [Table(heads, rows, caption)] if rows else []
+
+
+def _temperature(study: HeadingStudy) -> list[Block]:
+    course = study.course
+    if not len(course.time_s):
+        return []
+    calm = np.where(course.settled, 1e3, np.nan)
+    drawn = panels(
+        "temperature-drift",
+        [
+            Panel(
+                [
+                    Curve("after a turn", course.change_k, 1e3 * course.drift_dph[:, at], MUTED, width=0.8),
+                    Curve("settled", course.change_k, calm * course.drift_dph[:, at], PURPLE, width=3.0),
+                ],
+                f"axis {axis}",
+                description=f"Drift about {axis} against temperature change",
+            )
+            for at, axis in enumerate(_AXES)
+        ],
+        x_label="Temperature change, K",
+        y_label="Drift, 10⁻³ °/h",
+        x_limits=limits([course.change_k]),
+        y_limits=limits([1e3 * course.drift_dph]),
+        width=240.0,
+    )
+    caption = (
+        "Drift over the moving window against the mean temperature change of the last sidereal day. "
+        "A function of "
+        "temperature would be a line; loops and crossings are why a polynomial in temperature does "
+        "not compensate it."
+    )
+    keys = [Key("settled", PURPLE), Key("after a turn", MUTED)]
+    return [Figures(drawn, caption, keys, columns=3)]
+
+
+def _lagged(content: HeadingContent) -> list[Block]:
+    model = content.study.model
+    heads = [Column("Term")] + [
+        Column(f"{name} {axis}", "10⁻³ °/h/K", number=True) for axis in _AXES for name in ("k", "σ")
+    ]
+    rows = [
+        named(
+            term,
+            *(
+                fixed(1e3 * value, 3)
+                for axis in range(3)
+                for value in (model.gain[axis, at], model.sigma[axis, at])
+            ),
+        )
+        for at, term in enumerate(model.terms)
+    ]
+    facts = [
+        Fact("Time constant", f"{fixed(model.tau_s / _HOUR, 2)} h"),
+        Fact("Reference temperature", f"{fixed(model.reference.coefficients[0], 3)} °C"),
+    ]
+    if content.model_file:
+        facts.append(Fact("File", content.model_file))
+    return [Facts(facts), Table(heads, rows, "Gains of the lagged temperature change x, 1 sigma.")]
+
+
+def _nine(nine: NineCoefficients | None, refused: str) -> list[Block]:
+    if nine is None:
+        return [Notes([refused])] if refused else []
+    heads = [
+        Column("Coefficient"),
+        Column("Value", "10⁻³ °/h/K", number=True),
+        Column("σ", "10⁻³ °/h/K", number=True),
+        Column("p", number=True),
+        Column("Significant at 5 %"),
+    ]
+    rows = []
+    for axis in range(3):
+        for at, term in enumerate(("b0", "ac", "as")):
+            sigma = None if nine.sigma_dph_per_k is None else 1e3 * float(nine.sigma_dph_per_k[axis, at])
+            p_value = None if nine.p_value is None else float(nine.p_value[axis, at])
+            word = DASH if p_value is None else "yes" if p_value < _SIGNIFICANT else "no"
+            rows.append(
+                named(
+                    f"{_AXES[axis]} {term}",
+                    fixed(1e3 * float(nine.gain_dph_per_k[axis, at]), 3),
+                    fixed(sigma, 3),
+                    fixed(p_value, 3),
+                    word,
+                )
+            )
+    caption = (
+        f"Mean drift of {nine.headings} steady headings against the Fourier terms of their "
+        "temperature; condition "
+        f"{fixed(nine.condition, 1)}."
+    )
+    if nine.p_value is None:
+        caption += " Three headings determine the nine exactly: nothing is left over to judge them by."
+    return [Table(heads, rows, caption)]
+
+
+def _evidence(study: HeadingStudy) -> list[Block]:
+    evidence = study.model.evidence
+    facts = [
+        Fact("Cost without a heading effect", fixed(evidence.none, 0)),
+        Fact("Cost with temperature", fixed(evidence.temperature, 0)),
+        Fact("Cost with a constant drift at each heading", fixed(evidence.steps, 0)),
+        Fact("Heading effect left to constant drifts", f"{fixed(100.0 * evidence.other_share, 1)} %"),
+    ]
+    return [Facts(facts)]
+
+
+_TERMS = [
+    (
+        "Heading sensitivity",
+        "Position error after the first turn, less what misalignment and drift of the first stay foretell.",
+    ),
+    ("Reduction", "1 − rms after / rms before, latitude and longitude together."),
+    ("Cost", "Sum of squared residuals in units of the assumed noise, with the priors' own terms."),
+    ("b0, ac, as", "Mean, cosine and sine over the sidereal angle of the temperature's change."),
+]

@@ -1,0 +1,85 @@
+"""A map of cells: rows by columns, deeper where there is more, a figure in the cells that are significant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from bench.present.report._lettering import CHARACTER, LINE, WIDE, label_room, length, short
+from bench.present.report._palette import BAND, GRID, INK, MUTED, ORANGE
+from bench.present.report._plotting import FONT_SIZE, drawing, place, printable, svg
+
+_PITCH = 25.0
+
+
+@dataclass(frozen=True)
+class HeatCell:
+    """Part of the whole in a cell, 0 .. 1, and the text printed there; without significance it stays pale."""
+
+    share: float
+    text: str
+    significant: bool
+
+
+def heat_map(
+    figure_id: str,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    cells: Mapping[tuple[str, str], HeatCell],
+    *,
+    groups: Sequence[int] = (),
+    description: str,
+) -> Markup:
+    """Return a map of `cells` by (row, column); `groups` are rows before which a line is drawn."""
+    left = min(240.0, label_room(rows))
+    top = CHARACTER * 0.62 * max(length(name) for name in columns) + LINE + 6.0
+    width, height = WIDE - left - 26.0, _PITCH * len(rows)
+    most = max((cell.share for cell in cells.values() if cell.significant), default=0.0) or 1.0
+    with drawing(WIDE, top + height + 8.0) as figure:
+        axes = place(figure, left, top, width, height)
+        axes.set_xlim(0.0, len(columns))
+        axes.set_ylim(len(rows), 0.0)
+        axes.grid(visible=False)
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        axes.tick_params(length=0)
+        axes.xaxis.tick_top()
+        axes.set_xticks([k + 0.35 for k in range(len(columns))])
+        axes.set_xticklabels([printable(name) for name in columns], rotation=35, ha="left")
+        axes.set_yticks([k + 0.5 for k in range(len(rows))])
+        axes.set_yticklabels([printable(short(name, 38)) for name in rows])
+        for y, row in enumerate(rows):
+            for x, column in enumerate(columns):
+                cell = cells.get((row, column))
+                _draw_cell(axes, x, y, cell, most)
+        for k in groups:
+            axes.axhline(k, color=MUTED.light, linewidth=0.8)
+        return svg(figure, figure_id, description)
+
+
+def _draw_cell(axes: object, x: int, y: int, cell: HeatCell | None, most: float) -> None:
+    from matplotlib.patches import Rectangle
+
+    if cell is None:
+        return
+    box = (x + 0.03, y + 0.06)
+    face = Rectangle(box, 0.94, 0.88, facecolor=BAND.light, edgecolor=GRID.light, linewidth=0.5)
+    axes.add_patch(face)  # type: ignore[attr-defined]
+    if not cell.significant:
+        return
+    depth = 0.12 + 0.78 * (max(cell.share, 0.0) / most) ** 0.5
+    axes.add_patch(  # type: ignore[attr-defined]
+        Rectangle(box, 0.94, 0.88, facecolor=ORANGE.light, alpha=depth, linewidth=0)
+    )
+    axes.text(  # type: ignore[attr-defined]
+        x + 0.5,
+        y + 0.53,
+        printable(cell.text),
+        ha="center",
+        va="center",
+        size=FONT_SIZE - 1.0,
+        color=INK.light,
+        weight="bold" if cell.share > 0.25 * most else "normal",
+    )

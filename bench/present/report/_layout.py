@@ -1,0 +1,48 @@
+"""A page as one self-contained HTML file: the template, the style sheet, nothing from anywhere else."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from bench.present.report._page import Block, Page
+from bench.present.report._palette import PAINTS
+from bench.present.report._plotting import printable
+
+_FOLDER = Path(__file__).parent
+
+
+def render_page(page: Page) -> str:
+    """Return the page as HTML 5. All text is escaped; sections without blocks are left out."""
+    sections = [section for section in page.sections if section.blocks]
+    return _environment().get_template("page.html.j2").render(page=page, sections=sections)
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(_FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_finalize,
+    )
+    environment.filters["block_kind"] = _block_kind
+    # Ours, not a manifest's: trusted as they are.
+    environment.globals["style_sheet"] = Markup((_FOLDER / "report.css").read_text(encoding="utf-8"))
+    environment.globals["paints"] = PAINTS
+    environment.globals["marks"] = {"good": "✓", "bad": "✕", "doubt": "!", "plain": ""}
+    return environment
+
+
+def _finalize(value: Any) -> Any:
+    return value if isinstance(value, Markup) else printable(value) if isinstance(value, str) else value
+
+
+def _block_kind(block: Block) -> str:
+    return type(block).__name__.lower()

@@ -1,0 +1,146 @@
+"""What a page is made of: header, verdict, sections of blocks. Nothing here knows what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from markupsafe import Markup
+
+from bench.present.report._palette import Paint
+
+Tone = Literal["good", "bad", "doubt", "plain"]
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A labelled value; `code` sets it in a fixed-width font (checksums)."""
+
+    label: str
+    value: str
+    code: bool = False
+
+
+@dataclass(frozen=True)
+class Facts:
+    """A list of labelled values."""
+
+    facts: Sequence[Fact]
+
+
+@dataclass(frozen=True)
+class Headline:
+    """A figure to be seen first: `before` (if any) turned into `value`."""
+
+    label: str
+    value: str
+    unit: str = ""
+    before: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer: a word in its tone, one or two sentences, the figures behind it."""
+
+    word: str
+    tone: Tone
+    sentences: Sequence[str]
+    headlines: Sequence[Headline] = ()
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A table cell; `tone` other than plain marks it by colour and sign."""
+
+    text: str
+    tone: Tone = "plain"
+    code: bool = False
+    strong: bool = False
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column head. Numbers are right-aligned."""
+
+    title: str
+    unit: str = ""
+    number: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """A table row; `emphasis` marks the chosen one, `note` is printed across the table beneath it."""
+
+    cells: Sequence[Cell]
+    emphasis: bool = False
+    tone: Tone = "plain"
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with a caption that says what it shows."""
+
+    columns: Sequence[Column]
+    rows: Sequence[Row]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Key:
+    """A legend entry."""
+
+    label: str
+    paint: Paint
+    shape: Literal["line", "band", "dot"] = "line"
+
+
+@dataclass(frozen=True)
+class Figures:
+    """One figure or small multiples on common axes; `columns` is how many stand side by side when wide."""
+
+    svgs: Sequence[Markup]
+    caption: str
+    keys: Sequence[Key] = ()
+    columns: int = 1
+
+
+@dataclass(frozen=True)
+class Notes:
+    """Remarks; a warning in tone 'doubt'."""
+
+    texts: Sequence[str]
+    tone: Tone = "plain"
+
+
+@dataclass(frozen=True)
+class Definitions:
+    """Terms and what they mean, set small."""
+
+    terms: Sequence[tuple[str, str]]
+
+
+Block = Facts | Table | Figures | Notes | Definitions
+
+
+@dataclass(frozen=True)
+class Section:
+    """A titled group of blocks; without blocks it is not printed."""
+
+    title: str
+    blocks: Sequence[Block]
+    intro: str = ""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole report."""
+
+    title: str
+    kind: str
+    facts: Sequence[Fact]
+    verdict: Verdict
+    sections: Sequence[Section] = field(default=())
+    colophon: str = ""

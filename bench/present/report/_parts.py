@@ -1,0 +1,46 @@
+"""Parts that several reports have word for word: warnings, colophon, rows of figures, before and after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from bench.present.report._figures import Curve, Lane
+from bench.present.report._numbers import DASH, moment, significant
+from bench.present.report._page import Cell, Key, Notes, Row, Section
+from bench.present.report._palette import AFTER, BEFORE
+from drivers.base.arrays import Array
+
+BEFORE_AFTER = (Key("before", BEFORE), Key("after", AFTER))
+"""The legend of `before_after`."""
+OF_RUNS = "Figures are computed from the runs' records; times are UTC."
+
+
+def warnings(texts: Sequence[str]) -> Section:
+    """Return the section of warnings, each text once; it is not printed when there are none."""
+    return Section("Warnings", [Notes(list(dict.fromkeys(texts)), "doubt")] if texts else [])
+
+
+def made(created_utc: str, remark: str = "") -> str:
+    """Return the last line of a report: when it was made, and `remark`."""
+    return f"Report made {moment(created_utc)}. {remark}".strip() if created_utc else remark
+
+
+def named(name: str, *cells: str | Cell) -> Row:
+    """Return a table row under its name in bold; plain texts become cells."""
+    return Row([Cell(name, strong=True), *(c if isinstance(c, Cell) else Cell(c) for c in cells)])
+
+
+def before_after(
+    label: str, x: Array, before: Array, after: Array, *, height: float = 130.0, of: str = ""
+) -> Lane:
+    """Return a lane with a quantity before and after compensation; `of` names what it is about."""
+    label_before = f"{of} before".strip()
+    return Lane(label, [Curve(label_before, x, before, BEFORE), Curve("after", x, after, AFTER)], height)
+
+
+def interval(low: float | None, high: float | None) -> str:
+    """Return the interval that holds a value; an upper end that is not known is infinite."""
+    if low is None or high is None:
+        return DASH
+    return f"{significant(low, 3)} … {significant(high, 3) if math.isfinite(high) else '∞'}"

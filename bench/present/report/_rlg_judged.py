@@ -1,0 +1,88 @@
+"""What the equations of a regression do on runs they have not seen, by how those differ from the fitted ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.present.report import _parts as parts
+from bench.present.report._numbers import DASH, fixed
+from bench.present.report._page import Block, Cell, Column, Row, Table
+
+if TYPE_CHECKING:
+    from bench.analysis.rlg import BeforeAfter, RlgStudy
+
+
+def judged_blocks(study: RlgStudy) -> list[Block]:
+    """Return the tables of improvement by kind of run, of stability before and after, of hysteresis."""
+    if not study.tests:
+        return []
+    return [_improvement(study), _stability(study), _hysteresis(study)]
+
+
+def _improvement(study: RlgStudy) -> Table:
+    """Improvement of every equation, runs of a kind together, means where there are several."""
+    kinds = list(dict.fromkeys(row.differs for row in study.chosen.judged))
+    rows = []
+    for kind in kinds:
+        of_kind = [n for n, row in enumerate(study.chosen.judged) if row.differs == kind]
+        for first, n in enumerate(of_kind):
+            rows.append(
+                _shares(study, [n], "" if first else kind.capitalize(), study.chosen.judged[n].run_id)
+            )
+        if len(of_kind) > 1:
+            rows.append(_shares(study, of_kind, "", "mean"))
+    if len(study.tests) > 1:
+        rows.append(_shares(study, range(len(study.tests)), "All", "mean", emphasis=True))
+    heads = [Column("Differs by"), Column("Run")]
+    heads += [Column(variant.name, "%", number=True) for variant in study.variants]
+    heads.append(Column("Attained", "%", number=True))
+    caption = (
+        "Improvement of the stability of 100 s means on runs that had no part in the fit, by how these differ "
+        f"from those that had. Attained: by {study.chosen.name}."
+    )
+    return Table(heads, rows, caption)
+
+
+def _shares(study: RlgStudy, which: Sequence[int], kind: str, run: str, *, emphasis: bool = False) -> Row:
+    cells = [Cell(kind, strong=True), Cell(run)]
+    for variant in study.variants:
+        mean = float(np.mean([variant.judged[n].improvement_pct for n in which]))
+        cells.append(Cell(fixed(mean, 1), "plain" if mean >= 0 else "bad"))
+    attained = [row.attained for row in (study.chosen.judged[n] for n in which) if row.attained is not None]
+    cells.append(Cell(fixed(100.0 * float(np.mean(attained)), 1) if attained else DASH))
+    return Row(cells, emphasis=emphasis)
+
+
+def _stability(study: RlgStudy) -> Table:
+    rows = []
+    for n, row in enumerate(study.chosen.judged):
+        after = [fixed(variant.judged[n].after_dph, 5) for variant in study.variants]
+        outside = Cell(str(row.outside_rows), "doubt" if row.outside_rows else "plain")
+        texts = [row.kind or DASH, fixed(row.before_dph, 5), *after, fixed(row.oracle_dph, 5)]
+        rows.append(parts.named(row.run_id, *texts, outside))
+    heads = [Column("Run"), Column("Profile"), Column("Before", "°/h", number=True)]
+    heads += [Column(variant.name, "°/h", number=True) for variant in study.variants]
+    heads += [Column("True drift off", "°/h", number=True), Column("Rows outside", number=True)]
+    caption = (
+        "Stability, 1σ of 100 s means, before and after each equation. Rows outside lie beyond the temperatures "
+        "or rates of the training runs."
+    )
+    return Table(heads, rows, caption)
+
+
+def _hysteresis(study: RlgStudy) -> Table:
+    def row(n: int, of: BeforeAfter) -> Row:
+        after = [fixed(variant.judged[n].hysteresis_after_dph, 5) for variant in study.variants]
+        return parts.named(of.run_id, of.differs, fixed(of.hysteresis_before_dph, 5), *after)
+
+    heads = [Column("Run"), Column("Differs by"), Column("Before", "°/h", number=True)]
+    heads += [Column(variant.name, "°/h", number=True) for variant in study.variants]
+    rows = [row(n, of) for n, of in enumerate(study.chosen.judged)]
+    caption = (
+        "Hysteresis: rms difference between warming and cooling at the same temperature, before and after each "
+        "equation."
+    )
+    return Table(heads, rows, caption)

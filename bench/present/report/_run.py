@@ -1,0 +1,112 @@
+"""The report of one run, before or without any fit."""
+
+from __future__ import annotations
+
+from bench.present.report._content import RunContent, RunSummary
+from bench.present.report._glossary import CLOCK, LOST
+from bench.present.report._layout import render_page
+from bench.present.report._numbers import DASH, duration, moment, significant, unit_text
+from bench.present.report._page import Block, Definitions, Fact, Headline, Page, Section, Verdict
+from bench.present.report._parts import made, warnings
+from bench.present.report._plots import trace_figure
+from bench.present.report._tables import (
+    checksum_table,
+    devices_table,
+    measured,
+    measurements_table,
+    outcome,
+    parameter_facts,
+    software_facts,
+    streams_table,
+)
+
+_SENTENCES = {
+    "completed": "The run was completed and met the criteria of its procedure.",
+    "invalid": "The run was completed but missed a criterion of its procedure. Its data are kept; it must not "
+    "be used for a compensation.",
+    "aborted": "The run was stopped before its end; everything received until then was kept.",
+    "running": "The run was never closed; what was written until then is shown.",
+}
+
+
+def render_run(content: RunContent) -> str:
+    """Return the report of one run as a self-contained HTML file."""
+    run = content.summary
+    page = Page(
+        title=f"Run {run.run_id}",
+        kind="Test run report" + (", emulated bench" if run.emulated else ""),
+        facts=_header(content),
+        verdict=_verdict(run),
+        sections=_sections(content),
+        colophon=made(content.created_utc, "Figures are computed from the run's record; times are UTC."),
+    )
+    return render_page(page)
+
+
+def units_text(units: dict[str, str]) -> str:
+    """Return the units under test with the names the bench gives them."""
+    return ", ".join(f"{unit} ({name})" for name, unit in units.items()) or DASH
+
+
+def _header(content: RunContent) -> list[Fact]:
+    run = content.summary
+    facts = [
+        Fact("Procedure", run.procedure),
+        Fact("Unit under test", units_text(dict(run.units))),
+        Fact("Bench", run.bench_name or DASH),
+        Fact("Started", moment(run.started_utc)),
+        Fact("Duration", duration(run.duration_s)),
+    ]
+    optional = (
+        ("Mounting", run.mounting.replace("_", " ")),
+        ("Operator", run.operator),
+        ("Emulated devices", run.emulated),
+    )
+    facts += [Fact(label, text) for label, text in optional if text]
+    return facts
+
+
+def _verdict(run: RunSummary) -> Verdict:
+    word, tone = outcome(run)
+    sentence = _SENTENCES.get(run.outcome, "The record does not say how the run ended.")
+    judged = [item for item in run.measurements if item.low is not None or item.high is not None]
+    headlines = [
+        Headline(
+            measured(item.name),
+            significant(item.value),
+            unit_text(item.unit),
+            note=_limit_note(item.passed),
+        )
+        for item in judged[:4]
+    ]
+    return Verdict(f"Run {word}", tone, [sentence, *run.reasons], headlines)
+
+
+def _limit_note(passed: bool | None) -> str:
+    return "" if passed is None else "inside its limits" if passed else "✕ outside its limits"
+
+
+def _sections(content: RunContent) -> list[Section]:
+    run = content.summary
+    figures: list[Block] = []
+    for number, trace in enumerate(content.traces, start=1):
+        figures += trace_figure(f"trace-{number}", trace)
+    terms = Definitions([LOST, CLOCK])
+    return [
+        warnings(run.warnings),
+        Section("Course of the run", figures),
+        Section("Measurements", measurements_table(run.measurements)),
+        Section("Parameters", parameter_facts(run)),
+        Section("Streams", [*streams_table([run]), terms] if run.streams else []),
+        Section("Devices", devices_table([run])),
+        Section(
+            "Provenance",
+            [
+                *software_facts(run.software, run.bench_file_sha256),
+                *checksum_table(
+                    {run.run_id: run.checksum} if run.checksum else {},
+                    "Checksum of the run's manifest, which holds those of all its files.",
+                ),
+            ],
+        ),
+    ]

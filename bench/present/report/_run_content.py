@@ -1,0 +1,223 @@
+"""The content of a single run's report, read from its folder."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.present.report._content import Device, Measurement, RunContent, RunSummary, StreamStatistics, Trace
+from drivers.base.arrays import Array
+from drivers.base.errors import RecordError
+
+if TYPE_CHECKING:
+    from bench.record.recording import Run
+
+_BLOCK_S = 100.0
+_TURNING_DPS = 0.05
+_INVALID_MARK = "run invalid:"
+_UNSAFE_MARK = "not confirmed safe: "
+
+Table = Mapping[str, Any]
+
+
+def run_content(run: Run, *, created_utc: str = "") -> RunContent:
+    """Return what the report of one run shows; parts that the run does not have are left out and warned of.
+
+    `created_utc`: when the report is made (ISO 8601), printed on it.
+    """
+    missing: list[str] = []
+    chamber = _table("chamber", run.chamber, missing)
+    turntable = _table("turntable", run.turntable, missing)
+    traces = tuple(_trace(run, name, chamber, turntable) for name in run.gyros)
+    if not traces and chamber is not None:
+        traces = (_trace(run, "", chamber, turntable),)
+    missing += [
+        f"there is no decoded table of {name}" for name in run.manifest.units if name not in run.gyros
+    ]
+    return RunContent(_summary(run, missing), traces, created_utc)
+
+
+def _summary(run: Run, missing: list[str]) -> RunSummary:
+    manifest = run.manifest
+    answers = [str(row["by"]) for row in run.events if row["kind"] == "answer" and row.get("by")]
+    emulated = manifest.emulated
+    return RunSummary(
+        run_id=manifest.run_id,
+        procedure=manifest.procedure,
+        outcome=manifest.outcome,
+        units=dict(manifest.units),
+        parameters=dict(manifest.parameters),
+        reasons=tuple(text for text in (manifest.reason, _left_at_rest(run)) if text),
+        started_utc=manifest.started_utc,
+        duration_s=manifest.duration_s,
+        devices=tuple(
+            Device(name, entry.maker, entry.model, entry.serial_number, entry.firmware, entry.role)
+            for name, entry in manifest.devices.items()
+        ),
+        software=dict(manifest.software),
+        measurements=tuple(_measurement(row) for row in manifest.measurements),
+        streams=tuple(_stream(name, row) for name, row in manifest.stream.items()),
+        warnings=_warnings(run, missing),
+        checksum=hashlib.sha256((run.folder / "manifest.json").read_bytes()).hexdigest(),
+        bench_name=manifest.bench_name,
+        bench_file_sha256=manifest.bench_file_sha256,
+        mounting=manifest.mounting,
+        operator=", ".join(dict.fromkeys(answers)),
+        emulated="" if emulated is None else f"{emulated.model}, seed {emulated.seed}",
+    )
+
+
+def _told_by_reason(alarm: str, reason: str) -> bool:
+    """Whether the run's reason, which stands at the head of the report, says the same."""
+    mark, _, rest = alarm.partition(_UNSAFE_MARK)
+    return alarm.startswith(_INVALID_MARK) or (not mark and rest in reason)
+
+
+def _left_at_rest(run: Run) -> str:
+    """Return what table and chamber read back when a run that was not completed was made safe."""
+    if run.manifest.outcome != "aborted":
+        return ""
+    notes = [str(row["text"]) for row in run.events if row["kind"] == "note"]
+    ends = [at for at, text in enumerate(notes) if text.startswith(("made safe", "not made safe"))]
+    read_back = [text for text in notes[ends[-1] + 1 :] if " at rest" in text] if ends else []
+    return f"Read back then: {'; '.join(read_back)}." if read_back else ""
+
+
+def _measurement(row: Mapping[str, Any]) -> Measurement:
+    return Measurement(
+        str(row["name"]),
+        row.get("value"),
+        str(row.get("unit", "")),
+        row.get("low"),
+        row.get("high"),
+        row.get("passed"),
+    )
+
+
+def _stream(name: str, row: Mapping[str, Any]) -> StreamStatistics:
+    rejected = row.get("rejected")
+    return StreamStatistics(
+        name,
+        row.get("frames"),
+        row.get("lost"),
+        sum(rejected.values()) if isinstance(rejected, Mapping) else rejected,
+        row.get("sample_rate_hz"),
+        row.get("clock_error_ppm"),
+        int(row.get("off") or 0),
+    )
+
+
+def _warnings(run: Run, missing: list[str]) -> tuple[str, ...]:
+    alarms = [
+        f"{row.get('device', 'bench')}: {row['text']}"
+        for row in run.events
+        if row["kind"] == "alarm" and not _told_by_reason(str(row["text"]), run.manifest.reason)
+    ]
+    streams = [
+        f"{name}: {text}" for name, row in run.manifest.stream.items() for text in row.get("warnings") or ()
+    ]
+    torn = ["the last line of the event log is incomplete"] if run.torn_event else []
+    return tuple(dict.fromkeys([*alarms, *streams, *missing, *torn]))
+
+
+def _table(name: str, read: Callable[[], Table], missing: list[str]) -> Table | None:
+    try:
+        return read()
+    except RecordError:
+        missing.append(f"there is no decoded table of the {name}")
+        return None
+
+
+def _trace(run: Run, gyro: str, chamber: Table | None, turntable: Table | None) -> Trace:
+    output = run.gyro(gyro, ("time_ns", "rate_dps", "valid", "temp_c")) if gyro else None
+    output_time_s = _seconds(output) if output is not None else np.empty(0)
+    time_s = _seconds(chamber) if chamber is not None else np.arange(0.0, _end(output_time_s) + 1.0)
+    device = run.manifest.devices.get(gyro)
+    case_column = f"aux_{device.case_sensor}_temp_c" if device is not None else ""
+    trace = Trace(
+        run_id=run.manifest.run_id,
+        gyro=gyro,
+        time_s=time_s,
+        phases=tuple((phase.start_s, phase.name) for phase in run.phases()),
+        air_temp_c=_column(chamber, "air_temp_c"),
+        set_point_c=_column(chamber, "set_point_c"),
+        case_temp_c=_column(chamber, case_column),
+    )
+    return trace if output is None else _with_output(trace, output, output_time_s, turntable)
+
+
+def _with_output(trace: Trace, output: Table, time_s: Array, turntable: Table | None) -> Trace:
+    """Add the gyro's temperature (10 s means) and its output less the table's rate (100 s means, deg/h).
+
+    A block in which the table's rate changed says nothing about the gyro and is left empty.
+    """
+    valid = np.asarray(output["valid"], dtype=bool)
+    temp_s, temp_c = block_means(time_s, np.asarray(output["temp_c"], dtype=np.float64), 10.0)
+    known = np.isfinite(temp_c)
+    middle_s, rate_dps = block_means(
+        time_s[valid], np.asarray(output["rate_dps"], dtype=np.float64)[valid], _BLOCK_S
+    )
+    table_dps = np.zeros_like(middle_s)
+    if turntable is not None and len(middle_s):
+        table_dps = _steady_rate(
+            _seconds(turntable), np.asarray(turntable["rate_dps"], dtype=np.float64), middle_s
+        )
+    turned = bool(np.nanmax(np.abs(table_dps), initial=0.0) > _TURNING_DPS)
+    name = "Output less table rate" if turned else "Output"
+    return Trace(
+        **{
+            **trace.__dict__,
+            "gyro_temp_c": np.interp(trace.time_s, temp_s[known], temp_c[known], np.nan, np.nan)
+            if known.any()
+            else None,
+            "output_time_s": middle_s,
+            "output_dph": 3600.0 * (rate_dps - table_dps),
+            "output_name": name,
+        }
+    )
+
+
+def block_means(time_s: Array, values: Array, block_s: float) -> tuple[Array, Array]:
+    """Return (middle, mean) of the finite values in consecutive blocks of `block_s`; NaN where there are none."""
+    if not len(time_s):
+        return np.empty(0), np.empty(0)
+    finite = np.isfinite(values)
+    block = (time_s // block_s).astype(np.int64)
+    first = int(block[0])
+    count = int(block.max()) - first + 1
+    numbers = np.bincount(block[finite] - first, minlength=count)
+    sums = np.bincount(block[finite] - first, values[finite], minlength=count)
+    means = np.divide(sums, numbers, out=np.full(count, np.nan), where=numbers > 0)
+    middle = (np.arange(first, first + count, dtype=np.float64) + 0.5) * block_s
+    return middle, means
+
+
+def _steady_rate(time_s: Array, rate_dps: Array, middle_s: Array) -> Array:
+    """Return the table's mean rate in each block; NaN where it changed by more than the reading's own scatter."""
+    edges = np.searchsorted(
+        time_s, np.concatenate((middle_s - _BLOCK_S / 2.0, middle_s[-1:] + _BLOCK_S / 2.0))
+    )
+    means = np.full(len(middle_s), np.nan)
+    for at, (start, stop) in enumerate(pairwise(edges)):
+        part = rate_dps[start:stop]
+        if len(part) and np.ptp(part) <= _TURNING_DPS + 1e-3 * np.abs(part).max():
+            means[at] = part.mean()
+    return means
+
+
+def _column(table: Table | None, name: str) -> Array | None:
+    if table is None or name not in table:
+        return None
+    return np.asarray(table[name], dtype=np.float64)
+
+
+def _seconds(table: Table) -> Array:
+    return np.asarray(table["time_ns"], dtype=np.float64) * 1e-9
+
+
+def _end(time_s: Array) -> float:
+    return float(time_s[-1]) if len(time_s) else 0.0

@@ -1,0 +1,263 @@
+"""Tables that every kind of report has: runs, checks, streams, devices, checksums."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.present.report._content import Measurement, RunSummary, StreamStatistics
+from bench.present.report._numbers import (
+    DASH,
+    column,
+    count,
+    duration,
+    fixed,
+    moment,
+    parameter,
+    plain,
+    significant,
+    unit_text,
+)
+from bench.present.report._page import Block, Cell, Column, Fact, Facts, Row, Table, Tone
+
+_OUTCOMES: dict[str, tuple[str, Tone]] = {
+    "completed": ("valid", "good"),
+    "invalid": ("invalid", "bad"),
+    "aborted": ("aborted", "bad"),
+    "running": ("unfinished", "doubt"),
+}
+
+
+_MEASURED = {
+    "shock_rate_10_90": "shock rate, 10 to 90 %",
+    "shock_steepest_60s": "shock rate, steepest 60 s",
+    "shock_lowest_air": "lowest air temperature",
+    "azimuth_error": "azimuth error of the axis",
+    "east_table_angle": "table angle of east",
+}
+"""Names whose underscores do not read well as spaces."""
+
+
+def measured(name: str) -> str:
+    """Return a measurement's name as it is printed."""
+    return _MEASURED.get(name, name.replace("_", " "))
+
+
+def outcome(run: RunSummary) -> tuple[str, Tone]:
+    """Return the word for a run's outcome and its tone; an outcome that is not known is in doubt."""
+    return _OUTCOMES.get(run.outcome, (run.outcome or "unknown", "doubt"))
+
+
+def runs_table(runs: Sequence[RunSummary]) -> list[Block]:
+    """Return the table of runs; the reasons stand beneath a run that is not valid."""
+    if not runs:
+        return []
+    roles = any(run.role for run in runs)
+    common = _common_parameters(runs)
+    rows = []
+    for run in runs:
+        word, tone = outcome(run)
+        cells = [Cell(run.run_id, strong=True), Cell(run.procedure)]
+        cells += [Cell(run.role or DASH)] if roles else []
+        cells += [
+            Cell(_parameters_text(run, common) or DASH),
+            Cell(moment(run.started_utc)),
+            Cell(duration(run.duration_s)),
+            Cell(word, tone),
+        ]
+        plain_tone: Tone = "plain" if run.valid else tone
+        rows.append(Row(cells, tone=plain_tone, note="; ".join(run.reasons)))
+    heads = [Column("Run"), Column("Procedure"), *([Column("Used for")] if roles else [])]
+    heads += [Column("Parameters"), Column("Started"), Column("Duration", number=True), Column("Outcome")]
+    shared = ", ".join(" ".join(parameter(name, value)) for name, value in common.items())
+    caption = "Runs of this report." + (f" Parameters that all of them share: {shared}." if shared else "")
+    return [Table(heads, rows, caption)]
+
+
+def checks_table(runs: Sequence[RunSummary]) -> list[Block]:
+    """Return a table of the measurements that were judged, a row for each run, a column for each check."""
+    names: dict[str, Measurement] = {}
+    for run in runs:
+        for item in run.measurements:
+            if item.low is not None or item.high is not None:
+                names.setdefault(item.name, item)
+    if not names:
+        return []
+    heads = [Column("Run")] + [
+        Column(
+            measured(name), f"{unit_text(item.unit)} {limits_text(item.low, item.high)}".strip(), number=True
+        )
+        for name, item in names.items()
+    ]
+    rows = []
+    for run in runs:
+        found = {item.name: item for item in run.measurements}
+        if not names.keys() & found.keys():
+            continue
+        cells = [Cell(run.run_id, strong=True)]
+        for name, first in names.items():
+            cells.append(_check_cell(found.get(name), first))
+        rows.append(Row(cells))
+    caption = (
+        "Criteria of the procedure, measured on the record of each run. ✕ marks a value outside its limits."
+    )
+    return [Table(heads, rows, caption)]
+
+
+def measurements_table(measurements: Sequence[Measurement]) -> list[Block]:
+    """Return everything that was measured on one run, judged or not."""
+    if not measurements:
+        return []
+    rows = [
+        Row(
+            [
+                Cell(measured(item.name)),
+                Cell(significant(item.value, 4), strong=True),
+                Cell(unit_text(item.unit)),
+                Cell(limits_text(item.low, item.high) or DASH),
+                _judgement(item),
+            ]
+        )
+        for item in measurements
+    ]
+    heads = [
+        Column("Measured"),
+        Column("Value", number=True),
+        Column("Unit"),
+        Column("Limits"),
+        Column("Result"),
+    ]
+    return [Table(heads, rows, "Measurements of the procedure and their limits.")]
+
+
+def streams_table(runs: Sequence[RunSummary]) -> list[Block]:
+    """Return what came of the gyros' streams, a row for each run and gyro."""
+    pairs = [(run, stream) for run in runs for stream in run.streams]
+    if not pairs:
+        return []
+    clocks = [fixed(stream.clock_error_ppm, 1) for _, stream in pairs]
+    rates = column((stream.sample_rate_hz for _, stream in pairs), 6, 3)
+    rows = [
+        Row(
+            [
+                Cell(run.run_id, strong=True),
+                Cell(
+                    f"{stream.gyro} ({run.units[stream.gyro]})" if stream.gyro in run.units else stream.gyro
+                ),
+                Cell(count(stream.frames)),
+                _loss_cell(stream.lost),
+                Cell(_share(stream)),
+                _loss_cell(stream.rejected),
+                Cell(rate),
+                Cell(clock),
+            ]
+        )
+        for (run, stream), rate, clock in zip(pairs, rates, clocks, strict=True)
+    ]
+    heads = [
+        Column("Run"),
+        Column("Gyro (unit)"),
+        Column("Frames", number=True),
+        Column("Lost", number=True),
+        Column("Lost", "ppm", number=True),
+        Column("Rejected", number=True),
+        Column("Sample rate", "Hz", number=True),
+        Column("Clock error", "ppm", number=True),
+    ]
+    caption = "Streams as recorded. A frame that was lost or rejected is marked in the record."
+    if off := [f"{stream.gyro} {count(stream.off)}" for _, stream in pairs if stream.off]:
+        caption += f" Not sent while switched off by the procedure, and not lost: {', '.join(off)} frames."
+    return [Table(heads, rows, caption)]
+
+
+def devices_table(runs: Sequence[RunSummary]) -> list[Block]:
+    """Return the devices that took part, as they identified themselves, each once."""
+    devices = list(dict.fromkeys(device for run in runs for device in run.devices))
+    if not devices:
+        return []
+    rows = [
+        Row(
+            [Cell(device.name, strong=True)]
+            + [
+                Cell(text or DASH)
+                for text in (device.role, device.maker, device.model, device.serial_number, device.firmware)
+            ]
+        )
+        for device in devices
+    ]
+    heads = [Column(title) for title in ("Device", "Role", "Maker", "Model", "Serial number", "Firmware")]
+    return [Table(heads, rows, "Devices as they identified themselves when the run began.")]
+
+
+def checksum_table(checksums: Mapping[str, str], caption: str) -> list[Block]:
+    """Return names with their SHA-256 checksums."""
+    rows = [
+        Row([Cell(name, strong=True), Cell(value or DASH, code=True)]) for name, value in checksums.items()
+    ]
+    return [Table([Column("Run"), Column("SHA-256")], rows, caption)] if rows else []
+
+
+def software_facts(software: Mapping[str, str], bench_file_sha256: str) -> list[Block]:
+    """Return what software on which bench file made this."""
+    facts = [Fact(name, version) for name, version in software.items()]
+    if bench_file_sha256:
+        facts.append(Fact("Bench file, SHA-256", bench_file_sha256, code=True))
+    return [Facts(facts)] if facts else []
+
+
+def parameter_facts(run: RunSummary) -> list[Block]:
+    """Return a run's parameters with their units."""
+    facts = [Fact(*parameter(name, value)) for name, value in run.parameters.items()]
+    return [Facts(facts)] if facts else []
+
+
+def _parameters_text(run: RunSummary, common: Mapping[str, Any]) -> str:
+    own = {name: value for name, value in run.parameters.items() if name not in common}
+    return ", ".join(" ".join(parameter(name, value)) for name, value in own.items())
+
+
+def _common_parameters(runs: Sequence[RunSummary]) -> dict[str, Any]:
+    """Return what all of several runs were given alike, so that the table shows what differs."""
+    if len(runs) < 2:
+        return {}
+    absent = object()
+    first, *rest = (run.parameters for run in runs)
+    return {
+        name: value
+        for name, value in first.items()
+        if all(other.get(name, absent) == value for other in rest)
+    }
+
+
+def limits_text(low: float | None, high: float | None) -> str:
+    """Return two optional limits as text, empty if there is none."""
+    if low is not None and high is not None:
+        return f"{plain(low)} … {plain(high)}"
+    if low is not None:
+        return f"≥ {plain(low)}"
+    return f"≤ {plain(high)}" if high is not None else ""
+
+
+def _judgement(item: Measurement) -> Cell:
+    if item.passed is None or (item.low is None and item.high is None):
+        return Cell(DASH)
+    return Cell("inside", "good") if item.passed else Cell("outside", "bad")
+
+
+def _check_cell(item: Measurement | None, first: Measurement) -> Cell:
+    if item is None:
+        return Cell(DASH)
+    text = significant(item.value)
+    if (item.low, item.high) != (first.low, first.high):
+        text = f"{text} ({limits_text(item.low, item.high)})"
+    return Cell(text, "bad") if item.passed is False else Cell(text)
+
+
+def _loss_cell(number: int | None) -> Cell:
+    return Cell(count(number), "doubt") if number else Cell(count(number))
+
+
+def _share(stream: StreamStatistics) -> str:
+    if stream.frames is None or stream.lost is None or not stream.frames + stream.lost:
+        return DASH
+    return significant(1e6 * stream.lost / (stream.frames + stream.lost), 2)

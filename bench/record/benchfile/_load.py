@@ -1,0 +1,141 @@
+"""Reads a bench file and says everything that is wrong with it at once: file, key, found, expected."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from bench.record.benchfile._checks import Mistake, cross_checks
+from bench.record.benchfile._descriptions import with_descriptions
+from bench.record.benchfile._drivers import one_of
+from bench.record.benchfile._layouts import with_layouts
+from bench.record.benchfile._model import BenchFile
+from drivers.base.errors import ConfigurationError
+from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
+
+
+def load_bench_file(path: Path | str) -> BenchFile:
+    """Read and check the bench file at `path`; raises ConfigurationError that lists every mistake."""
+    path = Path(path)
+    try:
+        content = read_bounded(path, SETTINGS_BYTES)
+    except OSError as error:
+        raise ConfigurationError(
+            "the bench file cannot be read",
+            where=str(path),
+            found=error.strerror or str(error),
+            expected="a TOML file",
+            remedy="check the path given with --bench",
+        ) from error
+    try:
+        data = parse_toml(content)
+    except ValueError as error:
+        raise ConfigurationError(
+            "the bench file is not TOML", where=str(path), found=str(error), expected="TOML 1.0 in UTF-8"
+        ) from error
+    data, mistakes = with_layouts(with_descriptions(data, path.parent), path.parent)
+    return _checked(data, str(path), hashlib.sha256(content).hexdigest(), True, mistakes)
+
+
+def bench_file_from(data: Mapping[str, Any], where: str = "the bench file of the run") -> BenchFile:
+    """Check a bench file kept as plain values (parsed TOML, or `model_dump` of a `BenchFile`).
+
+    As `load_bench_file`, but it asks nothing of the machine it runs on; `where` stands for the file in errors.
+    `sha256` is that of the data as canonical JSON (sorted keys, no spaces, UTF-8).
+    """
+    canonical = json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=False, default=str)
+    return _checked(data, where, hashlib.sha256(canonical.encode()).hexdigest(), False, [])
+
+
+def _checked(
+    data: Mapping[str, Any], where: str, sha256: str, resolve_links: bool, mistakes: list[Mistake]
+) -> BenchFile:
+    bench_file: BenchFile | None = None
+    try:
+        bench_file = BenchFile.model_validate(data)
+    except ValidationError as error:
+        mistakes += [_mistake(details, data) for details in error.errors()]
+    mistakes += cross_checks(data, resolve_links)
+    if bench_file is None or mistakes:
+        first_by_key = {mistake.key: mistake for mistake in reversed(mistakes)}
+        raise _refusal(where, list(reversed(first_by_key.values())))
+    bench_file._sha256 = sha256  # noqa: SLF001  (a frozen model takes no public assignment)
+    return bench_file
+
+
+def _refusal(where: str, mistakes: list[Mistake]) -> ConfigurationError:
+    if len(mistakes) == 1:
+        only = mistakes[0]
+        return ConfigurationError(
+            f"{only.key} cannot be used", where=where, found=only.found, expected=only.expected
+        )
+    lines = [f"  {each.key}: found {each.found}, expected {each.expected}" for each in mistakes]
+    return ConfigurationError("\n".join([f"{len(mistakes)} mistakes in the bench file", *lines]), where=where)
+
+
+def _mistake(details: ErrorDetails, data: Mapping[str, Any]) -> Mistake:
+    location = [part for part in details["loc"] if part != "[key]"]
+    if details["type"] == "extra_forbidden":
+        names = sorted(_fields_at(location[:-1]))
+        return Mistake(_key(location), "an unknown key", one_of(str(location[-1]), names))
+    expected = _description(location) or details["msg"]
+    if details["type"] == "missing":
+        return Mistake(_key(location), "nothing", expected)
+    limits = _bounds(details)
+    return Mistake(_key(location), _shown(details["input"]), expected + (f" ({limits})" if limits else ""))
+
+
+def _key(location: list[Any]) -> str:
+    """Return `gyro[1].port`: tables joined by dots, entries of an array counted from 0."""
+    text = ""
+    for part in location:
+        inside_array = isinstance(part, int) and text in ("gyro", "platform", "table.axes", "limits.forbid")
+        text += f"[{part}]" if inside_array else f".{part}" if text else str(part)
+    return text
+
+
+def _shown(value: object) -> str:
+    kind = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}.get(type(value))
+    if isinstance(value, dict):
+        return "a table" if value else "an empty table"
+    if isinstance(value, (list, tuple)):
+        return f"a list of {len(value)}"
+    return f"{value!r} ({kind})" if kind else repr(value)
+
+
+def _bounds(details: ErrorDetails) -> str:
+    words = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
+    context = details.get("ctx", {})
+    return ", ".join(f"{word} {context[name]:g}" for name, word in words.items() if name in context)
+
+
+def _model_at(location: list[Any]) -> type[BaseModel] | None:
+    model: Any = BenchFile
+    for part in location:
+        if isinstance(part, int) or not (isinstance(model, type) and issubclass(model, BaseModel)):
+            continue
+        field = model.model_fields.get(str(part))
+        model = field.annotation if field else None
+        model = next((each for each in get_args(model) if isinstance(each, type)), model)
+    return model if isinstance(model, type) and issubclass(model, BaseModel) else None
+
+
+def _fields_at(location: list[Any]) -> list[str]:
+    model = _model_at(location)
+    return list(model.model_fields) if model else []
+
+
+def _description(location: list[Any]) -> str:
+    """Return the description of the nearest described key at or above `location`."""
+    for depth in range(len(location), 0, -1):
+        model = _model_at(location[: depth - 1])
+        field = model.model_fields.get(str(location[depth - 1])) if model else None
+        if field is not None and field.description:
+            return field.description
+    return ""

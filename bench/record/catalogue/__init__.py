@@ -1,0 +1,9 @@
+"""The catalogue of runs: a table of what lies in run folders, in SQLite or PostgreSQL; the folders are the truth.
+
+Loading it takes a few milliseconds: a list of runs is mostly the start of a process.
+"""
+
+from bench.record.catalogue._catalogue import FOLDER, Catalogue
+from bench.record.catalogue._rows import CatalogueRow, period_s, read_row, root_name
+
+__all__ = ["FOLDER", "Catalogue", "CatalogueRow", "period_s", "read_row", "root_name"]

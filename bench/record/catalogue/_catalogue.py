@@ -1,0 +1,231 @@
+"""The catalogue of runs: a table of what lies in run folders, in SQLite or PostgreSQL; the folders are the truth.
+
+What a run is does not change once it is closed: a list asks the disk only whether runs came or went (the folder's
+own time stamp says so) and whether those that were going on have ended. `rebuild` reads every folder again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from bench.record.catalogue._database import Database
+from bench.record.catalogue._rows import COLUMNS, CatalogueRow, period_s, read_row, root_name
+from bench.record.run_folder import MANIFEST_FILE
+from drivers.base.clock import epoch_seconds
+from drivers.base.errors import RecordError
+
+FOLDER = ".catalogue"
+"""Beside the runs, in a folder of its own: SQLite's journal must not touch the time stamp of the runs' folder."""
+
+_AT_ONCE = 2000
+_SETTLED_S = 3.0
+"""A folder changed later than this before it was read may change again within one tick of its time stamp."""
+
+_TABLES = (
+    """CREATE TABLE IF NOT EXISTS gyrobench_runs (
+        root TEXT NOT NULL, name TEXT NOT NULL, run_id TEXT NOT NULL, procedure TEXT NOT NULL,
+        bench TEXT NOT NULL, outcome TEXT NOT NULL, reason TEXT NOT NULL, started_s DOUBLE PRECISION NOT NULL,
+        duration_s DOUBLE PRECISION, units TEXT NOT NULL, PRIMARY KEY (root, name))""",
+    "CREATE INDEX IF NOT EXISTS ix_gyrobench_runs_procedure ON gyrobench_runs (procedure)",
+    "CREATE INDEX IF NOT EXISTS ix_gyrobench_runs_started_s ON gyrobench_runs (started_s)",
+    """CREATE TABLE IF NOT EXISTS gyrobench_run_units (
+        unit TEXT NOT NULL, root TEXT NOT NULL, name TEXT NOT NULL, PRIMARY KEY (unit, root, name))""",
+    "CREATE INDEX IF NOT EXISTS ix_gyrobench_run_units_run ON gyrobench_run_units (root, name)",
+    """CREATE TABLE IF NOT EXISTS gyrobench_roots (
+        root TEXT NOT NULL PRIMARY KEY, changed_ns BIGINT NOT NULL)""",
+)
+_LOCK = "SELECT pg_advisory_xact_lock(7031862)"
+"""PostgreSQL: two benches that make the same tables at the same moment take turns."""
+
+
+class Catalogue:
+    """A catalogue behind a URL, sqlite:///FILE or postgresql://...; use as a context manager."""
+
+    def __init__(self, url: str) -> None:
+        """Open, and make the tables where there are none. Raises ConfigurationError, RecordError."""
+        self._database = Database(url)
+        try:
+            with self._database.transaction():
+                for statement in (_LOCK, *_TABLES) if self._database.postgresql else _TABLES:
+                    self._database.make(statement)
+        except BaseException:
+            self._database.close()
+            raise
+
+    @classmethod
+    def beside(cls, runs: Path) -> Catalogue:
+        """Open the SQLite catalogue of a folder of runs; RecordError if it cannot be written there."""
+        folder = runs / FOLDER
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise RecordError(
+                "there is no place for the catalogue of these runs",
+                where=str(folder),
+                found=error.strerror or str(error),
+                expected="a folder of runs that can be written",
+                remedy="check --runs, or keep the catalogue elsewhere with --catalogue sqlite:///FILE",
+            ) from error
+        return cls(f"sqlite:///{folder.absolute() / 'runs.sqlite'}")
+
+    def update(self, runs: Path, progress: Callable[[int, int], None] | None = None) -> int:
+        """Take in what came, went or ended below `runs`; return how many manifests were read.
+
+        `progress` is called with (read, all of them). What was read before an interruption stays.
+        """
+        root = root_name(runs)
+        changed_ns = _changed_ns(runs)
+        with self._database.transaction():
+            seen = self._database.rows("SELECT changed_ns FROM gyrobench_roots WHERE root = :root", root=root)
+            unchanged = bool(seen) and seen[0][0] == changed_ns
+            going_on = self._names(root, "outcome = 'running'")
+            kept = going_on if unchanged else self._names(root)
+        there = going_on if unchanged else _run_names(runs)
+        self._remove(root, sorted(kept - there))
+        new = sorted((there - kept) | (going_on & there))
+        self._read(runs, root, new, progress)
+        if not unchanged:
+            settled = epoch_seconds() - changed_ns * 1e-9 > _SETTLED_S
+            self._remember(root, changed_ns if settled else -1)
+        return len(new)
+
+    def rebuild(self, runs: Path, progress: Callable[[int, int], None] | None = None) -> int:
+        """Forget what is known of the runs below `runs` and read them all again; return how many there are."""
+        of_root = [{"root": root_name(runs)}]
+        with self._database.transaction():
+            for table in ("gyrobench_run_units", "gyrobench_runs", "gyrobench_roots"):
+                self._database.change(f"DELETE FROM {table} WHERE root = :root", of_root)
+        return self.update(runs, progress)
+
+    def find(
+        self,
+        *,
+        root: str | None = None,
+        unit: str | None = None,
+        procedure: str | None = None,
+        outcome: str | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        limit: int = 100,
+    ) -> tuple[list[CatalogueRow], int]:
+        """Return the newest `limit` runs that fit, newest first, and how many fit.
+
+        `since` and `until` are years, months, days or times in UTC ("2026", "2026-10", "2026-10-05",
+        "2026-10-05T08:30"), both included whole. ConfigurationError for a period that is none.
+        """
+        values: dict[str, object] = {"root": root, "procedure": procedure, "outcome": outcome, "unit": unit}
+        values = {name: value for name, value in values.items() if value is not None}
+        wanted = [f"{name} = :{name}" for name in values]
+        if since is not None:
+            values["since_s"] = period_s(since)[0]
+            wanted.append("started_s >= :since_s")
+        if until is not None:
+            values["until_s"] = period_s(until)[1]
+            wanted.append("started_s < :until_s")
+        units = "" if unit is None else " JOIN gyrobench_run_units USING (root, name)"
+        where = f"FROM gyrobench_runs{units}" + (f" WHERE {' AND '.join(wanted)}" if wanted else "")
+        with self._database.transaction():
+            found = self._database.rows(
+                f"SELECT {', '.join(COLUMNS)} {where} ORDER BY started_s DESC, name DESC LIMIT :most",
+                **values,
+                most=limit,
+            )
+            count = len(found)
+            if count == limit:
+                count = int(self._database.rows(f"SELECT count(*) {where}", **values)[0][0])
+        return [_row(dict(zip(COLUMNS, row, strict=True))) for row in found], count
+
+    def close(self) -> None:
+        """Let go of the database."""
+        self._database.close()
+
+    def __enter__(self) -> Catalogue:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _names(self, root: str, wanted: str = "TRUE") -> set[str]:
+        found = self._database.rows(
+            f"SELECT name FROM gyrobench_runs WHERE root = :root AND {wanted}", root=root
+        )
+        return {name for (name,) in found}
+
+    def _remove(self, root: str, names: Sequence[str]) -> None:
+        for some in _portions(names):
+            with self._database.transaction():
+                self._delete(root, some)
+
+    def _read(
+        self, runs: Path, root: str, names: Sequence[str], progress: Callable[[int, int], None] | None
+    ) -> None:
+        done = 0
+        for some in _portions(names):
+            rows = [read_row(runs / name, root) for name in some]
+            units = [
+                {"unit": unit, "root": root, "name": row["name"]} for row, found in rows for unit in found
+            ]
+            with self._database.transaction():
+                self._delete(root, some)
+                self._insert("gyrobench_runs", COLUMNS, [row for row, _ in rows])
+                self._insert("gyrobench_run_units", ("unit", "root", "name"), units)
+            done += len(some)
+            if progress is not None:
+                progress(done, len(names))
+
+    def _remember(self, root: str, changed_ns: int) -> None:
+        row = {"root": root, "changed_ns": changed_ns}
+        with self._database.transaction():
+            self._database.change("DELETE FROM gyrobench_roots WHERE root = :root", [row])
+            self._insert("gyrobench_roots", ("root", "changed_ns"), [row])
+
+    def _delete(self, root: str, names: Sequence[str]) -> None:
+        rows = [{"root": root, "name": name} for name in names]
+        for table in ("gyrobench_run_units", "gyrobench_runs"):
+            self._database.change(f"DELETE FROM {table} WHERE root = :root AND name = :name", rows)
+
+    def _insert(self, table: str, columns: Sequence[str], rows: Sequence[dict[str, object]]) -> None:
+        """Insert rows; one that somebody else has inserted meanwhile stays."""
+        values = ", ".join(f":{name}" for name in columns)
+        self._database.change(
+            f"INSERT INTO {table} ({', '.join(columns)}) VALUES ({values}) ON CONFLICT DO NOTHING", rows
+        )
+
+
+def _row(values: dict[str, Any]) -> CatalogueRow:
+    return CatalogueRow(**{**values, "units": tuple(json.loads(values["units"]))})
+
+
+def _run_names(runs: Path) -> set[str]:
+    """Return the folders below `runs` that hold a manifest; a name that no run can have is none."""
+    with os.scandir(runs) as entries:
+        folders = [entry.name for entry in entries if _may_be_run(entry.name) and entry.is_dir()]
+    return {name for name in folders if os.access(f"{runs}/{name}/{MANIFEST_FILE}", os.F_OK)}
+
+
+def _may_be_run(name: str) -> bool:
+    return not name.startswith(".") and name.isprintable()
+
+
+def _changed_ns(runs: Path) -> int:
+    try:
+        return runs.stat().st_mtime_ns
+    except OSError as error:
+        raise RecordError(
+            "there is no such folder of runs",
+            where=str(runs),
+            found=error.strerror or str(error),
+            remedy="see --runs",
+        ) from error
+
+
+def _portions(names: Iterable[str]) -> Iterator[list[str]]:
+    """Yield the names in lists that a statement can take."""
+    rest = iter(names)
+    while some := list(islice(rest, _AT_ONCE)):
+        yield some

@@ -1,0 +1,188 @@
+"""A run for other software: tables as CSV, Parquet or one MDF4 file, recorded CAN frames as BLF."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from bench.record.recording import Run, can_frames, unit_of
+from drivers.base.errors import ConfigurationError, RecordError
+
+FORMATS = ("csv", "mdf4", "blf", "parquet")
+_AT_ONCE = 65_536
+
+
+def export_run(folder: Path, kind: str, out: Path | None = None) -> Path:
+    """Write a run in another format and return where.
+
+    `kind`: one of `FORMATS`. `out`: a folder for csv and parquet (a file a table and one of events), a file for
+    mdf4 and blf; default the run's name in the working directory. It must not exist, and is there whole or not at
+    all. ConfigurationError for a format or a run that has nothing for it, RecordError for what cannot be written.
+    """
+    if kind not in FORMATS:
+        raise ConfigurationError("no such export format", found=kind, expected=", ".join(FORMATS))
+    run = Run.open(folder)
+    suffix = {"csv": "-csv", "parquet": "-parquet", "mdf4": ".mf4", "blf": ".blf"}[kind]
+    target = out or Path(f"{run.manifest.run_id}{suffix}")
+    if target.exists():
+        raise ConfigurationError(
+            "there is a file or folder of that name", where=str(target), remedy="name another with --out"
+        )
+    write = {"csv": _csv, "parquet": _parquet, "mdf4": _mdf4, "blf": _blf}[kind]
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".exporting-", dir=target.parent) as scratch:
+            part = Path(scratch) / target.name
+            write(run, part)
+            part.rename(target)
+    except OSError as error:
+        raise RecordError("the export cannot be written", where=str(target), found=str(error)) from error
+    return target
+
+
+def _tables(run: Run) -> list[Path]:
+    found = sorted(run.folder.glob("*.parquet"))
+    if not found:
+        raise ConfigurationError(
+            "the run has no decoded tables to export",
+            where=str(run.folder),
+            remedy="`gyrobench runs verify` says what its raw bytes give",
+        )
+    return found
+
+
+def _events(run: Run) -> pa.Table:
+    """Return the events as (time_s, kind, fields): fields differ by kind and stay JSON."""
+    rows = run.events
+    rest = [{key: value for key, value in row.items() if key not in ("time_s", "kind")} for row in rows]
+    return pa.table(
+        {
+            "time_s": pa.array([float(row["time_s"]) for row in rows], pa.float64()),
+            "kind": pa.array([_cell(row["kind"]) for row in rows], pa.string()),
+            "fields": pa.array([json.dumps(each, ensure_ascii=False) for each in rest], pa.string()),
+        }
+    )
+
+
+def _cell(kind: object) -> str:
+    """Return text that a spreadsheet does not take for a formula; JSON begins with a brace anyway."""
+    text = str(kind)
+    return text if text[:1].isalnum() else f"'{text}"
+
+
+def _csv(run: Run, part: Path) -> None:
+    part.mkdir()
+    for path in _tables(run):
+        with (
+            pq.ParquetFile(path) as file,
+            pyarrow.csv.CSVWriter(part / f"{path.stem}.csv", file.schema_arrow) as out,
+        ):
+            for batch in file.iter_batches(_AT_ONCE):
+                out.write_batch(batch)
+    pyarrow.csv.write_csv(_events(run), part / "events.csv")
+
+
+def _parquet(run: Run, part: Path) -> None:
+    part.mkdir()
+    for path in _tables(run):
+        shutil.copyfile(path, part / path.name)
+    pq.write_table(_events(run), part / "events.parquet")
+
+
+def _mdf4(run: Run, part: Path) -> None:
+    """One channel group a table, named after it, and one of phases; times are bench time in s."""
+    try:
+        from asammdf import MDF, Signal
+    except ImportError as error:
+        raise ConfigurationError(
+            "MDF4 needs the package asammdf",
+            found="it is not installed",
+            remedy="install gyrobench with its extra 'exchange'",
+        ) from error
+    with MDF(version="4.10") as mdf:
+        mdf.start_time = datetime.fromisoformat(run.manifest.started_utc)
+        for path in _tables(run):
+            columns = _columns(path)
+            time_s = columns.pop("time_ns").astype(np.float64) * 1e-9
+            signals = [
+                Signal(
+                    samples=values.astype(np.uint8) if values.dtype == np.bool_ else values,
+                    timestamps=time_s,
+                    name=f"{path.stem}.{name}",
+                    unit="" if unit_of(name) == "1" else unit_of(name),
+                )
+                for name, values in columns.items()
+            ]
+            mdf.append(signals, acq_name=path.stem, common_timebase=True)
+        phases = run.phases()
+        if phases:
+            names = list(dict.fromkeys(phase.name for phase in phases))
+            conversion: dict[str, Any] = {}
+            for number, name in enumerate(names):
+                conversion |= {f"val_{number}": number, f"text_{number}": name.encode()}
+            conversion["default"] = b""
+            signal = Signal(
+                samples=np.array([names.index(phase.name) for phase in phases], np.uint8),
+                timestamps=np.array([phase.start_s for phase in phases], np.float64),
+                name="phase",
+                conversion=conversion,
+            )
+            mdf.append([signal], acq_name="phases", common_timebase=True)
+        facts = run.manifest.model_dump_json(exclude={"files", "bench"})
+        mdf.attach(facts.encode("utf-8"), file_name="manifest.json", mime="application/json")
+        mdf.save(part.with_suffix(".mf4"), overwrite=True)
+    if part.suffix != ".mf4":
+        part.with_suffix(".mf4").rename(part)
+
+
+def _columns(path: Path) -> dict[str, Any]:
+    table = pq.read_table(path, use_threads=False)
+    return {name: table[name].to_numpy() for name in table.column_names}
+
+
+def _blf(run: Run, part: Path) -> None:
+    """Write the frames of every gyro on CAN, a channel each in the order of the bench file."""
+    import can
+
+    on_can = [section["name"] for section in run.manifest.bench.get("gyro", ()) if section.get("channel")]
+    if not on_can:
+        raise ConfigurationError(
+            "the run has no gyro on CAN",
+            where=str(run.folder),
+            found=", ".join(run.manifest.units),
+            expected="a gyro with interface and channel in the bench file",
+            remedy="export csv, parquet or mdf4",
+        )
+    started_s = datetime.fromisoformat(run.manifest.started_utc).timestamp()
+    written = part.with_suffix(".blf")
+    with can.BLFWriter(written) as writer:
+        streams = [_messages(run.folder, name, number, started_s) for number, name in enumerate(on_can)]
+        for message in _in_time_order(streams):
+            writer.on_message_received(message)
+    if written != part:
+        written.rename(part)
+
+
+def _messages(folder: Path, port: str, channel: int, started_s: float) -> Iterator[Any]:
+    from drivers.slcan import to_messages
+
+    for frames, time_s in can_frames(folder, port):
+        for message in to_messages(frames, time_s + started_s):
+            message.channel = channel
+            yield message
+
+
+def _in_time_order(streams: list[Iterator[Any]]) -> Iterator[Any]:
+    import heapq
+
+    return heapq.merge(*streams, key=lambda message: message.timestamp)

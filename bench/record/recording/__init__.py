@@ -1,0 +1,77 @@
+"""The run folder: written while a run goes on, decoded from its raw bytes, verified and read."""
+
+from bench.record.recording._decode import (
+    Arrivals,
+    GyroSource,
+    PlatformSource,
+    StreamReport,
+    StreamSource,
+    decode_instrument,
+    decode_stream,
+    platform_table_name,
+    read_arrivals,
+    units_off_s,
+)
+from bench.record.recording._events import EventLog, Events, read_events
+from bench.record.recording._journal import Journal, PortJournal
+from bench.record.recording._manifest import (
+    DeviceEntry,
+    EmulatedLab,
+    FileEntry,
+    Imported,
+    Manifest,
+    checksum,
+    read_manifest,
+    seal,
+    write_manifest,
+)
+from bench.record.recording._raw import can_frames, read_exchanges
+from bench.record.recording._read import Phase, Run, check_room, read_table, second_rows, seconds
+from bench.record.recording._remote import local_manifests, local_run
+from bench.record.recording._tables import table_writer, unit_of
+from bench.record.recording._timing import StreamTimer, StreamTiming
+from bench.record.recording._verify import FileProblem, VerifyReport, verify
+
+__all__ = [
+    "Arrivals",
+    "DeviceEntry",
+    "EmulatedLab",
+    "EventLog",
+    "Events",
+    "FileEntry",
+    "FileProblem",
+    "GyroSource",
+    "Imported",
+    "Journal",
+    "Manifest",
+    "Phase",
+    "PlatformSource",
+    "PortJournal",
+    "Run",
+    "StreamReport",
+    "StreamSource",
+    "StreamTimer",
+    "StreamTiming",
+    "VerifyReport",
+    "can_frames",
+    "check_room",
+    "checksum",
+    "decode_instrument",
+    "decode_stream",
+    "local_manifests",
+    "local_run",
+    "platform_table_name",
+    "read_arrivals",
+    "read_events",
+    "read_exchanges",
+    "read_manifest",
+    "read_table",
+    "seal",
+    "second_rows",
+    "seconds",
+    "table_writer",
+    "unit_of",
+    "units_off_s",
+    "verify",
+    "write_manifest",
+]

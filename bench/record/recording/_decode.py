@@ -1,0 +1,381 @@
+"""raw/ to tables, in blocks: the one way decoded tables are made, at close and again by `runs verify`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.record.recording._events import Event
+from bench.record.recording._raw import raw_path, read_blocks, read_exchanges, read_marks
+from bench.record.recording._tables import table_writer
+from bench.record.recording._timing import StreamTimer, StreamTiming, Unwrapper
+from drivers.kit.instruments import (
+    Exchange,
+    FrameBatch,
+    LossSide,
+    StreamDecoder,
+    has_counter,
+    loss_taints,
+)
+
+Columns = Mapping[str, NDArray[Any]]
+Rates = Callable[[Columns, float], Mapping[str, NDArray[Any]]]
+Transcript = Callable[[Iterable[Exchange]], tuple[Columns, Mapping[str, int]]]
+
+_BITS_A_BYTE = 10
+"""Start bit, eight data bits, stop bit."""
+_MOST_LOST = 2**31 - 1
+_LEAST_OFF_S = 1.0
+
+
+class StreamSource(Protocol):
+    """How the bytes of one streaming unit become a table.
+
+    `start_offset`: bytes on the port before the stream began (answers to configuration). `baudrate`: of a serial
+    port, to take the time on the wire off; None where a frame is stamped when it is complete.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of unit and port."""
+        ...
+
+    @property
+    def decoder(self) -> Callable[[], StreamDecoder]:
+        """What makes a fresh decoder."""
+        ...
+
+    @property
+    def start_offset(self) -> int:
+        """See above."""
+        ...
+
+    @property
+    def baudrate(self) -> int | None:
+        """See above."""
+        ...
+
+    @property
+    def table(self) -> str:
+        """File name of the decoded table."""
+        ...
+
+    @property
+    def description(self) -> str:
+        """What the table holds, in words."""
+        ...
+
+    def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+        """Return what the table holds beside time, counter, losses and status; arrays of shape (n,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class GyroSource:
+    """A gyro's stream: `rates` turns decoded columns into deg/s by axis, given the true sample rate in Hz,
+    `accelerations` into m/s2 by axis where the unit has accelerometers, `temperatures` into further ones in degC
+    by column; `axis` is the one under test.
+    """
+
+    name: str
+    decoder: Callable[[], StreamDecoder]
+    rates: Rates
+    axis: str
+    accelerations: Rates | None = None
+    temperatures: Rates | None = None
+    start_offset: int = 0
+    baudrate: int | None = None
+
+    @property
+    def table(self) -> str:
+        """File name of the decoded table."""
+        return gyro_table(self.name)
+
+    @property
+    def description(self) -> str:
+        """What the table holds, in words."""
+        return f"gyro {self.name}, axis under test {self.axis}"
+
+    def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+        """Return rates of all axes, the one under test first, and temperatures."""
+        rates = self.rates(columns, sample_rate_hz)
+        named = {"rate_dps": rates[self.axis]}
+        named |= {f"rate_{axis}_dps": rate for axis, rate in rates.items() if axis != self.axis}
+        if self.accelerations is not None:
+            forces = self.accelerations(columns, sample_rate_hz)
+            named |= {f"accelerometer_{axis}_mps2": force for axis, force in forces.items()}
+        further = {} if self.temperatures is None else self.temperatures(columns, sample_rate_hz)
+        named |= {"temp_c": columns["temp_c"], **further}
+        return {name: np.asarray(column, dtype=np.float32) for name, column in named.items()}
+
+
+@dataclass(frozen=True)
+class PlatformSource:
+    """A platform INS's stream: positions and temperatures as decoded."""
+
+    name: str
+    decoder: Callable[[], StreamDecoder]
+    columns: tuple[str, ...]
+    start_offset: int = 0
+    baudrate: int | None = None
+
+    @property
+    def table(self) -> str:
+        """File name of the decoded table."""
+        return platform_table_name(self.name)
+
+    @property
+    def description(self) -> str:
+        """What the table holds, in words."""
+        return f"platform INS {self.name}"
+
+    def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+        """Return the columns of the kind."""
+        return {name: columns[name] for name in self.columns}
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """What a stream held: for the manifest's `stream` entry and the report.
+
+    `lost` frames never arrived (the counter says so), `off` were never sent since the procedure had the unit
+    switched off (both are gaps in the table), `duplicates` came twice (their rows are not valid),
+    `rejected` counts refused candidates by reason. `clock_error_ppm` > 0: the device's clock is fast.
+    """
+
+    frames: int
+    lost: int
+    duplicates: int
+    invalid: int
+    bytes_received: int
+    bytes_skipped: int
+    rejected: dict[str, int] = field(default_factory=dict)
+    start_offset: int = 0
+    off: int = 0
+    sample_rate_hz: float | None = None
+    clock_error_ppm: float | None = None
+    residual_s: float | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def gyro_table(name: str) -> str:
+    """Return the file name of a gyro's decoded table."""
+    return f"gyro_{name}.parquet"
+
+
+def platform_table_name(name: str) -> str:
+    """Return the file name of a platform INS's decoded table."""
+    return f"platform_{name}.parquet"
+
+
+def decode_stream(
+    folder: Path,
+    source: StreamSource,
+    out: Path | None = None,
+    off_s: Sequence[tuple[float, float]] = (),
+) -> StreamReport:
+    """Decode raw/<name>.bin of a run into the source's table in `out` (default: the run folder).
+
+    `off_s`: spans of bench time in which the unit was switched off and on, see `units_off_s`. Two
+    passes in blocks of a megabyte: the first finds where the samples lie in time, the second writes. A stream
+    without a single frame gives no table and a report that says so.
+    """
+    path = raw_path(folder, source.name)
+    marks = read_marks(path)
+    decoder = source.decoder()
+    timer = StreamTimer(
+        decoder.counter_modulo, decoder.counter_step, decoder.nominal_rate_hz, has_counter(decoder)
+    )
+    frame_bytes = 0
+    for batch in _batches(path, source, decoder):
+        timer.feed(batch.columns["counter"], batch.end_offset, marks)
+        if not frame_bytes and len(batch) > 1:
+            frame_bytes = int(np.diff(batch.end_offset).min())
+    report = StreamReport(
+        frames=decoder.counts.frames,
+        lost=0,
+        duplicates=0,
+        invalid=0,
+        bytes_received=path.stat().st_size if path.exists() else 0,
+        bytes_skipped=decoder.counts.bytes_skipped,
+        rejected=dict(decoder.counts.rejected),
+        start_offset=source.start_offset,
+    )
+    target = (out or folder) / source.table
+    if not timer.has_arrivals:
+        target.unlink(missing_ok=True)
+        return _with(report, warnings=("no frame with an arrival time",))
+    timing = timer.fit(_BITS_A_BYTE * frame_bytes / source.baudrate if source.baudrate else 0.0)
+    return _write_table(path, source, timing, report, target, off_s)
+
+
+def units_off_s(events: Sequence[Event]) -> list[tuple[float, float]]:
+    """Return the spans of bench time in which a procedure had its units switched off and on, from its events."""
+    spans: list[tuple[float, float]] = []
+    for row in events:
+        if row["kind"] == "units_off":
+            spans.append((float(row["time_s"]), math.inf))
+        elif row["kind"] == "units_on" and spans:
+            spans[-1] = (spans[-1][0], float(row["time_s"]))
+    return spans
+
+
+@dataclass(frozen=True, eq=False)
+class Arrivals:
+    """When frames came in: unwrapped counter and bench time in s of those with an arrival mark, (m,) each.
+
+    `count_s` is a count's length at the nominal rate. A gap of more than one wrap of the counter is not followed.
+    """
+
+    count: NDArray[np.int64]
+    arrival_s: NDArray[np.float64]
+    count_s: float
+
+
+def read_arrivals(folder: Path, source: StreamSource) -> Arrivals:
+    """Return when the frames of raw/<name>.bin arrived."""
+    path = raw_path(folder, source.name)
+    marks = read_marks(path)
+    decoder = source.decoder()
+    unwrap = Unwrapper(decoder.counter_modulo)
+    counts, arrivals, at = [np.zeros(0, np.int64)], [np.zeros(0)], 0
+    for batch in _batches(path, source, decoder):
+        count, _ = unwrap.feed(batch.columns["counter"])
+        upto = int(np.searchsorted(marks[:, 0], batch.end_offset[-1], side="right"))
+        here = np.asarray(marks[at:upto])
+        at = upto
+        frame = np.searchsorted(batch.end_offset, here[:, 0], side="right") - 1
+        first = np.flatnonzero(np.diff(frame, prepend=-1) > 0)
+        counts.append(count[frame[first]])
+        arrivals.append(here[first, 1] * 1e-9)
+    count_s = 1.0 / (decoder.nominal_rate_hz * decoder.counter_step)
+    return Arrivals(np.concatenate(counts), np.concatenate(arrivals), count_s)
+
+
+def _write_table(
+    path: Path,
+    source: StreamSource,
+    timing: StreamTiming,
+    report: StreamReport,
+    target: Path,
+    off_s: Sequence[tuple[float, float]],
+) -> StreamReport:
+    decoder = source.decoder()
+    unwrap = Unwrapper(decoder.counter_modulo)
+    frames = lost = off = duplicates = invalid = 0
+    last: int | None = None
+    with table_writer(target, source.description) as writer:
+        rows = _Rows(loss_taints(decoder))
+        for batch in _batches(path, source, decoder):
+            count = timing.corrected(unwrap.feed(batch.columns["counter"])[0], frames)
+            before = int(count[0] - timing.counter_step) if last is None else last
+            step = np.diff(count, prepend=before)
+            lost_before = (np.rint(step / timing.counter_step) - 1.0).clip(0, _MOST_LOST).astype(np.int32)
+            again = step == 0
+            table = rows.judged(
+                {
+                    "time_ns": timing.time_ns(count),
+                    "counter": count,
+                    "lost_before": lost_before,
+                    "status": batch.columns["status"],
+                    "valid": batch.columns["valid"] & ~again,
+                    **source.values(batch.columns, timing.sample_rate_hz),
+                }
+            )
+            writer.write(table)
+            last = int(count[-1])
+            frames += len(batch)
+            lost += int(lost_before.sum())
+            off += _not_sent(lost_before, timing.time_ns(count), 1.0 / timing.sample_rate_hz, off_s)
+            duplicates += int(again.sum())
+            invalid += int((~table["valid"]).sum())
+        writer.write(rows.kept)
+        invalid += int((~rows.kept["valid"]).sum())
+    return _with(
+        report,
+        lost=lost - off,
+        off=off,
+        duplicates=duplicates,
+        invalid=invalid,
+        sample_rate_hz=timing.sample_rate_hz,
+        clock_error_ppm=timing.clock_error_ppm,
+        residual_s=timing.residual_s,
+        warnings=timing.warnings,
+    )
+
+
+def _not_sent(
+    lost_before: NDArray[np.int32],
+    time_ns: NDArray[np.int64],
+    period_s: float,
+    off_s: Sequence[tuple[float, float]],
+) -> int:
+    """Return how many of the missing samples fall into spans without power; a gap of less than 1 s is a loss."""
+    found = 0
+    for at in np.flatnonzero(lost_before * period_s > _LEAST_OFF_S).tolist() if off_s else ():
+        end_s, missing = 1e-9 * float(time_ns[at]), int(lost_before[at])
+        start_s = end_s - (missing + 1) * period_s
+        inside_s = sum(max(0.0, min(end_s, high) - max(start_s, low)) for low, high in off_s)
+        found += min(missing, round(inside_s / period_s))
+    return found
+
+
+class _Rows:
+    """Rows of a table, each given when it is known whether samples were lost behind it.
+
+    A sample beside lost ones whose messages may be of two samples is not valid: nothing tells which are.
+    """
+
+    def __init__(self, taints: frozenset[LossSide]) -> None:
+        self._taints = taints
+        self.kept: dict[str, NDArray[Any]] = {}
+        """The last row, whose successor has not come."""
+
+    def judged(self, columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Take the next rows (one at least); return those before the last of them, and the one kept."""
+        if self.kept:
+            columns = {name: np.concatenate((self.kept[name], columns[name])) for name in columns}
+        gap = columns["lost_before"] > 0
+        good = columns["valid"].copy()
+        if "after" in self._taints:
+            good &= ~gap
+        if "before" in self._taints:
+            good[:-1] &= ~gap[1:]
+        columns["valid"] = good
+        self.kept = {name: column[-1:] for name, column in columns.items()}
+        return {name: column[:-1] for name, column in columns.items()}
+
+
+def decode_instrument(
+    folder: Path, port: str, table: str, decode_transcript: Transcript, out: Path | None = None
+) -> dict[str, int]:
+    """Decode what went over `port` into <table>.parquet; return the driver's counts of what was dropped.
+
+    Telemetry comes a few times a second: one table in memory. Nothing decoded gives no table.
+    """
+    columns, counts = decode_transcript(read_exchanges(folder, port))
+    target = (out or folder) / f"{table}.parquet"
+    if not len(columns["time_ns"]):
+        target.unlink(missing_ok=True)
+        return dict(counts)
+    with table_writer(target, f"{table}, from port {port}") as writer:
+        writer.write(columns)
+    return dict(counts)
+
+
+def _batches(path: Path, source: StreamSource, decoder: StreamDecoder) -> Iterator[FrameBatch]:
+    """Yield non-empty batches, their end offsets counted from the start of the file."""
+    for block in read_blocks(path, source.start_offset):
+        batch = decoder.feed(block)
+        if len(batch):
+            yield FrameBatch(batch.columns, batch.end_offset + source.start_offset)
+
+
+def _with(report: StreamReport, **changes: Any) -> StreamReport:
+    return StreamReport(**{**report.__dict__, **changes})

@@ -1,0 +1,110 @@
+"""events.jsonl: what happened in a run, one JSON object a line; a torn last line is told, not hidden."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.record.recording._append import AppendFile, record_error
+from bench.record.recording._shapes import check_line
+from drivers.base.errors import RecordError
+from drivers.base.files import RECORD_BYTES, parse_json, read_bounded
+
+EVENTS_FILE = "events.jsonl"
+
+Event = dict[str, Any]
+
+
+class EventLog:
+    """The event log being written: every line goes to the operating system at once.
+
+    In a run the journal's thread does that (`Journal.adopt`), so that no event waits for a slow disk.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.file = AppendFile(folder / EVENTS_FILE)
+        self._lines = bytearray()
+        self._lock = threading.Lock()
+        self._wake: Callable[[], None] | None = None
+
+    def written_by(self, wake: Callable[[], None] | None) -> None:
+        """Have somebody else call `write` soon after `wake` is called for a line; None: nobody else."""
+        self._wake = wake
+
+    def event(self, time_s: float, kind: str, **fields: Any) -> None:
+        """Write one line: bench time in s, kind and fields (numbers that are not finite become null)."""
+        line = {"time_s": round(time_s, 9), "kind": kind} | fields
+        text = json.dumps(_plain(line), ensure_ascii=False, allow_nan=False)
+        with self._lock:
+            self._lines += text.encode("utf-8") + b"\n"
+        if self._wake is None:
+            self.write()
+        else:
+            self._wake()
+
+    def write(self) -> None:
+        """Hand the lines that wait to the operating system; raises RecordError. One thread at a time."""
+        with self._lock:
+            lines, self._lines = self._lines, bytearray()
+        self.file.pending += lines
+        self.file.write()
+
+    def close(self) -> None:
+        """Sync and close; raises RecordError."""
+        if self.file.closed:
+            return
+        try:
+            self.write()
+            self.file.sync()
+        except OSError as error:
+            raise record_error(self.file.path, error) from error
+        finally:
+            self.file.close()
+
+
+@dataclass(frozen=True)
+class Events:
+    """Events as read; `torn` is the text of an incomplete last line, empty if there was none."""
+
+    rows: tuple[Event, ...]
+    torn: str = ""
+
+
+def read_events(folder: Path) -> Events:
+    """Read events.jsonl of a run folder; a line broken in the middle of the file raises RecordError."""
+    path = folder / EVENTS_FILE
+    try:
+        content = read_bounded(path, RECORD_BYTES)
+    except FileNotFoundError:
+        return Events(())
+    whole, _, torn = content.rpartition(b"\n")
+    rows: list[Event] = []
+    for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
+        try:
+            row = check_line(parse_json(line))
+        except (ValueError, OverflowError) as error:
+            raise RecordError(
+                "the event log is damaged",
+                where=f"{path}, line {number}",
+                found=f"{line[:60]!r} ({error})",
+                expected="one JSON object a line with time_s, kind and the fields of its kind",
+                remedy="restore the file from a copy; raw bytes and tables are not affected",
+            ) from error
+        rows.append(row)
+    return Events(tuple(rows), torn.decode("utf-8", "replace"))
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` as JSON types: numpy scalars unwrapped, NaN and infinities as None."""
+    if isinstance(value, dict):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,240 @@
+"""manifest.json: what was asked, on what, how it ended, and the checksums that seal a run."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from bench.record.recording._append import record_error
+from bench.record.recording._shapes import check_free_parts
+from bench.record.run_folder import MANIFEST_FILE
+from drivers.base.errors import RecordError
+from drivers.base.files import MANIFEST_BYTES, read_bounded, replace_file
+
+Outcome = Literal["running", "completed", "invalid", "aborted"]
+
+
+def _inside(name: str) -> str:
+    """Return a file's name relative to the run folder; ValueError for one that leads out of it."""
+    if len(name) > 4096 or not name.isprintable() or "\\" in name:
+        raise ValueError("not the name of a file")
+    if any(part in ("", ".", "..") for part in name.split("/")):
+        raise ValueError("leads out of the run folder")
+    return name
+
+
+def _one_name(name: str) -> str:
+    if "/" in name:
+        raise ValueError("a run's id is the name of a folder, not a path")
+    return _inside(name)
+
+
+FileName = Annotated[str, AfterValidator(_inside)]
+RunId = Annotated[str, AfterValidator(_one_name)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null", allow_inf_nan=False)
+
+
+class DeviceEntry(_Part):
+    """One device as it identified itself, and its place on the bench."""
+
+    kind: str
+    role: str
+    maker: str = ""
+    model: str = ""
+    serial_number: str = ""
+    firmware: str = ""
+    axis: str | int | None = None
+    case_sensor: int | None = None
+
+
+class EmulatedLab(_Part):
+    """Present if the devices were emulated."""
+
+    seed: int
+    model: str
+
+
+class Imported(_Part):
+    """Present if the run came from another bench: the log and its mapping file, paths in the run folder."""
+
+    log: FileName
+    mapping: FileName
+
+
+class FileEntry(_Part):
+    """Checksum and size of a file of the run."""
+
+    sha256: str
+    bytes: int
+
+
+class Manifest(_Part):
+    """The manifest as written; outcome "running" until the run has been closed."""
+
+    format: Literal[1] = 1
+    run_id: RunId
+    procedure: str
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    mounting: str = ""
+    outcome: Outcome = "running"
+    reason: str = ""
+    started_utc: str
+    ended_utc: str | None = None
+    duration_s: float | None = None
+    flush_interval_s: float | None = None
+    """What came longer than this before a crash, in wall time, is on the disk."""
+    bench: dict[str, Any] = Field(default_factory=dict)
+    bench_file_sha256: str = ""
+    devices: dict[str, DeviceEntry] = Field(default_factory=dict)
+    units: dict[str, str] = Field(default_factory=dict)
+    emulated: EmulatedLab | None = None
+    imported: Imported | None = None
+    software: dict[str, str] = Field(default_factory=dict)
+    stream: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    measurements: tuple[dict[str, Any], ...] = ()
+    repeats: dict[str, int] = Field(default_factory=dict)
+    """How many exchanges with an instrument were tried again, by device: the `repeat` events."""
+    files: dict[FileName, FileEntry] = Field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run was closed and sealed, whatever its outcome."""
+        return self.outcome != "running"
+
+    @property
+    def bench_name(self) -> str:
+        """The name of the bench, empty if none was kept."""
+        return str(self.bench.get("bench", {}).get("name", ""))
+
+    @property
+    def latitude_deg(self) -> float:
+        """Where the bench stands; RecordError if the run does not say so."""
+        try:
+            return float(self.bench["bench"]["latitude_deg"])
+        except KeyError as error:
+            raise self._lacks("the latitude of the bench", "bench.bench.latitude_deg") from error
+
+    def device(self, name: str) -> DeviceEntry:
+        """Return who answered under a name of the bench file; RecordError if nobody is in the record."""
+        try:
+            return self.devices[name]
+        except KeyError as error:
+            raise self._lacks(f"the device {name}", f"devices.{name}") from error
+
+    def unit(self, name: str) -> str:
+        """Return the unit that was tested under a gyro's name; RecordError if none is in the record."""
+        try:
+            return self.units[name]
+        except KeyError as error:
+            raise self._lacks(f"the unit of {name}", f"units.{name}") from error
+
+    def measured(self, name: str) -> float | None:
+        """Return a measured value; None if it was not measured or was not finite."""
+        return next((row.get("value") for row in self.measurements if row["name"] == name), None)
+
+    def parameter(self, name: str) -> float | None:
+        """Return a parameter that is a number; None if there is none, RecordError for text."""
+        value = self.parameters.get(name)
+        if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
+            return value
+        raise RecordError(
+            f"the parameter {name} is no number", where=f"run {self.run_id}", found=repr(value)[:60]
+        )
+
+    def _lacks(self, what: str, key: str) -> RecordError:
+        return RecordError(
+            f"the run's manifest does not have {what}",
+            where=f"run {self.run_id}",
+            found=f"no {key} in {MANIFEST_FILE}",
+            expected="a run that was begun on a bench, its devices found",
+        )
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write manifest.json in one piece: a reader finds the old one or the new one. Raises RecordError."""
+    path = folder / MANIFEST_FILE
+    try:
+        replace_file(path, manifest.model_dump_json(indent=2) + "\n")
+        _sync_folder(folder)
+    except OSError as error:
+        raise record_error(path, error) from error
+
+
+def seal(folder: Path, manifest: Manifest) -> Manifest:
+    """Write the final manifest with the checksums of the run's files; return it. Raises RecordError.
+
+    `manifest` has its outcome, which must not be "running" any more.
+    """
+    if not manifest.complete:
+        raise RecordError("a running run cannot be sealed", where=str(folder))
+    sealed = manifest.model_copy(update={"files": checksums(folder)})
+    write_manifest(folder, sealed)
+    return sealed
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read manifest.json of a run folder; RecordError if it is missing or not a manifest."""
+    path = folder / MANIFEST_FILE
+    try:
+        manifest = Manifest.model_validate_json(read_bounded(path, MANIFEST_BYTES))
+        check_free_parts(
+            {
+                "started_utc": manifest.started_utc,
+                "bench": manifest.bench,
+                "stream": manifest.stream,
+                "measurements": list(manifest.measurements),
+                "parameters": manifest.parameters,
+            }
+        )
+        return manifest
+    except OSError as error:
+        raise RecordError(
+            "this is not a run folder",
+            where=str(folder),
+            found=f"{MANIFEST_FILE}: {error.strerror}",
+            expected="a folder with manifest.json, events.jsonl and raw/",
+            remedy="`gyrobench runs` lists the runs there are",
+        ) from error
+    except ValueError as error:
+        raise RecordError(
+            "the manifest cannot be read",
+            where=str(path),
+            found=_mistakes(error),
+            expected="a manifest of format 1",
+            remedy="restore the file from a copy, or read the run with the version that wrote it",
+        ) from error
+
+
+def _mistakes(error: ValueError) -> str:
+    if not isinstance(error, ValidationError):
+        return str(error)
+    first = error.errors()[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']} ({error.error_count()} in all)"
+
+
+def checksums(folder: Path) -> dict[str, FileEntry]:
+    """Return the checksums of the run's own files by relative path: events, raw/ and tables."""
+    paths = [folder / "events.jsonl", *(folder / "raw").glob("*"), *folder.glob("*.parquet")]
+    return {path.relative_to(folder).as_posix(): checksum(path) for path in sorted(paths) if path.is_file()}
+
+
+def checksum(path: Path) -> FileEntry:
+    """Return SHA-256 and size of a file."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256")
+        return FileEntry(sha256=digest.hexdigest(), bytes=file.tell())
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,129 @@
+"""Checks a run: the checksums of its files, and its tables against tables rebuilt from raw bytes."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.record.recording._arrow import from_arrow
+from bench.record.recording._manifest import FileEntry, checksum, read_manifest
+from bench.record.recording._remote import local_run
+from drivers.base.errors import BenchError
+
+Decode = Callable[[Path, Path], object]
+"""(run folder, folder for the tables): decodes everything of a run."""
+
+
+@dataclass(frozen=True)
+class FileProblem:
+    """A file of the run that is not what it should be."""
+
+    path: str
+    text: str
+
+
+@dataclass(frozen=True)
+class VerifyReport:
+    """The result: how many files and tables were compared, and every one that differs."""
+
+    files: int
+    tables: int
+    problems: tuple[FileProblem, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing differs."""
+        return not self.problems
+
+
+def verify(folder: Path, decode: Decode) -> VerifyReport:
+    """Recompute the checksums of a run and rebuild its tables with `decode`; RecordError if it is no run.
+
+    A run that was never closed has no checksums; its raw bytes can still be decoded, and the report says both.
+    A table whose checksum is wrong is named once and not opened. A run on object storage is fetched.
+    """
+    folder = local_run(folder, everything=True)
+    manifest = read_manifest(folder)
+    problems: list[FileProblem] = []
+    if not manifest.complete:
+        problems.append(FileProblem("manifest.json", "the run was never closed: there are no checksums"))
+    else:
+        problems += _compare_files(folder, manifest.files)
+    if grown := _grown(folder, manifest.files):
+        return VerifyReport(
+            len(manifest.files), 0, (*problems, FileProblem(grown, "grown: no tables rebuilt"))
+        )
+    with tempfile.TemporaryDirectory(prefix="gyrobench-verify-") as rebuilt:
+        try:
+            decode(folder, Path(rebuilt))
+        except BenchError as error:
+            problems.append(FileProblem("raw", f"the tables cannot be rebuilt: {error}"))
+        names = sorted({path.name for place in (folder, Path(rebuilt)) for path in place.glob("*.parquet")})
+        named = {problem.path for problem in problems}
+        problems += [
+            FileProblem(name, text)
+            for name in names
+            if name not in named and (text := _compare_tables(folder / name, Path(rebuilt) / name))
+        ]
+    return VerifyReport(len(manifest.files), len(names), tuple(problems))
+
+
+def _compare_files(folder: Path, expected: Mapping[str, FileEntry]) -> Iterator[FileProblem]:
+    for name, entry in expected.items():
+        path = folder / name
+        if not path.is_file():
+            yield FileProblem(name, "missing")
+        elif (size := path.stat().st_size) != entry.bytes:  # a sparse terabyte takes hours to sum
+            yield FileProblem(name, f"differs from the manifest: {size} bytes, expected {entry.bytes}")
+        elif (found := checksum(path)) != entry:
+            yield FileProblem(name, f"differs from the manifest: found {found}, expected {entry}")
+    for path in sorted((folder / "raw").glob("*")):
+        name = path.relative_to(folder).as_posix()
+        if name not in expected:
+            yield FileProblem(name, "not in the manifest")
+
+
+def _grown(folder: Path, expected: Mapping[str, FileEntry]) -> str:
+    """Return the first raw file that is larger than when it was sealed, empty if none is."""
+    raw = {name: entry.bytes for name, entry in expected.items() if name.startswith("raw/")}
+    return next((n for n, b in raw.items() if (folder / n).is_file() and (folder / n).stat().st_size > b), "")
+
+
+def _compare_tables(kept: Path, rebuilt: Path) -> str:
+    """Return what differs between two tables, empty if they hold the same values bit for bit."""
+    if not rebuilt.exists():
+        return "cannot be rebuilt: the raw bytes hold nothing for it"
+    if not kept.exists():
+        return "missing: the raw bytes give this table"
+    try:
+        left, right = pq.ParquetFile(kept), pq.ParquetFile(rebuilt)
+        if left.schema_arrow.names != right.schema_arrow.names:
+            return f"has columns {left.schema_arrow.names}, rebuilt {right.schema_arrow.names}"
+        if left.metadata.num_rows != right.metadata.num_rows:
+            return f"has {left.metadata.num_rows} rows, rebuilt {right.metadata.num_rows}"
+        row = 0
+        for one, two in zip(left.iter_batches(), right.iter_batches(), strict=True):
+            for name in left.schema_arrow.names:
+                if text := _compare_columns(one[name], two[name], name, row):
+                    return text
+            row += len(one)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        return f"cannot be read: {error}"
+    return ""
+
+
+def _compare_columns(one: pa.Array, two: pa.Array, name: str, row: int) -> str:
+    left, right = from_arrow(one), from_arrow(two)
+    if left.dtype != right.dtype:
+        return f"{name} is {left.dtype}, rebuilt {right.dtype}"
+    if left.tobytes() == right.tobytes():
+        return ""
+    bits = f"u{left.dtype.itemsize}"
+    at = int(np.flatnonzero(left.view(bits) != right.view(bits))[0])
+    return f"{name} differs from row {row + at} on: {left[at]}, rebuilt {right[at]}"

@@ -1,0 +1,1 @@
+"""Common ground of all rooms: errors, clocks, files, plug-ins."""

@@ -1,0 +1,111 @@
+"""A line may damage or lose an answer: questions are asked again, commands read back, a few times and no more.
+
+Nothing is added to an exchange that goes well. After one that did not, whatever is still on its way is waited for
+and dropped, lest the late answer to one question be taken for that to the next. Every repeat is told to
+`Link.on_repeat` with what was received.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
+from drivers.kit.link import Link
+
+PATIENCE_S = 4.5
+"""No repeat begins later than this after the first try: a device that stays dead is known to be soon."""
+
+_TROUBLES = (DeviceSilent, ProtocolError, DeviceRefused)
+
+_T = TypeVar("_T")
+
+
+def asked(link: Link, question: Callable[[], _T]) -> _T:
+    """Return what `question` returns, a query that changes nothing; again if its answer is damaged or missing.
+
+    `question` is one exchange: of several under one roof, the late answer to one is taken for that to another.
+    A refusal counts as damage: a question that met a flipped bit on its way is refused. An answer after a trouble
+    is believed when nothing follows it; else it was the late one to the question before, and it is asked anew.
+    """
+    begun_s, troubled = link.clock.now(), False
+    for left in range(link.repeats, -1, -1):
+        last = not left or link.repeating
+        try:
+            answer = question()
+        except _TROUBLES as error:
+            if last or link.clock.now() - begun_s > PATIENCE_S:
+                raise
+            link.on_repeat(error)
+            link.drain()
+            troubled = True
+            continue
+        if last or not troubled or not link.drain():
+            return answer
+    raise AssertionError("unreachable")
+
+
+def told(
+    link: Link,
+    command: Callable[[], None],
+    in_force: Callable[[], bool] | None = None,
+    *,
+    doubt_refusal: bool = False,
+) -> None:
+    """Carry out `command`; if it is not confirmed, read back whether it is `in_force`, else tell it again.
+
+    `command` must do the same when it is done twice. A refusal is never told again. `doubt_refusal`: on a line
+    without a check value it may be a damaged yes; it is raised unless what was told is in force.
+    """
+    begun_s = link.clock.now()
+    for left in range(link.repeats, -1, -1):
+        try:
+            command()
+        except _TROUBLES as error:
+            refused = isinstance(error, DeviceRefused)
+            if not link.repeats or link.repeating or (refused and not doubt_refusal):
+                raise
+            link.drain()
+            if in_force is not None and _holds(link, in_force):
+                link.on_repeat(error)
+                return
+            if not left or refused or link.clock.now() - begun_s > PATIENCE_S:
+                raise
+            link.on_repeat(error)
+            continue
+        if left < link.repeats:
+            link.drain()
+        return
+
+
+def told_once(link: Link, command: Callable[[], None], done: Callable[[], bool]) -> None:
+    """Carry out a `command` that must not be done twice; if it is not confirmed, only if it was not `done`.
+
+    What `done` raises ends it: rather no turn than two.
+    """
+    for left in range(link.repeats, -1, -1):
+        try:
+            command()
+        except _TROUBLES as error:
+            if not link.repeats or link.repeating:
+                raise
+            link.drain()
+            link.on_repeat(error)
+            if done():
+                return
+            if not left or isinstance(error, DeviceRefused):
+                raise
+            continue
+        if left < link.repeats:
+            link.drain()
+        return
+
+
+def _holds(link: Link, in_force: Callable[[], bool]) -> bool:
+    link.repeating = True
+    try:
+        return in_force()
+    except _TROUBLES:
+        return False
+    finally:
+        link.repeating = False

@@ -1,0 +1,307 @@
+"""From increments to parameters: navigation, filter, passes, options, and a record made by others."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from bench.analysis.calibration import (
+    PARAMETER_NAMES,
+    PARAMETERS,
+    UG_MPS2,
+    UNIT_SIZE,
+    BiasWander,
+    Increments,
+    Noise,
+    Options,
+    Schedule,
+    Site,
+    Task,
+    estimate,
+    estimate_closed_loop,
+    load_scheme,
+    navigate,
+    observability_matrix,
+    pack,
+    parse_moves,
+    to_gauge,
+    unpack,
+)
+from drivers.base.errors import RecordError
+from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
+
+TASK = Task()
+UNITS = UNIT_SIZE[PARAMETERS]
+WHITE = ImuNoise(TASK.noise.arw, TASK.noise.vrw, vibration_mps=TASK.noise.velocity_mps)
+PERFECT, QUIET = ImuErrors(), ImuNoise()
+DPH = math.radians(1.0) / 3600.0
+PSINS = Path("../shared/data/psins_sysclbt/imusysclbt.bin")
+
+
+def scheme(name: str, dwell_s: float = 60.0) -> Schedule:
+    return load_scheme(name).with_(dwell_s=dwell_s)
+
+
+def record(
+    schedule: Schedule,
+    errors: ImuErrors = PERFECT,
+    noise: ImuNoise = QUIET,
+    seed: int = 0,
+    *,
+    axes: np.ndarray | None = None,
+    home: np.ndarray | None = None,
+    gravity_mps2: float = TASK.site.gravity_mps2,
+) -> Increments:
+    axes = np.eye(3) if axes is None else axes
+    legs: list[Rest | Turn] = [Rest(schedule.dwell_s)]
+    for move in schedule.moves:
+        angle = math.radians(move.angle_deg)
+        legs += [
+            Turn(axes[move.axis], angle, schedule.turn_s(move), schedule.profile),
+            Rest(schedule.dwell_s),
+        ]
+    home = schedule.home if home is None else home
+    latitude = TASK.site.latitude_deg
+    made = measure_motion(
+        home, legs, errors, noise, latitude_deg=latitude, gravity_mps2=gravity_mps2, seed=seed
+    )
+    return Increments(made.period_s, made.angle_rad, made.velocity_mps)
+
+
+def drawn(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal(24) * TASK.prior_sigma[PARAMETERS]
+
+
+def errors_of(parameters: np.ndarray) -> ImuErrors:
+    return ImuErrors(*unpack(parameters))
+
+
+def test_a_perfect_imu_stays_at_rest_through_23_positions() -> None:
+    schedule = scheme("23-position")
+    track = navigate(record(schedule), schedule.home, TASK.site)
+    assert np.abs(track.velocity).max() < 1e-6
+
+
+def test_transition_along_a_track_is_the_one_the_scheme_was_evaluated_with() -> None:
+    schedule = Schedule("t", parse_moves("+x -y180 +z"), np.eye(3), 20.0)
+    track = navigate(record(schedule), schedule.home, TASK.site)
+    reached, rows = np.eye(6, 30), []
+    for step in track.transition[:, :, :30]:
+        reached = np.hstack([np.zeros((6, 6)), step[:, 6:]]) + step[:, :6] @ reached
+        rows.append(reached[3:])
+    turned = np.concatenate([np.zeros(20, bool), np.ones(9, bool), np.zeros(20, bool), np.ones(18, bool)])
+    resting = ~np.concatenate([turned, np.zeros(20, bool), np.ones(9, bool), np.zeros(20, bool)])
+    ours = np.concatenate([np.array(rows)[resting]]).reshape(-1, 30)
+    expected = observability_matrix(TASK.site, schedule)[3:]
+    assert np.max(np.abs(ours - expected) / np.abs(expected).max(axis=0)) < 2e-5
+
+
+@pytest.mark.parametrize("name", ["23-position", "19-position"])
+def test_parameters_of_a_noise_free_imu_are_found(name: str) -> None:
+    truth = drawn(1)
+    found = estimate(record(scheme(name), errors_of(truth)), TASK, Options(passes=4), scheme(name))
+    error = np.abs(found.parameters - truth) / UNITS
+    limits = np.repeat([1.3e-4, 0.03, 0.027, 0.027, 0.035], [3, 3, 9, 6, 3]) * 3.0
+    assert np.all(error < limits), dict(zip(PARAMETER_NAMES, error / limits, strict=True))
+    assert np.abs(found.last_step).max() < 1e-3
+    assert len(found.course) == scheme(name).positions
+
+
+def test_errors_are_as_large_as_their_sigma_says() -> None:
+    squares, innovations = [], []
+    for seed in range(3):
+        truth = drawn(100 + seed)
+        found = estimate(
+            record(scheme("19-position"), errors_of(truth), WHITE, seed), TASK, Options(passes=2)
+        )
+        error = found.parameters - truth
+        squares.append(error @ np.linalg.solve(found.covariance, error))
+        innovations.append(found.innovation_rms)
+    assert chi2.ppf(0.001, 72) < sum(squares) < chi2.ppf(0.999, 72)
+    assert innovations == pytest.approx([1.0] * 3, abs=0.03)
+
+
+def test_an_error_of_gravity_goes_into_the_accelerometer_scale_factors_only() -> None:
+    twice = Options(passes=2)
+    clean = estimate(record(scheme("23-position")), TASK, twice)
+    shifted = estimate(
+        record(scheme("23-position"), gravity_mps2=TASK.site.gravity_mps2 + 50e-5), TASK, twice
+    )
+    change = shifted.parameters - clean.parameters
+    diagonal = [PARAMETER_NAMES.index(name) for name in ("Ka_xx", "Ka_yy", "Ka_zz")]
+    # More gravity than assumed reads as larger scale factors; 50 mGal of 9.8069 m/s^2 are 50.98 ppm.
+    np.testing.assert_allclose(change[diagonal] / 1e-6, 50.98, atol=0.1)
+    others = np.delete(np.arange(24), diagonal)
+    assert np.abs(change[others] / clean.sigma[others]).max() < 0.05
+
+
+def test_a_crooked_table_does_no_harm() -> None:
+    schedule = scheme("23-position")
+    rng = np.random.default_rng(2)
+    axes = np.eye(3) + math.radians(0.2) * rng.uniform(-1, 1, (3, 3))
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    tilt, heading = math.radians(1.3), math.radians(34.0)
+    c, s = math.cos(heading), math.sin(heading)
+    home = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    home = home @ np.array(
+        [[1, 0, 0], [0, math.cos(tilt), -math.sin(tilt)], [0, math.sin(tilt), math.cos(tilt)]]
+    )
+    truth = drawn(3)
+    found = estimate(
+        record(schedule, errors_of(truth), axes=axes, home=home), TASK, Options(passes=2), schedule
+    )
+    assert np.abs((found.parameters - truth) / found.sigma).max() < 1.0
+
+
+def test_a_truth_in_another_gauge_is_found_after_conversion() -> None:
+    rng = np.random.default_rng(4)
+    kg, ka = rng.standard_normal((2, 3, 3)) * 3e-4
+    eps, nabla = rng.standard_normal(3) * 0.1 * DPH, rng.standard_normal(3) * 1e3 * UG_MPS2
+    found = estimate(record(scheme("23-position"), ImuErrors(eps, nabla, kg, ka), WHITE), TASK)
+    kg, ka = to_gauge(kg, ka)
+    z = (found.parameters - pack(eps, nabla, kg, ka, np.zeros(3))) / found.sigma
+    assert np.sqrt(np.mean(z**2)) < 1.5
+
+
+def test_lever_arms_and_lag_are_found_and_matter() -> None:
+    truth = drawn(6)
+    lever = np.array([[0.01, 0.02, 0.03], [0.04, 0.05, 0.06], [0.0, 0.0, 0.0]])
+    errors = replace(errors_of(truth), lever_m=lever, lag_s=1e-3)
+    data = record(scheme("19-position"), errors)
+    found = estimate(data, TASK, Options(passes=2, lever_arms=True))
+    np.testing.assert_allclose(found.lever_m, lever[:2], atol=2e-4)
+    assert found.lag_s == pytest.approx(1e-3, abs=5e-6)
+    ignored = estimate(data, TASK, Options(passes=2))
+    worst = np.abs((ignored.parameters - truth) / ignored.sigma).max()
+    assert np.abs((found.parameters - truth) / found.sigma).max() < 0.2 < 2.0 < worst
+
+
+def test_bias_wander_needs_its_states() -> None:
+    wander = BiasWander(0.003 * DPH, 5.0 * UG_MPS2, 1000.0)
+    noise = replace(WHITE, wander_rad_s=wander.gyro_rad_s, wander_mps2=wander.accelerometer_mps2)
+    plain, full = 0.0, 0.0
+    for seed in range(2):
+        truth = drawn(20 + seed)
+        data = record(scheme("19-position", 90.0), errors_of(truth), noise, seed)
+        for options in (Options(passes=2), Options(passes=2, wander=wander)):
+            found = estimate(data, TASK, options)
+            error = found.parameters - truth
+            square = float(error @ np.linalg.solve(found.covariance, error))
+            if options.wander is None:
+                plain += square
+            else:
+                full += square
+    assert plain > 4.0 * 48.0
+    assert chi2.ppf(0.0005, 48) < full < chi2.ppf(0.9995, 48)
+
+
+@pytest.mark.skipif(not PSINS.exists(), reason=f"{PSINS} is not here")
+def test_the_simulated_record_of_psins() -> None:
+    raw = np.fromfile(PSINS, dtype="<f4").reshape(-1, 7)[1:].astype(float)
+    data = Increments(0.01, raw[:, :3], raw[:, 3:6])
+    task = Task(site=Site(latitude_deg=34.0), noise=Noise(1e-4, 1.0, 1e-3))
+    options = Options(passes=5, alignment_s=20.0, lever_arms=True)
+    found = estimate(data, task, options, load_scheme("19-position"))
+    values = found.parameters / UNITS
+    # Sizes as put in by its author. Their sign is that of a calibration: biases and diagonals are taken off.
+    eps, nabla = [-0.1, -0.2, -0.3], [-10.0, -20.0, -30.0]
+    kg = [-10.0, 30.0, 50.0, 10.0, -20.0, 60.0, 20.0, 40.0, -30.0]
+    ka, k2 = [-10.0, 10.0, 20.0, -20.0, 30.0, -30.0], [-10.0, -20.0, -30.0]
+    np.testing.assert_allclose(values[:3], eps, atol=1e-4)
+    np.testing.assert_allclose(values[3:], [*nabla, *kg, *ka, *k2], atol=0.1)
+    np.testing.assert_allclose(found.lever_m * 100, [[-1, -2, -3], [-4, -5, -6]], atol=0.02)
+    assert found.lag_s == pytest.approx(-1e-3, abs=1e-6)
+
+
+def test_unusable_records_are_named() -> None:
+    schedule = scheme("o8")
+    good = record(schedule, errors_of(drawn(7)), WHITE)
+
+    def refused(data: Increments, match: str, task: Task = TASK, expected: Schedule = schedule) -> None:
+        with pytest.raises(RecordError, match=match):
+            estimate(data, task, Options(passes=1), expected)
+
+    gap = replace(good, angle_rad=good.angle_rad.copy())
+    gap.angle_rad[9000, 1] = np.nan
+    refused(gap, "gaps")
+    stuck = replace(good, velocity_mps=np.minimum(good.velocity_mps, 0.0978))
+    refused(stuck, "accelerometer [xyz] is saturated")
+    refused(good, r"as at latitude 45\.[78]", Task(site=Site(latitude_deg=-45.0)))
+    refused(good, r"as at latitude 45\.[78]", Task(site=Site(latitude_deg=45.4)))
+    refused(Increments(0.01, good.angle_rad[6200:], good.velocity_mps[6200:]), "does not start at rest")
+    cut = slice(0, 30000)
+    refused(Increments(0.01, good.angle_rad[cut], good.velocity_mps[cut]), "positions")
+    refused(good, r"turn 3 \(\+y\) is not", expected=schedule.with_(moves=parse_moves("+x-y+y+y+z+z-x-y")))
+    clipped = replace(good, angle_rad=np.clip(good.angle_rad, -math.radians(0.15), math.radians(0.15)))
+    with pytest.raises(RecordError, match="saturated"):
+        estimate(clipped, TASK, Options(gyro_range_dps=0.15))
+    short = schedule.with_(moves=parse_moves("+x-y"))
+    axes = np.eye(3)
+    legs = [Rest(60.0), Turn(axes[0], math.pi / 2, 9.0), Rest(60.0), Turn(axes[1], -1.4, 9.0), Rest(60.0)]
+    made = measure_motion(
+        np.eye(3),
+        legs,
+        ImuErrors(),
+        WHITE,
+        latitude_deg=TASK.site.latitude_deg,
+        gravity_mps2=TASK.site.gravity_mps2,
+    )
+    refused(Increments(0.01, made.angle_rad, made.velocity_mps), "turn 2", expected=short)
+
+
+@pytest.mark.parametrize(
+    ("gyros", "accelerometers", "match"),
+    [
+        (([1, 0, 2], [1, 1, 1]), None, r"gyros are exchanged \(left-handed\). Found: x arrives as y, y arri"),
+        (([1, 2, 0], [1, 1, 1]), None, r"gyros are exchanged. Found: x arrives as z, y arrives as x"),
+        (
+            ([0, 1, 2], [1, -1, 1]),
+            None,
+            r"gyros are reversed \(left-handed\). Found: x arrives as x, y arrives as -y",
+        ),
+        (
+            None,
+            ([0, 2, 1], [1, 1, 1]),
+            r"accelerometers are exchanged \(left-handed\). Found: x arrives as x, y",
+        ),
+        (None, ([0, 1, 2], [-1, -1, -1]), "other hemisphere may also be accelerometers"),
+        (
+            ([0, 1, 2], [-1, 1, 1]),
+            ([0, 1, 2], [-1, 1, 1]),
+            r"gyros and accelerometers are reversed \(left-handed\). Found: x arrives as -x",
+        ),
+        (([0, 1, 2], [-1, -1, 1]), ([0, 1, 2], [-1, -1, 1]), "mounted another way"),
+    ],
+)
+def test_axes_that_are_not_what_they_are_taken_for_are_named(gyros, accelerometers, match) -> None:
+    schedule = scheme("o8", 30.0)
+    good = record(schedule, errors_of(drawn(7)), WHITE)
+
+    def wired(values, how):
+        return values if how is None else values[:, how[0]] * np.array(how[1], dtype=float)
+
+    bad = Increments(0.01, wired(good.angle_rad, gyros), wired(good.velocity_mps, accelerometers))
+    with pytest.raises(RecordError, match=match):
+        estimate(bad, TASK, Options(passes=1, alignment_s=25.0), schedule)
+
+
+def test_errors_of_mems_size_need_the_closed_loop() -> None:
+    prior = TASK.prior_sigma.copy()
+    prior[:3] = np.radians([1.0, 1.0, 5.0])
+    prior[6:9], prior[9:12], prior[12:27], prior[27:] = math.radians(1.0), 0.5, 0.02, 1e-4
+    task = Task(prior_sigma=prior, noise=Noise(0.15, 100.0))
+    schedule = load_scheme("t10").with_(dwell_s=12.0, rate_dps=30.0)
+    truth = np.random.default_rng(2).standard_normal(24) * prior[PARAMETERS] / 2.0
+    data = record(schedule, errors_of(truth), ImuNoise(task.noise.arw, task.noise.vrw))
+    found = estimate_closed_loop(data, task, schedule.home)
+    error = np.abs(found.parameters - truth)
+    assert np.abs(error / found.sigma).max() < 3.0
+    # From 0.5 deg/s, 0.25 m/s^2 and 1 %: twenty times better, and most of it much more.
+    assert np.all(error < np.repeat([math.radians(0.01), 0.01, 5e-4, 5e-4, 1e-4], [3, 3, 9, 6, 3]))
+    with pytest.raises(RecordError, match="home"):
+        estimate_closed_loop(data, task, schedule.home[[1, 2, 0]])

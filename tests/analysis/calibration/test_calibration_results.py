@@ -1,0 +1,131 @@
+"""The report, the calibration file and the command from a record to both."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.analysis.calibration import (
+    PARAMETER_NAMES,
+    PARAMETERS,
+    UNIT_SIZE,
+    ImuCompensation,
+    Schedule,
+    Task,
+    evaluate,
+    load_scheme,
+    unpack,
+)
+from bench.present.cli._calibration import calibrate_command, read_increments
+from bench.present.cli._scheme import scheme_evaluate_command
+from bench.present.report import render_calibration, scheme_content
+from drivers.base.errors import ConfigurationError, RecordError
+from simulators.plant.imu import ImuErrors, ImuNoise, ImuRecord, Rest, Turn, measure_motion
+
+TASK = Task()
+HEADER = (
+    "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps,accelerometer_x_mps2,accelerometer_y_mps2,accelerometer_z_mps2"
+)
+
+
+def simulated(schedule: Schedule, errors: ImuErrors, rate_hz: float) -> ImuRecord:
+    legs: list[Rest | Turn] = [Rest(schedule.dwell_s)]
+    for move in schedule.moves:
+        legs += [
+            Turn(np.eye(3)[move.axis], math.radians(move.angle_deg), schedule.turn_s(move)),
+            Rest(schedule.dwell_s),
+        ]
+    noise = ImuNoise(TASK.noise.arw, TASK.noise.vrw)
+    site = TASK.site
+    return measure_motion(
+        schedule.home,
+        legs,
+        errors,
+        noise,
+        latitude_deg=site.latitude_deg,
+        gravity_mps2=site.gravity_mps2,
+        rate_hz=rate_hz,
+        seed=1,
+    )
+
+
+def written(path: Path, record: ImuRecord) -> Path:
+    time = record.period_s * np.arange(1, len(record.angle_rad) + 1)
+    rate, force = np.degrees(record.angle_rad) / record.period_s, record.velocity_mps / record.period_s
+    np.savetxt(path, np.column_stack([time, rate, force]), "%.12g", ",", header=HEADER, comments="")
+    return path
+
+
+def test_a_record_becomes_a_calibration_file_and_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    schedule = load_scheme("o8").with_(dwell_s=60.0)
+    truth = np.random.default_rng(3).standard_normal(24) * TASK.prior_sigma[PARAMETERS]
+    path = written(tmp_path / "record.csv", simulated(schedule, ImuErrors(*unpack(truth)), 50.0))
+    calibrate_command(
+        path,
+        "o8",
+        tmp_path / "out",
+        dwell_s=60.0,
+        noise=TASK.noise,
+        latitude_deg=TASK.site.latitude_deg,
+    )
+    assert "eps_x" in capsys.readouterr().out
+    saved = ImuCompensation.load(tmp_path / "out" / "compensation.gyrocomp")
+    assert saved.unit_id == "record" and saved.scheme == "o8" and len(saved.runs["record"]) == 64
+    file = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    z = []
+    for name, true in zip(PARAMETER_NAMES, truth / UNIT_SIZE[PARAMETERS], strict=True):
+        row = file["parameters"][name]
+        z.append((row["value"] - true) / row["sigma"])
+    assert np.sqrt(np.mean(np.square(z))) < 1.6 and np.abs(z).max() < 4.0
+    page = (tmp_path / "out" / "report.html").read_text()
+    # the sigma that was reached, not the one that was predicted
+    target = dict(zip(PARAMETER_NAMES, TASK.target_sigma / UNIT_SIZE[PARAMETERS], strict=True))
+    over = {name: row["sigma"] / target[name] for name, row in file["parameters"].items()}
+    missed = sorted((name for name in over if over[name] > 1.0), key=lambda name: -over[name])
+    assert missed and f": {', '.join(f'{name} {over[name]:.2f} x' for name in missed)}." in page
+    assert "Calibration by o8" in page and "Estimate" in page and page.count("<svg") == 2
+
+
+def test_a_csv_record_needs_scheme_and_latitude(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="--scheme and --latitude-deg"):
+        calibrate_command(tmp_path / "record.csv", None, tmp_path / "out", noise=TASK.noise)
+
+
+def test_unreadable_records_are_named(tmp_path: Path) -> None:
+    def refused(text: str, match: str) -> None:
+        path = tmp_path / "bad.csv"
+        path.write_text(text)
+        with pytest.raises(RecordError, match=match):
+            read_increments(path)
+
+    refused("time_s,gyro_x_dps\n0,1\n", "columns are missing")
+    refused(f"{HEADER}\n", "empty")
+    refused(f"{HEADER}\n0,a,b,c,d,e,f\n", "cannot be read")
+    rows = "".join(f"{time},0,0,0,0,0,9.8\n" for time in (0.00, 0.01, 0.02, 0.05, 0.06))
+    refused(f"{HEADER}\n{rows}", "samples are missing")
+    with pytest.raises(RecordError, match="cannot be read"):
+        read_increments(tmp_path / "none.csv")
+
+
+def test_the_page_of_a_scheme_shows_every_state_against_its_target(tmp_path: Path) -> None:
+    scheme_evaluate_command("19-position-z-up", as_json=True, out=tmp_path / "scheme.html")
+    page = (tmp_path / "scheme.html").read_text()
+    evaluation = evaluate(TASK, load_scheme("19-position-z-up"))
+    missed = int(np.sum(evaluation.sigma[PARAMETERS] > TASK.target_sigma))
+    assert f"{missed} targets missed" in page
+    assert all(f">{name}</" in page for name in PARAMETER_NAMES)
+    assert "Kg_zz" in page.rpartition("Poorly seen combinations")[2]
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_the_heat_map_has_a_cell_for_every_state_and_position() -> None:
+    evaluation = evaluate(TASK, load_scheme("t10"))
+    page = render_calibration(scheme_content(evaluation))
+    heat = page[page.index("Gain of every state") :]
+    assert heat.count("fill-opacity") + heat.count("opacity:") >= 30 * 11 - 60

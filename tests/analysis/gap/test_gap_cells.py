@@ -1,0 +1,114 @@
+"""Cells, parity of runs, gaps: invariants of an orthonormal change of basis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.analysis.gap import Model, check_runs, group_runs
+from bench.analysis.gap._cells import BANDS, band_slices, contrasts, group_cells
+from bench.analysis.gap._data import bridged, good_length
+from bench.analysis.gap._stack import stacked, transformed
+from bench.analysis.gap._where import holm
+from drivers.base.errors import ConfigurationError
+from tests.analysis.gap.conftest import made_run, stimulus
+
+
+@given(st.integers(300, 40000), st.sampled_from([0.5, 1.0, 10.0]))
+@settings(max_examples=60, deadline=None)
+def test_bands_hold_every_coefficient_once(n: int, period_s: float) -> None:
+    slices = band_slices(n, period_s)
+    assert len(slices) == len(BANDS)
+    assert [k for part in slices for k in range(part.start, part.stop)] == list(range(n - 1))
+
+
+def test_a_wave_lies_in_its_band() -> None:
+    n = 4000
+    rows = np.cos(2.0 * np.pi * (np.arange(n) + 0.5) / 100.0)[None]
+    coefficients = transformed(made_run("a", stimulus(n), np.random.default_rng(0)), rows)[0]
+    energy = [float((coefficients[part] ** 2).sum()) for part in band_slices(n, 1.0)]
+    assert BANDS[int(np.argmax(energy))] == "75..150 s"
+    assert max(energy) == pytest.approx(n / 2.0, rel=1e-9)
+
+
+@given(
+    st.lists(st.sampled_from(["+20", "-20", "0", "a", "b"]), min_size=1, max_size=4, unique=True),
+    st.integers(1, 4),
+)
+@settings(max_examples=60, deadline=None)
+def test_contrasts_are_a_rotation(conditions: list[str], repeats: int) -> None:
+    names, repeatable, rows = contrasts(conditions, repeats)
+    m = len(conditions) * repeats
+    assert rows @ rows.T == pytest.approx(np.eye(m), abs=1e-12)
+    assert len(names) == len(repeatable) == m
+    assert sum(repeatable) == len(conditions)
+
+
+def test_odd_in_rate_holds_what_changes_sign_with_rate() -> None:
+    names, _, rows = contrasts(("-20", "0", "+20"), 1)
+    odd, even, same = np.array([-1.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.0]), np.ones(3)
+    by_name = dict(zip(names, rows, strict=True))
+    assert abs(by_name["odd in rate"] @ odd) == pytest.approx(np.sqrt(2.0))
+    assert by_name["odd in rate"] @ even == pytest.approx(0.0)
+    assert by_name["even in rate"] @ odd == pytest.approx(0.0)
+    assert by_name["even in rate"] @ same == pytest.approx(0.0)
+    assert by_name["common"] @ same == pytest.approx(np.sqrt(3.0))
+
+
+def test_cells_of_noise_hold_one_unit_of_energy_a_coefficient(nominal: Model) -> None:
+    rng = np.random.default_rng(1)
+    runs = [
+        made_run(f"{rate} {k}", stimulus(4000, rate_dps=float(rate)), rng, condition=rate)
+        for rate in ("+20", "-20", "0")
+        for k in range(2)
+    ]
+    (group,) = group_runs(runs)
+    flat = [run for each in group.runs for run in each]
+    stack = stacked(flat, lambda run: [(run.output_dph - nominal.predict(run.stimulus))[None]], [False])
+    cells = group_cells(group, stack, nominal.noise)
+    number = sum(cell.count for cell in cells)
+    assert number == 6 * (good_length(4000) - 1)
+    energy = sum(float(cell.block[0, 0]) for cell in cells)
+    assert energy == pytest.approx(number, abs=4.0 * np.sqrt(2.0 * number))
+
+
+def test_gaps_are_bridged_alike_in_data_and_columns() -> None:
+    values = np.stack((np.arange(10.0), 3.0 * np.arange(10.0) + 1.0))
+    missing = np.zeros(10, dtype=bool)
+    missing[[3, 4, 5]] = True
+    spoiled = values.copy()
+    spoiled[:, missing] = np.nan
+    assert bridged(spoiled, missing) == pytest.approx(values)
+
+
+def test_runs_of_different_units_are_refused() -> None:
+    rng = np.random.default_rng(2)
+    runs = [made_run("a", stimulus(400), rng), replace(made_run("b", stimulus(400), rng), unit_id="unit 2")]
+    with pytest.raises(ConfigurationError, match="different units"):
+        check_runs(runs)
+
+
+def test_copies_of_a_run_are_refused() -> None:
+    run = made_run("a", stimulus(400), np.random.default_rng(2))
+    with pytest.raises(ConfigurationError, match="same samples"):
+        check_runs([run, replace(run, run_id="b")])
+
+
+def test_a_run_that_is_too_short_or_too_empty_is_refused() -> None:
+    rng = np.random.default_rng(3)
+    with pytest.raises(ConfigurationError, match="too short"):
+        check_runs([made_run("a", stimulus(100), rng)])
+    run = made_run("a", stimulus(1000), rng)
+    spoiled = run.output_dph.copy()
+    spoiled[::3] = np.nan
+    with pytest.raises(ConfigurationError, match="missing"):
+        check_runs([replace(run, output_dph=spoiled)])
+
+
+def test_holm_against_a_worked_example() -> None:
+    # Holm 1979: p = .01, .04, .03 -> .03, .06, .06
+    assert holm(np.array([0.01, 0.04, 0.03])) == pytest.approx([0.03, 0.06, 0.06])

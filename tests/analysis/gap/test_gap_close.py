@@ -1,0 +1,44 @@
+"""Interval of the shrinkage and order of places, against draws of noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.analysis.gap._cells import BANDS, Cell
+from bench.analysis.gap._close import _interval
+from bench.analysis.gap._fit import Floor
+from bench.analysis.gap._where import places
+
+EXACT = Floor(np.ones(len(BANDS)), np.zeros(len(BANDS)), from_repeats=True)
+
+
+def test_the_interval_of_the_shrinkage_holds_the_truth_as_often_as_it_says() -> None:
+    """A gap s of which d is predicted, in two cells of 200 coefficients of unit noise."""
+    rng = np.random.default_rng(3)
+    number = np.array([200.0, 200.0])
+    gap = rng.normal(0.0, 1.0, (2, 200))
+    predicted = 0.9 * gap + 0.1 * rng.normal(0.0, 1.0, (2, 200))
+    left = gap - predicted
+    truth = 1.0 - np.square(left).sum() / np.square(gap).sum()
+    held, shares = 0, []
+    for _ in range(400):
+        noise = rng.normal(0.0, 1.0, (2, 200))
+        first, then = np.square(gap + noise).sum(axis=1), np.square(left + noise).sum(axis=1)
+        changed = np.square(predicted).sum(axis=1)
+        share, low, high = _interval(first, then, changed, number, np.array([0, 1]), EXACT)
+        held += low <= truth <= high
+        shares.append(share)
+    assert 0.92 < held / 400 < 0.985
+    assert abs(np.median(shares) - truth) < 0.01
+
+
+def test_the_strongest_place_is_the_clearest_one_not_the_one_with_most_noise() -> None:
+    def cell(band: int, count: int, energy: float) -> Cell:
+        block = np.array([[energy]])
+        return Cell("shock", "common", True, band, count, 1, np.zeros(1, dtype=np.int64), block, 1.0, 14000)
+
+    # 1.5 standard deviations of noise in many coefficients against a gap in few
+    cells = [cell(0, 8, 88.0), cell(10, 9000, 9200.0)]
+    found = places(cells, np.array([88.0, 9200.0]), EXACT)
+    assert [place.band for place in found] == [BANDS[0], BANDS[10]]
+    assert found[0].share == 1.0

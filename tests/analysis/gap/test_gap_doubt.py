@@ -1,0 +1,59 @@
+"""When a name is put in doubt: by what is left beyond the noise, by what competes for its place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap._causes import _of_any
+from bench.analysis.gap._cells import BANDS, Cell
+from bench.analysis.gap._evidence import Candidate, SetPosterior
+from bench.analysis.gap._fit import Floor, Solution
+from bench.analysis.gap._generic import PREFIX
+from bench.analysis.gap._refine import sets_of_note
+from bench.analysis.gap._unknown import credibility, remainder
+
+_FLOOR = Floor(np.ones(len(BANDS)), np.zeros(len(BANDS)), True)
+
+
+def _trust(count: int, effect: float, missed: float) -> float:
+    """Credibility of an effect of energy `effect` in a cell of noise at its mean, `missed` of it left over."""
+    block = np.array([[effect + count, effect], [effect, effect]])
+    cell = Cell("shock", "common", True, 3, count, 2, np.arange(2), block, 1.0, 10000)
+    solution = Solution(np.array([1]), np.ones(1), np.zeros((1, 1)))
+    gap, left = np.array([effect + count]), np.array([count + missed])
+    rest = remainder([cell], np.ones(1), gap, left, _FLOOR)
+    return credibility([cell], np.ones(1), solution, [1], rest)
+
+
+def test_noise_that_happens_to_be_high_does_not_speak_against_a_name() -> None:
+    """1000 coefficients of noise scatter by 45; an effect of energy 100 that leaves 60 more than the mean."""
+    assert _trust(1000, 100.0, 60.0) == 1.0
+    assert _trust(1000, 100.0, 95.0) == pytest.approx(1.0 - (95.0 - 2.0 * np.sqrt(2000.0)) / 100.0)
+    # where the noise is nothing beside the effect the part left counts whole
+    assert _trust(8, 1e6, 4e5) == pytest.approx(0.6, abs=0.001)
+
+
+def test_rivals_share_a_place_and_what_is_elsewhere_does_not_count() -> None:
+    weights = {
+        frozenset({"curve", "gradient"}): (0.0, 0.5),
+        frozenset({"curve", "thermal_lag"}): (0.1, 0.2),
+        frozenset({"curve"}): (0.0, 0.2),
+    }
+    assert _of_any(weights, {"gradient", "thermal_lag"}) == pytest.approx(0.8)
+    assert _of_any(weights, {"gradient"}) == pytest.approx(0.5)
+
+
+def test_an_effect_is_refined_beside_the_curve_that_it_stands_with() -> None:
+    names = ("hysteresis", "relaxation", PREFIX + "bias over T_in")
+    posterior = SetPosterior(
+        tuple(Candidate(name, k, (k + 1,), 1) for k, name in enumerate(names)),
+        {
+            frozenset(): 0.0,
+            frozenset({0}): 5.0,
+            frozenset({1}): 4.0,
+            frozenset({2}): 30.0,
+            frozenset({0, 2}): 40.0,
+        },
+    )
+    assert sets_of_note(posterior, 12.0, 1) == [frozenset({0}), frozenset({0, 2})]

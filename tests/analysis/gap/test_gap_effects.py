@@ -1,0 +1,101 @@
+"""Effects against closed forms and integrals done another way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from simulators.effects import CATALOGUE, EARTH_RATE_DPH, Effect, Stimulus, catalogue
+from tests.analysis.gap.conftest import effect, stimulus
+
+
+def test_every_effect_has_finite_columns_of_its_shape() -> None:
+    s = stimulus(600, rate_dps=7.0)
+    for each in CATALOGUE:
+        if not isinstance(each, Effect):
+            continue
+        for variant in each.variants():
+            columns = variant.columns(s)
+            assert columns.shape == (len(each.parameters), 600), each.name
+            assert np.isfinite(columns).all(), each.name
+
+
+def test_names_are_unique_and_described() -> None:
+    names = [each.name for each in CATALOGUE]
+    assert len(set(names)) == len(names) == len(catalogue())
+    assert all(each.source and each.meaning.endswith(".") for each in CATALOGUE)
+
+
+def test_input_rate_is_the_earth_rates_projection() -> None:
+    # 39.10 deg: vertical 9.4860 deg/h, horizontal 11.6726 deg/h
+    up, level = stimulus(300), stimulus(300, elevation_deg=0.0)
+    assert up.input_rate_dph[5] == pytest.approx(9.4860, abs=2e-4)
+    north = Stimulus(
+        level.time_s, level.t_in_c, level.t_out_c, np.zeros(301), level.elevation_deg, level.latitude_deg
+    )
+    assert north.input_rate_dph[5] == pytest.approx(11.6726, abs=2e-4)
+
+
+def test_harmonics_are_means_over_the_sample() -> None:
+    s = stimulus(300, rate_dps=77.0)
+    fine = np.radians(2.0 * (s.angle_deg[:-1, None] + 77.0 * (np.arange(2000) + 0.5) / 2000.0))
+    assert s.harmonic(2)[0] == pytest.approx(np.cos(fine).mean(axis=1), abs=1e-6)
+    assert s.harmonic(2)[1] == pytest.approx(np.sin(fine).mean(axis=1), abs=1e-6)
+
+
+def test_azimuth_column_is_the_derivative_of_the_projection() -> None:
+    s = stimulus(300, elevation_deg=0.0)
+    turned = Stimulus(s.time_s, s.t_in_c, s.t_out_c, s.angle_deg + 0.01, s.elevation_deg, s.latitude_deg)
+    slope = (turned.input_rate_dph - s.input_rate_dph) / 0.01
+    assert effect("azimuth_error").columns(s, {})[0] == pytest.approx(slope, rel=1e-3)
+
+
+def test_wobble_is_the_mean_of_rate_times_cosine() -> None:
+    s = stimulus(300, rate_dps=20.0)
+    fine = np.radians(s.angle_deg[:-1, None] + 20.0 * (np.arange(2000) + 0.5) / 2000.0)
+    mean = 1e-6 * 20.0 * 3600.0 * np.cos(fine).mean(axis=1)
+    assert effect("table_wobble_once").columns(s, {})[0] == pytest.approx(mean, abs=1e-6)
+
+
+def test_lag_answers_a_step_exponentially() -> None:
+    s = stimulus(400)
+    step = np.where(np.arange(400) < 10, 0.0, 1.0)
+    answer = s.lagged(step, 50.0)
+    assert answer[109] == pytest.approx(1.0 - math.exp(-100.0 / 50.0), abs=1e-12)
+    assert s.lagged(np.full(400, 7.0), 50.0) == pytest.approx(np.full(400, 7.0))
+
+
+def test_play_stands_still_inside_its_width_and_follows_outside() -> None:
+    n = 4000
+    s = stimulus(n)
+    up_down = np.interp(np.arange(n), [0, n // 2, n - 1], [25.0, 65.0, 25.0])
+    s = Stimulus(s.time_s, up_down, up_down, s.angle_deg, s.elevation_deg, 39.1)
+    followed = effect("hysteresis").columns(s, {"half_width_k": 8.0})[0] + s.warm_k
+    assert followed[n // 4] == pytest.approx(s.warm_k[n // 4] - 8.0, abs=0.3)
+    # 10 K down from the peak is less than the play of 16 K
+    turned = n // 2 + n // 8
+    assert followed[turned] == pytest.approx(followed[n // 2], abs=0.3)
+    assert followed[-1] == pytest.approx(s.warm_k[-1] + 8.0, abs=0.6)
+
+
+def test_warming_rate_is_in_kelvin_a_minute() -> None:
+    s = stimulus(2000)
+    ramp = 25.0 - 0.05 * np.arange(2000.0)
+    s = Stimulus(s.time_s, ramp, ramp, s.angle_deg, s.elevation_deg, 39.1)
+    assert s.warming_k_per_min[500:1500] == pytest.approx(np.full(1000, -3.0))
+
+
+def test_time_offset_is_a_shift_of_the_samples() -> None:
+    # rate grows by 0.2 deg/s a second: 1 ms late means 0.2e-3 deg/s more, 0.72 deg/h
+    s = stimulus(600)
+    angle = 0.1 * np.arange(601.0) ** 2
+    s = Stimulus(s.time_s, s.t_in_c, s.t_out_c, angle, s.elevation_deg, 0.0)
+    for side in (-1.0, 0.0, 1.0):
+        column = effect("time_offset").columns(s, {"side": side})[0]
+        assert column[10:-10] == pytest.approx(np.full(580, 0.72), rel=1e-6)
+
+
+def test_earth_rate_constant() -> None:
+    assert pytest.approx(math.degrees(7.292115e-5) * 3600.0, rel=1e-7) == EARTH_RATE_DPH

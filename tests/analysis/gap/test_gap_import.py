@@ -1,0 +1,162 @@
+"""Recordings of other software, written here with numpy and csv, read by a mapping."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap import Model, Noise, diagnose, load_channels, load_gap_runs, read_mapped_runs
+from bench.analysis.gap._run_folder import _profile
+from bench.control.procedure import find_procedure
+from bench.record.exchange import import_log
+from bench.record.recording import Run
+from drivers.base.errors import ConfigurationError
+from tests.analysis.gap.conftest import made_run, stimulus
+
+MAPPING = """
+format = 1
+unit_id = "G7"
+latitude_deg = 48.0
+[columns.time]
+name = "t_ms"
+unit = "ms"
+[columns.output]
+name = "rate"
+unit = "rad/s"
+[columns.t_in]
+name = "temp_K"
+unit = "K"
+[columns.angle]
+name = "table"
+unit = "deg"
+[[run]]
+file = "a.csv"
+profile = "ramp"
+condition = "+20"
+elevation_deg = 90.0
+phases = [{ name = "room", start_s = 0.0 }, { name = "ramp", start_s = 30.0 }]
+"""
+
+
+def _write(folder: Path, mapping: str = MAPPING) -> Path:
+    """10 Hz for a minute, 20 deg/s, the rate's mean growing by 0.1 rad/s a second, one second missing."""
+    time_s = np.round(np.arange(0.1, 60.05, 0.1), 1)
+    time_s = time_s[(time_s <= 20.0) | (time_s > 21.0)]
+    rows = np.stack(
+        (1000.0 * time_s + 5000.0, 0.1 * np.ceil(time_s - 1e-9), 300.0 + 0 * time_s, (20.0 * time_s) % 360.0)
+    )
+    lines = ["t_ms,rate,temp_K,table", *(",".join(f"{value:.6f}" for value in row) for row in rows.T)]
+    (folder / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "map.toml").write_text(mapping, encoding="utf-8")
+    return folder / "map.toml"
+
+
+def test_columns_units_and_gaps(tmp_path: Path) -> None:
+    (run,) = read_mapped_runs(_write(tmp_path))
+    assert (run.run_id, run.unit_id, run.profile, run.condition) == ("a", "G7", "ramp", "+20")
+    assert run.stimulus.latitude_deg == 48.0
+    assert run.stimulus.t_in_c == pytest.approx(np.full(59, 26.85))
+    assert run.stimulus.table_rate_dps == pytest.approx(np.full(59, 20.0), abs=1e-6)
+    # seconds count from the first row, 0.1 s after the file's own: nine rows of one second, one of the next
+    expected = np.degrees(0.1 * (np.arange(1, 60) + 0.1)) * 3600.0
+    assert run.output_dph[:19] == pytest.approx(expected[:19], rel=1e-6)
+    assert np.isnan(run.output_dph).sum() <= 1
+    assert list(run.phase[[0, 29, 30, 58]]) == ["room", "room", "ramp", "ramp"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('name = "rate"', 'name = "rat"'), "no such column"),
+        (('unit = "rad/s"', 'unit = "turns"'), "unit is not known"),
+        (('unit_id = "G7"', ""), "not complete"),
+        (('file = "a.csv"', 'file = "b.csv"'), "cannot be read"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, change: tuple[str, str], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        read_mapped_runs(_write(tmp_path, MAPPING.replace(*change)))
+
+
+def test_a_temperature_that_was_not_recorded_is_stood_in_for(tmp_path: Path) -> None:
+    without = MAPPING.replace('[columns.t_in]\nname = "temp_K"\nunit = "K"\n', "")
+    (run,) = read_mapped_runs(_write(tmp_path, without))
+    assert run.stimulus.t_in_c == pytest.approx(np.full(59, 25.0))
+    case_only = MAPPING.replace("[columns.t_in]", "[columns.t_out]")
+    (run,) = read_mapped_runs(_write(tmp_path, case_only))
+    assert run.stimulus.t_in_c == pytest.approx(np.full(59, 26.85))
+    assert np.array_equal(run.stimulus.t_in_c, run.stimulus.t_out_c)
+
+
+def test_the_diagnosis_says_what_missing_temperatures_hide() -> None:
+    s = stimulus(2000)
+    warm = replace(s, t_out_c=s.t_in_c)
+    rng = np.random.default_rng(5)
+    model = Model("nominal", (), Noise(0.004))
+    one = diagnose([made_run(name, warm, rng) for name in "ab"], model)
+    assert any("one temperature only" in text for text in one.warnings)
+    assert "gradient" in one.unidentifiable
+    flat = replace(s, t_in_c=np.full(2000, 25.0), t_out_c=np.full(2000, 25.0))
+    turning = replace(flat, angle_deg=np.concatenate((np.zeros(1001), 10.0 * np.arange(1.0, 1001.0))))
+    none = diagnose([made_run(name, turning, rng) for name in "ab"], model)
+    assert any("no temperature was recorded" in text for text in none.warnings)
+
+
+def test_noise_that_is_higher_than_the_data_sheet_is_named_with_its_size() -> None:
+    still = stimulus(3000, cold=False)
+    rng = np.random.default_rng(6)
+    found = diagnose([made_run(name, still, rng) for name in "ab"], Model("nominal", (), Noise(0.001)))
+    assert set(found.stochastic) == {"noise_level"}
+    text = found.noise.risen("noise_level")  # the runs have 0.004
+    assert text.startswith("arw_deg_per_sqrt_h = 0.00") and text.endswith("the model has 0.001")
+    assert found.noise.rises["noise_level"] == pytest.approx(0.004, rel=0.05)
+
+
+def test_a_run_folder_made_by_import_is_the_mapped_recording(tmp_path: Path) -> None:
+    time_s = np.arange(0.1, 400.0, 0.1)
+    rows = np.stack((time_s, 9.0 + np.sin(time_s), 25.0 + 0.01 * time_s), axis=1)
+    lines = ["t,rate,temp", *(",".join(f"{value:.6f}" for value in row) for row in rows)]
+    (tmp_path / "log.csv").write_text("\n".join(lines), encoding="utf-8")
+    (tmp_path / "map.toml").write_text(
+        """
+format = 1
+unit_id = "G7"
+latitude_deg = 39.1
+[columns]
+time = { name = "t", unit = "s" }
+output = { name = "rate", unit = "deg/h" }
+t_in = { name = "temp", unit = "degC" }
+[[run]]
+file = "log.csv"
+profile = "slow"
+elevation_deg = 90.0
+""",
+        encoding="utf-8",
+    )
+    mapping = tmp_path / "map.toml"
+    folder = import_log(tmp_path / "log.csv", mapping, tmp_path / "runs")
+    (mapped,), (imported,) = read_mapped_runs(mapping), load_gap_runs(folder)
+    assert imported.run_id == folder.name
+    assert imported.checksum
+    assert imported.output_dph == pytest.approx(mapped.output_dph)
+    assert imported.stimulus.t_in_c == pytest.approx(mapped.stimulus.t_in_c)
+    series, missing = load_channels(folder)
+    assert not series
+    assert "no commands" in missing["chamber_air"]
+
+
+def test_runs_of_one_procedure_are_repeats_only_with_the_same_parameters() -> None:
+    usual = find_procedure("zero-bias-cold-shock").parse({}).model_dump(mode="json")
+
+    def profile(procedure: str, **changed: object) -> str:
+        manifest = SimpleNamespace(procedure=procedure, parameters={**usual, **changed})
+        return _profile(cast(Run, SimpleNamespace(manifest=manifest)))
+
+    assert profile("zero-bias-cold-shock") == profile("zero-bias-cold-shock", repeats=7)
+    assert profile("zero-bias-cold-shock", soak_min=20.0) == "zero-bias-cold-shock, soak_min 20"
+    assert profile("a-procedure-of-somebody", soak_min=20.0) == "a-procedure-of-somebody"

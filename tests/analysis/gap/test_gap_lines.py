@@ -1,0 +1,42 @@
+"""Lines in what is left: chi-square tails beyond double precision, one frequency in runs of several profiles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from bench.analysis.gap import Noise
+from bench.analysis.gap._data import GapRun, Group
+from bench.analysis.gap._lines import _log_tail, strongest_line
+from tests.analysis.gap.conftest import made_run, stimulus
+
+
+def test_tail_of_chi_square_goes_on_where_numbers_end() -> None:
+    """For two degrees of freedom the tail is exp(-x / 2) exactly."""
+    energy = np.array([10.0, 1e3, 1e5])
+    np.testing.assert_allclose(_log_tail(energy, 2.0), -0.5 * energy)
+    assert math.isfinite(float(_log_tail(np.array([1e6]), 64.0)[0]))
+
+
+def _group(profile: str) -> tuple[Group, list[GapRun]]:
+    run = made_run(profile, stimulus(4000), np.random.default_rng(1), profile=profile)
+    runs = [run, replace(run, run_id=f"{profile} again")]
+    return Group(profile, ("0",), (tuple(runs),)), runs
+
+
+def test_a_line_too_weak_for_one_profile_is_found_in_all_together() -> None:
+    groups = [_group(name)[0] for name in ("shock", "ramp", "room", "wave")]
+    rng = np.random.default_rng(2)
+    left = [rng.standard_normal((2, 3999)) for _ in groups]
+    assert strongest_line(groups, left, Noise(0.004), {}) is None
+    for rows in left:
+        rows[:, 1604] += 5.5
+    alone = strongest_line(groups[:1], left[:1], Noise(0.004), {})
+    together = strongest_line(groups, left, Noise(0.004), {})
+    assert together is not None
+    assert together.profile == "shock, ramp, room, wave"
+    # coefficient k has a period of 2 n / k samples, a window holds eight
+    assert abs(2.0 * 4000.0 / together.period_s - 1605.0) <= 8.0
+    assert alone is None or alone.log_evidence < together.log_evidence

@@ -1,0 +1,136 @@
+"""Heading changes of a platform: the effect withheld, named, closed; friction and nothing told from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from bench.analysis.gap import (
+    LogGap,
+    Model,
+    Noise,
+    diagnose_platform,
+    heading_log_gaps,
+    model_text,
+    parse_model,
+    platform_closed,
+)
+from bench.analysis.heading import PlatformLog
+from bench.lab.emulated import Plant
+from bench.present.cli._gap_rehearse import _heading_table
+from drivers.base.errors import ConfigurationError, RecordError
+from simulators.plant.space_stable import SpaceStablePlatform, draw_platform, with_heading_effect
+from tests.analysis.heading.conftest import SIX, _fly
+
+Fly = Callable[..., tuple[PlatformLog, PlatformLog, SpaceStablePlatform]]
+NOMINAL = Model("heading change", (), Noise(0.003))
+OTHER = ((0.0, 48.0), (120.0, 48.0), (240.0, 48.0), (300.0, 48.0), (180.0, 48.0))
+
+
+def _run(seed: int, stays: tuple[tuple[float, float], ...] = SIX, **kwargs: float) -> PlatformLog:
+    friction = kwargs.pop("friction_dph", 0.0)
+    parameters = replace(draw_platform(seed, **kwargs), friction_dph=friction)  # type: ignore[arg-type]
+    return _fly(parameters, 1000 + seed + len(stays), stays)[1]
+
+
+def test_the_withheld_heading_effect_is_named_and_closes_a_held_out_run() -> None:
+    first, second = _run(3), _run(3, OTHER)
+    found = diagnose_platform("p", {"a": first}, NOMINAL, {"b": second}, {"a": "sum of a"})
+    assert found.verdict == "explained"
+    assert set(found.causes) == {"heading_effect"}
+    assert found.causes["heading_effect"] == 0.95
+    assert found.null_probability < 1e-6
+    (held,) = found.held_out
+    assert held.low <= held.share <= held.high
+    assert held.share > 0.95
+    assert held.rms_after_as < 0.25 * held.rms_before_as
+    # the strongest place is where the position error of the run itself is largest
+    worst = max(found.places, key=lambda place: place.share)
+    errors = np.hypot(first.north_as, first.east_as)
+    assert worst.heading_deg == pytest.approx(first.heading_deg[int(np.argmax(errors))], abs=1.0)
+    closed = parse_model(model_text(platform_closed(found, NOMINAL)), "closed")
+    assert closed.fitted_on == {"a": "sum of a"}
+    (term,) = closed.channel_terms
+    # the core's time constant, as the plant was drawn
+    assert term.values[9] == pytest.approx(draw_platform(3).core_tau_h, rel=0.2)
+    # the second run against the model that has the effect: nothing is left to name
+    assert diagnose_platform("p", {"b": second}, closed).verdict == "no gap"
+    with pytest.raises(ConfigurationError, match="cannot judge"):
+        diagnose_platform("p", {"b": second}, closed, {"a": first})
+
+
+@pytest.mark.parametrize("seed", [4, 8])
+def test_a_platform_without_the_effect_has_no_gap(seed: int) -> None:
+    found = diagnose_platform("p", {"a": _run(seed, effect_dph=1e-9)}, NOMINAL)
+    assert found.verdict == "no gap"
+    assert not found.causes
+    assert found.null_probability > 0.9
+
+
+def test_friction_steps_with_heading_and_is_not_called_temperature() -> None:
+    found = diagnose_platform("p", {"a": _run(5, effect_dph=1e-9, friction_dph=1e-3)}, NOMINAL)
+    assert set(found.causes) == {"heading_steps"}
+    assert found.term is None
+
+
+def test_too_few_headings_are_refused() -> None:
+    with pytest.raises(RecordError, match="at least three are needed"):
+        diagnose_platform("p", {"a": _run(3, ((0.0, 48.0), (90.0, 48.0)))}, NOMINAL)
+
+
+def test_a_plant_drifts_as_its_heading_effect_says() -> None:
+    own = draw_platform(3, in_class=True).quiet()
+    level, up = np.cos(np.radians(own.latitude_deg)), np.sin(np.radians(own.latitude_deg))
+    # drift is K (x * constant + x * gravity times the vertical, [level cos, level sin, up]): by hand
+    gains = np.column_stack(
+        (own.constant + up * own.gravity[:, 2], level * own.gravity[:, 0], level * own.gravity[:, 1])
+    )
+    values = [*(own.scale_dph * gains).ravel().tolist(), own.core_tau_h]
+    headings = np.repeat([0.0, 60.0, 240.0], 400)
+    drifts = [
+        SpaceStablePlatform(each, 1).advance(headings).thermal_dph
+        for each in (own, with_heading_effect(own, values), with_heading_effect(own, None))
+    ]
+    np.testing.assert_allclose(drifts[1], drifts[0], atol=1e-12)
+    assert np.abs(drifts[0]).max() > 1e-4
+    assert not drifts[2].any()
+
+
+def test_rehearsals_with_the_closed_model_come_nearer_to_a_run_that_was_not_fitted() -> None:
+    first, second = _run(3), _run(3, OTHER)
+    (term,) = platform_closed(diagnose_platform("p", {"a": first}, NOMINAL), NOMINAL).channel_terms
+    drawn = draw_platform(3)
+    logs = [
+        _fly(with_heading_effect(drawn, values), seed, OTHER)[1]
+        for values, seed in ((None, 51), (term.values, 51), (term.values, 52))
+    ]
+    all_, *stays = heading_log_gaps(second, *logs)
+    assert [each.part for each in stays] == ["120 deg", "240 deg", "300 deg", "180 deg"]
+    assert all_.share > 0.9
+    assert all_.rms_closed < 0.35 * all_.rms_nominal
+    assert all_.rms_floor < 0.35 * all_.rms_nominal
+
+
+def test_a_platform_follows_its_model_and_no_other_sort_of_model(tmp_path: Path) -> None:
+    nominal = tmp_path / "nominal.toml"
+    nominal.write_text(model_text(NOMINAL))
+    examples = Path(__file__).parents[3] / "examples" / "nominal"
+    plant = Plant(gap_model={"PINS-001": nominal, "PINS-002": examples / "rlg_ramp.toml"})
+    assert plant.heading_effect_of("PINS-001") is None
+    with pytest.raises(ConfigurationError, match=r"cannot follow.*scale_factor"):
+        plant.heading_effect_of("PINS-002")
+
+
+def test_a_rehearsals_table_has_a_row_for_every_heading(capsys: pytest.CaptureFixture[str]) -> None:
+    gaps = [
+        LogGap("all", "arcsec", 289.7, 40.5, 35.6, 0.996),
+        LogGap("60 deg", "arcsec", 3.0, 2.0, 9.0, np.nan),
+    ]
+    Console(width=80).print(_heading_table(gaps))
+    said = capsys.readouterr().out
+    assert "289.7" in said and "99.6" in said and "nan" not in said

@@ -1,0 +1,213 @@
+"""Effects that a record shows by itself: limits, dead bands, impulses, lines; and the table's tilt.
+
+The plants here are other implementations than the catalogue's: loops, rotation matrices, a flicker of counts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap import (
+    Diagnosis,
+    GapRun,
+    Model,
+    closed_model,
+    diagnose,
+    model_text,
+    parse_model,
+    shrinkage,
+)
+from simulators.effects import Stimulus
+from tests.analysis.gap.conftest import effect, made_run, stimulus
+
+RATES_DPS = (0.0, 0.01, -0.01, 0.03, -0.03, 0.1, -0.1, 1.0, -1.0, 10.0, -10.0, 50.0, -50.0, 100.0, -100.0)
+
+
+def _steps(rates_dps: tuple[float, ...] = RATES_DPS, each_s: int = 120) -> Stimulus:
+    rates = np.tile(np.repeat(rates_dps, each_s), 2)
+    angle = np.concatenate(([5.0], 5.0 + np.cumsum(rates)))
+    return replace(stimulus(len(rates), cold=False), angle_deg=angle)
+
+
+def _rates_runs(seed: int, response: object, names: str = "ab", s: Stimulus | None = None) -> list[GapRun]:
+    rng = np.random.default_rng(seed)
+    runs = []
+    for name in names:
+        own = s or _steps()
+        clean = made_run(name, own, rng)
+        rate = own.input_rate_dph
+        runs.append(
+            replace(
+                clean, output_dph=clean.output_dph - rate + np.array([response(r) for r in rate.tolist()])
+            )
+        )
+    return runs
+
+
+def _named(found: Diagnosis) -> list[str]:
+    return [cause.name for cause in found.causes]
+
+
+def test_saturation_is_found_with_its_limit_and_shrinks_a_held_out_run(nominal: Model) -> None:
+    def response(rate_dph: float) -> float:
+        full = 71.0 * 3600.0
+        return full if rate_dph > full else -full if rate_dph < -full else rate_dph
+
+    found = diagnose(_rates_runs(1, response), nominal)
+    assert _named(found) == ["saturation"]
+    assert found.causes[0].term.variant.shape["limit_dps"] == pytest.approx(71.0, rel=0.002)
+    assert found.causes[0].term.values[0] == pytest.approx(1.0, abs=0.02)
+    before = Model("nominal", found.model.terms, found.model.noise)
+    closed = parse_model(model_text(closed_model(found)), "closed")
+    assert shrinkage(before, closed, _rates_runs(2, response, "c"), found.floor).share > 0.99
+
+
+def test_dead_zone_is_found_with_its_band(nominal: Model) -> None:
+    found = diagnose(_rates_runs(3, lambda rate: 0.0 if -60.0 < rate < 60.0 else rate), nominal)
+    assert _named(found) == ["dead_zone"]
+    # Earth's 9.5 and +-0.01 deg/s (36 deg/h) are inside, 0.03 deg/s (108) is outside
+    assert 45.5 < found.causes[0].term.variant.shape["band_dph"] < 98.5
+
+
+def test_lock_in_is_told_from_a_dead_zone(nominal: Model) -> None:
+    def beat(rate: float) -> float:
+        """Mean frequency of d psi/dt = rate + b sin psi over whole turns, by quadrature of the time for one."""
+        b = 80.0
+        if abs(rate) <= b:
+            return 0.0
+        psi = (np.arange(720) + 0.5) * math.pi / 360.0
+        return math.copysign(1.0, rate) / float(np.mean(1.0 / np.abs(rate + b * np.sin(psi))))
+
+    found = diagnose(_rates_runs(4, beat), nominal)
+    assert _named(found) == ["lock_in"]
+    assert found.causes[0].term.variant.shape["lock_dph"] == pytest.approx(80.0, rel=0.05)
+
+
+def _positions(seed: int, names: str, tilt_deg: tuple[float, float]) -> list[GapRun]:
+    """Eight positions of 300 s, level and upright, the whole table turned about north and east by matrices."""
+    rng = np.random.default_rng(seed)
+    places = [(0, 0), (90, 0), (180, 0), (270, 0), (45, 0), (0, 90), (0, -90), (225, 0)]
+    psi, level = np.repeat(np.array(places, dtype=float), 300, axis=0).T
+    earth = 15.041067 * np.array([0.0, math.cos(math.radians(39.1)), math.sin(math.radians(39.1))])
+    north, east = (math.radians(each) for each in tilt_deg)
+    about_north = np.array(
+        [[math.cos(north), 0, math.sin(north)], [0, 1, 0], [-math.sin(north), 0, math.cos(north)]]
+    )
+    about_east = np.array(
+        [[1, 0, 0], [0, math.cos(east), -math.sin(east)], [0, math.sin(east), math.cos(east)]]
+    )
+    turn = about_north @ about_east
+    runs = []
+    for name in names:
+        s = stimulus(len(psi), cold=False)
+        s = replace(s, angle_deg=np.append(psi[:1], psi), elevation_deg=level)
+        # no turn between two positions is part of a sample
+        s = replace(s, angle_deg=np.append(psi, psi[-1]))
+        axis = np.stack(
+            (
+                -np.sin(np.radians(psi)) * np.cos(np.radians(level)),
+                np.cos(np.radians(psi)) * np.cos(np.radians(level)),
+                np.sin(np.radians(level)),
+            )
+        )
+        run = made_run(name, s, rng, profile="positions", condition="eight")
+        added = earth @ (turn @ axis) - earth @ axis
+        added[np.diff(s.angle_deg) != 0.0] = np.nan
+        runs.append(replace(run, output_dph=run.output_dph + added))
+    return runs
+
+
+def test_tilt_of_the_table_is_found_in_both_directions(nominal: Model) -> None:
+    found = diagnose(_positions(5, "ab", (0.6, -0.9)), nominal)
+    assert _named(found) == ["table_tilt"]
+    assert found.causes[0].term.values == pytest.approx((0.6, -0.9), abs=0.08)
+
+
+def test_vibration_that_is_rectified_follows_the_square_of_rate(nominal: Model) -> None:
+    s = _steps((0.0, 20.0, -20.0, 60.0, -60.0, 100.0, -100.0, 140.0, -140.0))
+    found = diagnose(_rates_runs(6, lambda rate: rate + 3.0 * abs(rate / 360e3) ** 2, s=s), nominal)
+    assert _named(found) == ["vibration_rectification"]
+    assert found.causes[0].term.values[0] == pytest.approx(3.0, abs=0.5)
+
+
+def _with_impulses(run: GapRun, rng: np.random.Generator) -> GapRun:
+    output = run.output_dph.copy()
+    for at in (501, 1702, 2903):
+        share = rng.uniform(0.2, 1.0)
+        output[at] += 6.0 * share
+        output[at + 1] += 6.0 * (1.0 - share)
+    return replace(run, output_dph=output)
+
+
+def test_impulses_are_counted_measured_and_left_out(nominal: Model) -> None:
+    rng = np.random.default_rng(7)
+    runs = [
+        _with_impulses(made_run(name, s, rng, 0.4 * (s.warm_k / 50.0) ** 3), rng)
+        for name in "ab"
+        for s in [stimulus(6000)]
+    ]
+    found = diagnose(runs, nominal)
+    assert set(found.stochastic) == {"impulses"}
+    assert _named(found) == ["bias_cubic"]
+    (term,) = found.disturbed.terms
+    hours = 2 * 6000 / 3600.0
+    assert term.values == pytest.approx((6.0 / hours, 6.0), rel=0.15)
+    assert "6 in 3.3 h" in found.size_of("impulses")
+    text = model_text(closed_model(found))
+    assert parse_model(text, "closed").disturbances[0].values == term.values
+
+
+def test_a_line_is_named_with_amplitude_and_frequency_and_taken_out(nominal: Model) -> None:
+    """50.027 Hz sampled once a second without a mean: an alias at 0.027 Hz, its phase another in every run."""
+    rng = np.random.default_rng(8)
+    runs = []
+    for name in "abc":
+        s = stimulus(6000)
+        wave = 0.12 * np.sin(2.0 * math.pi * (50.027 * s.time_s) + rng.uniform(0.0, 6.0))
+        runs.append(made_run(name, s, rng, wave + 0.4 * (s.warm_k / 50.0) ** 3))
+    found = diagnose(runs, nominal)
+    assert _named(found) == ["bias_cubic"]
+    assert set(found.stochastic) == {"vibration_or_mains_line"}
+    (term,) = found.disturbed.terms
+    assert term.values[0] == pytest.approx(0.12, abs=0.015)
+    assert term.values[1] == pytest.approx(0.027, abs=2e-5)
+    again = diagnose(runs, replace(nominal, disturbances=found.disturbed.terms))
+    assert not again.stochastic
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_quiet_records_name_nothing(nominal: Model, seed: int) -> None:
+    rng = np.random.default_rng((11, seed))
+    runs = [made_run(name, stimulus(5000), rng) for name in "ab"]
+    runs += _rates_runs(100 + seed, lambda rate: rate, "cd")
+    runs += _positions(200 + seed, "ef", (0.0, 0.0))
+    turning = stimulus(5000, rate_dps=20.0, cold=False)
+    runs += [made_run(name, turning, rng, profile="turning", condition="+20") for name in "gh"]
+    found = diagnose(runs, nominal)
+    assert found.verdict == "no gap", (found.causes, found.stochastic)
+
+
+def test_what_is_switched_is_no_steady_line(nominal: Model) -> None:
+    """A compressor of 40 s that runs in the cold only: not a steady line, whatever else it is called."""
+    rng = np.random.default_rng(9)
+    runs = []
+    for name in "ab":
+        s = stimulus(6000)
+        on = np.sin(2.0 * math.pi * s.time_s / 40.0 + rng.uniform(0.0, 6.0)) * (s.t_out_c < 0.0)
+        runs.append(made_run(name, s, rng, 0.15 * on))
+    assert not diagnose(runs, nominal).disturbed.terms
+
+
+def test_tilt_column_is_the_derivative_of_the_projection() -> None:
+    s = stimulus(300, elevation_deg=30.0)
+    columns = effect("table_tilt").columns(s, {})
+    psi, level, phi = math.radians(10.0), math.radians(30.0), math.radians(39.1)
+    axis = np.array([-math.sin(psi) * math.cos(level), math.cos(psi) * math.cos(level), math.sin(level)])
+    earth = 15.041067 * np.array([0.0, math.cos(phi), math.sin(phi)])
+    for column, about in zip(columns, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0)), strict=True):
+        expected = float(earth @ np.cross(about, axis)) * math.radians(1.0)
+        assert column[5] == pytest.approx(expected, abs=1e-9)

@@ -1,0 +1,213 @@
+"""The platform's line: checksums from outside, any chunking, driver against emulator, days in virtual
+time."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import xor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.analysis.heading import fit_lagged, log_from_positions
+from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
+from drivers.platform import PINS, PlatformDecoder, PlatformIns, checksum, encode_position, parse, sentence
+from simulators.emulators.platform import PlatformEmulator
+from simulators.plant.lab_platform import LabPlatform
+from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
+from simulators.platform_interface import PlatformSignal
+from tests.memory_link import Fake, MemoryLink
+
+# The examples that NMEA 0183's descriptions are known by.
+NMEA = (
+    b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47",
+    b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A",
+)
+
+
+class Plant:
+    """A position that is a known function of time."""
+
+    def __init__(self) -> None:
+        self.aligned_s: list[float] = []
+
+    def measure(self, times_s: np.ndarray) -> PlatformSignal:
+        temp = np.where(times_s > 1000.0, np.nan, 45.0 + 1e-4 * times_s)
+        return PlatformSignal(40.0 + 1e-6 * times_s, 179.9999 + 1e-6 * times_s, temp, 23.0 + 0.0 * times_s)
+
+    def align(self, now_s: float) -> None:
+        self.aligned_s.append(now_s)
+
+
+@pytest.mark.parametrize("line", NMEA)
+def test_checksum_is_that_of_nmea(line: bytes) -> None:
+    assert b"%02X" % checksum(line[1:-3]) == line[-2:]
+    fields = parse(line)
+    assert fields is not None and fields[0] == line[1:6].decode()
+    assert parse(line.replace(b"W*", b"E*").replace(b"M,,", b"N,,")) is None
+
+
+def test_a_sentence_byte_for_byte() -> None:
+    text = encode_position(65537, 40.0, 180.25, float("nan"), 23.5, 7)
+    body = b"PINS,1,+40.00000000,-179.75000000,,23.5000,07"
+    assert text == b"$" + body + b"*%02X\r\n" % reduce(xor, body)
+    assert sentence("PINSQ", "ID") == b"$PINSQ,ID*%02X\r\n" % reduce(xor, b"PINSQ,ID")
+
+
+rows = st.lists(
+    st.tuples(
+        st.floats(-90, 90),
+        st.floats(-180, 179.99),
+        st.one_of(st.just(float("nan")), st.floats(-50, 99)),
+        st.integers(0, 255),
+    ),
+    max_size=6,
+)
+
+
+@given(rows, st.lists(st.integers(1, 60), max_size=20), st.binary(max_size=20))
+@settings(max_examples=60, deadline=None)
+def test_any_chunking_gives_the_same_rows(
+    values: list[tuple[float, float, float, int]], cuts: list[int], noise: bytes
+) -> None:
+    noise = noise.replace(b"$", b"").replace(b"\n", b"")
+    lines = [
+        encode_position(at, latitude, longitude, temp, 20.0, status)
+        for at, (latitude, longitude, temp, status) in enumerate(values)
+    ]
+    stream = noise + b"".join(lines)
+    whole = PlatformDecoder(60.0)
+    batch = whole.feed(stream)
+    assert (
+        batch.end_offset.tolist()
+        == (len(noise) + np.cumsum([len(line) for line in lines])).astype(int).tolist()
+    )
+    np.testing.assert_allclose(batch.columns["latitude_deg"], [row[0] for row in values], atol=6e-9)
+    np.testing.assert_allclose(batch.columns["temp_c"], [row[2] for row in values], atol=6e-5)
+    assert batch.columns["valid"].tolist() == [row[3] & 3 == 3 for row in values]
+    pieces, at = PlatformDecoder(60.0), 0
+    found: list[float] = []
+    for size in [*cuts, len(stream)]:
+        found += pieces.feed(stream[at : at + size]).columns["longitude_deg"].tolist()
+        at += size
+    assert found == batch.columns["longitude_deg"].tolist()
+    assert pieces.counts.frames == whole.counts.frames == len(values)
+    assert pieces.counts.rejected == whole.counts.rejected
+
+
+def test_damage_is_counted_by_reason() -> None:
+    good = encode_position(1, 40.0, 10.0, 45.0, 20.0, 3)
+    decoder = PlatformDecoder(60.0)
+    assert len(decoder.feed(good.replace(b"45.", b"46."))) == 0
+    assert len(decoder.feed(sentence("PINS", "1", "95.0", "10", "", "", "03") + good[:20] + good)) == 1
+    assert len(decoder.feed(sentence("PINSA", "NAVIGATE") + b"x" * 200)) == 0
+    assert decoder.counts.rejected == {"checksum": 1, "fields": 1, "length": 1}
+    assert (
+        decoder.counts.bytes_skipped
+        == len(good) + len(sentence("PINS", "1", "95.0", "10", "", "", "03")) + 20 + 200
+    )
+
+
+def test_driver_and_emulator() -> None:
+    plant = Plant()
+    link = MemoryLink(PlatformEmulator(plant, serial_number="P-7"))
+    ins = PlatformIns(link, period_s=30)
+    identity = ins.identify()
+    assert (identity.serial_number, identity.firmware) == ("P-7", "1.0")
+    ins.start()
+    begin = len(link.raw)
+    link.advance(link.now() + 301.0)
+    ins.navigate()
+    link.advance(link.now() + 1200.0)
+    decoder = PINS.decoder({"period_s": ins.period_s})
+    columns = decoder.feed(link.raw[begin:]).columns
+    assert (decoder.counter_modulo, decoder.counter_step, decoder.nominal_rate_hz) == (65536, 1.0, 1 / 30)
+    time_s = 30.0 * (1 + np.arange(len(columns["counter"])))
+    assert len(time_s) == 50
+    np.testing.assert_allclose(columns["latitude_deg"], 40.0 + 1e-6 * time_s, atol=6e-9)
+    np.testing.assert_allclose(
+        columns["longitude_deg"], (179.9999 + 1e-6 * time_s + 180.0) % 360.0 - 180.0, atol=6e-9
+    )
+    assert np.isnan(columns["temp_c"][time_s > 1000.0]).all()
+    assert columns["valid"].tolist() == [False] * 10 + [True] * 40
+    assert plant.aligned_s == [pytest.approx(301.05, abs=0.2)]
+    ins.stop()
+    quiet = len(link.raw)
+    link.advance(link.now() + 100.0)
+    assert len(link.raw) == quiet
+
+
+def test_devices_that_are_not_one() -> None:
+    with pytest.raises(DeviceSilent, match="nothing on the line"):
+        PlatformIns(MemoryLink(Fake(lambda _: b""))).identify()
+    with pytest.raises(WrongDevice, match=r"begin with \$PINS"):
+        PlatformIns(MemoryLink(Fake(lambda _: b"HELLO\r\n"))).identify()
+    with pytest.raises(DeviceRefused, match="no gyro here"):
+        PlatformIns(MemoryLink(Fake(lambda _: sentence("PINSE", "no gyro here")))).identify()
+    with pytest.raises(ConfigurationError, match=r"whole seconds, 1 \.\. 60"):
+        PlatformIns(MemoryLink(Fake(lambda _: b"")), period_s=61)
+
+
+def test_arrival_marks_follow_the_baud_rate() -> None:
+    emulator = PlatformEmulator(Plant(), period_s=60, baudrate=9600)
+    emulator.receive(sentence("PINSQ", "START"), 0.0)
+    assert emulator.stream(59.0) is None
+    block = emulator.stream(200.0)
+    assert block is not None
+    sizes = [len(line) + 1 for line in block.data.split(b"\n")[:-1]]
+    assert block.marks[:, 0].tolist() == np.cumsum(sizes).tolist()
+    np.testing.assert_allclose(block.marks[:, 1] * 1e-9, 60.0 * np.arange(1, 4) + np.array(sizes) * 10 / 9600)
+
+
+def test_days_on_the_line_can_be_fitted() -> None:
+    """Bytes of an emulated platform, four headings in 192 h after 240 h of alignment, decoded and fitted."""
+    parameters = draw_platform(3, in_class=True)
+    headings = (0.0, 90.0, 180.0, 270.0)
+
+    def table(time_s: float) -> float:
+        return headings[int(np.clip((time_s / 3600.0 - 240.0) // 48.0, 0, 3))]
+
+    emulator = PlatformEmulator(
+        LabPlatform(parameters, 5, table, longitude_deg=100.0, step_s=300.0, navigation="linear"), period_s=60
+    )
+    emulator.receive(sentence("PINSQ", "START"), 0.0)
+    decoder, columns = PlatformDecoder(60.0), []
+    for hour in range(240 + 192):
+        if hour == 240:
+            emulator.receive(sentence("PINSQ", "NAVIGATE"), 3600.0 * hour)
+        block = emulator.stream(3600.0 * (hour + 1))
+        assert block is not None
+        columns.append(decoder.feed(block.data).columns)
+    joined = {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
+    time_s = 60.0 * (1 + np.arange(len(joined["counter"])))
+    use = joined["valid"]
+    assert np.count_nonzero(use) == 192 * 60
+    log = log_from_positions(
+        time_s[use],
+        joined["latitude_deg"][use],
+        joined["longitude_deg"][use],
+        joined["temp_c"][use],
+        np.array([table(time) for time in time_s[use]]),
+        true_latitude_deg=40.0,
+        true_longitude_deg=100.0,
+    )
+    model = fit_lagged(log)
+    assert model.evidence.cause == "temperature"
+    assert model.tau_s / 3600.0 == pytest.approx(parameters.core_tau_h, rel=0.15)
+
+
+def test_lab_platform_is_the_plant_however_it_is_asked() -> None:
+    parameters = draw_platform(1)
+    plant = SpaceStablePlatform(parameters, 9, 60.0)
+    plant.advance(np.zeros(61))
+    plant.align()
+    direct = plant.advance(np.full(240, 30.0))
+    lab = LabPlatform(parameters, 9, lambda time_s: 0.0 if time_s <= 3600.0 else 30.0, navigation="linear")
+    lab.measure(np.array([600.0]))
+    lab.align(3600.0)
+    parts = [lab.measure(60.0 * np.arange(start, start + 40)) for start in range(61, 301, 40)]
+    north = 3600.0 * (np.concatenate([part.latitude_deg for part in parts]) - 40.0)
+    np.testing.assert_allclose(north, direct.north_as, atol=1e-8)
+    np.testing.assert_allclose(np.concatenate([part.temp_c for part in parts]), direct.temp_c, atol=1e-12)

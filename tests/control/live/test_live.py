@@ -1,0 +1,245 @@
+"""The live files: what others see of a session, and what they may ask of it."""
+
+import json
+import os
+import threading
+
+import pytest
+
+from bench.control.live import Live, Request, drop_answer, drop_request, read_history, read_now
+from bench.control.live._files import read_answer, take_requests
+from bench.control.progress import GyroProgress, Progress
+from bench.control.questions import Console, Prepared, Question
+from drivers.base.clock import Interrupt
+from drivers.base.errors import ConfigurationError, RecordError, RunAborted
+
+pytestmark = pytest.mark.concurrent
+
+NAN = float("nan")
+
+
+def progress(time_s, **changes):
+    gyro = GyroProgress(1.0, 1.5, 24.0, frames=100, lost=2, rejected={"checksum": 1}, age_s=0.2)
+    fields = {"time_s": time_s, "step": "S1 Warm up", "doing": "waiting", "phase": "warm_up"}
+    fields |= {"air_temp_c": 25.0, "set_point_c": 25.0, "air_rate_k_per_min": NAN, "auxiliary_c": {"1": 24.0}}
+    fields |= {"angle_deg": 90.0, "rate_dps": 0.0, "demand": "90 deg", "gyros": {"fog_1": gyro}}
+    return Progress(**(fields | changes))
+
+
+@pytest.fixture
+def session(tmp_path):
+    """A session with its folders and no thread: the test does what the thread does, when it wants."""
+    live = Live(tmp_path)
+    for name in ("answers", "requests"):
+        (tmp_path / "live" / name).mkdir(parents=True)
+    return live
+
+
+def step(live):
+    live._take_requests()
+    live._write()
+
+
+def test_what_is_written_is_what_is_read(session, tmp_path):
+    assert read_now(tmp_path) is None
+    step(session)
+    now = read_now(tmp_path)
+    assert now["state"] == "starting" and now["alive"] and now["chamber"] is None
+    session._run_folder = tmp_path / "runs" / "a"
+    session._run_folder.mkdir(parents=True)
+    session._run = {"expected_s": 100.0}
+    session(progress(30.0))
+    step(session)
+    now = read_now(tmp_path)
+    assert now["state"] == "running" and now["left_s"] == 70.0
+    assert now["chamber"]["rate_k_per_min"] is None and now["chamber"]["auxiliary_c"] == {"1": 24.0}
+    assert now["gyros"]["fog_1"]["lost"] == 2 and now["gyros"]["fog_1"]["rejected"] == {"checksum": 1}
+
+
+def test_history_has_a_row_a_second_at_most_and_is_read_piece_by_piece(session, tmp_path):
+    session._run_folder = tmp_path
+    for time_s in (0.0, 0.4, 0.9, 1.0, 1.5, 2.5):
+        session(progress(time_s))
+        step(session)
+    rows, offset = read_history(tmp_path)
+    assert [row["time_s"] for row in rows] == [0.0, 1.0, 2.5]
+    assert rows[0]["gyros"] == {"fog_1": [1.5, 24.0]}
+    session(progress(9.0))
+    step(session)
+    with (tmp_path / "live" / "history.jsonl").open("a") as file:
+        file.write('{"time_s": 1')  # a line that is being written
+    rows, offset = read_history(tmp_path, offset)
+    assert [row["time_s"] for row in rows] == [9.0]
+    assert read_history(tmp_path, offset) == ([], offset)
+
+
+def test_the_first_answer_stays_and_the_second_is_told_whose_it_was(session, tmp_path):
+    answered = session.ask(Question("Ready?"))
+    step(session)
+    (prompt,) = read_now(tmp_path)["prompts"]
+    assert prompt["question"] == "Ready?" and read_now(tmp_path)["state"] == "asking"
+    assert answered() is None
+    assert drop_answer(tmp_path, prompt["id"], "yes", "Ann").by == "Ann"
+    assert drop_answer(tmp_path, prompt["id"], "no", "Bob").by == "Ann"
+    assert answered() == "yes" and session.name == "Ann"
+    step(session)
+    assert read_now(tmp_path)["prompts"] == []
+
+
+def test_many_answers_at_once_leave_one(session, tmp_path):
+    answered = session.ask(Question("Ready?"))
+    (number,) = session._prompts
+    start = threading.Barrier(8)
+    told = []
+
+    def hurry(name):
+        start.wait()
+        told.append(drop_answer(tmp_path, number, "yes", name).by)
+
+    threads = [threading.Thread(target=hurry, args=(f"operator {n}",)) for n in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert answered() == "yes"
+    assert set(told) == {session.name}
+    assert [path.name for path in (tmp_path / "live" / "answers").iterdir()] == [f"{number}.json"]
+
+
+def test_console_and_files_both_may_answer(session, tmp_path):
+    lines = {"Mount?": threading.Event(), "Close?": threading.Event()}
+    shown = []
+
+    def prompt(text):
+        lines[text].wait(10.0)
+        return "yes"
+
+    console = Console(prompt, shown.append)
+    either = session.beside(console)
+    answered = either.ask(Question("Mount?"))
+    (number,) = session._prompts
+    drop_answer(tmp_path, number, "done", "Ann on the panel")
+    assert answered() == "done" and either.name == "Ann on the panel"
+    answered = either.ask(Question("Close?"))  # the console's thread still waits for the first line
+    assert shown == ["Close?"] and answered() is None
+    (number,) = session._prompts
+    lines["Mount?"].set()
+    while (given := answered()) is None:
+        continue
+    assert given == "yes" and either.name == console.name and "at the console" in console.name
+    assert read_answer(tmp_path, number).by == console.name  # the panel is told who was first
+
+
+def test_prepared_answers_match_patterns_and_pass_on_the_rest():
+    class Human:
+        name = "Ann"
+
+        def ask(self, question):
+            return lambda: f"heard {question.text}"
+
+    operator = Prepared([("Mount *", "yes")], "campaign.toml", Human())
+    assert operator.ask(Question("Mount the unit"))() == "yes" and operator.name == "campaign.toml"
+    assert operator.ask(Question("Door closed?"))() == "heard Door closed?" and operator.name == "Ann"
+
+
+def test_requests_are_taken_in_order_once_and_an_abort_interrupts(session, tmp_path):
+    interrupt = Interrupt()
+    drop_request(tmp_path, "pause", "Ann")
+    with session.steering(interrupt, paced=False):
+        step(session)
+        assert session.pause_wanted == "Ann"
+        interrupt.check()
+        drop_request(tmp_path, "resume", "Bob")
+        drop_request(tmp_path, "abort", "Cem")
+        step(session)
+        assert not session.pause_wanted
+        with pytest.raises(RunAborted, match="stopped by Cem"):
+            interrupt.check()
+        interrupt.clear()  # the bench is being made safe
+        drop_request(tmp_path, "abort", "Dee")
+        step(session)
+        interrupt.check()
+    assert [(each.action, each.by) for each in session.take()] == [
+        ("pause", "Ann"),
+        ("resume", "Bob"),
+        ("abort", "Cem"),
+        ("abort", "Dee"),
+    ]
+    assert session.take() == [] and list(take_requests(tmp_path)) == []
+    interrupt.close()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{",
+        b"[1]",
+        b'{"action": "rm -rf", "by": "x", "utc": ""}',
+        b"[" * 4000,
+        b'"' + b"x" * 9000 + b'"',
+    ],
+)
+def test_a_file_that_is_no_request_is_told_and_removed(session, tmp_path, content):
+    path = tmp_path / "live" / "requests" / "0.json"
+    path.write_bytes(content)
+    step(session)
+    (found,) = session.take()
+    assert isinstance(found, RecordError) and not isinstance(found, Request)
+    assert not path.exists() and not session.pause_wanted and session.abort is None
+
+
+def test_a_link_is_not_followed_and_a_pipe_does_not_hang(session, tmp_path):
+    secret = tmp_path / "secret.json"
+    secret.write_text('{"action": "abort", "by": "x", "utc": ""}')
+    (tmp_path / "live" / "requests" / "0.json").symlink_to(secret)
+    os.mkfifo(tmp_path / "live" / "requests" / "1.json")
+    step(session)
+    assert all(isinstance(each, RecordError) for each in session.take())
+    assert session.abort is None and secret.exists()
+
+
+def test_a_folder_that_vanishes_stops_the_picture_and_nothing_else(session, tmp_path):
+    (tmp_path / "live").rename(tmp_path / "gone")
+    session(progress(1.0))
+    step(session)
+    assert session.problem
+    (tmp_path / "gone").rename(tmp_path / "live")
+    step(session)
+    assert not session.problem and read_now(tmp_path)["state"] == "running"
+
+
+def test_refused_answers_and_requests(tmp_path, session):
+    with pytest.raises(ConfigurationError):
+        drop_answer(tmp_path, 1, "  ", "Ann")
+    with pytest.raises(ConfigurationError):
+        drop_answer(tmp_path, 1, "x" * 5000, "Ann")
+    with pytest.raises(ConfigurationError):
+        drop_request(tmp_path, "explode", "Ann")
+    with pytest.raises(ValueError):
+        drop_answer(tmp_path, "../../x", "yes", "Ann")
+    with pytest.raises(RecordError, match="cannot be reached"):
+        drop_request(tmp_path / "nowhere", "abort", "Ann")
+
+
+def test_a_dead_session_and_a_damaged_file_are_told(session, tmp_path):
+    step(session)
+    path = tmp_path / "live" / "now.json"
+    now = json.loads(path.read_text())
+    now["pid"] = 2**22 + 1  # beyond the kernel's largest
+    path.write_text(json.dumps(now))
+    assert read_now(tmp_path)["alive"] is False
+    path.write_text("{")
+    with pytest.raises(RecordError):
+        read_now(tmp_path)
+
+
+def test_the_thread_does_both_and_ends_with_the_session(tmp_path):
+    with Live(tmp_path) as live:
+        drop_request(tmp_path, "pause", "Ann")
+        while not live.pause_wanted:
+            live.wait_host()
+        live.end("completed", "")
+    now = read_now(tmp_path)
+    assert now["state"] == "ended" and now["outcome"] == "completed" and not now["alive"]
+    assert not any(thread.name == "live files" for thread in threading.enumerate())

@@ -1,0 +1,46 @@
+"""Who answers an operator's questions."""
+
+import threading
+
+import pytest
+
+from bench.control.questions import AssumeYes, Console, Question, StageHand
+from drivers.base.errors import BenchError
+
+pytestmark = pytest.mark.concurrent
+
+
+def test_beforehand_is_yes():
+    assert AssumeYes().ask(Question("Ready?"))() == "yes"
+
+
+def test_a_stage_hand_does_the_act_and_answers_done():
+    acts = []
+    hand = StageHand(lambda act: acts.append(act) or {"ok": True})
+    assert hand.ask(Question("Mount", {"act": "mount", "mounting": "axis_up"}))() == "done"
+    assert hand.ask(Question("Just look"))() == "done"
+    assert acts == [{"act": "mount", "mounting": "axis_up"}]
+
+
+def test_a_stage_hand_that_fails_says_so():
+    def refuse(act):
+        raise BenchError("no such unit")
+
+    with pytest.raises(BenchError, match="no such unit"):
+        StageHand(refuse).ask(Question("Mount", {"act": "mount"}))
+
+
+def test_the_console_has_no_answer_until_a_line_is_entered():
+    entered = threading.Event()
+
+    def prompt(text):
+        assert text == "Ready?"
+        entered.wait(10.0)
+        return "no"
+
+    answered = Console(prompt).ask(Question("Ready?"))
+    assert answered() is None
+    entered.set()
+    while (answer := answered()) is None:
+        continue
+    assert answer == "no"

@@ -1,0 +1,219 @@
+"""A table of several axes: bench file, driver bytes, emulator, telemetry and station together."""
+
+import numpy as np
+import pytest
+
+from bench.control.devices import table_settings
+from bench.control.table_station import TableStation
+from bench.record.benchfile import bench_file_from, bench_file_text
+from drivers.acutrol import Acutrol3000, AcutrolTable
+from drivers.base.errors import ConfigurationError, DeviceRefused, LimitExceeded
+from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
+from simulators.plant.table import TableAxis, TableParameters
+from tests.memory_link import MemoryLink
+
+FILE = {
+    "bench": {"name": "two axes", "latitude_deg": 45.0},
+    "table": {
+        "driver": "acutrol3000",
+        "port": "socket://192.168.53.1:9878",
+        "axes": [
+            {"name": "outer", "number": 1, "direction": "east", "max_rate_dps": 15.0},
+            {"name": "inner", "number": 2, "direction": "up"},
+        ],
+    },
+    "chamber": {"driver": "weiss", "port": "/dev/ttyUSB1"},
+    "gyro": [{"name": "imu", "driver": "kvh1750", "unit": "1", "axis": "x", "port": "/dev/ttyUSB2"}],
+}
+
+
+class Record:
+    def __init__(self):
+        self.commands = []
+
+    def event(self, time_s, kind, **fields):
+        if kind == "command":
+            self.commands.append((fields["device"], fields["text"]))
+
+    def keep(self, now_s):
+        pass
+
+
+class TwoAxes:
+    """A session's worth of table: the driver on the emulator on the plant, polled once a second."""
+
+    def __init__(self, axes=None, **limited):
+        plants = {1: TableAxis(TableParameters()), 2: TableAxis(TableParameters())}
+        self.plants = plants
+        self.wire = MemoryLink(self._answer)
+        self.emulator = AcutrolEmulator(
+            {1: AcutrolAxis(plants[1], **limited), 2: AcutrolAxis(plants[2])}
+            if axes is None
+            else axes(plants)
+        )
+        self.file = bench_file_from(FILE)
+        self.driver = AcutrolTable(self.wire, axes={"outer": 1, "inner": 2})
+        self.record = Record()
+        self.station = TableStation(self.driver, self, self.file.table.all_axes)
+
+    def _answer(self, data, now_s):
+        return [(reply.at_s, reply.data) for reply in self.emulator.receive(data, now_s)]
+
+    def command(self, device, text):
+        self.record.commands.append((device, text))
+
+    def poll(self):
+        self.driver.request_state()
+        self.station.take(self.wire.clock.now(), self.driver.read_state())
+        self.station.watch()
+
+    def wait_until(self, condition, *, timeout_s, what):
+        end = self.wire.clock.now() + timeout_s
+        while self.wire.clock.now() < end:
+            self.wire.clock.sleep(1.0)
+            self.poll()
+            if condition():
+                return True
+        return False
+
+
+@pytest.fixture
+def two():
+    table = TwoAxes()
+    table.driver.servo_on()
+    table.station.confine(10.0)
+    return table
+
+
+def test_state_poll_is_one_line_for_all_axes(two):
+    two.wire.sent = b""
+    two.poll()
+    assert two.wire.sent == b":read:pos? 1;rate? 1;pos? 2;rate? 2\r\n"
+
+
+def test_every_axis_goes_where_it_is_told_and_only_that_one(two):
+    two.station.point(90.0, "outer")
+    two.station.point(-30.0, "inner")
+    now = two.wire.clock.now()
+    assert two.plants[1].total_angle_deg(now) == pytest.approx(90.0, abs=1e-3)
+    assert two.plants[2].total_angle_deg(now) == pytest.approx(-30.0, abs=1e-3)
+    two.station.home()
+    now = two.wire.clock.now()
+    assert [two.plants[n].total_angle_deg(now) for n in (1, 2)] == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("angle", "sense", "travel"),
+    [
+        (90.0, "positive", 90.0),
+        (90.0, "negative", -270.0),
+        (0.0, "positive", 360.0),
+        (0.0, "negative", -360.0),
+    ],
+)
+def test_a_turn_goes_the_way_round_that_was_asked(two, angle, sense, travel):
+    two.station.point(angle, "outer", sense=sense)
+    assert two.plants[1].total_angle_deg(two.wire.clock.now()) == pytest.approx(travel, abs=1e-3)
+
+
+def test_turns_keep_the_rate_limit_of_their_axis(two):
+    two.station.point(170.0, "outer")
+    times = np.arange(0.0, two.wire.clock.now(), 0.01)
+    turned = np.diff(two.plants[1].total_angles_deg(times)) / 0.01
+    assert turned.max() == pytest.approx(10.0, rel=1e-3)
+
+
+def test_spin_with_an_acceleration_takes_its_time(two):
+    began = two.wire.clock.now()
+    two.station.spin(5.0, "outer", acceleration_dps2=0.5)
+    assert two.plants[1].rate_dps(began + 5.0) == pytest.approx(2.5, rel=0.05)
+    two.station.stop("outer")
+    assert two.plants[1].rate_dps(two.wire.clock.now()) == pytest.approx(0.0, abs=2e-3)
+    assert two.plants[2].total_angle_deg(two.wire.clock.now()) == 0.0
+
+
+def test_an_axis_has_its_own_rate_limit(two):
+    with pytest.raises(LimitExceeded, match="outer axis"):
+        two.station.spin(16.0, "outer")
+    two.station.check(16.0, "inner")
+
+
+def test_an_axis_that_ignores_a_whole_turn_is_not_taken_for_settled():
+    class Stuck(TableAxis):
+        def demand_turn(self, *_):
+            pass
+
+    two = TwoAxes(lambda plants: {1: AcutrolAxis(Stuck(TableParameters())), 2: AcutrolAxis(plants[2])})
+    two.driver.servo_on()
+    with pytest.raises(DeviceRefused, match=r"by \+360.0 deg"):
+        two.station.point(0.0, "outer", sense="positive", timeout_s=20.0)
+
+
+def test_limited_axis_turns_between_its_stops():
+    two = TwoAxes(min_angle_deg=-170.0, max_angle_deg=170.0)
+    two.driver.servo_on()
+    for angle in (160.0, -160.0):
+        two.station.point(angle, "outer")
+        assert two.plants[1].total_angle_deg(two.wire.clock.now()) == pytest.approx(angle, abs=1e-3)
+
+
+def test_make_safe_stops_every_axis(two):
+    two.station.spin(5.0, "outer")
+    two.station.spin(5.0, "inner")
+    two.driver.halt()
+    two.driver.make_safe()
+    later = two.wire.clock.now() + 5.0
+    assert [two.plants[n].rate_dps(later) for n in (1, 2)] == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+def test_alarms_say_which_axis(two):
+    two.emulator.trip("rate trip", two.wire.clock.now(), axis=1)
+    assert "outer: rate trip" in two.driver.alarms()
+    assert not any(text.startswith("inner") for text in two.driver.alarms())
+
+
+def test_recorded_bytes_give_the_telemetry_of_all_axes(two):
+    two.station.point(45.0, "outer")
+    columns, counts = Acutrol3000.decode_transcript(two.wire.exchanges, table_settings(two.file))
+    assert list(columns) == ["time_ns", "angle_deg", "rate_dps", "outer_angle_deg", "outer_rate_dps"]
+    assert columns["outer_angle_deg"][-1] == pytest.approx(45.0, abs=1e-3)
+    assert columns["angle_deg"] == pytest.approx(0.0)
+    assert counts["damaged"] == 0
+    assert columns["outer_angle_deg"].tolist() == two.station.history.since(0.0)["outer_angle_deg"].tolist()
+
+
+def test_no_such_axis(two):
+    with pytest.raises(DeviceRefused, match="middle"):
+        two.driver.point(0.0, "middle")
+
+
+def test_bench_file_with_axes_is_written_and_read_back():
+    import tomllib
+
+    file = bench_file_from(FILE)
+    again = bench_file_from(tomllib.loads(bench_file_text(file)))
+    assert again.model_dump() == file.model_dump()
+
+
+def test_bench_file_of_one_axis_is_kept_as_it_was():
+    one = {**FILE, "table": {"driver": "acutrol3000", "port": "/dev/ttyUSB0", "axis": 2}}
+    dumped = bench_file_from(one).model_dump(mode="json")
+    assert dumped["table"] == {"driver": "acutrol3000", "port": "/dev/ttyUSB0", "baudrate": 9600, "axis": 2}
+    assert [axis.number for axis in bench_file_from(one).table.all_axes] == [2]
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"number": 1}, r"table\.axes\[1\]\.number"),
+        ({"name": "outer"}, r"table\.axes\[1\]\.name"),
+        ({"direction": "west"}, r"table\.axes\[1\]\.direction"),
+        ({"direction": "left"}, r"table\.axes\[1\]\.direction"),
+        ({"min_angle_deg": -90.0}, r"table\.axes\[1\]"),
+        ({"min_angle_deg": 90.0, "max_angle_deg": -90.0}, r"table\.axes\[1\]\.min_angle_deg"),
+    ],
+)
+def test_bench_file_names_a_wrong_axis(changes, text):
+    outer, inner = FILE["table"]["axes"]
+    with pytest.raises(ConfigurationError, match=text):
+        bench_file_from({**FILE, "table": {**FILE["table"], "axes": [outer, {**inner, **changes}]}})

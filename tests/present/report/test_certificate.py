@@ -1,0 +1,243 @@
+"""The certificate: what passes, and everything that must not."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.analysis.common.allan_noise import NoiseCoefficients
+from bench.present.certificate import certificate_content, check_record
+from bench.present.report import (
+    CertificateContent,
+    CertifiedFigure,
+    UnitCertificate,
+    find_browser,
+    render_certificate,
+    write_pdf,
+    write_report,
+)
+from bench.record.figure_limits import FIGURES, FURTHER, Limits, load_limits
+from bench.record.recording import Manifest, read_manifest, write_manifest
+from bench.record.recording._tables import table_writer
+from drivers.base.errors import ConfigurationError, RecordError
+
+BIAS_DPH, WHITE_DPH = 0.5, 0.3
+
+
+def run_folder(
+    folder: Path, *, bias_dph: float = BIAS_DPH, seed: int = 1, outcome: str = "completed"
+) -> Path:
+    """A standard test cut down to its bias record: white noise about a known bias, axis up at the equator."""
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng(seed)
+    seconds = np.arange(6000) + 0.5
+    with table_writer(folder / "gyro_g.parquet", "gyro") as writer:
+        output = bias_dph + WHITE_DPH * rng.standard_normal(len(seconds))
+        writer.write(
+            {
+                "time_ns": (seconds * 1e9).astype(np.int64),
+                "valid": np.ones(len(seconds), np.bool_),
+                "rate_dps": output / 3600.0,
+                "temp_c": np.full(len(seconds), 25.0),
+            }
+        )
+    with table_writer(folder / "turntable.parquet", "table") as writer:
+        zero = np.zeros(len(seconds))
+        writer.write(
+            {"time_ns": (seconds * 1e9).astype(np.int64), "angle_deg": zero + 90.0, "rate_dps": zero}
+        )
+    event = {"time_s": 6000, "kind": "interval", "test": "bias", "start_s": 0, "end_s": 6000, "cycle": 0}
+    (folder / "events.jsonl").write_text(json.dumps(event) + "\n")
+    manifest = Manifest(
+        run_id=folder.name,
+        procedure="standard-test",
+        started_utc="2026-01-01T00:00:00.000+00:00",
+        bench={"bench": {"name": "b", "latitude_deg": 39.1}},
+        units={"g": "U-1"},
+        outcome=outcome,
+        reason="" if outcome == "completed" else "the operator said no",
+    )
+    write_manifest(folder, manifest)
+    return folder
+
+
+def limits_of(tmp_path: Path, text: str) -> Limits:
+    path = tmp_path / "limits.toml"
+    path.write_text(text)
+    return load_limits(path)
+
+
+BIAS_LIMIT = '[limits."bias"]\nunit = "deg/h"\nlow = -1.0\nhigh = 1.0\n'
+
+
+def made(folders: list[Path], limits: Limits) -> CertificateContent:
+    """A certificate whose records count as verified: these runs have tables only, no raw bytes."""
+    return certificate_content(
+        folders, limits, check=lambda folder: "verified" if folder.is_dir() else "missing"
+    )
+
+
+def test_a_value_inside_its_limits_in_every_run_passes(tmp_path: Path) -> None:
+    runs = [run_folder(tmp_path / "runs" / f"r{n}", bias_dph=BIAS_DPH + 0.1 * n, seed=n) for n in range(3)]
+    content = made(runs, limits_of(tmp_path, BIAS_LIMIT))
+    bias = next(figure for figure in content.units[0].figures if figure.name == "bias")
+    assert bias.value == pytest.approx(BIAS_DPH + 0.2, abs=4 * WHITE_DPH / 6000**0.5)
+    assert bias.judgement == "pass" and content.verdict == "passed"
+    repeatability = next(f for f in content.units[0].figures if f.name == "bias repeatability")
+    assert repeatability.value == pytest.approx(0.1, abs=0.02)  # sample deviation of 0.5, 0.6, 0.7
+    page = render_certificate(content)
+    assert "Passed" in page and "-1 … 1".replace("-", "−") in page and "°/h" in page
+
+
+def test_one_value_outside_in_one_run_of_three_does_not_pass(tmp_path: Path) -> None:
+    runs = [
+        run_folder(tmp_path / "runs" / f"r{n}", bias_dph=b, seed=n) for n, b in enumerate((0.5, 1.5, 0.6))
+    ]
+    content = made(runs, limits_of(tmp_path, BIAS_LIMIT))
+    assert content.verdict == "not passed"
+    assert "Not passed" in render_certificate(content)
+
+
+@pytest.mark.parametrize("outcome", ["invalid", "aborted", "running"])
+def test_a_run_that_was_not_completed_gives_no_figure_and_no_pass(tmp_path: Path, outcome: str) -> None:
+    runs = [run_folder(tmp_path / "runs" / "good"), run_folder(tmp_path / "runs" / "other", outcome=outcome)]
+    content = made(runs, limits_of(tmp_path, BIAS_LIMIT))
+    assert content.verdict == "not passed"
+    assert any("other" in text for text in content.units[0].against)
+    assert list(content.units[0].figures[0].values) == ["good"]
+
+
+def test_a_planned_run_that_is_missing_prevents_a_pass(tmp_path: Path) -> None:
+    folders = [run_folder(tmp_path / "runs" / "good"), tmp_path / "runs" / "never"]
+    content = made(folders, limits_of(tmp_path, BIAS_LIMIT))
+    assert content.verdict == "not passed" and content.checks["never"] == "missing"
+    assert "never" in render_certificate(content)
+
+
+def test_a_limited_figure_that_was_not_measured_prevents_a_pass(tmp_path: Path) -> None:
+    text = BIAS_LIMIT + '[limits."scale-factor nonlinearity"]\nunit = "ppm"\nhigh = 50\n'
+    content = made([run_folder(tmp_path / "runs" / "r")], limits_of(tmp_path, text))
+    figure = next(f for f in content.units[0].figures if f.name == "scale-factor nonlinearity")
+    assert figure.judgement == "not measured" and content.verdict == "not passed"
+
+
+def test_an_expected_unit_without_a_run_does_not_pass(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "runs" / "r")
+    content = certificate_content(
+        [folder],
+        limits_of(tmp_path, BIAS_LIMIT),
+        expected_units=("U-1", "U-2"),
+        check=lambda folder: "verified",
+    )
+    assert {unit.unit_id: unit.verdict for unit in content.units} == {"U-1": "passed", "U-2": "not passed"}
+    assert content.verdict == "not passed"
+
+
+def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
+    content = made([run_folder(tmp_path / "runs" / "r")], Limits())
+    assert content.verdict == "not judged" and "Passed" not in render_certificate(content)
+
+
+def test_no_unit_at_all_is_not_a_pass() -> None:
+    assert CertificateContent("t", "", []).verdict == "not passed"
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "judgement"),
+    [
+        (1.0, None, 1.0, "pass"),
+        (1.0000001, None, 1.0, "fail"),
+        (-1.0, -1.0, None, "pass"),
+        (float("nan"), None, 1.0, "fail"),
+        (float("inf"), 0.0, None, "fail"),
+        (5.0, None, None, "not judged"),
+    ],
+)
+def test_limits_include_their_ends_and_nothing_that_is_no_number(value, low, high, judgement) -> None:
+    assert CertifiedFigure("bias", "deg/h", {"r": value}, low, high).judgement == judgement
+
+
+def test_a_value_that_is_not_a_number_is_shown_as_the_worst() -> None:
+    figure = CertifiedFigure("bias", "deg/h", {"a": 0.1, "b": float("nan")}, None, 1.0)
+    assert figure.judgement == "fail" and str(figure.value) == "nan"
+    assert UnitCertificate("U", [figure]).verdict == "not passed"
+
+
+def test_an_interval_beyond_the_limit_is_marked() -> None:
+    figure = CertifiedFigure("bias instability", "deg/h", {"r": 0.9}, None, 1.0, low=0.7, high=1.2)
+    assert figure.judgement == "pass" and figure.doubtful
+    content = CertificateContent("t", "", [UnitCertificate("U", [figure])])
+    assert "interval beyond limit" in render_certificate(content)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('[limits."bais"]\nunit = "deg/h"\nhigh = 1\n', "did you mean 'bias'"),
+        ('[limits."bias"]\nunit = "deg/s"\nhigh = 1\n', "is in deg/h, not 'deg/s'"),
+        ('[limits."bias"]\nunit = "deg/h"\n', "neither low nor high"),
+        ('[limits."bias"]\nunit = "deg/h"\nlow = 2\nhigh = 1\n', "above high"),
+        ('[limits."bias"]\nunit = "deg/h"\nhigh = nan\n', "finite"),
+        ('[limits."bias"]\nunit = "deg/h"\nhihg = 1\nhigh = 1\n', "hihg"),
+        (BIAS_LIMIT + BIAS_LIMIT, "limits cannot be used"),
+        ("[other]\n", "no limits table"),
+        ("limits = 3", "not a table"),
+        ("[limits", "limits cannot be used"),
+    ],
+)
+def test_bad_limits_are_refused_with_the_reason(tmp_path: Path, text: str, says: str) -> None:
+    with pytest.raises(ConfigurationError) as found:
+        limits_of(tmp_path, text)
+    assert says in str(found.value)
+
+
+def test_the_figures_named_are_those_that_the_noise_fit_gives() -> None:
+    names = {name.rsplit("_d", 1)[0].replace("_", " ") for name in NoiseCoefficients.__dataclass_fields__}
+    assert names <= {**FIGURES, **FURTHER}.keys()
+
+
+def test_a_record_that_was_never_sealed_or_lost_a_file_is_not_verified(tmp_path: Path) -> None:
+    assert "never closed" in check_record(run_folder(tmp_path / "open", outcome="running"))
+    assert check_record(tmp_path / "none").startswith("missing")
+    damaged = run_folder(tmp_path / "damaged")
+    (damaged / "manifest.json").write_text("{")
+    assert check_record(damaged).startswith("cannot be read")
+    assert read_manifest(run_folder(tmp_path / "tables only")).complete
+    assert check_record(tmp_path / "tables only") != "verified"
+
+
+def test_a_save_that_fails_leaves_no_old_pass_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = write_report(tmp_path / "certificate.html", "<p>Passed</p>")
+    assert page.read_text() == "<p>Passed</p>"
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(RecordError, match="there is none"):
+        write_report(page, "<p>Not passed</p>")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_pdf_is_the_page_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = write_report(tmp_path / "certificate.html", "<!DOCTYPE html><p>Passed</p>")
+    if not find_browser():
+        pytest.skip("no Chromium or Chrome on this machine: PDFs cannot be printed here")
+    path = write_pdf(page)
+    assert path.read_bytes().startswith(b"%PDF-") and path.stat().st_size > 1000
+
+    def fails(*_: object, **__: object) -> subprocess.CompletedProcess[bytes]:
+        return subprocess.CompletedProcess([], 1, b"", b"no display")
+
+    monkeypatch.setattr("subprocess.run", fails)
+    with pytest.raises(RecordError, match="no display"):
+        write_pdf(page)
+    assert not path.exists()
+
+
+def test_without_a_browser_a_pdf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with pytest.raises(ConfigurationError, match="apt-get install chromium"):
+        write_pdf(write_report(tmp_path / "page.html", "<p>"))

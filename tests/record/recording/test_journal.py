@@ -1,0 +1,190 @@
+"""The raw journal: what was handed in is on disk byte for byte, and trouble with the disk is told."""
+
+import os
+import resource
+import shutil
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.record.recording import EventLog, Journal, PortJournal
+from drivers.base.errors import RecordError
+
+pytestmark = pytest.mark.concurrent
+
+
+def marks(path):
+    return np.fromfile(path, dtype="<i8").reshape(-1, 2).tolist()
+
+
+def test_bytes_and_marks_of_both_directions_reach_their_files(tmp_path):
+    port = PortJournal(tmp_path, "chamber")
+    port.sent(b"$01I\r", 1.5)
+    port.received(b"0050.0 ", 1.5000000014)
+    port.received(b"0024.6\r", 2.25)
+    port.flush(sync=True)
+    raw = tmp_path / "raw"
+    assert (raw / "chamber.bin").read_bytes() == b"0050.0 0024.6\r"
+    assert marks(raw / "chamber.idx") == [[7, 1_500_000_001], [14, 2_250_000_000]]
+    assert (raw / "chamber.sent.bin").read_bytes() == b"$01I\r"
+    assert marks(raw / "chamber.sent.idx") == [[5, 1_500_000_000]]
+
+
+def test_index_is_little_endian_int64(tmp_path):
+    port = PortJournal(tmp_path, "p")
+    port.received(b"abc", 1e-9)
+    port.flush(sync=False)
+    assert (tmp_path / "raw" / "p.idx").read_bytes() == bytes([3, *[0] * 7, 1, *[0] * 7])
+
+
+class Writer:
+    """In the ticker's place: the test is the thread."""
+
+    def __init__(self, period_s, call, name):
+        self.period_s, self.call, self.woken, self.stopped = period_s, call, 0, False
+
+    def wake(self):
+        self.woken += 1
+
+    def stop(self):
+        self.stopped = True
+
+
+@pytest.fixture
+def journal(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.record.recording._journal.Ticker", Writer)
+    journal = Journal(tmp_path, flush_interval_s=1.0)
+    yield journal
+    journal.close()
+
+
+def test_everything_is_written_and_synced_four_times_in_an_interval(tmp_path, journal, monkeypatch):
+    synced = []
+    real = os.fdatasync
+    monkeypatch.setattr(
+        "os.fdatasync", lambda fd: (synced.append(Path(f"/proc/self/fd/{fd}").readlink()), real(fd))
+    )
+    assert journal._writer.period_s == journal._syncer.period_s == 0.25
+    port = journal.port("p")
+    port.received(b"x" * 100, 0.5)
+    journal.check()
+    assert (tmp_path / "raw" / "p.bin").stat().st_size == 0 and journal._writer.woken == 0
+    journal._writer.call()
+    assert (tmp_path / "raw" / "p.bin").stat().st_size == 100
+    assert synced == []
+    journal._syncer.call()
+    assert {path.name for path in synced} == {"p.bin", "p.idx"}
+    port.received(b"y" * 7, 0.6)
+    journal.close()
+    assert (tmp_path / "raw" / "p.bin").stat().st_size == 107
+
+
+def test_a_megabyte_wakes_the_writer(journal):
+    port = journal.port("p")
+    for second in range(1, 5):
+        port.received(b"x" * 300_000, float(second))
+        journal.check()
+    assert journal._writer.woken == 1
+
+
+def test_a_disk_that_stalls_stalls_nobody_until_memory_would_run_out(journal, monkeypatch):
+    """The writer is in a write that never returns: bytes, events and checks go on."""
+    monkeypatch.setattr("bench.record.recording._journal._MOST_WAITING_BYTES", 3 << 20)
+    port, log = journal.port("p"), EventLog(journal.folder)
+    journal.adopt(log)
+    for second in range(3):
+        port.received(b"x" * (1 << 20), float(second))
+        log.event(float(second), "note", text="a stall")
+        journal.check()
+    assert (journal.folder / "events.jsonl").read_bytes() == b""
+    port.received(b"x", 4.0)
+    with pytest.raises(RecordError, match="does not keep up"):
+        journal.check()
+    journal._writer.call()
+    journal.check()
+    assert len((journal.folder / "events.jsonl").read_bytes().splitlines()) == 3
+    assert (journal.folder / "raw" / "p.bin").stat().st_size == (3 << 20) + 1
+
+
+def test_what_the_writer_meets_is_raised_once_by_the_next_check(journal):
+    port = journal.port("p")
+    shutil.rmtree(journal.folder / "raw")
+    port.received(b"x", 0.0)
+    journal._writer.call()
+    with pytest.raises(RecordError, match="deleted"):
+        journal.check()
+    journal.check()
+    with pytest.raises(RecordError, match="deleted"):
+        port.received(b"y", 1.0)
+        journal.close()
+
+
+def test_a_port_is_never_recorded_over(tmp_path):
+    Journal(tmp_path, 1.0).port("p")
+    with pytest.raises(RecordError, match=r"p\.bin.*exists"):
+        Journal(tmp_path, 1.0).port("p")
+
+
+def test_a_vanished_folder_is_told(tmp_path):
+    journal = Journal(tmp_path / "run", 1.0)
+    port = journal.port("p")
+    shutil.rmtree(tmp_path / "run")
+    port.received(b"x", 0.0)
+    with pytest.raises(RecordError, match="deleted"):
+        port.flush(sync=False)
+
+
+def test_a_folder_that_was_moved_or_whose_mount_is_gone_is_told(tmp_path, monkeypatch):
+    """Its open files take every byte still: only its name tells that it cannot be closed."""
+    monkeypatch.setattr("bench.record.recording._journal.Ticker", Writer)
+    folder, moved = tmp_path / "run", tmp_path / "moved"
+    folder.mkdir()
+    journal = Journal(folder, flush_interval_s=1.0)
+    port = journal.port("fog_1")
+    journal._syncer.call()
+    journal.check()
+    folder.rename(moved)
+    folder.mkdir()
+    port.received(b"abc", 1.0)
+    journal._writer.call()
+    journal._syncer.call()
+    with pytest.raises(RecordError, match="no longer in its place"):
+        journal.check()
+    journal.close()
+    assert (moved / "raw" / "fog_1.bin").read_bytes() == b"abc"
+
+
+def test_a_full_disk_is_told_and_what_fitted_can_be_read(tmp_path):
+    """A file-size limit makes the same partial write and error as a full disk does."""
+    port = PortJournal(tmp_path, "p")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    data = bytes(range(256)) * 8
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+        port.received(data[:900], 1.0)
+        port.flush(sync=True)
+        port.received(data[900:], 2.0)
+        with pytest.raises(RecordError, match=r"p\.bin.*recorded any further"):
+            port.flush(sync=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert (tmp_path / "raw" / "p.bin").read_bytes() == data[:1000]
+    assert marks(tmp_path / "raw" / "p.idx") == [[900, 1_000_000_000]]
+    port.flush(sync=True)
+    assert (tmp_path / "raw" / "p.bin").read_bytes() == data
+
+
+def test_close_tries_every_port_before_it_raises(tmp_path):
+    journal = Journal(tmp_path, 1.0)
+    first, second = journal.port("first"), journal.port("second")
+    first.received(b"1", 0.0)
+    second.received(b"2", 0.0)
+    (tmp_path / "raw" / "first.bin").unlink()
+    with pytest.raises(RecordError, match="deleted"):
+        journal.close()
+    assert (tmp_path / "raw" / "second.bin").read_bytes() == b"2"
+    journal.close()

@@ -1,0 +1,161 @@
+"""Runs on S3 (moto's server, over HTTP): read as from a disk, of tables the stretch asked for, damage is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from bench.present.cli._app import app
+from bench.record.recording import (
+    EventLog,
+    Manifest,
+    Run,
+    decode_stream,
+    read_table,
+    seal,
+    verify,
+    write_manifest,
+)
+from bench.record.run_folder import url_of
+from drivers.base.errors import RecordError
+
+fsspec = pytest.importorskip("fsspec")
+pytest.importorskip("s3fs", reason="no s3fs: pip install 'gyrobench[scale]'")
+server = pytest.importorskip("moto.server", reason="no moto[server]")
+START = "2026-11-21T00:00:00.000+00:00"
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    storage = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    storage.start()
+    host, port = storage.get_host_and_port()
+    yield f"http://{host}:{port}"
+    storage.stop()
+
+
+@pytest.fixture
+def bucket(endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    for name, value in (
+        ("AWS_ENDPOINT_URL", endpoint),
+        ("AWS_ACCESS_KEY_ID", "x"),
+        ("AWS_SECRET_ACCESS_KEY", "x"),
+        ("AWS_DEFAULT_REGION", "us-east-1"),
+        ("GYROBENCH_CACHE", str(tmp_path / "cache")),
+    ):
+        monkeypatch.setenv(name, value)
+    storage = fsspec.filesystem("s3", skip_instance_cache=True)
+    name = f"bench-{abs(hash(tmp_path)):x}"
+    storage.mkdir(name)
+    fsspec.filesystem("s3").invalidate_cache()
+    yield storage, name
+    type(storage).clear_instance_cache()
+
+
+@pytest.fixture
+def kept(tmp_path: Path, fake: Any) -> Path:
+    """A sealed run on the disk."""
+    folder = tmp_path / "runs" / "r1"
+    folder.mkdir(parents=True)
+    facts = {
+        "run_id": "r1",
+        "procedure": "zero-bias-cold-shock",
+        "started_utc": START,
+        "units": {"fog": "F-1"},
+    }
+    write_manifest(folder, Manifest(**facts))
+    log = EventLog(folder)
+    log.event(0.0, "phase", phase="warm_up")
+    log.event(20.0, "outcome", outcome="completed", reason="")
+    log.close()
+    fake.record(folder, range(2000), 0.01)
+    decode_stream(folder, fake.source())
+    seal(folder, Manifest(**facts, outcome="completed", ended_utc=START, duration_s=20.0))
+    return folder
+
+
+def test_a_run_on_s3_reads_as_the_one_on_the_disk(bucket: Any, kept: Path, tmp_path: Path) -> None:
+    storage, name = bucket
+    storage.put(str(kept), f"{name}/runs/r1", recursive=True)
+    far, near = Run.open(f"s3://{name}/runs/r1"), Run.open(kept)
+    assert (far.manifest, far.events, far.gyros) == (near.manifest, near.events, near.gyros)
+    for stretch in ((None, None), (4.0, 9.0)):
+        ours, theirs = far.gyro("fog", None, *stretch), near.gyro("fog", None, *stretch)
+        assert list(ours) == list(theirs)
+        assert all(np.array_equal(ours[column], theirs[column], equal_nan=True) for column in ours)
+    assert not list((tmp_path / "cache").rglob("*.parquet")), "a table was copied whole"
+    assert not list((tmp_path / "cache").rglob("*.bin")), "raw bytes were copied"
+    with pytest.raises(RecordError, match="no such table"):
+        far.chamber()
+
+
+def test_a_run_on_s3_verifies_and_damage_is_named(bucket: Any, kept: Path, fake: Any) -> None:
+    storage, name = bucket
+    storage.put(str(kept), f"{name}/runs/r1", recursive=True)
+
+    def decode(folder: Path, out: Path) -> None:
+        decode_stream(folder, fake.source(), out)
+
+    url = Path(f"s3://{name}/runs/r1")  # as a command line gives it: one slash is gone
+    assert verify(url, decode).passed
+    raw = bytearray((kept / "raw" / "fog.bin").read_bytes())
+    raw[100] ^= 1
+    storage.pipe(f"{name}/runs/r1/raw/fog.bin", bytes(raw))
+    assert "raw/fog.bin" in {problem.path for problem in verify(url, decode).problems}
+
+
+def test_the_list_follows_what_lies_in_the_bucket(bucket: Any, kept: Path) -> None:
+    storage, name = bucket
+    for run in ("r1", "r2"):
+        storage.put(str(kept), f"{name}/runs/{run}", recursive=True)
+    command = ["runs", "list", "--runs", f"s3://{name}/runs", "--json"]
+    assert CliRunner().invoke(app, command).output.count('"completed"') == 2
+    storage.rm(f"{name}/runs/r2", recursive=True)
+    assert CliRunner().invoke(app, command).output.count('"completed"') == 1
+    shown = CliRunner().invoke(app, ["runs", "show", f"s3://{name}/runs/r1"])
+    assert "zero-bias-cold-shock" in shown.output
+
+
+@pytest.mark.parametrize(
+    ("path", "text"), [("runs/none", "not a run folder|no such place"), ("runs", "not a run folder")]
+)
+def test_a_url_without_a_run_is_refused(bucket: Any, kept: Path, path: str, text: str) -> None:
+    storage, name = bucket
+    storage.put(str(kept), f"{name}/runs/r1", recursive=True)
+    with pytest.raises(RecordError, match=text):
+        Run.open(f"s3://{name}/{path}")
+
+
+def test_a_storage_that_nobody_knows_is_refused() -> None:
+    with pytest.raises(RecordError, match="storage cannot be read"):
+        Run.open("gopher://host/run")
+
+
+@pytest.mark.parametrize(
+    ("place", "url"),
+    [
+        ("s3://bucket/runs/a/", "s3://bucket/runs/a"),
+        (Path("s3://bucket/runs/a"), "s3://bucket/runs/a"),
+        ("/srv/runs/a", ""),
+        ("runs/a", ""),
+        ("C:/runs/a", ""),
+        (Path("runs/x:/a"), ""),
+    ],
+)
+def test_urls_are_told_from_paths(place: Path | str, url: str) -> None:
+    assert url_of(place) == url
+
+
+def test_a_local_path_costs_no_import(kept: Path) -> None:
+    import subprocess
+    import sys
+
+    opened = f"from bench.record.recording import Run; Run.open({str(kept)!r})"
+    code = f"import sys; {opened}; print('fsspec' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
+    assert len(read_table(kept / "gyro_fog.parquet")["time_ns"]) == 2000

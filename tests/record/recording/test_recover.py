@@ -1,0 +1,87 @@
+"""A folder that a crash left is completed: readable, verified, and never taken for a run that was completed."""
+
+import json
+
+import pytest
+
+from bench.control.lease import take_lease
+from bench.control.recover import recover
+from bench.control.run_record import RunRecord, decode_run
+from bench.record.benchfile import load_bench_file
+from bench.record.recording import Run, read_manifest, verify
+from drivers.base.errors import BenchInUse
+
+BENCH = """
+[bench]
+name = "b"
+latitude_deg = 40.0
+[table]
+driver = "acutrol3000"
+port = "/dev/ttyT0"
+[chamber]
+driver = "weiss"
+port = "/dev/ttyC0"
+[[gyro]]
+name = "fog_1"
+driver = "kvh1750"
+unit = "F1"
+axis = "x"
+port = "/dev/ttyG0"
+"""
+
+
+@pytest.fixture
+def crashed(tmp_path):
+    """A run that was never closed, its last event and last mark cut in the middle."""
+    (tmp_path / "lab.toml").write_text(BENCH)
+    file = load_bench_file(tmp_path / "lab.toml")
+    record = RunRecord.create(tmp_path / "runs", "r", "test", {}, file, None)
+    port = record.tap("fog_1")
+    record.tap("table")
+    record.tap("chamber")
+    record.stream_starts("fog_1", 4)
+    port.received(b"idle" + bytes(36), 3.0)
+    record.event(1.0, "phase", phase="a")
+    record.event(2.0, "measurement", name="m", value=1.0, unit="K", low=None, high=None, passed=True)
+    record._journal.close()
+    record._events.close()
+    with (record.folder / "events.jsonl").open("ab") as log:
+        log.write(b'{"time_s": 9.0, "ki')
+    with (record.folder / "raw" / "fog_1.idx").open("ab") as index:
+        index.write(b"\x01\x02\x03")
+    return file, record.folder
+
+
+def test_what_a_crash_left_is_completed_as_aborted_and_verifies(crashed):
+    _, folder = crashed
+    assert read_manifest(folder).outcome == "running"
+    assert read_manifest(folder).stream == {"fog_1": {"start_offset": 4}}
+    assert read_manifest(folder).flush_interval_s == 1.0
+    manifest = recover(folder)
+    assert manifest.outcome == "aborted" and manifest.reason.startswith("Recovered")
+    assert manifest.duration_s == 3.0 and manifest.measurements[0]["name"] == "m"
+    rows = Run.open(folder).events
+    assert rows[-1]["outcome"] == "aborted" and any("cut off" in str(row.get("text")) for row in rows)
+    assert not verify(folder, decode_run).problems
+    assert (folder / "raw" / "fog_1.idx").stat().st_size == 16  # the torn mark is cut off
+    before = (folder / "manifest.json").read_bytes()
+    recover(folder)
+    assert (folder / "manifest.json").read_bytes() == before
+
+
+def test_a_run_whose_bench_is_in_use_is_left_alone(crashed):
+    file, folder = crashed
+    with take_lease(file, "run r"), pytest.raises(BenchInUse, match="may still be going on"):
+        recover(folder)
+    assert read_manifest(folder).outcome == "running"
+
+
+def test_what_the_watchdog_did_is_told(crashed):
+    _, folder = crashed
+    (folder / "watchdog").mkdir()
+    rows = [
+        {"time_s": 0, "kind": "takeover", "cause": "ended"},
+        {"time_s": 1, "kind": "outcome", "outcome": "made safe"},
+    ]
+    (folder / "watchdog" / "events.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert "took over (ended): made safe" in recover(folder).reason
