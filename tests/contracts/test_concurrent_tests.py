@@ -13,7 +13,7 @@ NAMES = {"WallClock", "take_lease", "fan_out"}
 WITHOUT = {
     "campaign/conftest.py": "its processes are started by tests that have the mark",
     "integration/conftest.py": "the lab's thread runs in lock-step with the bench: one of the two at a time",
-    "recording/test_recover.py": "takes a lease in the test's own thread",
+    "record/recording/test_recover.py": "takes a lease in the test's own thread",
 }
 
 
