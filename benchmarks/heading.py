@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.analysis.heading import (
-    SIDEREAL_DAY_S,
     HeadingCompensator,
     LaggedModel,
     PlatformLog,
@@ -29,6 +28,7 @@ from benchmarks._heading_plants import CALIBRATIONS, PlatformRun, fly, sequence,
 from benchmarks._measure import Row, figure
 from drivers.base.arrays import Array
 from drivers.base.clock import host_seconds
+from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import ConfigurationError
 from simulators.plant.space_stable import PlatformParameters, SpaceStablePlatform, draw_platform
 

@@ -18,7 +18,6 @@ from bench.control.stations import GyroStation
 from procedures.thermal_ramp import go_to_end
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 
-_EARTH_RATE_DPH = 15.041067
 _STEPS = 5
 _RESOLUTION_DEG = 45.0
 """Angle from east at which resolution is tested: a large input that still changes with angle."""
@@ -218,8 +217,7 @@ def _living(bench: Bench) -> Mapping[str, GyroStation]:
 
 def small_steps(bench: Bench, test: str, angle_deg: float, plan: Grade) -> None:
     """Turn the axis by small angles from `angle_deg`, back in between, so that each step has its own zero."""
-    latitude = math.radians(bench.file.bench.latitude_deg)
-    horizontal_dph = _EARTH_RATE_DPH * math.cos(latitude)
+    horizontal_dph = bench.file.bench.earth_rate_north_dph
     # Output over azimuth near east + a: W cos(lat) cos(90 deg + a); its slope is W cos(lat) cos(a).
     from_east = math.radians(_RESOLUTION_DEG) if test == "resolution" else 0.0
     for number in range(_STEPS):

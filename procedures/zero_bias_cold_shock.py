@@ -23,7 +23,6 @@ from procedures._cold_shock import (
     wait_for_equilibrium,
 )
 
-_EARTH_RATE_DPH = 15.041067
 _PIECES = 8
 """Of a dwell; their scatter says how well its mean is known."""
 
@@ -89,7 +88,7 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> None:
         dwells[angle].append((start, bench.now_s))
     gyro = bench.judge
     means = {angle: [3600.0 * gyro.mean_rate_dps(*each) for each in stays] for angle, stays in dwells.items()}
-    horizontal_dph = _EARTH_RATE_DPH * math.cos(math.radians(bench.file.bench.latitude_deg))
+    horizontal_dph = bench.file.bench.earth_rate_north_dph
     difference = (sum(means[west]) - sum(means[east])) / 4.0
     if math.isnan(difference):
         bench.invalidate(f"east was not found: {gyro.name} had no valid output at one of the four positions")

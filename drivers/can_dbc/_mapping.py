@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from drivers.base.constants import STANDARD_GRAVITY_MPS2, ZERO_CELSIUS_K
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
 from drivers.can_dbc._dbc import compile_message, find_message, load_database
@@ -21,9 +22,9 @@ SHIPPED = Path(__file__).parent
 
 _RATES = {"deg/s": 1.0, "rad/s": math.degrees(1.0), "deg/h": 1.0 / 3600.0, "mrad/s": math.degrees(1e-3)}
 _ANGLES = {"deg": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3), "urad": math.degrees(1e-6)}
-_ACCELERATIONS = {"m/s2": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3}
+_ACCELERATIONS = {"m/s2": 1.0, "m/s^2": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 * 1e-3}
 _TIMES = {"s": 1.0, "ms": 1e-3, "100us": 1e-4, "us": 1e-6, "ns": 1e-9}
-_TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)}
+_TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -ZERO_CELSIUS_K), "degF": (5.0 / 9.0, -160.0 / 9.0)}
 _SLOT = re.compile(r"^([A-Za-z_]\w*)(?:\[(\d+)\])?$")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.base.constants import ZERO_CELSIUS_K
 from drivers.frames._checks import stored_number
 from drivers.frames._model import Endian, FieldSection, Transform, When
 
@@ -219,7 +220,7 @@ def _transformed(rule: Transform, raw: Array) -> Array:
     raw = np.where((raw > 0.0) & (raw < rule.full), raw, np.nan)  # Otherwise open or shorted.
     log = np.log(rule.k * raw / (rule.full - raw))
     inverse = rule.a + log * (rule.b + log * (rule.c + log * rule.d))
-    result: Array = 1.0 / inverse - 273.15
+    result: Array = 1.0 / inverse - ZERO_CELSIUS_K
     return result
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+from drivers.base.constants import STANDARD_GRAVITY_MPS2, ZERO_CELSIUS_K
+
 _DEG = 180.0 / math.pi
-_G = 9.80665  # Standard gravity, m/s2 (CGPM 1901).
 
 UNITS: dict[str, tuple[str, float, float]] = {
     "deg/s": ("rate", 1.0, 0.0),
@@ -17,14 +18,14 @@ UNITS: dict[str, tuple[str, float, float]] = {
     "arcsec": ("angle", 1.0 / 3600.0, 0.0),
     "rad": ("angle", _DEG, 0.0),
     "m/s2": ("acceleration", 1.0, 0.0),
-    "g": ("acceleration", _G, 0.0),
-    "mg": ("acceleration", _G * 1e-3, 0.0),
+    "g": ("acceleration", STANDARD_GRAVITY_MPS2, 0.0),
+    "mg": ("acceleration", STANDARD_GRAVITY_MPS2 * 1e-3, 0.0),
     "ft/s2": ("acceleration", 0.3048, 0.0),
     "m/s": ("velocity", 1.0, 0.0),
-    "g*s": ("velocity", _G, 0.0),
+    "g*s": ("velocity", STANDARD_GRAVITY_MPS2, 0.0),
     "ft/s": ("velocity", 0.3048, 0.0),
     "degC": ("temperature", 1.0, 0.0),
-    "K": ("temperature", 1.0, -273.15),
+    "K": ("temperature", 1.0, -ZERO_CELSIUS_K),
     "degF": ("temperature", 5.0 / 9.0, -160.0 / 9.0),
     "s": ("time", 1.0, 0.0),
     "ms": ("time", 1e-3, 0.0),

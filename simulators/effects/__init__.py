@@ -4,12 +4,11 @@ from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue
 from simulators.effects._channel import CHANNEL_UNITS, Channel, ChannelEffect, ChannelInputs, Demand
 from simulators.effects._channel_simulators import simulate
 from simulators.effects._effect import Disturbance, Effect, NoiseEffect, Parameter, Variant
-from simulators.effects._stimulus import EARTH_RATE_DPH, REFERENCE_C, Stimulus
+from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 __all__ = [
     "CATALOGUE",
     "CHANNEL_UNITS",
-    "EARTH_RATE_DPH",
     "REFERENCE_C",
     "AnyEffect",
     "Channel",

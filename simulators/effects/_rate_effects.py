@@ -8,8 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from drivers.base.arrays import Array
+from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
 from simulators.effects._effect import Effect, Parameter
-from simulators.effects._stimulus import EARTH_RATE_DPH, Stimulus
+from simulators.effects._stimulus import Stimulus
 
 Shape = Mapping[str, float]
 _AT_DPS = 100.0
@@ -29,7 +30,7 @@ def _asymmetry(s: Stimulus, _: Shape) -> Array:
 
 
 def _level_earth_dph(s: Stimulus) -> float:
-    return EARTH_RATE_DPH * math.cos(math.radians(s.latitude_deg))
+    return earth_rate_north_dph(s.latitude_deg)
 
 
 def _azimuth(s: Stimulus, _: Shape) -> Array:
@@ -44,7 +45,7 @@ def _tilt(s: Stimulus, _: Shape) -> Array:
     points up leans to the south. The table's own rate stays along its axis.
     """
     elevation = np.radians(s.elevation_deg)
-    vertical = EARTH_RATE_DPH * math.sin(math.radians(s.latitude_deg))
+    vertical = earth_rate_up_dph(s.latitude_deg)
     cosine, sine = s.harmonic(1) * np.cos(elevation)
     leaned = -_level_earth_dph(s) * np.sin(elevation)
     return np.asarray(math.radians(1.0) * np.stack((vertical * sine, vertical * cosine + leaned)))
@@ -58,7 +59,7 @@ def _misalignment(s: Stimulus, _: Shape) -> Array:
     """Sensitive axis leaning in its frame: an upright one picks up level Earth rate, a level one the table's."""
     upright, level = np.sin(np.radians(s.elevation_deg)), np.cos(np.radians(s.elevation_deg))
     cosine, sine = s.harmonic(1) * _level_earth_dph(s) * np.abs(upright)
-    vertical = EARTH_RATE_DPH * math.sin(math.radians(s.latitude_deg)) + 3600.0 * s.table_rate_dps
+    vertical = earth_rate_up_dph(s.latitude_deg) + 3600.0 * s.table_rate_dps
     return np.asarray(math.radians(1.0) * np.stack((cosine + level * vertical, sine)))
 
 

@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from drivers.base.arrays import Array
+from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
 
-EARTH_RATE_DPH = 15.041067
-"""Earth's rotation rate, 7.292115e-5 rad/s (WGS 84)."""
 REFERENCE_C = 25.0
 SMOOTHING_S = 60.0
 
@@ -49,9 +48,9 @@ class Stimulus:
     @cached_property
     def input_rate_dph(self) -> Array:
         """True rate along the sensitive axis with the Earth's, mean over each sample, deg/h, (n,)."""
-        latitude, elevation = math.radians(self.latitude_deg), np.radians(self.elevation_deg)
-        vertical = EARTH_RATE_DPH * math.sin(latitude) * np.sin(elevation)
-        level = EARTH_RATE_DPH * math.cos(latitude) * np.cos(elevation) * self.harmonic(1)[0]
+        elevation = np.radians(self.elevation_deg)
+        vertical = earth_rate_up_dph(self.latitude_deg) * np.sin(elevation)
+        level = earth_rate_north_dph(self.latitude_deg) * np.cos(elevation) * self.harmonic(1)[0]
         return np.asarray(3600.0 * self.axis_rate_dps + vertical + level)
 
     def harmonic(self, order: int) -> Array:

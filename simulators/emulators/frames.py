@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.base.constants import ZERO_CELSIUS_K
 from drivers.base.errors import ConfigurationError
 from drivers.frames import (
     FrameEncoder,
@@ -179,6 +180,6 @@ class FrameEmulator:
 
 _TEMPERATURES: dict[str, Any] = {
     "degC": lambda temp_c: temp_c,
-    "K": lambda temp_c: temp_c + 273.15,
+    "K": lambda temp_c: temp_c + ZERO_CELSIUS_K,
     "degF": lambda temp_c: temp_c * 1.8 + 32.0,
 }

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.base.arrays import Array
+from drivers.base.constants import EARTH_RATE_DPH
 from simulators.exam._campaign import LATITUDE_DEG, RunTruth
 from simulators.exam._physics import KNOWN, UNKNOWN, Draw, draw_unit
 
@@ -20,7 +21,6 @@ STOCHASTIC = {
     "rate_random_walk": ("walk", 0.01, 0.06),
     "quantisation": ("quantum", 0.15, 0.6),
 }
-_EARTH_DPH = 15.041067
 SF_SIGMA_PPM = 20.0
 SLOPE_SIGMA_DPH = 0.03
 
@@ -88,7 +88,7 @@ def nominal_dph(case: ExamCase, run: RunTruth) -> Array:
     level = np.cos(turn[:-1] + np.linspace(0.05, 0.95, 10)[:, None] * np.diff(turn)).mean(axis=0)
     rate = 3600.0 * np.diff(run.angle_deg) * np.sin(elevation)
     earth = math.sin(latitude) * np.sin(elevation) + math.cos(latitude) * np.cos(elevation) * level
-    rate = rate + _EARTH_DPH * earth
+    rate = rate + EARTH_RATE_DPH * earth
     return np.asarray(rate * (1.0 + 1e-6 * case.sf_ppm) + case.slope_dph * (run.t_in_c - 25.0) / 50.0)
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from drivers.base.arrays import Array
+from drivers.base.constants import EARTH_RATE_DPH
 from simulators.exam._campaign import LATITUDE_DEG, RunTruth
 
 Draw = dict[str, float]
 Signal = Callable[[RunTruth, Draw], Array]
-_EARTH_DPH = 15.041067
 
 
 def draw_unit(rng: np.random.Generator) -> Draw:
@@ -60,7 +60,7 @@ def _axis(run: RunTruth, lean_rad: float, towards_rad: float, azimuth_rad: float
         axis = math.cos(lean_rad) * along + math.sin(lean_rad) * lean
         north = axis[0] * np.cos(heading) - axis[1] * np.sin(heading)
         total += 0.1 * (
-            _EARTH_DPH * (math.cos(latitude) * north + math.sin(latitude) * axis[2]) + table_dph * axis[2]
+            EARTH_RATE_DPH * (math.cos(latitude) * north + math.sin(latitude) * axis[2]) + table_dph * axis[2]
         )
     return total
 

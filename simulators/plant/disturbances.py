@@ -7,17 +7,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.base.constants import ARCSEC_RAD
 from simulators.plant.effect import SamplePath
 from simulators.plant.noise import NoiseSource, SampleNoise
-
-_ARCSEC = math.radians(1.0 / 3600.0)
 
 
 class Line:
     """A sinusoid on the rate with a phase drawn at power-on, its mean over each sample exactly."""
 
     def __init__(self, amplitude_dph: float, frequency_hz: float, source: NoiseSource) -> None:
-        self._swing_rad = amplitude_dph * _ARCSEC / (2.0 * math.pi * frequency_hz) if frequency_hz else 0.0
+        self._swing_rad = amplitude_dph * ARCSEC_RAD / (2.0 * math.pi * frequency_hz) if frequency_hz else 0.0
         self._frequency_hz = frequency_hz
         self._phase = 2.0 * math.pi * float(source.generator(0).random())
 
@@ -32,7 +31,7 @@ class Impulses:
 
     def __init__(self, per_h: float, size_arcsec: float, source: NoiseSource) -> None:
         self._chance = per_h / 3600.0
-        self._size_rad = size_arcsec * _ARCSEC
+        self._size_rad = size_arcsec * ARCSEC_RAD
         self._drawn = SampleNoise(source, "uniform")
         self._when = SampleNoise(source.substream(source.stream + 1), "uniform")
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivers.base.arrays import Array
-from simulators.plant.earth import EARTH_RATE_DPH
+from drivers.base.constants import EARTH_RATE_DPH
 from simulators.plant.imu import turned_about
 from simulators.plant.table import TableAxis
 

@@ -18,10 +18,10 @@ from typing import Literal
 import numpy as np
 
 from drivers.base.arrays import Array
+from drivers.base.constants import EARTH_RATE_RAD_S
 from drivers.base.errors import ConfigurationError
 from simulators.plant.recursion import follow
 
-_EARTH_RATE_RAD_S = 7.292115e-5
 _GAUSS = np.polynomial.legendre.leggauss(3)
 
 
@@ -97,7 +97,7 @@ def measure_motion(
     angular acceleration is not finite.
     """
     latitude = math.radians(latitude_deg)
-    earth = _EARTH_RATE_RAD_S * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+    earth = EARTH_RATE_RAD_S * np.array([0.0, math.cos(latitude), math.sin(latitude)])
     period = 1.0 / rate_hz
     c = np.asarray(attitude, dtype=np.float64)
     angles, velocities = [], []

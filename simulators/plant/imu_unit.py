@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivers.base.arrays import Array
+from drivers.base.constants import ARCSEC_RAD, UG_MPS2, gravity_mps2
 from drivers.base.errors import ConfigurationError
 from simulators.interfaces import GyroSignal
-from simulators.plant.earth import gravity_mps2
 from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, earth_rate_rad_s, simpson
 from simulators.plant.imu import ImuErrors, ImuNoise, turned_about, with_errors
 from simulators.plant.mounting import Mount, Mounting
@@ -27,7 +27,6 @@ _ARW_DEG_PER_SQRT_H, _VRW_UG_PER_SQRT_HZ, _VIBRATION_MPS = 0.001, 10.0, 1e-3
 _WANDER_DPH, _WANDER_UG, _WANDER_TIME_S = 0.003, 5.0, 1000.0
 _LEVER_M, _LAG_S = 0.03, 1e-3
 _MOUNT_DEG = 0.05
-_UG, _DPH, _ARCSEC = 9.7803267715e-6, math.radians(1.0) / 3600.0, math.radians(1.0) / 3600.0
 _WHITE, _VIBRATION, _WANDER, _MOUNT = 0, 10, 20, 30
 """Noise streams of a unit; an axis adds its number."""
 
@@ -38,16 +37,16 @@ def imu_errors(unit_seed: int, full: bool) -> ImuErrors:
     """
     rng = NoiseSource(unit_seed, "imu").generator(0)
     bias, nabla, scale, angle, square = _PRIOR
-    size = np.where(np.eye(3) == 1.0, scale * 1e-6, angle * _ARCSEC)
+    size = np.where(np.eye(3) == 1.0, scale * 1e-6, angle * ARCSEC_RAD)
     kg, ka = rng.standard_normal((3, 3)) * size, np.tril(rng.standard_normal((3, 3)) * size)
     lever = rng.standard_normal((3, 3)) * _LEVER_M
     lever[2] = 0.0
     return ImuErrors(
-        eps_rad_s=rng.standard_normal(3) * bias * _DPH,
-        nabla_mps2=rng.standard_normal(3) * nabla * _UG,
+        eps_rad_s=rng.standard_normal(3) * bias * ARCSEC_RAD,
+        nabla_mps2=rng.standard_normal(3) * nabla * UG_MPS2,
         kg=kg,
         ka=ka,
-        k2_s2pm=rng.standard_normal(3) * square * 1e-6 / (_UG * 1e6),
+        k2_s2pm=rng.standard_normal(3) * square * 1e-6 / (UG_MPS2 * 1e6),
         lever_m=lever if full else np.zeros((3, 3)),
         lag_s=_LAG_S if full else 0.0,
     )
@@ -57,9 +56,9 @@ def imu_noise(full: bool) -> ImuNoise:
     """Return the noise of a navigation-grade unit on a table that vibrates by 1 mm/s; `full`: biases wander."""
     return ImuNoise(
         arw_rad_per_sqrt_s=math.radians(_ARW_DEG_PER_SQRT_H) / 60.0,
-        vrw_mps_per_sqrt_s=_VRW_UG_PER_SQRT_HZ * _UG,
-        wander_rad_s=_WANDER_DPH * _DPH if full else 0.0,
-        wander_mps2=_WANDER_UG * _UG if full else 0.0,
+        vrw_mps_per_sqrt_s=_VRW_UG_PER_SQRT_HZ * UG_MPS2,
+        wander_rad_s=_WANDER_DPH * ARCSEC_RAD if full else 0.0,
+        wander_mps2=_WANDER_UG * UG_MPS2 if full else 0.0,
         wander_time_s=_WANDER_TIME_S,
         vibration_mps=_VIBRATION_MPS,
     )

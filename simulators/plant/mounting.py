@@ -1,7 +1,13 @@
 """How a unit sits on the table, and the exact angle its axes turn through between two times.
 
 Table frame: first axis horizontal at the scale angle (table angle + mount azimuth error) from north, second
-90 deg counter-clockwise from it, third up. See `earth` for the sign convention.
+90 deg counter-clockwise from it, third up.
+
+Sign convention of the whole plant. The table axis points up and its angle is counter-clockwise positive seen
+from above (right-handed about up), so a unit with its axis up reads +20 deg/s at a table rate of +20 deg/s. A
+horizontal sensitive axis points `scale angle = table angle + mount azimuth error` from north on that same scale;
+its azimuth in the navigator's sense (clockwise) is minus the scale angle. The Earth-rate projection
+w_ie cos(latitude) cos(scale angle) is the same for either sense; 90 and 270 deg are the east-west line.
 """
 
 from __future__ import annotations
@@ -13,12 +19,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.plant.earth import horizontal_rate_dph, vertical_rate_dph
+from drivers.base.constants import ARCSEC_RAD, earth_rate_north_dph, earth_rate_up_dph
 
 Mounting = Literal["axis_horizontal", "axis_up", "z_up"]
 MOUNTINGS: tuple[Mounting, ...] = ("axis_horizontal", "axis_up", "z_up")
 _AXES = "xyz"
-_DPH_TO_RAD_PER_S = math.radians(1.0) / 3600.0
 
 
 @dataclass(frozen=True)
@@ -64,13 +69,13 @@ def turned_rad(
     """
     edges = np.radians(scale_angles_deg)
     half_turn = 0.5 * (edges[1:] - edges[:-1])
-    up = 2.0 * half_turn + vertical_rate_dph(latitude_deg) * _DPH_TO_RAD_PER_S * period_s
+    up = 2.0 * half_turn + earth_rate_up_dph(latitude_deg) * ARCSEC_RAD * period_s
     turned = up * axes_in_table[:, 2:]
     if axes_in_table[:, :2].any():
         middle = edges[:-1] + half_turn
         # far below any turn that matters, and far above the smallest float: no division by zero
         apart = half_turn + 1e-150
-        north = horizontal_rate_dph(latitude_deg) * _DPH_TO_RAD_PER_S * period_s * (np.sin(apart) / apart)
+        north = earth_rate_north_dph(latitude_deg) * ARCSEC_RAD * period_s * (np.sin(apart) / apart)
         # products term by term: a matrix product may round differently for another number of samples
         turned += (north * np.cos(middle)) * axes_in_table[:, :1]
         turned -= (north * np.sin(middle)) * axes_in_table[:, 1:2]

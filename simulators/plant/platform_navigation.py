@@ -13,16 +13,18 @@ from typing import Literal
 import numpy as np
 
 from drivers.base.arrays import Array
+from drivers.base.constants import (
+    ARCSEC_RAD,
+    EARTH_AXIS_M,
+    EARTH_ECCENTRICITY_SQUARED,
+    EARTH_MU_M3PS2,
+    EARTH_RATE_RAD_S,
+    SCHULER_RAD_S,
+)
 
 Gravity = Literal["spherical", "ellipsoid"]
 
-EARTH_RATE_RAD_S = 7.292115e-5
-_MU = 3.986004418e14
-_AXIS_M = 6378137.0
-_SQUARED_ECCENTRICITY = 6.69437999014e-3
 _J2 = 1.08262982131e-3
-SCHULER_RAD_S = math.sqrt(_MU / _AXIS_M**3)
-_ARCSEC = math.pi / 648000.0
 _LONGEST_STEP_S = 60.0
 
 
@@ -49,17 +51,17 @@ class PlatformNavigator:
         self._step_s = step_s / self._parts
         self._damping, self._ellipsoid = damping, gravity == "ellipsoid"
         geodetic = math.radians(latitude_deg)
-        shrink = 1.0 - _SQUARED_ECCENTRICITY if self._ellipsoid else 1.0
+        shrink = 1.0 - EARTH_ECCENTRICITY_SQUARED if self._ellipsoid else 1.0
         self._geocentric = math.atan2(shrink * math.sin(geodetic), math.cos(geodetic))
         self._latitude = geodetic
         self._angle = angle_rad
-        self._radius = _radius(self._geocentric) if self._ellipsoid else _AXIS_M
+        self._radius = _radius(self._geocentric) if self._ellipsoid else EARTH_AXIS_M
         self._phi = np.zeros(3) if start_phi_as is None else np.asarray(start_phi_as, dtype=np.float64)
         self._state = np.zeros(6)
         if started_turned:
             position = self._true(angle_rad)
             velocity = EARTH_RATE_RAD_S * np.array([-position[1], position[0], 0.0])
-            turn = rotation(self._phi * _ARCSEC) - np.eye(3)
+            turn = rotation(self._phi * ARCSEC_RAD) - np.eye(3)
             self._state = np.concatenate([turn @ position, turn @ velocity])
 
     def advance(self, phi_as: Array) -> tuple[Array, Array]:
@@ -74,7 +76,9 @@ class PlatformNavigator:
 
     def _step(self, phi: Array) -> None:
         step, state = self._step_s, self._state
-        turns = [rotation(each * _ARCSEC) - np.eye(3) for each in (self._phi, 0.5 * (self._phi + phi), phi)]
+        turns = [
+            rotation(each * ARCSEC_RAD) - np.eye(3) for each in (self._phi, 0.5 * (self._phi + phi), phi)
+        ]
         k1 = self._rate(state, self._angle, turns[0])
         half = self._angle + 0.5 * step * EARTH_RATE_RAD_S
         k2 = self._rate(state + 0.5 * step * k1, half, turns[1])
@@ -104,9 +108,9 @@ class PlatformNavigator:
         radius = _radius(math.asin(place[2] / distance))
         aided = place * (radius / distance)
         sine2 = (place[2] / distance) ** 2
-        factor = 1.5 * _J2 * (_AXIS_M / radius) ** 2
+        factor = 1.5 * _J2 * (EARTH_AXIS_M / radius) ** 2
         shape = np.array([1.0 + factor * (1.0 - 5.0 * sine2)] * 2 + [1.0 + factor * (3.0 - 5.0 * sine2)])
-        field: Array = -_MU / radius**3 * aided * shape - SCHULER_RAD_S**2 * (place - aided)
+        field: Array = -EARTH_MU_M3PS2 / radius**3 * aided * shape - SCHULER_RAD_S**2 * (place - aided)
         return field
 
     def _true(self, angle: float) -> Array:
@@ -127,10 +131,10 @@ class PlatformNavigator:
         gained = (2.0 * level * outward + outward**2 + side**2) / (computed_level + level)
         change = math.atan2(z * level - up * gained, computed_level * level + (up + z) * up)
         if self._ellipsoid:
-            shrink = 1.0 - _SQUARED_ECCENTRICITY
+            shrink = 1.0 - EARTH_ECCENTRICITY_SQUARED
             geodetic = math.atan2(math.tan(self._geocentric + change), shrink)
             change = geodetic - self._latitude
-        return change / _ARCSEC, longitude / _ARCSEC
+        return change / ARCSEC_RAD, longitude / ARCSEC_RAD
 
 
 def rotation(turn_rad: Array) -> Array:
@@ -148,5 +152,5 @@ def rotation(turn_rad: Array) -> Array:
 
 def _radius(geocentric_rad: float) -> float:
     """Geocentric radius of the WGS 84 ellipsoid."""
-    ratio = _SQUARED_ECCENTRICITY / (1.0 - _SQUARED_ECCENTRICITY)
-    return _AXIS_M / math.sqrt(1.0 + ratio * math.sin(geocentric_rad) ** 2)
+    ratio = EARTH_ECCENTRICITY_SQUARED / (1.0 - EARTH_ECCENTRICITY_SQUARED)
+    return EARTH_AXIS_M / math.sqrt(1.0 + ratio * math.sin(geocentric_rad) ** 2)

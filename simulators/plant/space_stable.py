@@ -17,14 +17,14 @@ from typing import Literal
 import numpy as np
 
 from drivers.base.arrays import Array
-from simulators.plant.platform_navigation import EARTH_RATE_RAD_S, SCHULER_RAD_S, PlatformNavigator
+from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S
+from simulators.plant.platform_navigation import PlatformNavigator
 from simulators.plant.recursion import follow
 
 Navigation = Literal["linear", "nonlinear"]
 
 SET_POINT_C = 45.0
 _HOUR = 3600.0
-_SIDEREAL_DAY_S = 2.0 * math.pi / EARTH_RATE_RAD_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ def _draw(random: np.random.Generator, latitude_deg: float, core_tau_h: float | 
 def _mean_change(parameters: PlatformParameters, headings: int = 12) -> float:
     """Return the rms over headings of the mean drift's change from heading 0, after ten days at each."""
     step_s = 900.0
-    day = round(_SIDEREAL_DAY_S / step_s)
+    day = round(SIDEREAL_DAY_S / step_s)
     means = []
     for heading in np.arange(headings) * 360.0 / headings:
         one = SpaceStablePlatform(parameters.quiet(), 0, step_s)
@@ -375,7 +375,6 @@ def _body_axes(angle: Array, heading: Array, latitude: float) -> Array:
 
 
 __all__ = [
-    "SCHULER_RAD_S",
     "PlatformParameters",
     "PlatformSamples",
     "SpaceStablePlatform",

@@ -20,16 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
+from drivers.base.constants import ARCSEC_RAD, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
-from simulators.plant.earth import horizontal_rate_dph, vertical_rate_dph
 from simulators.plant.effect import UnitModel
 from simulators.plant.mounting import Mount, Mounting
 from simulators.plant.noise import NoiseSource
 from simulators.plant.table import TableAxis, TableParameters
 from simulators.plant.unit import GyroUnit
 
-_ARCSEC = math.radians(1.0 / 3600.0)
-_DPH_TO_RAD_PER_S = math.radians(1.0 / 3600.0)
 _TICKS_PER_S = 1000
 _TABLE = 4096
 
@@ -53,7 +51,7 @@ class Wobble:
         tilt = self.play_arcsec * slack.astype(np.complex128)
         for line, amplitude in self.lines_arcsec.items():
             tilt += amplitude * np.exp(1j * line * angle_rad)
-        return np.asarray(tilt * _ARCSEC)
+        return np.asarray(tilt * ARCSEC_RAD)
 
 
 PATENT_CLASS = {-1.0: 5.0 - 3.0j, 2.0: -9.0 + 8.0j, 3.0: 4.0 + 4.4j}
@@ -164,7 +162,7 @@ class WhirlingUnit(GyroUnit):
         attitude = body_to_carried(angles, self._wobble.tilt_rad(angles, slack))
         turned = turned_rad(attitude, self._earth, period_s)
         for axis, angle_arcsec in enumerate(self._wobble.misalignment_arcsec):
-            turned[axis] += angle_arcsec * _ARCSEC * turned[2]
+            turned[axis] += angle_arcsec * ARCSEC_RAD * turned[2]
         return turned
 
 
@@ -200,9 +198,9 @@ class EncodedTable(TableAxis):
 def _earth_in_body(mount: Mount, latitude_deg: float) -> Array:
     """Return Earth rate in body axes, rad/s, float64 (3,)."""
     azimuth = math.radians(mount.azimuth_error_deg)
-    north, up = horizontal_rate_dph(latitude_deg), vertical_rate_dph(latitude_deg)
+    north, up = earth_rate_north_dph(latitude_deg), earth_rate_up_dph(latitude_deg)
     level = np.array([north * math.cos(azimuth), -north * math.sin(azimuth), up])
-    return np.asarray(mount.axes_in_table(3) @ level * _DPH_TO_RAD_PER_S)
+    return np.asarray(mount.axes_in_table(3) @ level * ARCSEC_RAD)
 
 
 def _about_z(angle_rad: Array) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import is_platform_run, load_gap_runs, load_platform_run
-from bench.analysis.heading import SIDEREAL_DAY_S, load_log, site_of_run, stays
+from bench.analysis.heading import load_log, site_of_run, stays
 from bench.control.procedure import find_procedure
 from bench.control.questions import AssumeYes
 from bench.control.runner import RunRequest, run_procedure
@@ -15,6 +15,7 @@ from bench.lab.emulated import EmulatedLab, Plant, unit_seed
 from bench.present.cli._gap import gap_diagnose_command
 from bench.record.benchfile import load_bench_file
 from bench.record.recording import Run, read_table
+from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
 

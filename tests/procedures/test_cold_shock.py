@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from bench.control.history import History
 from bench.control.procedure import find_procedure
+from bench.record.benchfile import BenchSection
 from procedures._cold_shock import (
     ColdShockParameters,
     bias_steady,
@@ -157,7 +158,7 @@ class EarthBench:
     """A table on the Earth: the axis at azimuth (table angle + error) sees the Earth rate's horizontal part."""
 
     def __init__(self, latitude_deg, error_deg, bias_dph, drift_dph_per_s):
-        self.file = SimpleNamespace(bench=SimpleNamespace(latitude_deg=latitude_deg))
+        self.file = SimpleNamespace(bench=BenchSection(name="b", latitude_deg=latitude_deg))
         self.table = self.judge = self
         self.name = "fog_1"
         self.now_s, self.angle = 0.0, 0.0

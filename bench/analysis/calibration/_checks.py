@@ -7,10 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.calibration._conventions import DPH_RAD_S, EARTH_RATE_RAD_S, EPS, Task
+from bench.analysis.calibration._conventions import DPH_RAD_S, EPS, Task
 from bench.analysis.calibration._navigation import Increments, Track
 from bench.analysis.calibration._schedule import Schedule
 from drivers.base.arrays import Array
+from drivers.base.constants import EARTH_RATE_RAD_S
 from drivers.base.errors import RecordError
 
 _TURN_TOLERANCE_DEG = 3.0

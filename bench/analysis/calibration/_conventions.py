@@ -18,16 +18,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.base.arrays import Array
+from drivers.base.constants import ARCSEC_RAD, EARTH_RATE_RAD_S, EQUATOR_GRAVITY_MPS2, UG_MPS2, gravity_mps2
 
-EARTH_RATE_RAD_S = 7.292115e-5
-"""WGS 84."""
-STANDARD_GRAVITY_MPS2 = 9.7803267715
-"""Unit of ug in this package: normal gravity at the equator (GRS 80), as strapdown literature uses it."""
-UG_MPS2 = STANDARD_GRAVITY_MPS2 * 1e-6
-UG_PER_G2 = 1e-6 / STANDARD_GRAVITY_MPS2
+UG_PER_G2 = 1e-6 / EQUATOR_GRAVITY_MPS2
 """s^2/m that one ug/g^2 is."""
-DPH_RAD_S = math.radians(1.0) / 3600.0
-ARCSEC_RAD = math.radians(1.0) / 3600.0
+DPH_RAD_S = ARCSEC_RAD
 PPM = 1e-6
 
 AXES = "xyz"
@@ -64,13 +59,6 @@ def _unit(name: str) -> tuple[str, float]:
 STATE_UNITS = tuple(_unit(name)[0] for name in STATE_NAMES)
 UNIT_SIZE = np.array([_unit(name)[1] for name in STATE_NAMES])
 """SI value of one printed unit, shape (30,)."""
-
-
-def gravity_mps2(latitude_deg: float, height_m: float = 0.0) -> float:
-    """Return normal gravity (Somigliana, WGS 84, free-air gradient) in m/s^2."""
-    s = math.sin(math.radians(latitude_deg)) ** 2
-    surface = 9.7803253359 * (1.0 + 0.00193185265241 * s) / math.sqrt(1.0 - 0.00669437999014 * s)
-    return surface - 3.086e-6 * height_m
 
 
 @dataclass(frozen=True)

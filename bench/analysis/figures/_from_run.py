@@ -22,9 +22,8 @@ from bench.analysis.figures._scale_factor import (
 from bench.analysis.figures._small_rates import RateStep, resolution, threshold
 from bench.record.recording import Run, seconds
 from drivers.base.arrays import Array
+from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import BenchError, ConfigurationError
-
-_EARTH_RATE_DPH = 15.041067
 
 
 @dataclass(frozen=True)
@@ -122,10 +121,10 @@ class _Record:
         return float((expected + error).sum() / step_s.sum())
 
     def earth_horizontal_dph(self) -> float:
-        return _EARTH_RATE_DPH * math.cos(self._latitude())
+        return earth_rate_north_dph(self.run.manifest.latitude_deg)
 
     def earth_vertical_dph(self) -> float:
-        return _EARTH_RATE_DPH * math.sin(self._latitude())
+        return earth_rate_up_dph(self.run.manifest.latitude_deg)
 
     def earth_dph(self, interval: dict[str, Any]) -> float:
         """Earth rate along the horizontal axis at the table's angle."""
@@ -133,9 +132,6 @@ class _Record:
         return self.earth_horizontal_dph() * float(
             np.cos(np.radians(angle + self.axis_angle_error_deg)).mean()
         )
-
-    def _latitude(self) -> float:
-        return math.radians(self.run.manifest.latitude_deg)
 
     def _table(self, interval: dict[str, Any], columns: Sequence[str]) -> dict[str, NDArray[Any]]:
         return self.run.gyro(self.gyro, columns, *self._limits(interval))

@@ -14,9 +14,6 @@ from bench.analysis.heading._files import (
     site_of_run,
 )
 from bench.analysis.heading._frames import (
-    EARTH_RATE_RAD_S,
-    SCHULER_RAD_S,
-    SIDEREAL_DAY_S,
     earth_rotation_deg,
     gravitation_latitude_deg,
     position_error,
@@ -47,9 +44,6 @@ from bench.analysis.heading._window import MovingWindow, WindowEstimate, extract
 
 __all__ = [
     "COLUMNS",
-    "EARTH_RATE_RAD_S",
-    "SCHULER_RAD_S",
-    "SIDEREAL_DAY_S",
     "Compensated",
     "DriftCourse",
     "Evidence",

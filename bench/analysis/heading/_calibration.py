@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.heading._frames import EARTH_RATE_RAD_S, position_rows
+from bench.analysis.heading._frames import position_rows
 from bench.analysis.heading._log import PlatformLog, Stay, stays
 from bench.analysis.heading._nine import integrate
 from drivers.base.arrays import Array
+from drivers.base.constants import EARTH_RATE_RAD_S
 from drivers.base.errors import RecordError
 
 _DAY_S = 86400.0

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.heading._frames import SIDEREAL_DAY_S
 from bench.analysis.heading._log import PlatformLog, Stay, stays
 from bench.analysis.heading._temperature import ReferenceTemperature, fit_reference, fourier_terms
 from drivers.base.arrays import Array
+from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
 
 STUCK_S = 3.0 * 3600.0

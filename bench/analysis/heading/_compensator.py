@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.heading._frames import EARTH_RATE_RAD_S, position_error
+from bench.analysis.heading._frames import position_error
 from bench.analysis.heading._lagged import FAST_TAU_S, LaggedModel
 from bench.analysis.heading._temperature import lag_weights
 from drivers.base.arrays import Array
+from drivers.base.constants import EARTH_RATE_RAD_S
 from drivers.base.errors import ConfigurationError, RecordError
 
 HOLD_S = 2.0 * 3600.0

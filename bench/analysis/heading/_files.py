@@ -13,13 +13,14 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from bench.analysis.common.state_file import read_compensation, write_state
-from bench.analysis.heading._frames import SIDEREAL_DAY_S, earth_rotation_deg
+from bench.analysis.heading._frames import earth_rotation_deg
 from bench.analysis.heading._lagged import Evidence, LaggedModel
 from bench.analysis.heading._log import PlatformLog, log_from_positions
 from bench.analysis.heading._temperature import ReferenceTemperature
 from bench.record.benchfile import bench_file_from
 from bench.record.recording import platform_table_name, read_manifest
 from drivers.base.arrays import Array
+from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
 
 KIND = "gyrobench heading compensation"

@@ -13,13 +13,8 @@ import math
 import numpy as np
 
 from drivers.base.arrays import Array
+from drivers.base.constants import ARCSEC_RAD, EARTH_ECCENTRICITY_SQUARED, EARTH_RATE_RAD_S
 
-EARTH_RATE_RAD_S = 7.292115e-5
-SIDEREAL_DAY_S = 2.0 * math.pi / EARTH_RATE_RAD_S
-SCHULER_RAD_S = math.sqrt(3.986004418e14 / 6378137.0**3)
-"""Schuler frequency at the equatorial radius: sqrt(mu / a^3), WGS 84."""
-ARCSEC_RAD = math.radians(1.0 / 3600.0)
-_ECCENTRICITY_SQUARED = 6.69437999014e-3  # WGS 84
 _UNIX_J2000_S = 946728000.0
 
 
@@ -50,7 +45,7 @@ def gravitation_latitude_deg(geodetic_deg: Array | float) -> Array:
     %.
     """
     geodetic = np.radians(geodetic_deg)
-    geocentric = np.arctan2((1.0 - _ECCENTRICITY_SQUARED) * np.sin(geodetic), np.cos(geodetic))
+    geocentric = np.arctan2((1.0 - EARTH_ECCENTRICITY_SQUARED) * np.sin(geodetic), np.cos(geodetic))
     return np.asarray(0.5 * np.degrees(geodetic + geocentric), dtype=np.float64)
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.heading._frames import SCHULER_RAD_S, gravitation_latitude_deg, sidereal_rad, wrap_deg
+from bench.analysis.heading._frames import gravitation_latitude_deg, sidereal_rad, wrap_deg
 from drivers.base.arrays import Array
+from drivers.base.constants import SCHULER_RAD_S
 from drivers.base.errors import RecordError
 
 _SAME_HEADING_DEG = 2.0

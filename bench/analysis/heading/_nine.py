@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from bench.analysis.heading._frames import SIDEREAL_DAY_S, wrap_deg
+from bench.analysis.heading._frames import wrap_deg
 from bench.analysis.heading._log import PlatformLog, Stay, stays
 from bench.analysis.heading._temperature import ReferenceTemperature, fit_reference, fourier_terms
 from bench.analysis.heading._window import WindowEstimate, extract
 from drivers.base.arrays import Array
+from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
 
 _SAME_HEADING_DEG = 2.0

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from bench.analysis.heading._calibration import swings
 from bench.analysis.heading._checks import Finding, check_log, check_phase, refuse_unsound
 from bench.analysis.heading._compensator import HeadingCompensator, PositionCorrector
-from bench.analysis.heading._frames import SIDEREAL_DAY_S
 from bench.analysis.heading._lagged import Form, LaggedModel, fit_lagged
 from bench.analysis.heading._log import PlatformLog, Stay, settled, stays
 from bench.analysis.heading._nine import NineCoefficients, compensate_nine, fit_nine, integrate
 from bench.analysis.heading._window import DEFAULT_WINDOW_S, MovingWindow, extract
 from drivers.base.arrays import Array
+from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from bench.analysis.heading._frames import SIDEREAL_DAY_S
 from drivers.base.arrays import Array
+from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
 
 HARMONICS = 8

@@ -13,9 +13,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from bench.analysis.heading._frames import SIDEREAL_DAY_S, position_rows
+from bench.analysis.heading._frames import position_rows
 from bench.analysis.heading._log import PlatformLog
 from drivers.base.arrays import Array
+from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import ConfigurationError
 
 DEFAULT_WINDOW_S = 1.5 * SIDEREAL_DAY_S

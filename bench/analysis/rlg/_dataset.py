@@ -14,9 +14,9 @@ from bench.analysis.common.state_file import read_arrays
 from bench.analysis.rlg._rows import RampRun, ramp_run
 from bench.record.recording import Run, second_rows, seconds
 from drivers.base.arrays import Array
+from drivers.base.constants import earth_rate_north_dph
 from drivers.base.errors import ConfigurationError
 
-_EARTH_RATE_DPH = 15.041067
 _MOVING = ("ramp_1", "ramp_2")
 _FEW_LOST = 1e-3
 """Part of the samples that may be missing without a remark."""
@@ -120,13 +120,12 @@ def _case(run: Run, gyro: str, table: dict[str, NDArray[Any]], start: int, end: 
 
 def _earth_rate_dph(run: Run, start: int, end: int) -> Array:
     """Return the Earth rate along the axis, which the table turned east by the measured azimuth error."""
-    latitude = math.radians(run.manifest.latitude_deg)
     error_deg = run.manifest.measured("azimuth_error") or 0.0
     table = run.turntable(("time_ns", "angle_deg"), start - 2.0, end + 2.0)
     angle = np.interp(
         np.arange(start + 0.5, end), seconds(table), np.unwrap(table["angle_deg"], period=360.0)
     )
-    horizontal = _EARTH_RATE_DPH * math.cos(latitude)
+    horizontal = earth_rate_north_dph(run.manifest.latitude_deg)
     return np.asarray(horizontal * np.cos(np.radians(angle + error_deg)))
 
 

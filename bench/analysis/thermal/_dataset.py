@@ -16,10 +16,9 @@ from bench.analysis.thermal._scale_factor import RateRun, scale_factor_group
 from bench.analysis.thermal._types import ThermalRun
 from bench.record.recording import Phase, Run, second_rows, seconds
 from drivers.base.arrays import Array
+from drivers.base.constants import earth_rate_north_dph
 from drivers.base.errors import ConfigurationError
 
-EARTH_RATE_DPH = 15.041067
-"""Earth's rotation rate, 7.292115e-5 rad/s (WGS 84)."""
 _BLOCK_S = 3600.0
 
 
@@ -170,12 +169,11 @@ def _case_temp(run: Run, gyro: str, start: int, end: int) -> Array:
 
 def _earth_rate_dph(run: Run, start: int, end: int) -> Array:
     """Return the Earth rate along the axis from table angle and measured azimuth error, (end - start,)."""
-    latitude = math.radians(run.manifest.latitude_deg)
     error_deg = run.manifest.measured("azimuth_error") or 0.0
     table = run.turntable(("time_ns", "angle_deg"), start - 2.0, end + 2.0)
     unwrapped = np.unwrap(table["angle_deg"], period=360.0)
     angle = np.interp(np.arange(start + 0.5, end), seconds(table), unwrapped)
-    return np.asarray(EARTH_RATE_DPH * math.cos(latitude) * np.cos(np.radians(angle + error_deg)))
+    return np.asarray(earth_rate_north_dph(run.manifest.latitude_deg) * np.cos(np.radians(angle + error_deg)))
 
 
 def _truth(run: Run, gyro: str, start: int, end: int) -> dict[str, Array]:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.whirl._kinematics import body_to_rotating, rotation, rotation_vector
-from bench.analysis.whirl._types import ARCSEC_PER_RAD, EARTH_RATE_DPH, Complex, TurnRecord
+from bench.analysis.whirl._types import Complex, TurnRecord
 from drivers.base.arrays import Array
+from drivers.base.constants import ARCSEC_PER_RAD, EARTH_RATE_DPH
 
 LOCKED_LINES = tuple(float(line) for line in range(-6, 7) if line)
 WINDOW_TURNS = 2.0

@@ -13,9 +13,10 @@ from bench.analysis.whirl._direct import DirectFit
 from bench.analysis.whirl._gauge import FREE_PART, MEANING, Gauge, gauge_tilt
 from bench.analysis.whirl._kinematics import body_tilt, body_to_true
 from bench.analysis.whirl._residual import slack
-from bench.analysis.whirl._types import ARCSEC_PER_RAD, Complex
+from bench.analysis.whirl._types import Complex
 from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
+from drivers.base.constants import ARCSEC_PER_RAD
 from drivers.base.errors import ConfigurationError
 
 FORMAT = 1

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
+from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import BenchError
 
 Complex = NDArray[np.complex128]
 ARCSEC_PER_DEG = 3600.0
 """deg/h and arcsec/s are the same number."""
-ARCSEC_PER_RAD = np.degrees(3600.0)
-EARTH_RATE_DPH = 15.041067
-"""Inertial rotation rate of the Earth (WGS 84: 7.292115e-5 rad/s)."""
 
 
 class NotObservable(BenchError):
@@ -69,9 +67,9 @@ class TurnRecord:
     @property
     def earth_horizontal_dph(self) -> float:
         """Horizontal component of Earth rate."""
-        return float(EARTH_RATE_DPH * np.cos(np.radians(self.latitude_deg)))
+        return earth_rate_north_dph(self.latitude_deg)
 
     @property
     def earth_up_dph(self) -> float:
         """Upward component of Earth rate."""
-        return float(EARTH_RATE_DPH * np.sin(np.radians(self.latitude_deg)))
+        return earth_rate_up_dph(self.latitude_deg)

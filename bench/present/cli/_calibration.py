@@ -17,7 +17,6 @@ from bench.analysis.calibration import (
     DPH_RAD_S,
     PARAMETER_NAMES,
     STATE_UNITS,
-    UG_MPS2,
     UNIT_SIZE,
     BiasWander,
     CalibrationRun,
@@ -37,6 +36,7 @@ from bench.analysis.common.state_file import save_file, saved_together
 from bench.present.cli._console import Terminal
 from bench.present.report import CalibrationContent, calibration_content, render_calibration, write_report
 from drivers.base.clock import utc_now
+from drivers.base.constants import UG_MPS2
 from drivers.base.errors import ConfigurationError, RecordError
 
 _COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]

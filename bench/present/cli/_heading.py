@@ -10,7 +10,6 @@ from rich.table import Table
 
 from bench.analysis.common.state_file import saved_together
 from bench.analysis.heading import (
-    SIDEREAL_DAY_S,
     Form,
     HeadingStudy,
     Site,
@@ -25,6 +24,7 @@ from bench.present.cli._console import Terminal
 from bench.present.report import HeadingContent, mixed_text, render_heading, write_report
 from bench.record.recording import checksum
 from drivers.base.clock import utc_now
+from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import ConfigurationError
 
 MODEL_FILE = "heading.gyrocomp"

@@ -14,6 +14,7 @@ from pydantic import (
     model_validator,
 )
 
+from drivers.base.constants import earth_rate_north_dph
 from drivers.base.errors import ConfigurationError
 from drivers.kit.link import check_place
 
@@ -67,6 +68,11 @@ class BenchSection(_Section):
     emulated: Emulated | None = Field(
         default=None, description="seed and model of an emulated lab; leave it out for real devices"
     )
+
+    @property
+    def earth_rate_north_dph(self) -> float:
+        """Horizontal component of the Earth's rate at the bench, deg/h."""
+        return earth_rate_north_dph(self.latitude_deg)
 
 
 Direction = Literal["east", "west", "north", "south", "up", "down"]

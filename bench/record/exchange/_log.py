@@ -16,6 +16,7 @@ import pyarrow.parquet
 from bench.record.exchange._mapping import Column, Columns
 from bench.record.recording import check_room
 from drivers.base.arrays import Array
+from drivers.base.constants import ZERO_CELSIUS_K
 from drivers.base.errors import ConfigurationError
 
 _RATES = {
@@ -26,7 +27,7 @@ _RATES = {
 }
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 _ANGLES = {"deg": 1.0, "rad": math.degrees(1.0)}
-_TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)}
+_TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -ZERO_CELSIUS_K), "degF": (5.0 / 9.0, -160.0 / 9.0)}
 _KNOWN: dict[str, Mapping[str, Any]] = {
     "time": _TIMES,
     "output": _RATES,

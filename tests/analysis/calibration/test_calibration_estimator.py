@@ -13,7 +13,6 @@ from scipy.stats import chi2
 from bench.analysis.calibration import (
     PARAMETER_NAMES,
     PARAMETERS,
-    UG_MPS2,
     UNIT_SIZE,
     BiasWander,
     Increments,
@@ -32,6 +31,7 @@ from bench.analysis.calibration import (
     to_gauge,
     unpack,
 )
+from drivers.base.constants import UG_MPS2
 from drivers.base.errors import RecordError
 from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
 

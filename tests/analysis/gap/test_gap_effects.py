@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from simulators.effects import CATALOGUE, EARTH_RATE_DPH, Effect, Stimulus, catalogue
+from drivers.base.constants import EARTH_RATE_DPH
+from simulators.effects import CATALOGUE, Effect, Stimulus, catalogue
 from tests.analysis.gap.conftest import effect, stimulus
 
 

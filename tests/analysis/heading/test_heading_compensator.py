@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.analysis.heading import (
-    EARTH_RATE_RAD_S,
     Evidence,
     HeadingCompensator,
     LaggedModel,
@@ -31,6 +30,7 @@ from bench.analysis.heading import (
     regressors,
     stays,
 )
+from drivers.base.constants import EARTH_RATE_RAD_S
 from drivers.base.errors import ConfigurationError, RecordError
 
 GOOD = Evidence(none=1e4, temperature=100.0, steps=1e3, other_share=0.0, residual=0.4)

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from bench.analysis.heading import (
-    EARTH_RATE_RAD_S,
-    SIDEREAL_DAY_S,
     MovingWindow,
     PlatformLog,
     earth_rotation_deg,
@@ -20,6 +18,7 @@ from bench.analysis.heading import (
     settled,
 )
 from bench.analysis.heading._window import design
+from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S
 from drivers.base.errors import ConfigurationError, RecordError
 
 LATITUDE = 40.0

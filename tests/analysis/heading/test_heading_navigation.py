@@ -6,15 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.heading import (
-    EARTH_RATE_RAD_S,
-    SCHULER_RAD_S,
-    SIDEREAL_DAY_S,
-    PlatformLog,
-    extract,
-    log_from_positions,
-    position_error_finite,
-)
+from bench.analysis.heading import PlatformLog, extract, log_from_positions, position_error_finite
+from drivers.base.constants import EARTH_RATE_RAD_S, SCHULER_RAD_S, SIDEREAL_DAY_S
 from simulators.plant.platform_navigation import PlatformNavigator
 
 LATITUDE = 40.0

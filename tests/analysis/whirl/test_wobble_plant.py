@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.whirl_runs import LATITUDE_DEG, QUIET, STILL
+from drivers.base.constants import EARTH_RATE_DPH
 from drivers.base.errors import ConfigurationError
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
-from simulators.plant.earth import EARTH_RATE_DPH
 from simulators.plant.wobble import (
     PATENT_CLASS,
     EncoderParameters,

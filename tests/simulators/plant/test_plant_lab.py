@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
 from simulators.interfaces import ChamberPlant, GyroPlant, TablePlant
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig, cold_shock, double_shock
-from simulators.plant.earth import EARTH_RATE_DPH, horizontal_rate_dph, projection_dph, vertical_rate_dph
 from simulators.plant.effect import effect_names
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID
@@ -32,21 +32,15 @@ def mean_dph(lab: LabPlant, start_s: float, seconds: int) -> float:
     return math.degrees(float(signal.angle_increment_rad[:, 0].sum())) * 3600.0 / seconds
 
 
-def test_earth_rate_figures() -> None:
-    assert horizontal_rate_dph(39.10) * math.sin(math.radians(0.1)) == pytest.approx(0.02037, abs=1e-5)
-    assert vertical_rate_dph(39.10) == pytest.approx(9.4860, abs=1e-3)
-    assert EARTH_RATE_DPH * math.sin(math.radians(0.1)) * math.sin(math.radians(39.1)) == pytest.approx(
-        projection_dph(39.10, 90.0, 0.1), abs=1e-6
-    )
-
-
 @pytest.mark.parametrize("angle", [0.0, 37.0, 90.0, 180.0, 270.0, 315.0])
 @pytest.mark.parametrize("error", [0.0, 0.1])
 def test_horizontal_axis_reads_the_projection_of_earth_rate(angle: float, error: float) -> None:
     lab = quiet_lab(mount_azimuth_error_deg=error, tilt_deg=0.1)
     lab.table.servo(0.0, True)
     lab.table.demand_angle(0.0, angle)
-    expected = projection_dph(39.10, angle + error, 0.1)
+    north = earth_rate_north_dph(39.10) * math.cos(math.radians(angle + error))
+    raised = math.radians(0.1)
+    expected = math.cos(raised) * north + math.sin(raised) * earth_rate_up_dph(39.10)
     assert mean_dph(lab, 60.0, 10) == pytest.approx(expected, abs=1e-8)
 
 
@@ -55,7 +49,7 @@ def test_upward_axis_reads_table_rate_plus_vertical_earth_rate(rate: float) -> N
     lab = quiet_lab(mounting="axis_up")
     lab.table.servo(0.0, True)
     lab.table.demand_rate(0.0, rate)
-    expected = rate * 3600.0 + vertical_rate_dph(39.10)
+    expected = rate * 3600.0 + earth_rate_up_dph(39.10)
     assert mean_dph(lab, 60.0, 10) == pytest.approx(expected, abs=2e-5)
 
 
@@ -66,7 +60,7 @@ def test_turning_horizontal_axis_integrates_earth_rate_exactly() -> None:
     lab.advance(40.0)
     increments = lab.unit("g").measure(20.0, 20, 1.0).angle_increment_rad[:, 0]
     angle = np.radians([lab.table.total_angle_deg(t) for t in range(20, 41)])
-    omega = math.radians(horizontal_rate_dph(39.10)) / 3600.0
+    omega = math.radians(earth_rate_north_dph(39.10)) / 3600.0
     expected = omega * np.diff(np.sin(angle)) / math.radians(20.0)
     np.testing.assert_allclose(increments, expected, rtol=1e-9, atol=1e-15)
 
@@ -77,8 +71,8 @@ def test_stage_hand_turns_the_unit() -> None:
     lab.mount("g", "axis_up")
     lab.advance(102.0)
     rate = np.degrees(lab.unit("g").measure(100.0, 200, 0.01).angle_increment_rad[:, 0]) * 360_000.0
-    np.testing.assert_allclose(rate[:50], horizontal_rate_dph(39.10), atol=1e-8)
-    np.testing.assert_allclose(rate[50:], vertical_rate_dph(39.10), atol=1e-8)
+    np.testing.assert_allclose(rate[:50], earth_rate_north_dph(39.10), atol=1e-8)
+    np.testing.assert_allclose(rate[50:], earth_rate_up_dph(39.10), atol=1e-8)
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
@@ -93,7 +87,7 @@ def test_three_axis_unit_sees_one_rotation_vector(mounting: Mounting, axis: str)
     assert np.linalg.norm(vector) == pytest.approx(EARTH_RATE_DPH, rel=1e-9)
     tested = "xyz".index(axis)
     tilt = math.radians(3.0)
-    level, up = horizontal_rate_dph(39.10), vertical_rate_dph(39.10)
+    level, up = earth_rate_north_dph(39.10), earth_rate_up_dph(39.10)
     if mounting == "axis_horizontal":  # at table angle 0 it points north, raised by the tilt
         assert vector[tested] == pytest.approx(level * math.cos(tilt) + up * math.sin(tilt), rel=1e-6)
     elif mounting == "axis_up":  # tipped towards north
@@ -110,7 +104,7 @@ def test_three_axis_unit_sees_one_rotation_vector(mounting: Mounting, axis: str)
 def test_the_only_axis_of_a_unit_is_the_one_under_test() -> None:
     lab = quiet_lab(mounting="axis_up", axis="z")
     lab.advance(20.0)
-    assert mean_dph(lab, 0.0, 10) == pytest.approx(vertical_rate_dph(39.10), abs=1e-8)
+    assert mean_dph(lab, 0.0, 10) == pytest.approx(earth_rate_up_dph(39.10), abs=1e-8)
 
 
 def demand(lab: LabPlant, now_s: float, kind: str, value: float) -> None:
@@ -206,7 +200,7 @@ def test_rate_runs_carry_the_scale_factor_error() -> None:
     # white noise of two runs at 40 deg/s apart: 6 N sqrt(2) / (40 * 3600) = 0.24 ppm; asymmetry 1.5 ppm
     np.testing.assert_allclose(measured_ppm[1:] - 1.5, truth[1:], atol=1.5)
     mean_dph = 0.5 * (runs[20.0].rate_dps + runs[-20.0].rate_dps)[:whole].mean() * 3600.0
-    assert mean_dph == pytest.approx(vertical_rate_dph(39.10) + runs[20.0].true_bias_dph.mean(), abs=0.2)
+    assert mean_dph == pytest.approx(earth_rate_up_dph(39.10) + runs[20.0].true_bias_dph.mean(), abs=0.2)
 
 
 def test_double_shock_is_cold_twice() -> None:
