@@ -52,7 +52,7 @@ def test_runs_measurements_and_a_failing_one_end_up_in_the_junit_file(inner):
 
 
         def test_drive(bench):
-            assert bench.lab.emulated
+            assert bench.emulated
             run = bench.drive(turn, judge=False)
             assert run.outcome == "completed" and run.value("rate") == pytest.approx(10.0, abs=0.05)
             assert run.record.manifest.emulated.seed == 4
@@ -111,7 +111,7 @@ def test_a_bench_file_is_driven_and_an_unprepared_one_is_not(inner, tmp_path):
 
 
         def test_it(bench):
-            assert not bench.lab.emulated
+            assert not bench.emulated
             bench.drive(look)
         """
     path = tmp_path / "lab.toml"
