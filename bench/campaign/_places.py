@@ -56,16 +56,15 @@ class EmulatedPlace:
     was interrupted and however many of its runs go on side by side.
     """
 
-    def __init__(self, file: BenchFile, plant: Plant, *, lane: int | None = None) -> None:
+    def __init__(self, file: BenchFile, plant: Plant) -> None:
         self._file = file
         self.plant = plant
-        self._lane = lane
 
     @contextmanager
     def open(self, number: int) -> Iterator[Placed]:
         """Start the lab of run `number`."""
         plant = self.plant.model_copy(update={"seed": self.plant.seed + number})
-        with EmulatedLab(self._file, plant, lane=self._lane) as lab:
+        with EmulatedLab(self._file, plant) as lab:
             yield Placed(
                 lab.file,
                 lab.perform,

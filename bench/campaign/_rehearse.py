@@ -13,11 +13,9 @@ from pathlib import Path
 from types import FrameType
 
 from bench.campaign._file import Campaign, CampaignRun, bench_of
-from bench.campaign._places import EmulatedPlace
-from bench.control.live import Live
-from bench.control.questions import AssumeYes, StageHand
-from bench.control.runner import RunRequest, RunResult, run_procedure
+from bench.control.runner import RunResult
 from bench.lab.emulated import Plant
+from bench.lab.rehearsal import rehearse_procedure
 from bench.record.benchfile import BenchFile
 from drivers.base.errors import RunAborted
 
@@ -104,17 +102,5 @@ def rehearse_run(
     run: CampaignRun, file: BenchFile, plant: Plant, number: int, runs_folder: Path, lane: int | None = None
 ) -> RunResult:
     """Run one run of a campaign, `number` counted from 0, on an emulated lab of its own."""
-    with EmulatedPlace(file, plant, lane=lane).open(number) as place, Live() as live:
-        return run_procedure(
-            RunRequest(
-                run.test,
-                run.values,
-                place.file,
-                runs_folder,
-                AssumeYes() if place.perform is None else StageHand(place.perform),
-                run_id=run.name,
-                emulated=place.emulated,
-                before_close=place.before_close,
-                live=live,
-            )
-        )
+    seeded = plant.model_copy(update={"seed": plant.seed + number})
+    return rehearse_procedure(run.test, run.values, file, seeded, runs_folder, run_id=run.name, lane=lane)

@@ -14,11 +14,25 @@ from bench.control.lease import lease_holder
 from bench.control.run_record import decode_run
 from bench.record.benchfile import bench_file_from
 from bench.record.recording import Manifest, local_run, read_events, read_manifest, seal
+from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.clock import utc_now
-from drivers.base.errors import BenchInUse, RecordError
+from drivers.base.errors import BenchError, BenchInUse, RecordError
 
 _EVENTS = "events.jsonl"
 _PAIR_BYTES = 16
+
+
+def open_runs(root: Path) -> list[Path]:
+    """Return the run folders in `root` that were never closed, and those that cannot be read."""
+    return [path.parent for path in sorted(root.glob(f"*/{MANIFEST_FILE}")) if _is_open(path.parent)]
+
+
+def _is_open(folder: Path) -> bool:
+    """Return whether a run was not closed; one that cannot be read is, and `recover` says why it cannot."""
+    try:
+        return not read_manifest(folder).complete
+    except BenchError:
+        return True
 
 
 def recover(folder: Path) -> Manifest:

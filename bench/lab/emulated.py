@@ -232,10 +232,11 @@ def _ended() -> BenchError:
     return BenchError("the emulated lab ended before it was asked to", remedy="its own output says why")
 
 
-def load_plant(path: Path | None) -> Plant:
-    """Read a plant file (TOML); None gives the defaults."""
+def load_plant(path: Path | None, seed: int | None = None) -> Plant:
+    """Read a plant file (TOML); None gives the defaults. `seed`: in place of the file's."""
+    seeded = {} if seed is None else {"seed": seed}
     if path is None:
-        return Plant()
+        return Plant().model_copy(update=seeded)
     try:
         plant = Plant.model_validate(parse_toml(read_bounded(path, SETTINGS_BYTES)))
     except (OSError, ValueError) as error:
@@ -246,7 +247,7 @@ def load_plant(path: Path | None) -> Plant:
             expected="keys of the plant file",
         ) from error
     models = {unit: path.parent / file for unit, file in plant.gap_model.items()}
-    return plant.model_copy(update={"gap_model": models})
+    return plant.model_copy(update={"gap_model": models, **seeded})
 
 
 def _cpu_of(lane: int) -> int | None:

@@ -10,7 +10,7 @@ from rich.console import Console
 from bench.control.runner import RunResult
 from bench.control.watchdog._process import _words
 from bench.lab.emulated import Plant, PlantFault
-from bench.present.cli._run import say_result
+from bench.present.cli._shown_run import say_result
 
 
 def said(result):

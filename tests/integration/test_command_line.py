@@ -177,7 +177,7 @@ def test_a_run_loads_neither_torch_nor_pandas():
         "bench.control.runner",
         "bench.lab.emulated",
         "procedures.zero_bias_cold_shock",
-        "bench.present.cli._run",
+        "bench.present.cli._shown_run",
     )
     code = f"import {', '.join(modules)}"
     said = subprocess.run(

@@ -22,11 +22,12 @@ from bench.control.disk import check_disk, estimated_bytes
 from bench.control.lease import take_lease
 from bench.control.live import read_now
 from bench.control.runner import RunResult
+from bench.lab.emulated import load_plant
 from bench.present.cli._campaign_plan import plan_warnings, say_warnings
 from bench.present.cli._campaign_rehearse import fit_campaign
-from bench.present.cli._console import Terminal
+from bench.present.cli._console import Terminal, console_for
 from bench.present.cli._display import RunDisplay
-from bench.present.cli._run import console_for, console_operator, plant_with_seed, say_result
+from bench.present.cli._shown_run import console_operator, say_result
 from bench.present.cli._texts import duration, event_text, say_json
 from bench.record.benchfile import load_bench_file
 from drivers.base.errors import BenchError, ConfigurationError, RecordError
@@ -54,7 +55,7 @@ def run_command(
         raise ConfigurationError(
             "--plant, --seed and --ask are for emulated labs", remedy="add --emulated, or leave them out"
         )
-    plant = plant_with_seed(plant_file, seed) if emulated else None
+    plant = load_plant(plant_file, seed) if emulated else None
     if plant is None:
         take_lease(
             bench_of(campaign, file), f"campaign {campaign.title}"
@@ -180,10 +181,10 @@ def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
     """Write a run's report beside it; a report that cannot be made is said and stops nothing."""
     if result.outcome == "aborted":
         return
-    from bench.present.cli._report import run_report
+    from bench.present.report import report_run
 
     try:
-        run_report(result.folder)
+        report_run(result.folder)
     except BenchError as error:
         if not as_json:
             console.print(f"no report of this run: {error}", style="yellow", highlight=False)
@@ -191,15 +192,20 @@ def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
 
 def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
     """Write the campaign's certificate, whatever became of it; return its verdict, if there is one."""
-    from bench.present.cli._report import CERTIFICATE_FILE, certify_campaign
+    from bench.present.cli._report import say_certificate
+    from bench.present.report import CERTIFICATE_FILE, certify_campaign
 
+    shown = Terminal(quiet=True) if quiet else console
     try:
-        verdict = certify_campaign(folder, Terminal(quiet=True) if quiet else console)
+        with shown.status("verifying records"):
+            certificate = certify_campaign(folder)
     except ConfigurationError:  # not one run was begun: nothing to certify
         return ""
     except RecordError as error:
         console.print(str(error), style="red", highlight=False)
         return "not passed"
+    verdict = certificate.verdict
+    say_certificate(shown, certificate)
     passed = {"passed": True, "not passed": False, "not judged": None}[verdict]
     folder.event("certificate", file=CERTIFICATE_FILE, passed=passed)
     if not quiet:

@@ -21,9 +21,8 @@ from bench.campaign import (
     plan_campaign,
 )
 from bench.control.disk import check_disk
-from bench.lab.emulated import Plant
-from bench.present.cli._console import Terminal
-from bench.present.cli._run import console_for, plant_with_seed
+from bench.lab.emulated import Plant, load_plant
+from bench.present.cli._console import Terminal, console_for
 from bench.present.cli._texts import duration, say_json, size
 from bench.record.benchfile import BenchFile, load_bench_file
 from drivers.base.clock import utc_now
@@ -42,7 +41,7 @@ def plan_command(
     console = console_for(as_json)
     file = load_bench_file(bench)
     campaign = load_campaign(campaign_file, file)
-    plant = None if quick else plant_with_seed(plant_file, seed)
+    plant = None if quick else load_plant(plant_file, seed)
     planned = _planned(campaign, file, plant, console, as_json)
     begin = datetime.fromisoformat(utc_now())
     bytes_ = sum(row.bytes for row in planned)

@@ -19,8 +19,9 @@ from bench.campaign import (
 )
 from bench.control.disk import check_disk, estimated_bytes
 from bench.control.runner import RunResult
-from bench.present.cli._console import Terminal
-from bench.present.cli._run import console_for, plant_with_seed, say_result
+from bench.lab.emulated import load_plant
+from bench.present.cli._console import Terminal, console_for
+from bench.present.cli._shown_run import say_result
 from bench.present.cli._texts import duration, say_json
 from bench.record.benchfile import load_bench_file
 from drivers.base.clock import host_seconds
@@ -40,7 +41,7 @@ def rehearse_command(
     """Rehearse a campaign, fit, report; exit code 0 if every run completed or is invalid for a stated reason."""
     console = console_for(as_json)
     file = load_bench_file(bench)
-    plant = plant_with_seed(plant_file, seed)
+    plant = load_plant(plant_file, seed)
     campaign = load_campaign(campaign_file, file)
     check_limits(campaign, bench_of(campaign, file))
     runs_folder = out / "runs"

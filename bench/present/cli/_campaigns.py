@@ -11,7 +11,9 @@ import typer
 from bench.present.cli._options import Cluster
 
 campaign_app = typer.Typer(
-    help="Many runs from one file: plan, run, resume, watch, rehearse, fit.", no_args_is_help=True
+    name="campaign",
+    help="Many runs from one file: plan, run, resume, watch, rehearse, fit.",
+    no_args_is_help=True,
 )
 
 CampaignFile = Annotated[Path, typer.Argument(help="campaign file (TOML)", metavar="FILE")]

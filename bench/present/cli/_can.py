@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 can_app = typer.Typer(
+    name="can",
     help="Gyros on CAN: the layouts there are, and whether a DBC file and its mapping are right.",
     no_args_is_help=True,
 )

@@ -23,3 +23,8 @@ class Terminal(Console):
             if segment.control is None and not segment.text.isprintable():
                 segment = Segment(printable(segment.text, keep="\n\t"), segment.style)
             yield segment
+
+
+def console_for(as_json: bool) -> Console:
+    """Return where a command prints; JSON is never wrapped or coloured, so that it goes to the bare stream."""
+    return Terminal(highlight=False, color_system=None) if as_json else Terminal()

@@ -10,8 +10,10 @@ import typer
 
 from bench.present.cli._options import Cluster, Jobs
 
-fit_app = typer.Typer(help="Fit compensations to recorded runs.", no_args_is_help=True)
-scheme_app = typer.Typer(help="Rotation schemes of the system-level calibration.", no_args_is_help=True)
+fit_app = typer.Typer(name="fit", help="Fit compensations to recorded runs.", no_args_is_help=True)
+scheme_app = typer.Typer(
+    name="scheme", help="Rotation schemes of the system-level calibration.", no_args_is_help=True
+)
 
 Runs = Annotated[list[Path], typer.Argument(help="run folders to fit on")]
 Test = Annotated[list[Path] | None, typer.Option("--test", help="run folder that judges; repeat for several")]

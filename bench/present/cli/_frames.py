@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 frames_app = typer.Typer(
+    name="frames",
     help="Gyros described by a TOML file: what there is, and whether a description is right.",
     no_args_is_help=True,
 )

@@ -26,7 +26,8 @@ from bench.analysis.gap import (
 from bench.analysis.heading import PlatformLog
 from bench.control.procedure import find_procedure
 from bench.lab.emulated import Plant, load_plant
-from bench.present.cli._run import console_for, perform, plant_with_seed, rehearse
+from bench.present.cli._console import console_for
+from bench.present.cli._shown_run import perform, perform_emulated
 from bench.present.report import render_log_gaps
 from bench.record.benchfile import bench_file_from, load_bench_file
 from bench.record.recording import Run
@@ -140,7 +141,9 @@ def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, as_json
         )
     procedure = find_procedure(manifest.procedure)
     parameters = procedure.parse(dict(manifest.parameters))
-    result = rehearse(procedure, parameters, bench_file_from(manifest.bench), plant, runs, console, as_json)
+    result = perform_emulated(
+        procedure, parameters, bench_file_from(manifest.bench), plant, runs, console, as_json
+    )
     if result.outcome == "aborted":
         raise BenchError(f"a rehearsal was aborted: {result.reason}")
     return result.folder
@@ -163,8 +166,8 @@ def run_suggestion(
     parameters = procedure.parse(dict(suggestion.settings))
     file = load_bench_file(bench)
     if emulated:
-        plant = plant_with_seed(plant_file, seed)
-        result = rehearse(procedure, parameters, file, plant, runs, console, as_json)
+        plant = load_plant(plant_file, seed)
+        result = perform_emulated(procedure, parameters, file, plant, runs, console, as_json)
     else:
         result = perform(procedure, parameters, file, runs, yes, console, as_json)
     if result.outcome == "aborted":

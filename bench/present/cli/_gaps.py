@@ -10,7 +10,7 @@ import typer
 from bench.present.cli._options import Cluster, Jobs
 
 gap_app = typer.Typer(
-    help="Where simulation and bench part, and which effect is missing.", no_args_is_help=True
+    name="gap", help="Where simulation and bench part, and which effect is missing.", no_args_is_help=True
 )
 
 Runs = Annotated[list[Path], typer.Argument(help="run folders, or mapping files of foreign recordings")]

@@ -1,14 +1,29 @@
-"""Options that several commands share: where work runs; a command that is quick to parse."""
+"""Options that several commands share, and a command that is quick to parse."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+DEFAULT_BENCH = Path("lab.toml")
+DEFAULT_RUNS = Path("runs")
+
+Bench = Annotated[Path, typer.Option("--bench", help="bench file (TOML)", show_default=True)]
+RunsFolder = Annotated[Path, typer.Option("--runs", help="folder that holds the runs")]
+PlantFile = Annotated[
+    Path | None, typer.Option("--plant", help="plant file (TOML): physics behind the emulated devices")
+]
+Seed = Annotated[int | None, typer.Option("--seed", help="seed of the emulated lab")]
+Yes = Annotated[bool, typer.Option("--yes", help="answer operator questions beforehand")]
+JsonLines = Annotated[
+    bool, typer.Option("--json", help="for machines: one JSON object a line, the last one the result")
+]
+Json = Annotated[bool, typer.Option("--json", help="print JSON")]
 Jobs = Annotated[
     int | None,
     typer.Option("--jobs", help="processes at work; default 1, with --cluster local one a processor"),

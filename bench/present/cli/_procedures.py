@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from rich.table import Table
-from rich.text import Text
+from typing import Annotated
 
-from bench.control.procedure import find_procedure, load_procedures, parameter_rows
-from bench.present.cli._console import Terminal
+import typer
+
 from bench.present.cli._texts import duration
 
+app = typer.Typer()
 
-def show_procedures(name: str | None) -> None:
-    """Print all procedures, or one in full."""
+
+@app.command()
+def procedures(name: Annotated[str | None, typer.Argument(help="show this one in full")] = None) -> None:
+    """List the procedures with parameters, units, defaults and expected duration."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from bench.control.procedure import find_procedure, load_procedures, parameter_rows
+    from bench.present.cli._console import Terminal
+
     console = Terminal()
     if name is None:
         table = Table("procedure", "what it does", "expected", "source")

@@ -2,120 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+import typer
 
-from bench.campaign import CampaignFolder
-from bench.present.certificate import certificate_content
-from bench.present.cli._console import Terminal
-from bench.present.report import (
-    CertificateContent,
-    UnitVerdict,
-    render_certificate,
-    render_run,
-    run_content,
-    write_pdf,
-    write_report,
-)
-from bench.record.figure_limits import NO_LIMITS, Limits, load_limits
-from bench.record.recording import Run
-from bench.record.run_folder import url_of
-from drivers.base.clock import utc_now
-from drivers.base.errors import ConfigurationError
+if TYPE_CHECKING:
+    from rich.console import Console
 
-REPORT_FILE = "report.html"
-CERTIFICATE_FILE = "certificate.html"
-CAMPAIGN_FILE = "campaign.toml"
+    from bench.present.report import CertificateContent
+
+app = typer.Typer()
+
 NOT_PASSED = 4
 """Exit code for a certificate that says so."""
 _STYLES = {"passed": "bold green", "not passed": "bold red", "not judged": "yellow"}
 
 
-def report_command(folders: Sequence[Path], out: Path | None, limits: Path | None, pdf: bool) -> int:
-    """Write the report of one run folder, or the certificate of several or against limits."""
+@app.command()
+def report(
+    run: Annotated[list[Path], typer.Argument(help="a run folder; several, or --limits: a test certificate")],
+    out: Annotated[
+        Path | None, typer.Option(help="HTML file; default report.html or certificate.html beside the runs")
+    ] = None,
+    limits: Annotated[
+        Path | None, typer.Option("--limits", help="limits to judge by: a TOML file with a limits table")
+    ] = None,
+    pdf: Annotated[bool, typer.Option("--pdf", help="print a PDF too (needs Chromium or Chrome)")] = False,
+) -> None:
+    """Write the HTML report of a run, or the test certificate of several; a fit writes its own.
+
+    Exit code 4 if the certificate says "not passed".
+    """
+    from bench.campaign import CampaignFolder
+    from bench.present.cli._console import Terminal
+    from bench.present.report import (
+        CAMPAIGN_FILE,
+        CERTIFICATE_FILE,
+        certify,
+        certify_campaign,
+        report_run,
+        write_pdf,
+    )
+    from bench.record.figure_limits import NO_LIMITS, load_limits
+
     console = Terminal()
-    if len(folders) == 1 and (folders[0] / CAMPAIGN_FILE).exists():
-        campaign = CampaignFolder(folders[0])
-        path = out or campaign.path / CERTIFICATE_FILE
-        verdict = certify_campaign(campaign, console, path, load_limits(limits) if limits else None)
-    elif len(folders) == 1 and limits is None:
-        path, verdict = run_report(folders[0], out), None
+    judged = load_limits(limits) if limits else None
+    certificate = None
+    if len(run) == 1 and (run[0] / CAMPAIGN_FILE).exists():
+        path = out or run[0] / CERTIFICATE_FILE
+        with console.status("verifying records"):
+            certificate = certify_campaign(CampaignFolder(run[0]), path, judged)
+    elif len(run) == 1 and judged is None:
+        path = report_run(run[0], out)
     else:
-        path = out or folders[0].parent / CERTIFICATE_FILE
-        verdict = certify(folders, load_limits(limits) if limits else NO_LIMITS, path, console)
+        path = out or run[0].parent / CERTIFICATE_FILE
+        with console.status("verifying records"):
+            certificate = certify(run, path, judged or NO_LIMITS)
+    if certificate is not None:
+        say_certificate(console, certificate)
     console.print(f"{path}", highlight=False, soft_wrap=True)
     if pdf:
         console.print(f"{write_pdf(path)}", highlight=False, soft_wrap=True)
-    return NOT_PASSED if verdict == "not passed" else 0
-
-
-def run_report(folder: Path, out: Path | None = None) -> Path:
-    """Write the report of a run folder and return its path; a fit's report is written by the fit itself."""
-    run = Run.open(folder) if url_of(folder) else None
-    if run is None and not (folder / "manifest.json").exists():
-        raise ConfigurationError(
-            "no run to report on",
-            where=str(folder),
-            found="no manifest.json",
-            expected="a run folder",
-            remedy="`gyrobench fit` writes the report of a fit into its own folder",
-        )
-    return write_report(
-        out or (Path(folder.name) if run else folder) / REPORT_FILE,
-        render_run(run_content(run or Run.open(folder), created_utc=utc_now())),
-    )
-
-
-def certify_campaign(
-    folder: CampaignFolder, console: Console, path: Path | None = None, limits: Limits | None = None
-) -> UnitVerdict:
-    """Write the certificate of a campaign: its limits, every planned run, the units of its file."""
-    campaign = folder.campaign
-    states = folder.states()
-    return certify(
-        [state.folder or folder.runs / state.run.name for state in states],
-        limits or Limits(campaign.limits, CAMPAIGN_FILE, campaign.sha256),
-        path or folder.path / CERTIFICATE_FILE,
-        console,
-        title=campaign.title,
-        expected_units=[unit.serial for unit in campaign.unit],
-    )
-
-
-def certify(
-    folders: Sequence[Path],
-    limits: Limits,
-    path: Path,
-    console: Console,
-    *,
-    title: str = "",
-    expected_units: Sequence[str] = (),
-) -> UnitVerdict:
-    """Write the certificate of planned run folders, print it and return its verdict.
-
-    A certificate that was there before is removed before anything is computed.
-    """
-    if not any(folder.is_dir() for folder in folders):
-        raise ConfigurationError(
-            "no run to certify",
-            where=", ".join(map(str, folders)),
-            found="no such folder",
-            expected="run folders",
-        )
-    path.unlink(missing_ok=True)
-    with console.status("verifying records"):
-        content = certificate_content(folders, limits, title=title, expected_units=expected_units)
-    write_report(path, render_certificate(content))
-    say_certificate(console, content)
-    return content.verdict
+    sys.exit(NOT_PASSED if certificate is not None and certificate.verdict == "not passed" else 0)
 
 
 def say_certificate(console: Console, content: CertificateContent) -> None:
     """Print every unit's verdict and what stands against it."""
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table("unit", "verdict", "limits met", title=content.title)
     for unit in content.units:
         met = sum(figure.judgement == "pass" for figure in unit.figures)

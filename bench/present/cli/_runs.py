@@ -1,49 +1,169 @@
-"""`gyrobench runs`: show, recover, verify."""
+"""The commands `gyrobench runs ...`, and `gyrobench import`. They load little: a list is mostly a start-up."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json as json_text
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rich.table import Table
-from rich.text import Text
+import typer
 
-from bench.control.recover import recover
-from bench.control.run_record import decode_run
-from bench.present.cli._console import Terminal
-from bench.present.cli._runs_list import STYLES
-from bench.present.cli._texts import duration
-from bench.record.recording import Run, read_manifest, verify
-from bench.record.run_folder import MANIFEST_FILE, url_of
-from drivers.base.errors import BenchError
+from bench.present.cli._options import DEFAULT_RUNS, RunsFolder, TextCommand, TextGroup
+from bench.present.cli._texts import duration, printable, size
+from drivers.base.errors import BenchError, ConfigurationError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+    from bench.record.catalogue import CatalogueRow
+
+OUTCOMES = ("completed", "invalid", "aborted", "running", "unreadable")
+STYLES = {"completed": "green", "invalid": "yellow", "aborted": "red", "running": "cyan"}
+_MANY = 2000
+"""Manifests to read for which a bar is shown."""
+
+app = typer.Typer(cls=TextGroup, name="runs", help="Look at recorded runs.", no_args_is_help=True)
+import_app = typer.Typer()
+
+CatalogueUrl = Annotated[
+    str | None,
+    typer.Option(
+        "--catalogue",
+        envvar="GYROBENCH_CATALOGUE",
+        help="URL of a shared catalogue: postgresql://... or sqlite:///FILE; default a file beside the runs",
+    ),
+]
 
 
-def show_command(folder: Path) -> None:
-    """Print a run's parameters, devices, measurements and streams."""
+@app.command("list", cls=TextCommand)
+def list_(
+    runs: Annotated[str, typer.Option("--runs", help="folder that holds the runs")] = str(DEFAULT_RUNS),
+    unit: Annotated[str | None, typer.Option(help="of this unit under test")] = None,
+    procedure: Annotated[str | None, typer.Option(help="of this procedure")] = None,
+    outcome: Annotated[
+        str | None, typer.Option(help="completed, invalid, aborted, running, unreadable")
+    ] = None,
+    since: Annotated[str | None, typer.Option(help="from this year, month, day or time on, UTC")] = None,
+    until: Annotated[
+        str | None, typer.Option(help="to the end of this year, month, day or time, UTC")
+    ] = None,
+    limit: Annotated[str, typer.Option(metavar="COUNT", help="show at most so many, newest first")] = "100",
+    catalogue: CatalogueUrl = None,
+    json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
+) -> None:
+    """List the runs in a folder, or those of every bench with a shared catalogue."""
+    from bench.record.catalogue import find_runs
+
+    if not limit.isdecimal() or int(limit) < 1:
+        raise ConfigurationError("no number of runs", where="--limit", found=limit, expected="1 or more")
+    if outcome is not None and outcome not in OUTCOMES:
+        raise ConfigurationError(
+            "no outcome of a run", where="--outcome", found=outcome, expected=", ".join(OUTCOMES)
+        )
+    wanted = {"unit": unit, "procedure": procedure, "outcome": outcome, "since": since, "until": until}
+    with _bar() as progress:
+        rows, count = find_runs(Path(runs), catalogue, limit=int(limit), progress=progress, **wanted)
+    if json:
+        typer.echo(json_text.dumps([asdict(row) for row in rows], ensure_ascii=False))
+    elif rows:
+        _print_table(rows)
+        if count > len(rows):
+            typer.echo(f"the newest {len(rows)} of {count}; --limit shows more")
+    elif any(wanted.values()):
+        typer.echo("no runs that fit")
+    else:
+        typer.echo(f"no runs in {runs}")
+
+
+@app.command()
+def index(
+    runs: RunsFolder = DEFAULT_RUNS,
+    catalogue: CatalogueUrl = None,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="read every run folder again")] = False,
+) -> None:
+    """Bring the catalogue of runs up to date with the folders, which are the truth."""
+    from bench.record.catalogue import index_runs
+
+    with _bar() as progress:
+        count = index_runs(runs, catalogue, rebuild=rebuild, progress=progress)
+    typer.echo(f"{count} manifests read in {runs}")
+
+
+@app.command()
+def export(
+    run: Path,
+    format_: Annotated[str, typer.Option("--format", help="csv, parquet, mdf4 or blf (recorded CAN frames)")],
+    out: Annotated[Path | None, typer.Option(help="file or folder; default named after the run")] = None,
+) -> None:
+    """Write a run for other software."""
+    from bench.present.cli._console import Terminal
+    from bench.record.exchange import export_run
+
     console = Terminal()
-    run = Run.open(folder)
-    found = run.manifest
-    style = STYLES[found.outcome]
-    console.print(Text.assemble((found.run_id, "bold"), "  ", (found.outcome, style), f"  {found.reason}"))
-    length = "not closed" if found.duration_s is None else duration(found.duration_s)
-    console.print(f"{found.procedure}, started {found.started_utc}, bench time {length}", highlight=False)
+    with console.status(f"writing {format_}"):
+        target = export_run(run, format_, out)
+    files = [target] if target.is_file() else sorted(target.iterdir())
+    total = sum(path.stat().st_size for path in files)
+    console.print(f"{target}: {len(files)} files, {size(total)}", highlight=False)
+
+
+@import_app.command("import")
+def import_(
+    log: Annotated[list[Path], typer.Argument(help="logs of another bench: CSV, Parquet or MDF")],
+    mapping: Annotated[Path, typer.Option("--mapping", help="mapping file (TOML): columns, units, phases")],
+    out: Annotated[Path, typer.Option("--out", help="folder that holds the runs")] = DEFAULT_RUNS,
+) -> None:
+    """Make run folders from logs of another bench, for fitting, reports and the gap diagnosis."""
+    from bench.present.cli._console import Terminal
+    from bench.record.exchange import import_log
+
+    console = Terminal()
+    for path in log:
+        with console.status(f"reading {path.name}"):
+            folder = import_log(path, mapping, out)
+        console.print(f"{folder}", highlight=False)
+
+
+@app.command()
+def show(run: Path) -> None:
+    """Show what a run was, on what, and how it ended."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from bench.present.cli._console import Terminal
+    from bench.record.recording import Run
+
+    console = Terminal()
+    manifest = Run.open(run).manifest
+    style = STYLES[manifest.outcome]
     console.print(
-        "parameters: " + ", ".join(f"{k}={v}" for k, v in found.parameters.items()), highlight=False
+        Text.assemble((manifest.run_id, "bold"), "  ", (manifest.outcome, style), f"  {manifest.reason}")
+    )
+    length = "not closed" if manifest.duration_s is None else duration(manifest.duration_s)
+    console.print(
+        f"{manifest.procedure}, started {manifest.started_utc}, bench time {length}", highlight=False
+    )
+    console.print(
+        "parameters: " + ", ".join(f"{k}={v}" for k, v in manifest.parameters.items()), highlight=False
     )
     devices = Table("device", "kind", "maker", "model", "serial number", "firmware")
-    for name, device in found.devices.items():
+    for name, device in manifest.devices.items():
         devices.add_row(name, device.kind, device.maker, device.model, device.serial_number, device.firmware)
     console.print(devices)
-    if found.measurements:
+    if manifest.measurements:
         measured = Table("measurement", "value", "unit", "low", "high", "judged")
-        for row in found.measurements:
+        for row in manifest.measurements:
             low, high = ("-" if row[key] is None else f"{row[key]:g}" for key in ("low", "high"))
             value = "-" if row["value"] is None else f"{row['value']:.6g}"
             measured.add_row(row["name"], value, row["unit"], low, high, _judged(row))
         console.print(measured)
     streams = Table("gyro", "frames", "lost", "rejected", "sample rate Hz", "clock error ppm")
-    for name, stream in found.stream.items():
+    for name, stream in manifest.stream.items():
         rejected = sum((stream.get("rejected") or {}).values())
         rate, error = stream.get("sample_rate_hz"), stream.get("clock_error_ppm")
         streams.add_row(
@@ -57,6 +177,105 @@ def show_command(folder: Path) -> None:
     console.print(streams)
 
 
+@app.command()
+def recover(
+    run: Annotated[list[Path] | None, typer.Argument(help="run folders")] = None,
+    all_: Annotated[
+        bool, typer.Option("--all", help="every run in the runs folder that was not closed")
+    ] = False,
+    runs: RunsFolder = DEFAULT_RUNS,
+) -> None:
+    """Complete runs that a crash left open: decode, checksum, mark as aborted.
+
+    Exit code 1 if one could not be.
+    """
+    from bench.control.recover import open_runs
+    from bench.control.recover import recover as complete
+    from bench.present.cli._console import Terminal
+
+    console = Terminal()
+    folders = [*(run or []), *(open_runs(runs) if all_ else [])]
+    if not folders:
+        console.print("no run to recover")
+    failed = False
+    for folder in folders:
+        try:
+            manifest = complete(folder)
+        except BenchError as error:
+            failed = True
+            console.print(f"not recovered  {folder}: {error}", style="red", highlight=False)
+        else:
+            console.print(f"{manifest.outcome}  {folder}: {manifest.reason}", highlight=False)
+    sys.exit(1 if failed else 0)
+
+
+@app.command()
+def verify(run: list[Path]) -> None:
+    """Recompute the checksums of runs and rebuild their decoded tables from the raw bytes.
+
+    Exit code 1 if anything differs.
+    """
+    from rich.text import Text
+
+    from bench.control.run_record import decode_run
+    from bench.present.cli._console import Terminal
+    from bench.record.recording import verify as verify_record
+    from bench.record.run_folder import url_of
+
+    console = Terminal()
+    failed = False
+    for folder in run:
+        report, name = verify_record(folder, decode_run), url_of(folder) or folder
+        if report.passed:
+            counts = f"{report.files} checksums, {report.tables} tables rebuilt"
+            console.print(Text.assemble(("verified", "green"), f"  {name}: {counts}"))
+            continue
+        failed = True
+        console.print(Text.assemble(("differs", "red"), f"  {name}"))
+        for problem in report.problems:
+            console.print(f"  {problem.path}: {problem.text}", highlight=False)
+    sys.exit(1 if failed else 0)
+
+
+def _print_table(rows: Sequence[CatalogueRow]) -> None:
+    """Print in columns; names are never cut, since one that is cannot be copied."""
+    several = len({row.root for row in rows}) > 1
+    benches = ["bench", *(row.bench or row.root for row in rows)]
+    cells = [("run", "procedure", "units", "bench time", "started (UTC)", "outcome")]
+    for row in rows:
+        length = "-" if row.duration_s is None else duration(row.duration_s)
+        started = f"{datetime.fromtimestamp(row.started_s, UTC):%Y-%m-%d %H:%M}" if row.started_s else "-"
+        outcome = f"unreadable: {row.reason}" if row.outcome == "unreadable" else row.outcome
+        units = ", ".join(row.units) or "-"
+        cells.append((row.name, row.procedure or "-", units, length, started, outcome))
+    lines = [[printable(cell) for cell in line] for line in cells]
+    if several:
+        lines = [[printable(bench), *line] for bench, line in zip(benches, lines, strict=True)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    colours = [None, *(STYLES.get(row.outcome, "red") for row in rows)]
+    for line, colour in zip(lines, colours, strict=True):
+        padded = [cell.ljust(width) for cell, width in zip(line[:-1], widths[:-1], strict=True)]
+        typer.echo("  ".join([*padded, typer.style(line[-1], fg=colour)]))
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[int, int], None]]:
+    """Give what is to be told of the manifests read: a bar is shown once there are many."""
+    bars: list[tuple[Progress, TaskID]] = []
+    with ExitStack() as stack:
+
+        def show(done: int, total: int) -> None:
+            if total > _MANY and not bars:
+                from rich.progress import Progress
+
+                bar = stack.enter_context(Progress(transient=True))
+                bars.append((bar, bar.add_task("reading run folders", total=total)))
+            for bar, task in bars:
+                bar.update(task, completed=done)
+
+        yield show
+
+
 def _lost(stream: Mapping[str, Any]) -> str:
     off = stream.get("off")
     return f"{stream.get('lost', '-')}" + (f", {off} not sent while off" if off else "")
@@ -66,52 +285,3 @@ def _judged(row: Mapping[str, Any]) -> str:
     if row["low"] is None and row["high"] is None:
         return "no limits"  # older records say passed there
     return "inside" if row["passed"] else "outside"
-
-
-def recover_command(folders: Sequence[Path], root: Path | None) -> int:
-    """Recover runs, with `root` every open one below it; 0 when all could be, 1 otherwise."""
-    console = Terminal()
-    found = list(folders)
-    if root is not None:
-        found += [path.parent for path in sorted(root.glob(f"*/{MANIFEST_FILE}")) if _is_open(path.parent)]
-    if not found:
-        console.print("no run to recover")
-    failed = False
-    for folder in found:
-        try:
-            manifest = recover(folder)
-        except BenchError as error:
-            failed = True
-            console.print(f"not recovered  {folder}: {error}", style="red", highlight=False)
-        else:
-            console.print(f"{manifest.outcome}  {folder}: {manifest.reason}", highlight=False)
-    return 1 if failed else 0
-
-
-def _is_open(folder: Path) -> bool:
-    """Return whether a run was not closed; one that cannot be read is, and `recover` says why it cannot."""
-    try:
-        return not read_manifest(folder).complete
-    except BenchError:
-        return True
-
-
-def verify_command(folders: Sequence[Path]) -> int:
-    """Verify runs; 0 when nothing differs, 1 otherwise."""
-    console = Terminal()
-    failed = False
-    for folder in folders:
-        report, name = verify(folder, decode_run), url_of(folder) or folder
-        if report.passed:
-            console.print(
-                Text.assemble(
-                    ("verified", "green"),
-                    f"  {name}: {report.files} checksums, {report.tables} tables rebuilt",
-                )
-            )
-            continue
-        failed = True
-        console.print(Text.assemble(("differs", "red"), f"  {name}"))
-        for problem in report.problems:
-            console.print(f"  {problem.path}: {problem.text}", highlight=False)
-    return 1 if failed else 0

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-import getpass
+import sys
 from pathlib import Path
-from typing import cast, get_args
+from typing import Annotated, cast, get_args
 
-from bench.control.live import Action, drop_answer, drop_request, read_now
-from bench.present.cli._console import Terminal
+import typer
+
 from drivers.base.errors import ConfigurationError
 
+app = typer.Typer()
 
-def steer_command(session: Path, action: str, answer: str, by: str) -> int:
-    """Drop an answer or a request; exit code 1 if somebody else had answered first."""
+
+@app.command()
+def steer(
+    session: Annotated[Path, typer.Argument(help="campaign folder, or run folder of a single run")],
+    action: Annotated[str, typer.Argument(help="pause, resume, abort or answer")],
+    answer: Annotated[str, typer.Argument(help="the answer to the question that is open")] = "",
+    by: Annotated[str, typer.Option("--by", help="your name; default the user's")] = "",
+) -> None:
+    """Answer, pause, resume or abort a session that another process runs.
+
+    Exit code 1 if somebody else had answered first.
+    """
+    import getpass
+
+    from bench.control.live import Action, drop_answer, drop_request, read_now
+    from bench.present.cli._console import Terminal
+
     console = Terminal()
     by = by or f"{getpass.getuser()} at another shell"
     now = read_now(session)
@@ -26,7 +42,7 @@ def steer_command(session: Path, action: str, answer: str, by: str) -> int:
     if action in get_args(Action):
         drop_request(session, cast(Action, action), by)
         console.print(f"{action} asked for", highlight=False)
-        return 0
+        return
     if action != "answer":
         raise ConfigurationError(
             "an unknown action", found=action, expected="answer, " + ", ".join(get_args(Action))
@@ -36,4 +52,4 @@ def steer_command(session: Path, action: str, answer: str, by: str) -> int:
     prompt = now["prompts"][0]
     counts = drop_answer(session, int(prompt["id"]), answer, by)
     console.print(f"{prompt['question']}\n{counts.answer} ({counts.by})", highlight=False)
-    return 0 if counts.by == by else 1
+    sys.exit(0 if counts.by == by else 1)

@@ -10,6 +10,12 @@ from bench.present.report._certificate import (
     UnitVerdict,
     render_certificate,
 )
+from bench.present.report._certificate_of_runs import (
+    CAMPAIGN_FILE,
+    CERTIFICATE_FILE,
+    certify,
+    certify_campaign,
+)
 from bench.present.report._content import (
     CampaignContent,
     Comparison,
@@ -29,13 +35,15 @@ from bench.present.report._gap import GapContent, render_gap
 from bench.present.report._gap_rehearsal import render_log_gaps
 from bench.present.report._heading import HeadingContent, mixed_text, render_heading
 from bench.present.report._rlg import render_rlg_study
-from bench.present.report._run import render_run
+from bench.present.report._run import render_run, report_run
 from bench.present.report._run_content import run_content
 from bench.present.report._standard import allan_figure, render_standard_test
 from bench.present.report._whirl import render_whirl
 from bench.present.report._whirl_content import WhirlContent, WhirlJudgement, WhirlLine
 
 __all__ = [
+    "CAMPAIGN_FILE",
+    "CERTIFICATE_FILE",
     "CalibrationContent",
     "CampaignContent",
     "CertificateContent",
@@ -59,6 +67,8 @@ __all__ = [
     "WhirlLine",
     "allan_figure",
     "calibration_content",
+    "certify",
+    "certify_campaign",
     "find_browser",
     "mixed_text",
     "render_calibration",
@@ -72,6 +82,7 @@ __all__ = [
     "render_run",
     "render_standard_test",
     "render_whirl",
+    "report_run",
     "run_content",
     "scheme_content",
     "write_pdf",

@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import replace_file
 
+REPORT_FILE = "report.html"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _PRINT_TIMEOUT_S = 120.0
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from bench.present.report._content import RunContent, RunSummary
+from bench.present.report._file import REPORT_FILE, write_report
 from bench.present.report._glossary import CLOCK, LOST
 from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, duration, moment, significant, unit_text
 from bench.present.report._page import Block, Definitions, Fact, Headline, Page, Section, Verdict
 from bench.present.report._parts import made, warnings
 from bench.present.report._plots import trace_figure
+from bench.present.report._run_content import run_content
 from bench.present.report._tables import (
     checksum_table,
     devices_table,
@@ -19,6 +23,10 @@ from bench.present.report._tables import (
     software_facts,
     streams_table,
 )
+from bench.record.recording import Run
+from bench.record.run_folder import MANIFEST_FILE, url_of
+from drivers.base.clock import utc_now
+from drivers.base.errors import ConfigurationError
 
 _SENTENCES = {
     "completed": "The run was completed and met the criteria of its procedure.",
@@ -41,6 +49,21 @@ def render_run(content: RunContent) -> str:
         colophon=made(content.created_utc, "Figures are computed from the run's record; times are UTC."),
     )
     return render_page(page)
+
+
+def report_run(folder: Path, out: Path | None = None) -> Path:
+    """Write the report of a run folder, beside it unless `out` says where, and return its path."""
+    stored = url_of(folder)
+    if not stored and not (folder / MANIFEST_FILE).exists():
+        raise ConfigurationError(
+            "no run to report on",
+            where=str(folder),
+            found=f"no {MANIFEST_FILE}",
+            expected="a run folder",
+            remedy="`gyrobench fit` writes the report of a fit into its own folder",
+        )
+    page = render_run(run_content(Run.open(folder), created_utc=utc_now()))
+    return write_report(out or (Path(folder.name) if stored else folder) / REPORT_FILE, page)
 
 
 def units_text(units: dict[str, str]) -> str:

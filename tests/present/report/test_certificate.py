@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bench.analysis.common.allan_noise import NoiseCoefficients
-from bench.present.certificate import certificate_content, check_record
 from bench.present.report import (
     CertificateContent,
     CertifiedFigure,
@@ -18,6 +17,7 @@ from bench.present.report import (
     write_pdf,
     write_report,
 )
+from bench.present.report._certificate_of_runs import certificate_content, check_record
 from bench.record.figure_limits import FIGURES, FURTHER, Limits, load_limits
 from bench.record.recording import Manifest, read_manifest, write_manifest
 from bench.record.recording._tables import table_writer

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bench.analysis.figures import Figure, StandardFigures, figures_over_runs, standard_figures
 from bench.control.run_record import decode_run
-from bench.present.report import (
+from bench.present.report._certificate import (
     CertificateContent,
     CertifiedFigure,
-    RunSummary,
     UnitCertificate,
-    allan_figure,
-    run_content,
+    render_certificate,
 )
+from bench.present.report._content import RunSummary
+from bench.present.report._file import write_report
+from bench.present.report._run_content import run_content
+from bench.present.report._standard import allan_figure
 from bench.record.figure_limits import FIGURES, FURTHER, NO_LIMITS, Limit, Limits
 from bench.record.recording import Run, verify
 from bench.record.run_folder import url_of
 from drivers.base.clock import utc_now
-from drivers.base.errors import BenchError
+from drivers.base.errors import BenchError, ConfigurationError
 
+if TYPE_CHECKING:
+    from bench.analysis.figures import Figure, StandardFigures
+    from bench.campaign import CampaignFolder
+
+CERTIFICATE_FILE = "certificate.html"
+CAMPAIGN_FILE = "campaign.toml"
 _OVER_RUNS = "all runs"
 
 
@@ -33,6 +41,45 @@ def check_record(folder: Path) -> str:
     except BenchError as error:
         return f"cannot be read: {error}"
     return "verified" if report.passed else "; ".join(f"{p.path}: {p.text}" for p in report.problems)
+
+
+def certify(
+    folders: Sequence[Path],
+    path: Path,
+    limits: Limits = NO_LIMITS,
+    *,
+    title: str = "",
+    expected_units: Iterable[str] = (),
+) -> CertificateContent:
+    """Write the certificate of planned run folders to `path` and return what it says.
+
+    A certificate that was there before is removed before anything is computed.
+    """
+    if not any(folder.is_dir() for folder in folders):
+        raise ConfigurationError(
+            "no run to certify",
+            where=", ".join(map(str, folders)),
+            found="no such folder",
+            expected="run folders",
+        )
+    path.unlink(missing_ok=True)
+    content = certificate_content(folders, limits, title=title, expected_units=expected_units)
+    write_report(path, render_certificate(content))
+    return content
+
+
+def certify_campaign(
+    campaign: CampaignFolder, path: Path | None = None, limits: Limits | None = None
+) -> CertificateContent:
+    """Write the certificate of a campaign: its limits, every planned run, the units of its file."""
+    planned = campaign.campaign
+    return certify(
+        [state.folder or campaign.runs / state.run.name for state in campaign.states()],
+        path or campaign.path / CERTIFICATE_FILE,
+        limits or Limits(planned.limits, CAMPAIGN_FILE, planned.sha256),
+        title=planned.title,
+        expected_units=[unit.serial for unit in planned.unit],
+    )
 
 
 def certificate_content(
@@ -51,6 +98,8 @@ def certificate_content(
     Every record is verified (checksums, tables rebuilt from raw bytes) and only a completed run whose record
     verifies gives figures. `check` says "verified" of a record, or what is wrong with it.
     """
+    from bench.analysis.figures import standard_figures  # scipy behind it is slow to import
+
     checks = {folder.name: check(folder) for folder in folders}
     summaries: dict[str, RunSummary] = {}
     results: dict[str, list[StandardFigures]] = {}
@@ -115,6 +164,8 @@ def _reasons(run: RunSummary, check: str) -> list[str]:
 
 
 def _figures(results: Sequence[StandardFigures], limits: Limits) -> list[CertifiedFigure]:
+    from bench.analysis.figures import figures_over_runs
+
     found: dict[str, list[tuple[str, Figure]]] = {}
     for result in results:
         for figure in result.figures:
