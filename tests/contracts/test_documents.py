@@ -40,13 +40,13 @@ def command_of(words: list[str]) -> tuple[list[str], set[str]]:
     command: Any = COMMAND
     path: list[str] = []
     for word in words:
-        if not hasattr(command, "commands"):
+        if not hasattr(command, "get_command"):
             break
         if word.startswith("-"):
             return path, {"--help"}
-        if word not in command.commands:
+        command = command.get_command(None, word)
+        if command is None:
             raise LookupError(f"no command {' '.join(['gyrobench', *path, word])}")
-        command = command.commands[word]
         path.append(word)
     known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
     procedure = words[len(path)] if len(words) > len(path) else ""

@@ -4,77 +4,114 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib import import_module
 from typing import Any
 
 import typer
+from typer.main import get_group_from_info
+from typer.models import TyperInfo
 
-from bench.present.cli import (
-    _campaigns,
-    _can,
-    _fits,
-    _frames,
-    _gaps,
-    _panel,
-    _ports,
-    _procedures,
-    _report,
-    _run,
-    _runs,
-    _steer,
-)
 from bench.present.cli._options import TextGroup
 from drivers.base.errors import BenchError, RunAborted, RunUnsealed
-from drivers.base.plugins import entry_points_of
 
+COMMANDS = {
+    "procedures": "_procedures",
+    "run": "_run",
+    "rehearse": "_run",
+    "steer": "_steer",
+    "lab": "_run",
+    "report": "_report",
+    "panel": "_panel",
+    "ports": "_ports",
+    "import": "_import",
+    "runs": "_runs",
+    "campaign": "_campaigns",
+    "fit": "_fits",
+    "scheme": "_scheme",
+    "gap": "_gaps",
+    "frames": "_frames",
+    "can": "_can",
+}
+"""Command or group -> the file here that holds it, in `app`."""
 ENTRY_POINTS = "gyrobench.commands"
-"""Entry points of other packages: name of the command or group -> a `typer.Typer`."""
+"""Entry points of other packages: command or group -> a `typer.Typer` that holds it."""
 
 
 class Commands(TextGroup):
-    """Our own commands, and those that installed packages bring. These are loaded when one of them is asked for,
-    and for the list of commands.
-    """
+    """Loads and builds a command when it is asked for: `gyrobench runs list` does not wait for the others."""
 
     def list_commands(self, context: Any) -> list[str]:
         """Return the names, ours first."""
-        brought = (point.name for point in entry_points_of(ENTRY_POINTS))
-        return list(dict.fromkeys([*super().list_commands(context), *brought]))
+        return list(dict.fromkeys([*COMMANDS, *_brought()]))
 
     def get_command(self, context: Any, name: str) -> Any:
-        """Return a command; one of ours cannot be replaced."""
-        own = super().get_command(context, name)
-        if own is not None:
-            return own
-        brought = next((point for point in entry_points_of(ENTRY_POINTS) if point.name == name), None)
-        return None if brought is None else typer.main.get_command(brought.load())
+        """Return a command or group, None if there is none of this name; one of ours cannot be replaced."""
+        holder = _holder(name)
+        if holder is None:
+            return None
+        group = get_group_from_info(
+            TyperInfo(holder), pretty_exceptions_short=True, suggest_commands=True, rich_markup_mode=None
+        )
+        return group if holder.info.name == name else group.commands.get(name)
+
+    def resolve_command(self, context: Any, arguments: list[str]) -> Any:
+        """Find the command; for one that there is not, similar names are suggested."""
+        if arguments and _holder(arguments[0]) is None:
+            self.commands = {name: typer.core.TyperCommand(name) for name in self.list_commands(context)}
+        return super().resolve_command(context, arguments)
+
+    def format_commands(self, context: Any, formatter: Any) -> None:
+        """Write names and help of the commands, without building them."""
+        names = self.list_commands(context)
+        room = formatter.width - 6 - max(map(len, names))
+        rows = [
+            (name, typer.core.TyperCommand(name, help=_help(name)).get_short_help_str(room)) for name in names
+        ]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
+def _brought() -> dict[str, Any]:
+    """Return the entry points of other packages by name."""
+    from drivers.base.plugins import entry_points_of  # looks through all packages that are installed
+
+    return {point.name: point for point in entry_points_of(ENTRY_POINTS)}
+
+
+def _holder(name: str) -> typer.Typer | None:
+    if name in COMMANDS:
+        holder: typer.Typer = import_module(f"bench.present.cli.{COMMANDS[name]}").app
+        return holder
+    point = _brought().get(name)
+    return None if point is None else point.load()
+
+
+def _help(name: str) -> str:
+    holder = _holder(name)
+    assert holder is not None
+    if holder.info.name == name:
+        return str(holder.info.help or "")
+    callbacks = {
+        info.name or info.callback.__name__: info.callback
+        for info in holder.registered_commands
+        if info.callback
+    }
+    return callbacks[name].__doc__ or ""
 
 
 app = typer.Typer(
     cls=Commands,
     name="gyrobench",
-    help="Run gyro test procedures on a bench of turntable, thermal chamber and gyros - real or emulated.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for group in (
-    _procedures.app,
-    _run.app,
-    _steer.app,
-    _report.app,
-    _panel.app,
-    _ports.app,
-    _runs.import_app,
-    _runs.app,
-    _campaigns.campaign_app,
-    _fits.fit_app,
-    _fits.scheme_app,
-    _gaps.gap_app,
-    _frames.frames_app,
-    _can.can_app,
-):
-    app.add_typer(group)
+
+
+@app.callback()
+def gyrobench() -> None:
+    """Run gyro test procedures on a bench of turntable, thermal chamber and gyros - real or emulated."""
 
 
 def main() -> None:

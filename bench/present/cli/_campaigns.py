@@ -10,7 +10,7 @@ import typer
 
 from bench.present.cli._options import Cluster
 
-campaign_app = typer.Typer(
+app = typer.Typer(
     name="campaign",
     help="Many runs from one file: plan, run, resume, watch, rehearse, fit.",
     no_args_is_help=True,
@@ -30,7 +30,7 @@ Json = Annotated[
 DEFAULT_BENCH = Path("lab.toml")
 
 
-@campaign_app.command("plan")
+@app.command("plan")
 def plan(
     campaign: CampaignFile,
     bench: Bench = DEFAULT_BENCH,
@@ -50,7 +50,7 @@ def plan(
     sys.exit(plan_command(campaign, bench, out, plant, seed, quick, json))
 
 
-@campaign_app.command("run")
+@app.command("run")
 def run(
     campaign: CampaignFile,
     bench: Bench = DEFAULT_BENCH,
@@ -84,7 +84,7 @@ def run(
     )
 
 
-@campaign_app.command("resume")
+@app.command("resume")
 def resume(folder: Folder, yes: Yes = False, json: Json = False) -> None:
     """Go on at the first run that is not complete, after a check that the bench is in a known state."""
     from bench.present.cli._campaign import resume_command
@@ -92,7 +92,7 @@ def resume(folder: Folder, yes: Yes = False, json: Json = False) -> None:
     sys.exit(resume_command(folder, yes=yes, as_json=json))
 
 
-@campaign_app.command("status")
+@app.command("status")
 def status(folder: Folder, json: Json = False) -> None:
     """Show how far a campaign is, from any shell; reads files only."""
     from bench.present.cli._campaign import status_command
@@ -100,7 +100,7 @@ def status(folder: Folder, json: Json = False) -> None:
     sys.exit(status_command(folder, json))
 
 
-@campaign_app.command("rehearse")
+@app.command("rehearse")
 def rehearse(
     campaign: CampaignFile,
     bench: Bench = DEFAULT_BENCH,

@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-can_app = typer.Typer(
+app = typer.Typer(
     name="can",
     help="Gyros on CAN: the layouts there are, and whether a DBC file and its mapping are right.",
     no_args_is_help=True,
 )
 
 
-@can_app.command("list")
+@app.command("list")
 def can_list() -> None:
     """List the layouts that come with gyrobench."""
     from bench.present.cli._can_check import can_list_command
@@ -22,7 +22,7 @@ def can_list() -> None:
     can_list_command()
 
 
-@can_app.command("check")
+@app.command("check")
 def can_check(
     layout: Annotated[str, typer.Argument(help="a mapping file (TOML), or a name that `can list` shows")],
     capture: Annotated[

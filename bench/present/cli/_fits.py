@@ -1,4 +1,4 @@
-"""The commands `gyrobench fit ...` and `gyrobench scheme ...`."""
+"""The commands `gyrobench fit ...`."""
 
 from __future__ import annotations
 
@@ -10,18 +10,14 @@ import typer
 
 from bench.present.cli._options import Cluster, Jobs
 
-fit_app = typer.Typer(name="fit", help="Fit compensations to recorded runs.", no_args_is_help=True)
-scheme_app = typer.Typer(
-    name="scheme", help="Rotation schemes of the system-level calibration.", no_args_is_help=True
-)
-
+app = typer.Typer(name="fit", help="Fit compensations to recorded runs.", no_args_is_help=True)
 Runs = Annotated[list[Path], typer.Argument(help="run folders to fit on")]
 Test = Annotated[list[Path] | None, typer.Option("--test", help="run folder that judges; repeat for several")]
 GyroName = Annotated[str | None, typer.Option(help="gyro to fit; default the first of the runs")]
 Out = Annotated[Path, typer.Option(help="folder for the compensation and the report")]
 
 
-@fit_app.command("cold-shock")
+@app.command("cold-shock")
 def fit_cold_shock(
     runs: Runs,
     validate: Annotated[
@@ -42,7 +38,7 @@ def fit_cold_shock(
     fit_command(runs, validate or [], test or [], gyro, out, models, jobs, cluster)
 
 
-@fit_app.command("stepwise")
+@app.command("stepwise")
 def fit_stepwise(
     runs: Runs,
     test: Test = None,
@@ -60,7 +56,7 @@ def fit_stepwise(
     stepwise_command(runs, test or [], gyro, out, variables, p_enter, p_remove)
 
 
-@fit_app.command("chamber-cycle")
+@app.command("chamber-cycle")
 def fit_chamber_cycle(
     log: Annotated[Path, typer.Argument(help="tab-separated table: imu.gyro.x|y|z, imu.temperature")],
     out: Annotated[Path, typer.Option(help="HTML report")] = Path("chamber-cycle.html"),
@@ -71,7 +67,7 @@ def fit_chamber_cycle(
     cycle_command(log, out)
 
 
-@fit_app.command("standard-test")
+@app.command("standard-test")
 def fit_standard(
     runs: Runs,
     gyro: GyroName = None,
@@ -83,7 +79,7 @@ def fit_standard(
     standard_command(runs, gyro, out)
 
 
-@fit_app.command("whirl")
+@app.command("whirl")
 def fit_whirl(
     runs: Runs,
     test: Test = None,
@@ -97,7 +93,7 @@ def fit_whirl(
     whirl_command(runs, gyro, out, test or [], gauge)
 
 
-@fit_app.command("heading-effect")
+@app.command("heading-effect")
 def fit_heading_effect(
     log: Annotated[Path, typer.Argument(help="log (CSV or Parquet), or run folder, to calibrate on")],
     latitude_deg: Annotated[
@@ -137,93 +133,7 @@ def fit_heading_effect(
     )
 
 
-SchemeBench = Annotated[
-    Path | None,
-    typer.Option(
-        "--bench", help="bench file: its table and latitude, in place of --table and --latitude-deg"
-    ),
-]
-
-
-@scheme_app.command("evaluate")
-def scheme_evaluate(
-    scheme: Annotated[str, typer.Argument(help="scheme by name (23-position, 19-position, ...) or turns")],
-    table: Annotated[
-        str, typer.Option(help="by-hand, two-axis-horizontal, two-axis-vertical, three-axis")
-    ] = "by-hand",
-    home: Annotated[str | None, typer.Option(help="attitude at the start")] = None,
-    dwell_s: Annotated[float, typer.Option(help="rest after every turn")] = 180.0,
-    rate_dps: Annotated[float, typer.Option(help="rate of the turns")] = 10.0,
-    latitude_deg: Annotated[float, typer.Option(help="latitude")] = 45.7796,
-    gravity_mps2: Annotated[float | None, typer.Option(help="gravity; default by latitude")] = None,
-    arw: Annotated[float, typer.Option(help="angle random walk, deg/sqrt(h)")] = 0.001,
-    vrw: Annotated[float, typer.Option(help="velocity random walk, ug/sqrt(Hz)")] = 10.0,
-    velocity_noise_mps: Annotated[float, typer.Option(help="noise of the zero-velocity measurement")] = 1e-3,
-    json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
-    out: Annotated[Path | None, typer.Option(help="write an HTML report here")] = None,
-    bench: SchemeBench = None,
-) -> None:
-    """Observability degree and predicted accuracy of every parameter under a scheme, before the test."""
-    from bench.present.cli._scheme import scheme_evaluate_command
-
-    scheme_evaluate_command(
-        scheme,
-        table,
-        home,
-        dwell_s,
-        rate_dps,
-        latitude_deg,
-        gravity_mps2,
-        arw,
-        vrw,
-        velocity_noise_mps,
-        json,
-        out,
-        bench,
-    )
-
-
-@scheme_app.command("search")
-def scheme_search(
-    turns: Annotated[int, typer.Argument(help="turns of the scheme")],
-    table: Annotated[str, typer.Option(help="the table that has to turn it")] = "two-axis-horizontal",
-    dwell_s: Annotated[float, typer.Option(help="rest after every turn")] = 180.0,
-    rate_dps: Annotated[float, typer.Option(help="rate of the turns")] = 10.0,
-    latitude_deg: Annotated[float, typer.Option(help="latitude")] = 45.7796,
-    arw: Annotated[float, typer.Option(help="angle random walk, deg/sqrt(h)")] = 0.001,
-    vrw: Annotated[float, typer.Option(help="velocity random walk, ug/sqrt(Hz)")] = 10.0,
-    seed: Annotated[int, typer.Option(help="seed of the annealing")] = 0,
-    thorough: Annotated[bool, typer.Option("--thorough", help="search longer")] = False,
-    angles: Annotated[
-        str, typer.Option(help="angles of the turns, of 90, 180, 270, 360, separated by commas")
-    ] = "90",
-    out: Annotated[Path | None, typer.Option(help="write the scheme found (TOML) here")] = None,
-    bench: SchemeBench = None,
-    jobs: Jobs = None,
-    cluster: Cluster = None,
-) -> None:
-    """Find a better rotation scheme for a table, a time and the accuracy targets."""
-    from bench.present.cli._scheme import scheme_search_command
-
-    scheme_search_command(
-        turns,
-        table,
-        dwell_s,
-        rate_dps,
-        latitude_deg,
-        arw,
-        vrw,
-        seed,
-        thorough,
-        angles,
-        out,
-        jobs,
-        cluster,
-        bench,
-    )
-
-
-@fit_app.command("calibration")
+@app.command("calibration")
 def fit_calibration(
     record: Annotated[
         Path, typer.Argument(help="run folder of system-calibration, or increments of the IMU (CSV)")

@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-frames_app = typer.Typer(
+app = typer.Typer(
     name="frames",
     help="Gyros described by a TOML file: what there is, and whether a description is right.",
     no_args_is_help=True,
 )
 
 
-@frames_app.command("list")
+@app.command("list")
 def frames_list() -> None:
     """List the descriptions that come with gyrobench."""
     from bench.present.cli._frame import frames_list_command
@@ -22,7 +22,7 @@ def frames_list() -> None:
     frames_list_command()
 
 
-@frames_app.command("check")
+@app.command("check")
 def frames_check(
     description: Annotated[str, typer.Argument(help="a TOML file, or a name that `frames list` shows")],
     capture: Annotated[

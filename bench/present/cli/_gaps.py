@@ -9,7 +9,7 @@ import typer
 
 from bench.present.cli._options import Cluster, Jobs
 
-gap_app = typer.Typer(
+app = typer.Typer(
     name="gap", help="Where simulation and bench part, and which effect is missing.", no_args_is_help=True
 )
 
@@ -18,7 +18,7 @@ Model = Annotated[Path, typer.Option("--model", help="nominal model (TOML)")]
 GyroName = Annotated[str | None, typer.Option(help="gyro to diagnose; default the first of the runs")]
 
 
-@gap_app.command("diagnose")
+@app.command("diagnose")
 def gap_diagnose(
     runs: Runs,
     model: Model,
@@ -62,7 +62,7 @@ def gap_diagnose(
     gap_diagnose_command(runs, model, held_out or [], gyro, json, report, following)
 
 
-@gap_app.command("close")
+@app.command("close")
 def gap_close(
     runs: Runs,
     model: Model,
@@ -77,7 +77,7 @@ def gap_close(
     gap_close_command(runs, model, gyro, out)
 
 
-@gap_app.command("rehearse")
+@app.command("rehearse")
 def gap_rehearse(
     run: Annotated[Path, typer.Argument(help="run folder, held out from the fit")],
     model: Model,
@@ -95,7 +95,7 @@ def gap_rehearse(
     gap_rehearse_command(run, model, closed, runs, gyro, plant, seed, json, report)
 
 
-@gap_app.command("exam")
+@app.command("exam")
 def gap_exam(
     seed: Annotated[
         int | None, typer.Option(help="fresh seed; every case of a seed once looked at is spent")

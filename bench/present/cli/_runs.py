@@ -1,8 +1,7 @@
-"""The commands `gyrobench runs ...`, and `gyrobench import`. They load little: a list is mostly a start-up."""
+"""The commands `gyrobench runs ...`. They load little: a list is mostly the start of a process."""
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -28,7 +27,6 @@ _MANY = 2000
 """Manifests to read for which a bar is shown."""
 
 app = typer.Typer(cls=TextGroup, name="runs", help="Look at recorded runs.", no_args_is_help=True)
-import_app = typer.Typer()
 
 CatalogueUrl = Annotated[
     str | None,
@@ -57,6 +55,8 @@ def list_(
     json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
 ) -> None:
     """List the runs in a folder, or those of every bench with a shared catalogue."""
+    from json import dumps
+
     from bench.record.catalogue import find_runs
 
     if not limit.isdecimal() or int(limit) < 1:
@@ -69,7 +69,7 @@ def list_(
     with _bar() as progress:
         rows, count = find_runs(Path(runs), catalogue, limit=int(limit), progress=progress, **wanted)
     if json:
-        typer.echo(json_text.dumps([asdict(row) for row in rows], ensure_ascii=False))
+        typer.echo(dumps([asdict(row) for row in rows], ensure_ascii=False))
     elif rows:
         _print_table(rows)
         if count > len(rows):
@@ -110,23 +110,6 @@ def export(
     files = [target] if target.is_file() else sorted(target.iterdir())
     total = sum(path.stat().st_size for path in files)
     console.print(f"{target}: {len(files)} files, {size(total)}", highlight=False)
-
-
-@import_app.command("import")
-def import_(
-    log: Annotated[list[Path], typer.Argument(help="logs of another bench: CSV, Parquet or MDF")],
-    mapping: Annotated[Path, typer.Option("--mapping", help="mapping file (TOML): columns, units, phases")],
-    out: Annotated[Path, typer.Option("--out", help="folder that holds the runs")] = DEFAULT_RUNS,
-) -> None:
-    """Make run folders from logs of another bench, for fitting, reports and the gap diagnosis."""
-    from bench.present.cli._console import Terminal
-    from bench.record.exchange import import_log
-
-    console = Terminal()
-    for path in log:
-        with console.status(f"reading {path.name}"):
-            folder = import_log(path, mapping, out)
-        console.print(f"{folder}", highlight=False)
 
 
 @app.command()

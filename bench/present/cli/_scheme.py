@@ -1,125 +1,135 @@
-"""`gyrobench scheme evaluate` and `gyrobench scheme search`."""
+"""The commands `gyrobench scheme ...`: rotation schemes of the system-level calibration, before the test."""
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
-import numpy as np
-from rich.console import Console
-from rich.table import Table as Grid
+import typer
 
-from bench.analysis.calibration import (
-    PARAMETERS,
-    STATE_NAMES,
-    STATE_UNITS,
-    TABLES,
-    UNIT_SIZE,
-    Effort,
-    Evaluation,
-    Noise,
-    Schedule,
-    Site,
-    Table,
-    TableAxis,
-    Task,
-    evaluate,
-    home_attitude,
-    home_text,
-    load_scheme,
-    moves_text,
-    plan_turns,
-    scheme_file,
-    search,
-    table_axes,
-    table_type,
-)
-from bench.analysis.common.fan_out import fan_out
-from bench.analysis.common.state_file import save_file
-from bench.present.cli._console import Terminal
+from bench.present.cli._options import Cluster, Jobs, Json
 from bench.present.cli._texts import duration
-from bench.present.report import render_calibration, scheme_content, write_report
-from bench.record.benchfile import load_bench_file
-from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError
 
-_QUICK, _THOROUGH = Effort(8, 300, 2), Effort(16, 800, 6)
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bench.analysis.calibration import Evaluation, Table, TableAxis, Task
+
+app = typer.Typer(
+    name="scheme", help="Rotation schemes of the system-level calibration.", no_args_is_help=True
+)
+
+_QUICK, _THOROUGH = (8, 300, 2), (16, 800, 6)
+"""Beam width, annealing steps and starts of a search."""
+
+SchemeBench = Annotated[
+    Path | None,
+    typer.Option(
+        "--bench", help="bench file: its table and latitude, in place of --table and --latitude-deg"
+    ),
+]
+Dwell = Annotated[float, typer.Option(help="rest after every turn")]
+Rate = Annotated[float, typer.Option(help="rate of the turns")]
+Latitude = Annotated[float, typer.Option(help="latitude")]
+Arw = Annotated[float, typer.Option(help="angle random walk, deg/sqrt(h)")]
+Vrw = Annotated[float, typer.Option(help="velocity random walk, ug/sqrt(Hz)")]
 
 
-def scheme_evaluate_command(
-    scheme: str,
-    table: str = "by-hand",
-    home: str | None = None,
-    dwell_s: float = 180.0,
-    rate_dps: float = 10.0,
-    latitude_deg: float = 45.7796,
-    gravity_mps2: float | None = None,
-    arw_deg_per_sqrt_h: float = 0.001,
-    vrw_ug_per_sqrt_hz: float = 10.0,
-    velocity_noise_mps: float = 1e-3,
-    as_json: bool = False,
-    out: Path | None = None,
-    bench: Path | None = None,
+@app.command()
+def evaluate(
+    scheme: Annotated[str, typer.Argument(help="scheme by name (23-position, 19-position, ...) or turns")],
+    table: Annotated[
+        str, typer.Option(help="by-hand, two-axis-horizontal, two-axis-vertical, three-axis")
+    ] = "by-hand",
+    home: Annotated[str | None, typer.Option(help="attitude at the start")] = None,
+    dwell_s: Dwell = 180.0,
+    rate_dps: Rate = 10.0,
+    latitude_deg: Latitude = 45.7796,
+    gravity_mps2: Annotated[float | None, typer.Option(help="gravity; default by latitude")] = None,
+    arw: Arw = 0.001,
+    vrw: Vrw = 10.0,
+    velocity_noise_mps: Annotated[float, typer.Option(help="noise of the zero-velocity measurement")] = 1e-3,
+    json: Json = False,
+    out: Annotated[Path | None, typer.Option(help="write an HTML report here")] = None,
+    bench: SchemeBench = None,
 ) -> None:
-    """Show degree and predicted accuracy of every state, on the terminal, as JSON, and as a page in `out`.
+    """Observability degree and predicted accuracy of every parameter under a scheme, before the test.
 
-    `bench`: a bench file, whose latitude and table then count, and the home that this table really starts from.
+    With a bench file its latitude and table count, and the home that this table really starts from.
     """
-    schedule = load_scheme(scheme).with_(
+    from bench.analysis import calibration
+    from bench.present.cli._console import Terminal
+    from bench.present.report import render_calibration, scheme_content, write_report
+    from drivers.base.clock import utc_now
+
+    schedule = calibration.load_scheme(scheme).with_(
         dwell_s=_positive("dwell", dwell_s), rate_dps=_positive("rate", rate_dps)
     )
     if home is not None:
-        schedule = schedule.with_(home=home_attitude(home, "--home"))
+        schedule = schedule.with_(home=calibration.home_attitude(home, "--home"))
     if bench is not None:
         table, latitude_deg, axes = _of_bench(bench)
-        schedule = plan_turns(schedule, axes).schedule
-    task = _task(latitude_deg, gravity_mps2, arw_deg_per_sqrt_h, vrw_ug_per_sqrt_hz, velocity_noise_mps)
-    evaluation = evaluate(task, schedule, _table(table))
+        schedule = calibration.plan_turns(schedule, axes).schedule
+    task = _task(latitude_deg, gravity_mps2, arw, vrw, velocity_noise_mps)
+    evaluation = calibration.evaluate(task, schedule, _table(table))
     if out is not None:
         write_report(out, render_calibration(scheme_content(evaluation, utc_now())))
-    if as_json:
-        Terminal(soft_wrap=True).print_json(json.dumps(evaluation.as_json()))
+    if json:
+        Terminal(soft_wrap=True).print_json(data=evaluation.as_json())
         return
     _print(Terminal(), evaluation)
 
 
-def scheme_search_command(
-    turns: int,
-    table: str = "two-axis-horizontal",
-    dwell_s: float = 180.0,
-    rate_dps: float = 10.0,
-    latitude_deg: float = 45.7796,
-    arw_deg_per_sqrt_h: float = 0.001,
-    vrw_ug_per_sqrt_hz: float = 10.0,
-    seed: int = 0,
-    thorough: bool = False,
-    angles: str = "90",
-    out: Path | None = None,
-    jobs: int | None = None,
-    cluster: str | None = None,
-    bench: Path | None = None,
+@app.command()
+def search(
+    turns: Annotated[int, typer.Argument(help="turns of the scheme")],
+    table: Annotated[str, typer.Option(help="the table that has to turn it")] = "two-axis-horizontal",
+    dwell_s: Dwell = 180.0,
+    rate_dps: Rate = 10.0,
+    latitude_deg: Latitude = 45.7796,
+    arw: Arw = 0.001,
+    vrw: Vrw = 10.0,
+    seed: Annotated[int, typer.Option(help="seed of the annealing")] = 0,
+    thorough: Annotated[bool, typer.Option("--thorough", help="search longer")] = False,
+    angles: Annotated[
+        str, typer.Option(help="angles of the turns, of 90, 180, 270, 360, separated by commas")
+    ] = "90",
+    out: Annotated[Path | None, typer.Option(help="write the scheme found (TOML) here")] = None,
+    bench: SchemeBench = None,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
 ) -> None:
-    """Search a closed scheme of turns by `angles`, show it beside the classical ones, write its file.
+    """Find a better rotation scheme for a table, a time and the accuracy targets.
 
-    `bench`: a bench file, whose latitude and table then count. What is promised is then what this table reaches:
-    each scheme counts from the home that the table really starts it from.
+    With a bench file what is promised is what this table reaches: each scheme counts from the home that the table
+    really starts it from.
     """
+    import numpy as np
+    from rich.table import Table as Grid
+
+    from bench.analysis import calibration
+    from bench.analysis.common.fan_out import fan_out
+    from bench.analysis.common.state_file import save_file
+    from bench.present.cli._console import Terminal
+
     axes: list[TableAxis] = []
     if bench is not None:
         table, latitude_deg, axes = _of_bench(bench)
-    pattern = Schedule("", (), np.eye(3), _positive("dwell", dwell_s), _positive("rate", rate_dps))
-    task = _task(latitude_deg, None, arw_deg_per_sqrt_h, vrw_ug_per_sqrt_hz, 1e-3)
+    pattern = calibration.Schedule(
+        "", (), np.eye(3), _positive("dwell", dwell_s), _positive("rate", rate_dps)
+    )
+    task = _task(latitude_deg, None, arw, vrw, 1e-3)
     if not 2 <= turns <= 40:
         raise ConfigurationError("turns out of range", where="--turns", found=str(turns), expected="2 to 40")
-    effort = _THOROUGH if thorough else _QUICK
     with fan_out(jobs, cluster) as fan:
-        result = search(
+        result = calibration.search(
             task,
             turns=turns,
             table=_table(table),
             pattern=pattern,
-            effort=effort,
+            effort=calibration.Effort(*(_THOROUGH if thorough else _QUICK)),
             seed=seed,
             angles_deg=_angles(angles),
             fan=fan,
@@ -127,36 +137,37 @@ def scheme_search_command(
         )
     console = Terminal()
     console.print(
-        f"{moves_text(result.schedule.moves)}\nhome: {home_text(result.schedule.home)}", highlight=False
+        f"{calibration.moves_text(result.schedule.moves)}\nhome: {calibration.home_text(result.schedule.home)}",
+        highlight=False,
     )
     if axes:
-        plan = plan_turns(result.schedule, axes)
+        plan = calibration.plan_turns(result.schedule, axes)
         console.print(f"mount with all axes at 0: {plan.mount_text}", highlight=False)
     grid = Grid("scheme", "turns", "time", "worst sigma/target", "rms")
-    for each in (
-        result.schedule,
-        load_scheme("19-position"),
-        load_scheme("23-position"),
-        load_scheme("t22"),
-    ):
-        scheme = each.with_(dwell_s=dwell_s, rate_dps=rate_dps)
+    classical = [calibration.load_scheme(name) for name in ("19-position", "23-position", "t22")]
+    for schedule in (result.schedule, *classical):
+        timed = schedule.with_(dwell_s=dwell_s, rate_dps=rate_dps)
         try:
-            found = evaluate(task, plan_turns(scheme, axes).schedule if axes else scheme)
+            turned = calibration.plan_turns(timed, axes).schedule if axes else timed
+            evaluation = calibration.evaluate(task, turned)
         except ConfigurationError:
-            grid.add_row(scheme.name, str(len(scheme.moves)), "", "not on this table", "")
+            grid.add_row(timed.name, str(len(timed.moves)), "", "not on this table", "")
             continue
-        merit, length = found.merit, duration(found.schedule.duration_s)
-        grid.add_row(scheme.name, str(len(scheme.moves)), length, f"{merit.worst:.3f}", f"{merit.rms:.3f}")
+        merit, length = evaluation.merit, duration(evaluation.schedule.duration_s)
+        grid.add_row(timed.name, str(len(timed.moves)), length, f"{merit.worst:.3f}", f"{merit.rms:.3f}")
     console.print(grid)
     console.print(result.statement, highlight=False)
     if out is not None:
         named = result.schedule.with_(name=out.stem, source="gyrobench scheme search", notes=result.statement)
-        save_file(out, scheme_file(named))
+        save_file(out, calibration.scheme_file(named))
         console.print(f"{out}", highlight=False)
 
 
 def _of_bench(path: Path) -> tuple[str, float, list[TableAxis]]:
     """Return type of table, latitude in deg and axes of a bench file."""
+    from bench.analysis.calibration import table_axes, table_type
+    from bench.record.benchfile import load_bench_file
+
     file = load_bench_file(path)
     axes = table_axes(file.table)
     return table_type(axes), file.bench.latitude_deg, axes
@@ -174,6 +185,8 @@ def _angles(text: str) -> tuple[int, ...]:
 def _task(
     latitude_deg: float, gravity: float | None, arw: float, vrw: float, velocity_noise_mps: float
 ) -> Task:
+    from bench.analysis.calibration import Noise, Site, Task
+
     if not -89.0 <= latitude_deg <= 89.0:
         raise ConfigurationError(
             "no calibration at this latitude",
@@ -188,18 +201,31 @@ def _task(
 
 
 def _table(name: str) -> Table:
+    from bench.analysis.calibration import TABLES
+
     if name not in TABLES:
         raise ConfigurationError("no such table", where="--table", found=name, expected=" or ".join(TABLES))
-    return cast(Table, name)
+    return cast("Table", name)
 
 
 def _positive(name: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0.0):
+    if not (math.isfinite(value) and value > 0.0):
         raise ConfigurationError(f"{name} must be above zero", where=f"--{name}", found=f"{value:g}")
     return value
 
 
 def _print(console: Console, evaluation: Evaluation) -> None:
+    from rich.table import Table as Grid
+
+    from bench.analysis.calibration import (
+        PARAMETERS,
+        STATE_NAMES,
+        STATE_UNITS,
+        UNIT_SIZE,
+        home_text,
+        moves_text,
+    )
+
     schedule, ratio = evaluation.schedule, evaluation.sigma[PARAMETERS] / evaluation.task.target_sigma
     console.print(
         f"{schedule.name}: {schedule.positions} positions, {duration(schedule.duration_s)}, home "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,8 @@ def event_text(row: Any) -> str:
 
 def say_json(console: Console, kind: str, **fields: Any) -> None:
     """Print one JSON object on a line; numbers that are not finite become null."""
+    import json
+
     text = json.dumps({"kind": kind} | _finite(fields), ensure_ascii=False, allow_nan=False, default=str)
     console.file.write(text + "\n")
     console.file.flush()

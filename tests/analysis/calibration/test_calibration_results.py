@@ -20,8 +20,8 @@ from bench.analysis.calibration import (
     load_scheme,
     unpack,
 )
+from bench.present.cli import _scheme as commands
 from bench.present.cli._calibration import calibrate_command, read_increments
-from bench.present.cli._scheme import scheme_evaluate_command
 from bench.present.report import render_calibration, scheme_content
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.imu import ImuErrors, ImuNoise, ImuRecord, Rest, Turn, measure_motion
@@ -114,7 +114,7 @@ def test_unreadable_records_are_named(tmp_path: Path) -> None:
 
 
 def test_the_page_of_a_scheme_shows_every_state_against_its_target(tmp_path: Path) -> None:
-    scheme_evaluate_command("19-position-z-up", as_json=True, out=tmp_path / "scheme.html")
+    commands.evaluate("19-position-z-up", json=True, out=tmp_path / "scheme.html")
     page = (tmp_path / "scheme.html").read_text()
     evaluation = evaluate(TASK, load_scheme("19-position-z-up"))
     missed = int(np.sum(evaluation.sigma[PARAMETERS] > TASK.target_sigma))

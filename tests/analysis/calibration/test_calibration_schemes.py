@@ -36,7 +36,7 @@ from bench.analysis.calibration import (
     scheme_names,
     search,
 )
-from bench.present.cli._scheme import scheme_evaluate_command, scheme_search_command
+from bench.present.cli import _scheme as commands
 from drivers.base.errors import ConfigurationError
 
 TASK = Task()
@@ -275,23 +275,23 @@ def test_evaluation_follows_convergence_position_by_position() -> None:
 
 
 def test_evaluate_command_prints_and_speaks_json(capsys: pytest.CaptureFixture[str]) -> None:
-    scheme_evaluate_command("19-position", table="two-axis-horizontal")
+    commands.evaluate("19-position", table="two-axis-horizontal")
     assert "worst sigma/target 0.45" in capsys.readouterr().out
-    scheme_evaluate_command("19-position", as_json=True)
+    commands.evaluate("19-position", json=True)
     states = json.loads(capsys.readouterr().out)["states"]
     row = next(state for state in states if state["name"] == "eps_x")
     assert row["unit"] == "deg/h" and row["sigma"] == pytest.approx(0.00132, rel=0.02)
     with pytest.raises(ConfigurationError, match="cannot make turn"):
-        scheme_evaluate_command("o8", table="two-axis-horizontal")
+        commands.evaluate("o8", table="two-axis-horizontal")
     with pytest.raises(ConfigurationError, match="latitude"):
-        scheme_evaluate_command("o8", latitude_deg=90.0)
+        commands.evaluate("o8", latitude_deg=90.0)
 
 
 def test_search_command_writes_a_scheme_that_loads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.present.cli._scheme._QUICK", Effort(2, 5, 1))
-    scheme_search_command(6, dwell_s=60.0, out=tmp_path / "mine.toml")
+    monkeypatch.setattr(commands, "_QUICK", (2, 5, 1))
+    commands.search(6, dwell_s=60.0, out=tmp_path / "mine.toml")
     assert "not proven" in capsys.readouterr().out.replace("\n", " ")
     scheme = load_scheme(str(tmp_path / "mine.toml"))
     assert scheme.closes and len(scheme.moves) == 6

@@ -1,0 +1,44 @@
+"""Commands that another package brings by entry point stand beside ours, and cannot replace them."""
+
+from importlib.metadata import EntryPoint
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from bench.present.cli import _app
+
+group = typer.Typer(name="weather", help="What the sky does.")
+
+
+@group.command()
+def say(word: str = "rain") -> None:
+    """Say it."""
+    typer.echo(f"{word}!")
+
+
+@pytest.fixture
+def cli(monkeypatch):
+    def point(name):
+        return EntryPoint(name, f"{__name__}:group", _app.ENTRY_POINTS)
+
+    brought = {name: point(name) for name in ("weather", "runs")}
+    monkeypatch.setattr(EntryPoint, "load", lambda self: group)
+    monkeypatch.setattr(_app, "_brought", lambda: brought)
+    return lambda *words: CliRunner().invoke(_app.app, list(words))
+
+
+def test_a_group_of_another_package_is_listed_and_runs(cli):
+    listed = cli("--help").output
+    assert "weather" in listed and "What the sky does." in listed
+    assert listed.count("runs ") == 1
+    assert cli("weather", "say", "--word", "snow").output == "snow!\n"
+
+
+def test_ours_cannot_be_replaced(cli):
+    assert "Look at recorded runs." in cli("runs", "--help").output
+
+
+def test_a_name_that_there_is_not_is_told_from_what_is_near(cli):
+    result = cli("wether")
+    assert result.exit_code == 2 and "Did you mean 'weather'" in result.output
