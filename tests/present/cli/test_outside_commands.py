@@ -31,7 +31,7 @@ def cli(monkeypatch):
 def test_a_group_of_another_package_is_listed_and_runs(cli):
     listed = cli("--help").output
     assert "weather" in listed and "What the sky does." in listed
-    assert listed.count("runs ") == 1
+    assert listed.count("\n  runs ") == 1
     assert cli("weather", "say", "--word", "snow").output == "snow!\n"
 
 
