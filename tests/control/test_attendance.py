@@ -145,3 +145,18 @@ def test_with_no_patience_a_pause_in_a_stream_is_none_yet(watched):
     attendance.check([gyro], 19.9 + SILENT_S)
     with pytest.raises(DeviceSilent, match="nothing for 10 s"):
         attendance.check([gyro], 20.0 + SILENT_S)
+
+
+@pytest.mark.parametrize("gone", [0, 1])
+def test_one_lost_port_beside_a_silent_unit_is_no_loss_of_all_ports(watched, gone):
+    """A cable that is found out helps nobody whose other unit has no power: both are named."""
+    units = [unit("fog_1", heard_s=10.0), unit("fog_2", heard_s=10.0)]
+    attendance = watched.by("gyro")
+    attendance.lose(units[gone], 10.0, GONE)
+    with pytest.raises(DeviceSilent, match="no gyro has sent anything") as silent:
+        attendance.check(units, 10.0 + ALL_SILENT_S)
+    assert silent.value.where == "fog_1, fog_2"
+    assert f"{units[gone].name} was lost at 10.0 s" in silent.value.found
+    attendance.lose(units[1 - gone], 71.0, GONE)
+    with pytest.raises(LinkLost, match="no gyro is left"):
+        attendance.check(units, 72.0)

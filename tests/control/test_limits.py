@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from bench.control.limits import Reach, between, breaks, check_ramp, check_stops
@@ -158,3 +158,23 @@ def test_the_air_may_not_change_faster_than_the_ramp_by_a_fifth():
     for change_k in (12.1, -12.1):
         with pytest.raises(LimitExceeded, match=r"6\.0|6\.1 K/min"):
             check_ramp(limits, change_k, 120.0)
+
+
+@given(
+    low=st.floats(-360, 10),
+    width=st.floats(1, 350),
+    outside_deg=st.floats(-3, 3),
+    turns=st.integers(-2, 2),
+    above=st.booleans(),
+)
+def test_half_a_degree_beyond_either_stop_is_allowed_and_no_more(low, width, outside_deg, turns, above):
+    """By the distance from the middle of the arc, which has no side and no turn."""
+    axis = AxisSection(name="tilt", number=1, direction="up", min_angle_deg=low, max_angle_deg=low + width)
+    angle_deg = (low + width + outside_deg if above else low - outside_deg) + 360.0 * turns
+    beyond_deg = abs(math.remainder(angle_deg - low - 0.5 * width, 360.0)) - 0.5 * width
+    assume(abs(beyond_deg - 0.5) > 1e-6)
+    if beyond_deg < 0.5:
+        check_stops(axis, angle_deg, "table")
+    else:
+        with pytest.raises(LimitExceeded, match="beyond its stops"):
+            check_stops(axis, angle_deg, "table")

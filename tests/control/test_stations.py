@@ -105,6 +105,25 @@ def test_a_demand_returns_after_three_polls_in_a_row_on_it(demand, value):
     assert len(bench.commands) == 1
 
 
+@pytest.mark.parametrize(("demand", "value"), [("point", 90.0), ("spin", -20.0)])
+@pytest.mark.parametrize(
+    ("on_it", "polls"),
+    [("+++", 3), ("++-+++", 6), ("+-+-+-+++", 9), ("-+-++-+++", 9), ("+--++--+-+++", 12)],
+)
+def test_polls_that_pass_the_demand_while_it_swings_do_not_add_up(demand, value, on_it, polls):
+    """Three of them, but in a row: a table that overshoots crosses its demand more than once."""
+    bench, rows = Bench(Table()), iter(on_it)
+
+    def poll():
+        bench.time_s += 1.0
+        off = 0.0 if next(rows) == "+" else 0.5
+        bench.station.history.append(bench.time_s, value + off, value + off)
+
+    bench.poll = poll
+    getattr(bench.station, demand)(value, timeout_s=60.0)
+    assert bench.time_s == polls == len(on_it)
+
+
 def test_an_angle_is_compared_round_the_turn():
     bench = Bench(Table())
     bench.station.device.point = lambda angle, axis="": None
@@ -155,6 +174,28 @@ def test_air_that_moves_as_no_air_does_is_asked_again_and_then_believed():
         chamber.history.append(bench.time_s, state.air_temp_c, state.set_point_c)
     assert seen == [24.5, 24.6, 94.6] and len(bench.commands) == 2
     assert "94.5 degC" in bench.commands[0][1]
+
+
+@pytest.mark.parametrize(
+    ("rate_k_per_min", "silent_s", "looks"),
+    [(30.0, 40.0, 0), (-30.0, 600.0, 0), (120.0, 40.0, 1), (-120.0, 40.0, 1)],
+)
+def test_air_may_have_moved_as_far_as_a_fast_chamber_moves_it_while_none_asked(
+    rate_k_per_min, silent_s, looks
+):
+    """The fastest chambers reach 30 K/min; telemetry may pause while an operator mounts a unit."""
+    now_c = 20.0 + rate_k_per_min * silent_s / 60.0
+    bench, answers = Bench(Table()), [20.0, now_c, now_c]
+    device = SimpleNamespace(
+        request_state=lambda: None, read_state=lambda: ChamberState(answers.pop(0), 20.0, {1: 20.0})
+    )
+    chamber = ChamberStation(device, bench, (1,))
+    for _ in range(2):
+        state = chamber.read_state()
+        chamber.history.append(bench.time_s, state.air_temp_c, state.set_point_c, state.auxiliary_c[1])
+        bench.time_s += silent_s
+    assert state.air_temp_c == now_c
+    assert len(bench.commands) == looks and len(answers) == 1 - looks
 
 
 @pytest.mark.parametrize(("broken", "looks"), [(84.0, 1), (float("nan"), 0)])

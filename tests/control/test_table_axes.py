@@ -1,11 +1,15 @@
 """A table of several axes: bench file, driver bytes, emulator, telemetry and station together."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from bench.control.devices import table_settings
+from bench.control.history import History
+from bench.control.limit_watch import LimitWatch
 from bench.control.table_station import TableStation
-from bench.record.benchfile import bench_file_from, bench_file_text
+from bench.record.benchfile import Band, ForbiddenState, LimitsSection, bench_file_from, bench_file_text
 from drivers.acutrol import Acutrol3000, AcutrolTable
 from drivers.base.errors import ConfigurationError, DeviceRefused, LimitExceeded
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
@@ -217,3 +221,54 @@ def test_bench_file_names_a_wrong_axis(changes, text):
     outer, inner = FILE["table"]["axes"]
     with pytest.raises(ConfigurationError, match=text):
         bench_file_from({**FILE, "table": {**FILE["table"], "axes": [outer, {**inner, **changes}]}})
+
+
+def watched(two, limits):
+    """The limits of a bench with the table of two axes, air and set point at 20 degC."""
+    air = History(("air_temp_c", "set_point_c"))
+    air.append(two.wire.clock.now(), 20.0, 20.0)
+    chamber = SimpleNamespace(history=air, auxiliary_c=[], set_point_c=None, look_at_door=lambda: False)
+    return LimitWatch(limits, two.wire.clock, two.station, chamber)
+
+
+@pytest.mark.parametrize("axis", ["outer", "inner"])
+@pytest.mark.parametrize("rate_dps", [8.0, -8.0])
+def test_every_axis_that_turns_too_fast_ends_the_run(two, axis, rate_dps):
+    two.station.spin(rate_dps, axis)
+    watched(two, LimitsSection(max_rate_dps=7.7)).look()  # within 5 % of it
+    with pytest.raises(LimitExceeded, match="turns faster") as fast:
+        watched(two, LimitsSection(max_rate_dps=7.5)).look()
+    assert f"{rate_dps:.1f}" in fast.value.found
+
+
+@pytest.mark.parametrize("axis", ["outer", "inner"])
+def test_a_rule_on_the_rate_holds_for_every_axis_before_a_demand_and_on_telemetry(two, axis):
+    """Spinning in the warm is forbidden: neither may it warm up while any axis spins, nor be found so."""
+    rule = ForbiddenState(name="spin in the warm", rate_dps=Band(above=5.0), air_temp_c=Band(above=30.0))
+    watch = watched(two, LimitsSection(forbid=(rule,)))
+    two.station.spin(-6.0, axis)
+    with pytest.raises(LimitExceeded, match="spin in the warm"):
+        watch.allow("warm up", set_point_c=40.0)
+    watch.look()
+    watch._chamber.history.append(two.wire.clock.now(), 31.0, 40.0)
+    with pytest.raises(LimitExceeded, match="spin in the warm"):
+        watch.look()
+    two.station.stop(axis)
+    watch.look()
+    watch.allow("warm up", set_point_c=40.0)
+
+
+def test_a_demand_on_one_axis_is_asked_with_the_rates_of_all(two):
+    """Spinning at an angle beyond 60 deg is forbidden: the inner axis goes there only if the outer one rests."""
+    rule = ForbiddenState(name="spin aslant", rate_dps=Band(above=5.0), angle_deg=Band(above=60.0))
+    two.file = two.file.model_copy(update={"limits": LimitsSection(forbid=(rule,))})
+    two.limits = watched(two, two.file.limits)
+    two.station.confine(4.0)
+    two.poll()
+    two.station.spin(6.0, "outer")
+    with pytest.raises(LimitExceeded, match="spin aslant"):
+        two.station.point(80.0, "inner")
+    two.station.stop("outer")
+    two.station.point(80.0, "inner")
+    with pytest.raises(LimitExceeded, match="spin aslant"):
+        two.station.spin(-6.0, "outer")

@@ -1,6 +1,12 @@
-"""On a clock that runs by itself the wait for a lost port ends: a spinning thread would be taken for hung."""
+"""On a clock that runs by itself the wait for a lost port ends: a spinning thread would be taken for hung.
 
+And what becomes of a device that confirms its stop and goes on, or whose port comes back late.
+"""
+
+from itertools import pairwise
 from unittest.mock import MagicMock
+
+import pytest
 
 from bench.control.safe_state import bring_to_rest
 from drivers.base.errors import ConfigurationError, DeviceSilent, LinkLost
@@ -71,3 +77,59 @@ def test_a_device_that_stays_silent_is_given_up_after_a_minute():
     left = bring_to_rest({"table": device}, clock, lambda name, text: None)
     assert left == {"table": "no complete reply within 2 s."}
     assert 60.0 < clock.time_s < 75.0
+
+
+class Braking:
+    """A table that brakes at 2 deg/s2 from 100 deg/s from the stop command on that it hears; it confirms each."""
+
+    def __init__(self, clock, *, deaf_to=0, port_back_s=0.0):
+        self.clock, self.link = clock, self
+        self.deaf_to, self.port_back_s, self.told_s, self.stopped_s = deaf_to, port_back_s, [], None
+
+    def reopen(self):
+        if self.clock.time_s < self.port_back_s:
+            raise ConfigurationError("the port cannot be opened")
+
+    def halt(self):
+        if self.clock.time_s < self.port_back_s:
+            raise LinkLost("the port is gone")
+
+    def make_safe(self):
+        self.halt()
+        self.told_s.append(self.clock.time_s)
+        if len(self.told_s) > self.deaf_to and self.stopped_s is None:
+            self.stopped_s = self.clock.time_s
+
+    def read_rest(self):
+        since_s = 0.0 if self.stopped_s is None else self.clock.time_s - self.stopped_s
+        rate_dps = max(100.0 - 2.0 * since_s, 0.0)
+        return Rest(rate_dps == 0.0, f"{rate_dps:.1f} deg/s")
+
+
+@pytest.mark.parametrize("lost", [1, 2])
+def test_a_device_whose_stop_was_lost_though_confirmed_is_told_again_and_comes_to_rest(lost):
+    clock = RunningClock()
+    table, rests = Braking(clock, deaf_to=lost), []
+    # 50 s of braking fit into the 60 s only if it is told again soon
+    assert bring_to_rest({"table": table}, clock, lambda *what: rests.append(what), timeout_s=61.0) == {}
+    assert rests == [("table", "at rest: 0.0 deg/s")]
+    assert len(table.told_s) > lost
+    assert (
+        min(after - before for before, after in pairwise(table.told_s)) > 4.0
+    )  # it is not drowned in commands
+
+
+def test_a_table_whose_port_comes_back_has_the_whole_time_to_brake_from_then_on():
+    """Told 15 s late it needs 50 s more: beyond the minute that began when all were told."""
+    clock = RunningClock()
+    table, rests = Braking(clock, port_back_s=15.0), []
+    assert bring_to_rest({"table": table}, clock, lambda *what: rests.append(what)) == {}
+    assert rests == [("table", "at rest: 0.0 deg/s")]
+    assert clock.time_s > 60.0
+
+
+def test_a_table_that_does_not_stop_after_its_port_came_back_is_given_up_a_minute_later():
+    clock = RunningClock()
+    table = Braking(clock, deaf_to=1000, port_back_s=15.0)
+    assert "not at rest" in bring_to_rest({"table": table}, clock, lambda *what: None)["table"]
+    assert 15.0 + 60.0 < clock.time_s < 15.0 + 62.0

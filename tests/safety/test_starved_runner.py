@@ -1,16 +1,19 @@
 """A runner that gets no processor is not hung; one that sleeps, is stopped or computes on is."""
 
+import math
 import os
 import select
 import signal
 import subprocess
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.control.watchdog import HUNG_S, STARVED_S
+from bench.control.watchdog import ARMED, BEAT, DISMISSED, HUNG_S, STARVED_S, _process
 from bench.control.watchdog._process import Patience, runqueue_wait_s
 
 pytestmark = pytest.mark.concurrent
@@ -63,3 +66,68 @@ def test_the_kernel_counts_the_waiting_of_a_thread_that_shares_its_processor():
             loop.wait()
             loop.stdout.close()
     assert runqueue_wait_s(loops[0].pid) == 0.0  # it is gone
+
+
+class Silence:
+    """A runner as its watchdog sees it: bytes at times, and how long it has waited for a processor by then.
+
+    Time passes only while the watchdog listens. It has been taken over from when `causes` is not empty.
+    """
+
+    def __init__(self, monkeypatch, said, starved):
+        self.said, self.starved, self.now_s, self.causes = dict(said), starved, 0.0, []
+        quiet = SimpleNamespace(SIGINT=0, SIGTERM=0, SIGHUP=0, SIG_IGN=0, signal=lambda *_: None)
+        system = SimpleNamespace(pidfd_open=lambda pid: 0, write=lambda *_: 0, read=self.read)
+        for name, stand_in in {
+            "signal": quiet,
+            "os": system,
+            "select": SimpleNamespace(select=self.select),
+            "WallClock": lambda: SimpleNamespace(now=lambda: self.now_s),
+            "runqueue_wait_s": lambda pid: self.starved(self.now_s),
+            "_read_order": lambda: _process.Order(Path(), 1, (), {}),
+            "_take_over": lambda order, runner, cause: self.causes.append(cause) or [],
+        }.items():
+            monkeypatch.setattr(_process, name, stand_in)
+
+    def select(self, readers, _, __, timeout_s):
+        due_s = min(self.said, default=math.inf)
+        end_s = math.inf if timeout_s is None else self.now_s + timeout_s
+        self.now_s = max(self.now_s, min(due_s, end_s))
+        return (readers if due_s <= end_s else []), [], []
+
+    def read(self, *_):
+        return self.said.pop(min(self.said))
+
+
+BEATS = {0.0: ARMED, **{round(0.2 * k, 1): BEAT for k in range(1, 51)}}
+
+
+def starved_from_ten(for_s):
+    """Ready to run without a processor from 10 s on."""
+    return lambda now_s: min(max(now_s - 10.0, 0.0), for_s)
+
+
+def test_a_runner_that_is_starved_when_its_time_is_up_is_given_what_it_waited(monkeypatch):
+    """It beats again 3.2 s later: nobody takes over."""
+    runner = Silence(monkeypatch, {**BEATS, 13.2: BEAT, 14.0: DISMISSED}, starved_from_ten(3.0))
+    assert _process.main() == 0
+    assert runner.causes == [] and runner.now_s == 14.0
+
+
+@pytest.mark.parametrize(
+    ("starved_s", "silent_s"), [(0.0, 2.0), (0.5, 2.5), (1.999, 3.999), (3.0, 5.0), (60.0, 10.0)]
+)
+def test_a_runner_that_stays_silent_is_taken_over_from_two_seconds_of_its_own_later(
+    monkeypatch, starved_s, silent_s
+):
+    """At most 8 s are added for what it waited for a processor."""
+    runner = Silence(monkeypatch, BEATS, starved_from_ten(starved_s))
+    assert _process.main() == 0
+    assert runner.causes == [f"no sign of life for {silent_s:.1f} s"]
+    assert runner.now_s == pytest.approx(10.0 + silent_s, abs=1e-6)
+
+
+def test_a_runner_that_is_not_armed_yet_may_be_silent_for_as_long_as_it_likes(monkeypatch):
+    runner = Silence(monkeypatch, {100.0: ARMED, 100.2: BEAT, 100.4: b""}, starved_from_ten(0.0))
+    assert _process.main() == 0
+    assert runner.causes == ["the runner's process has ended"] and runner.now_s == 100.4

@@ -222,3 +222,11 @@ def test_an_interval_holds_its_own_estimate(seed: int) -> None:
     fit = fit_noise(allan_deviation(rate, 1.0))
     low, value, high = (end.squares() for end in (fit.low, fit.coefficients, fit.high))
     assert (low <= value).all() and (value <= high).all()
+
+
+@pytest.mark.parametrize(("clusters", "expected"), [(2, 1 / np.sqrt(2)), (9, 0.25), (51, 0.1), (5001, 0.01)])
+def test_the_error_of_a_value_is_that_of_its_number_of_clusters(clusters: int, expected: float) -> None:
+    """IEEE Std 952: 1 / sqrt(2 (K - 1)) for K clusters; one alone would say nothing."""
+    m = 7
+    allan = allan_deviation(np.random.default_rng(12).normal(size=clusters * m), 10.0, [m / 10.0])
+    assert allan.relative_error == pytest.approx(expected, rel=1e-12)

@@ -8,6 +8,7 @@ import statsmodels.api as sm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
+from scipy.stats import t as student
 from statsmodels.stats.outliers_influence import variance_inflation_factor
 from statsmodels.stats.stattools import durbin_watson
 
@@ -196,3 +197,42 @@ def test_effective_number_of_rows() -> None:
 def test_unusable_input_is_refused(x: np.ndarray, y: np.ndarray) -> None:
     with pytest.raises(ConfigurationError, match="cannot be used"):
         stepwise(x, y)
+
+
+def term_of(p_value: float, count: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Terms (count, 1) and values (count,) whose regression has that p-value, by Student's distribution."""
+    rng = np.random.default_rng(7)
+    x = rng.normal(size=count)
+    x -= x.mean()
+    left = rng.normal(size=count)
+    left -= left.mean()
+    left -= x * (x @ left) / (x @ x)
+    ratio = student.isf(p_value / 2.0, count - 2)
+    slope = ratio * np.sqrt(left @ left / (count - 2) / (x @ x))
+    return x[:, None], 3.0 + slope * x + left
+
+
+@pytest.mark.parametrize(
+    ("p_value", "p_enter", "kept"),
+    [
+        (0.099, 0.05, True),
+        (0.101, 0.05, False),
+        (0.099, 0.01, True),
+        (0.101, 0.01, False),
+        (0.149, 0.15, True),  # what would enter is not thrown out
+        (0.151, 0.15, False),
+    ],
+)
+def test_a_term_leaves_from_a_tenth_on_unless_it_would_enter(
+    p_value: float, p_enter: float, kept: bool
+) -> None:
+    x, y = term_of(p_value)
+    result = stepwise(x, y, start=["x1"], p_enter=p_enter)
+    assert result.steps[0].p_value == pytest.approx([p_value], rel=1e-9)
+    assert result.selected == (("x1",) if kept else ())
+
+
+@pytest.mark.parametrize(("p_value", "entered"), [(0.0499, True), (0.0501, False)])
+def test_a_term_enters_below_a_twentieth(p_value: float, entered: bool) -> None:
+    x, y = term_of(p_value)
+    assert stepwise(x, y).selected == (("x1",) if entered else ())

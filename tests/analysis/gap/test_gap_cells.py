@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis.gap import Model, check_runs, group_runs
+from bench.analysis.gap import GapRun, Model, check_runs, group_runs
 from bench.analysis.gap._cells import BANDS, band_slices, contrasts, group_cells
 from bench.analysis.gap._data import bridged, good_length
 from bench.analysis.gap._stack import stacked, transformed
@@ -96,6 +96,38 @@ def test_copies_of_a_run_are_refused() -> None:
     run = made_run("a", stimulus(400), np.random.default_rng(2))
     with pytest.raises(ConfigurationError, match="same samples"):
         check_runs([run, replace(run, run_id="b")])
+
+
+def sharing(alike: float, seed: int) -> list[GapRun]:
+    """Two runs with white noise of which part is the same: changes of the same sign in `alike` more than half.
+
+    Signs of Gaussian variables with correlation r have 2/pi arcsin(r) (Sheppard, 1899).
+    """
+    correlation = np.sin(0.5 * np.pi * alike)
+    rng = np.random.default_rng(seed)
+    s, same = stimulus(8000), rng.normal(0.0, 0.24, 8000)
+    runs = []
+    for name in "ab":
+        own = rng.normal(0.0, 0.24, 8000)
+        noise = np.sqrt(correlation) * same + np.sqrt(1.0 - correlation) * own
+        run = made_run(name, s, rng)
+        runs.append(replace(run, output_dph=s.input_rate_dph + noise))
+    return runs
+
+
+@pytest.mark.parametrize("alike", [0.85, 0.95])
+def test_copies_with_a_little_noise_of_their_own_are_refused(alike: float) -> None:
+    """A run resampled or rounded again: its differences from the first would be called the noise floor."""
+    runs = sharing(alike, 3)
+    with pytest.raises(ConfigurationError, match="same samples") as refused:
+        check_runs(runs)
+    assert float(refused.value.found.rpartition(" ")[2]) == pytest.approx(alike, abs=0.02)
+    check_runs([runs[0], replace(runs[1], condition="+20")])  # only repeats give a floor
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.5, 0.75])
+def test_repeats_that_share_some_of_their_noise_are_no_copies(alike: float) -> None:
+    check_runs(sharing(alike, 4))
 
 
 def test_a_run_that_is_too_short_or_too_empty_is_refused() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ from bench.analysis.gap import (
     read_model,
     with_channels,
 )
-from bench.analysis.gap._channel_floor import channel_floor, octaves
+from bench.analysis.gap._channel_cells import channel_cells, tolerance
+from bench.analysis.gap._channel_floor import ChannelFloor, channel_floor, octaves
 from drivers.base.errors import ConfigurationError
 from simulators.effects import ChannelEffect, ChannelInputs, Demand, catalogue, simulate
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
@@ -134,6 +136,29 @@ def test_the_floor_is_that_of_the_noise_and_not_of_what_settles() -> None:
     fast = octaves(1000, 10.0)[-1]
     assert floor.power[fast] == pytest.approx(0.05**2, rel=0.3)
     assert floor.power[9] < 4.0 * 0.05**2
+
+
+def test_a_channels_misfit_is_tolerated_at_other_time_scales_of_its_phase_ever_less() -> None:
+    """A slow wave of 10 K in a soak, noise of 0.1 K: beside it, but not in the rest after it, less counts."""
+    time_s = np.arange(4096.0)
+    phase = np.where(time_s < 2048.0, "soak", "rest")
+    inputs = ChannelInputs(time_s, np.zeros(4096), 0.0, 1.0)
+    rng = np.random.default_rng(5)
+    noise = rng.normal(0.0, 0.1, 4096)
+    series = ChannelSeries("case_temperature", "a", inputs, noise, phase, time_s >= 2048.0, 1e-6)
+    floor = ChannelFloor(np.full(24, 0.01), np.full(24, 100.0), "given")
+    cells = channel_cells([series], floor)
+    wave = 10.0 * np.cos(np.pi * 4.0 * (time_s + 0.5) / 2048.0) * (phase == "soak")  # a period of 1024 s
+    allowed = tolerance(cells, cells.whitened([wave + noise]), 0.0)
+    bare = tolerance(cells, cells.whitened([noise]), 0.0)
+    by_name = {name: float(allowed[cells.cell == k].mean()) for k, name in enumerate(cells.names)}
+    without = {name: float(bare[cells.cell == k].mean()) for k, name in enumerate(cells.names)}
+    at = 4  # 512..2048 s
+    soak = [by_name["soak", at - k] for k in range(at)]
+    assert all(slower > faster for slower, faster in pairwise(soak))
+    assert soak[1] > 2.0 * without["soak", at - 1]
+    rest = {name: value for name, value in by_name.items() if name[0] == "rest"}
+    assert rest == pytest.approx({name: without[name] for name in rest}, rel=1e-9)
 
 
 def test_a_ramp_within_the_chambers_means_is_the_demanded_one() -> None:

@@ -19,6 +19,7 @@ from bench.analysis.gap import (
     read_model,
     shrinkage,
 )
+from bench.analysis.gap._score import wilson
 from drivers.base.errors import ConfigurationError
 from tests.analysis.gap.conftest import effect, made_run, stimulus
 
@@ -56,6 +57,16 @@ def test_no_gap_where_there_is_none(nominal: Model) -> None:
     assert not found.causes
     assert found.null_probability > 0.5
     assert min(place.p_value for place in found.places) > 0.01
+
+
+def test_nothing_is_sure_even_where_nothing_is_left(nominal: Model) -> None:
+    """Of 448 claims of the exams 25 left out something of which nothing had been seen: so much doubt remains."""
+    low, high = wilson(25, 448)
+    for seed, cubic in ((1, 0.4), (7, 0.8), (3, 0.0)):
+        found = diagnose(_runs(seed, cubic, ("a", "b")), nominal)
+        assert found.verdict == ("explained" if cubic else "no gap")
+        assert low < found.unknown_probability < high
+        assert all(cause.probability < 1.0 - low for cause in found.causes)
 
 
 def test_wrong_nominal_parameter_is_no_effect(nominal: Model) -> None:

@@ -118,6 +118,16 @@ def test_rows_come_from_ramps_and_dwells_with_either_case_sensor(tmp_path: Path,
     assert run.true_bias_dph is None
 
 
+def test_the_truth_is_its_mean_over_the_seconds_of_the_rows(tmp_path: Path) -> None:
+    """The plant's bias grows by 1e-4 deg/h a second, told at whole seconds: as the measured one does."""
+    path = folder(tmp_path / "run", in_frame=True)
+    np.savez(path / "truth_g.npz", bias_dph=1e-4 * np.arange(4001.0))
+    (run,) = load_ramp_runs(path)
+    assert run.true_bias_dph is not None
+    assert np.allclose(run.true_bias_dph, 1e-4 * (run.time_s - 0.5), atol=1e-12)
+    assert np.allclose(run.true_bias_dph, run.bias_dph, atol=1e-6)
+
+
 def test_lost_samples_are_named(tmp_path: Path) -> None:
     path = folder(tmp_path / "run", in_frame=True)
     manifest = read_manifest(path)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import statsmodels.api as sm
 
 from bench.analysis.common.state_file import write_state
 from bench.analysis.rlg import (
@@ -167,3 +168,26 @@ def test_another_units_compensation_is_refused_and_foreign_conditions_counted(ru
         fit.drift_dph(runs(1)["repeat"])
     assert fit.outside(of["partial"]).mean() < 0.02  # rates at rest scatter about their own extremes
     assert fit.outside(of["faster"]).mean() > 0.3
+
+
+def with_a_sum(seed: int) -> RampRun:
+    """Thirty rows whose bias follows T1 and T2; dT2 is nearly their sum and enters first."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(30, 4))
+    x[:, 3] = x[:, 0] + x[:, 1] + rng.normal(0.0, 0.8, 30)
+    bias = 0.6 * x[:, 0] + 0.6 * x[:, 1] + 0.1 * x[:, 3] + rng.normal(size=30)
+    return RampRun("r", "u", 100.0 * np.arange(30), *x.T, bias, np.zeros(30, np.int64))
+
+
+@pytest.mark.parametrize(("seed", "least", "most"), [(133, 0.07, 0.10), (37, 0.10, 0.14)])
+def test_what_both_temperatures_explain_leaves_from_a_p_value_of_a_tenth_on(
+    seed: int, least: float, most: float
+) -> None:
+    """The p-value of dT2 beside T1 and T2 by statsmodels; the runs were chosen for one near a tenth."""
+    run = with_a_sum(seed)
+    three = sm.add_constant(np.column_stack([run.case_c, run.block_c, run.block_rate]))
+    p_value = sm.OLS(run.bias_dph, three).fit().pvalues[3]
+    assert least < p_value < most
+    plain = run_rlg_study([run], [], ("T1", "T2", "dT1", "dT2")).variant(PLAIN).result
+    assert plain.steps[1].term == "dT2" and plain.steps[1].p < 0.05
+    assert set(plain.selected) == ({"T1", "T2", "dT2"} if p_value <= 0.10 else {"T1", "T2"})

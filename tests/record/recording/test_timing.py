@@ -201,3 +201,33 @@ def test_a_stall_of_the_host_is_no_restart_of_a_device_with_a_long_wrap(stall_s,
     assert counts.tolist() == list(range(count))
     assert np.abs(time_s - 5.0 - sample_s).max() < 0.002
     assert len(timing.corrections) == 0
+
+
+@pytest.mark.parametrize(
+    ("on", "off_s", "block", "first"),
+    [
+        ([1371, 1442, 1537, 3895], [20.0, 1.0, 1.0], 3000, 501),
+        ([3351, 1928, 3204, 4161], [20.0, 0.3, 0.3], 8192, 611),
+        ([1133, 3290, 1929, 3438, 4854], [20.0, 5.0, 0.5, 3.0], 8192, 528),
+    ],
+)
+def test_a_device_with_a_bad_contact_counts_anew_again_and_again_and_keeps_its_times(on, off_s, block, first):
+    """A 10-bit counter at 100 Hz: what was early before the last restart says nothing of the next one.
+
+    `on`: samples between the pauses; the first batch holds one restart at least, the next ones the others.
+    """
+    counter, true_s, at_s = [], [], 5.0
+    for count, pause_s in zip(on, [*off_s, 0.0], strict=True):
+        counter.append((np.arange(count) + (0 if counter else first)) % 1024)
+        true_s.append(at_s + 0.01 * np.arange(count))
+        at_s = true_s[-1][-1] + 0.01 + pause_s + 0.0037
+    counter, true_s = np.concatenate(counter), np.concatenate(true_s)
+    arrival = np.maximum.accumulate(true_s + jitter(3, len(true_s), 0.001))
+    ends = FRAME * np.arange(1, len(counter) + 1)
+    marks = np.column_stack((ends, np.rint(arrival * 1e9).astype(np.int64)))
+    timer, unwrap = StreamTimer(1024, 1, 100.0), Unwrapper(1024)
+    for at in range(0, len(counter), block):
+        timer.feed(counter[at : at + block], ends[at : at + block], marks)
+    timing = timer.fit()
+    count = timing.corrected(unwrap.feed(counter)[0], 0)
+    assert np.abs(timing.time_ns(count) * 1e-9 - true_s).max() < 0.012

@@ -188,6 +188,17 @@ def test_output_is_truth_plus_noise_of_the_stated_size() -> None:
     assert abs(residual.mean()) < 0.02
 
 
+def test_output_and_truth_drift_in_the_same_second() -> None:
+    """Two units with the same noise: what their outputs differ by is what their truths do, at every second."""
+    runs = [cold_shock(unit_seed=seed, equilibrium_min=31.0, soak_min=5.0, return_min=1.0) for seed in (0, 1)]
+    outputs, truths = ([getattr(run, name) for run in runs] for name in ("bias_dph", "true_bias_dph"))
+    seen, true = outputs[0] - outputs[1], truths[0] - truths[1]
+    shift_dph = 0.5 * np.abs(np.diff(true)).max()  # what half a second would make
+    left = seen - true
+    assert shift_dph > 1e-4
+    assert np.abs(left - np.median(left)).max() < 0.2 * shift_dph
+
+
 def test_rate_runs_carry_the_scale_factor_error() -> None:
     runs = {
         rate: cold_shock(rate_dps=rate, mounting="axis_up", run_seed=3, soak_min=30.0, return_min=10.0)
