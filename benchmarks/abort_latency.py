@@ -34,13 +34,14 @@ from bench.control.procedure import Demands, Parameters, Procedure
 from bench.control.questions import AssumeYes
 from bench.control.runner import RunRequest, run_procedure
 from bench.control.session import Bench
-from bench.lab.emulated import EmulatedLab, Plant, PlantFault
+from bench.lab.emulated import EmulatedLab, Plant
 from bench.lab.nursery import LabNursery
 from bench.record.benchfile import BenchFile, bench_file_from, load_bench_file
 from bench.record.recording import read_exchanges
 from benchmarks._measure import Row, figure, usual
 from benchmarks._sections import write_section
 from drivers.base.clock import WallClock, utc_now
+from simulators.faults import Fault
 
 _RUNS = 9
 _PROMISED_MS = 50.0
@@ -186,7 +187,7 @@ def _measure(event: Event, count: int, start: Callable[[], Any]) -> dict[str, li
     """Return by stop command (from the event, from the knowledge) in ms of `count` runs."""
     moments, file = random.Random(1), _bench_file(watchdog=False)
     gone = tuple(  # prepares the ports for it
-        PlantFault(port=port, kind="vanish", at_s=(1e8,), duration_s=1e6) for port in ("table", "fog_1")
+        Fault(port=port, kind="vanish", at_s=(1e8,), duration_s=1e6) for port in ("table", "fog_1")
     )
     found: dict[str, list[tuple[float, float]]] = {name: [] for _, name, _ in _COMMANDS}
     for number in range(count):

@@ -26,20 +26,13 @@ from unittest import mock
 import numpy as np
 import pyarrow.parquet as pq
 
-from bench.control.devices import (
-    chamber_kind,
-    chamber_settings,
-    gyro_kind,
-    gyro_settings,
-    table_kind,
-    table_settings,
-)
+from bench.control.devices import gyro_kind, open_chamber, open_table
 from bench.control.procedure import Demands, Parameters, Procedure
 from bench.control.questions import Question
 from bench.control.run_record import decode_run
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.control.session import Bench
-from bench.lab.emulated import EmulatedLab, Plant, PlantFault
+from bench.lab.emulated import EmulatedLab, Plant
 from bench.lab.nursery import LabNursery
 from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.recording import read_manifest, verify
@@ -47,6 +40,8 @@ from benchmarks._sections import write_section
 from drivers.base import clock as host
 from drivers.base.errors import BenchError, RunAborted
 from drivers.base.virtual_clock import VirtualClock
+from drivers.kit.instruments import Instrument
+from simulators.faults import Fault
 
 _GYROS = ("fog_1", "can_1")
 _PORTS = ("table", "chamber", *_GYROS)
@@ -90,7 +85,7 @@ class Case:
     """One run: its faults, and what else happens."""
 
     name: str
-    faults: tuple[PlantFault, ...] = ()
+    faults: tuple[Fault, ...] = ()
     scenario: str = ""
     forbidden: tuple[str, ...] = ()
     """Outcomes that would not be the truth."""
@@ -136,15 +131,15 @@ def _wire_case(draw: random.Random, faults: list[tuple[str, str]]) -> Case:
     )
 
 
-def _wire_fault(draw: random.Random, port: str, kind: str) -> PlantFault:
+def _wire_fault(draw: random.Random, port: str, kind: str) -> Fault:
     at_s = tuple(sorted(draw.uniform(12.0, 50.0) for _ in range(1 if kind in _LASTS_S else 4)))
     lasts_s = draw.uniform(*_LASTS_S[kind]) if kind in _LASTS_S else 0.0
-    return PlantFault(port=port, kind=kind, at_s=at_s, count=draw.randint(1, 5), duration_s=lasts_s)
+    return Fault(port=port, kind=kind, at_s=at_s, count=draw.randint(1, 5), duration_s=lasts_s)
 
 
 def _scenarios() -> list[Case]:
-    def fault(port: str, kind: str, **more: Any) -> PlantFault:
-        return PlantFault(port=port, kind=kind, at_s=(25.0,), **more)
+    def fault(port: str, kind: str, **more: Any) -> Fault:
+        return Fault(port=port, kind=kind, at_s=(25.0,), **more)
 
     ended, unsafe = ("completed", "invalid"), ("not confirmed",)
     dies = [
@@ -314,7 +309,7 @@ def _frames(folder: Path, name: str) -> Counter[tuple[str, ...]]:
     manifest = read_manifest(folder)
     section = next(each for each in bench_file_from(manifest.bench).gyro if each.name == name)
     data = (folder / "raw" / f"{name}.bin").read_bytes()[int(manifest.stream[name]["start_offset"]) :]
-    columns = gyro_kind(section).decoder(gyro_settings(section)).feed(data).columns
+    columns = gyro_kind(section).decoder(section).feed(data).columns
     path = folder / f"gyro_{name}.parquet"
     if not path.exists():
         return Counter()
@@ -355,14 +350,12 @@ def _not_at_rest(lab: EmulatedLab) -> str:
     clock = VirtualClock(str(lab.clock_url))
     found = []
     try:
-        for name, kind, settings in (
-            ("table", table_kind(lab.file), table_settings(lab.file)),
-            ("chamber", chamber_kind(lab.file), chamber_settings(lab.file)),
-        ):
+        openers: dict[str, Callable[..., Instrument]] = {"table": open_table, "chamber": open_chamber}
+        for name, opener in openers.items():
             text = ""
             for _ in range(5):  # a fault may still strike an answer
                 try:
-                    device = kind.open(settings, clock, Deaf())
+                    device = opener(lab.file, clock, Deaf())
                     try:
                         rest = device.read_rest()
                     finally:

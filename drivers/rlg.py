@@ -6,35 +6,44 @@ the frame description `rlg2t`; here are the driver's name in a bench file and th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from numpy.typing import NDArray
 
-from drivers.frames import Frames
-from drivers.kit.instruments import GyroKind, Settings
-
-_Columns = Mapping[str, NDArray[Any]]
-
-
-def described(settings: Settings) -> dict[str, Any]:
-    """Return the settings of a described gyro that sends the same."""
-    return {**settings, "description": "rlg2t", "frame_format": None, "axes": "x", "axis": "x"}
+from drivers.frames import Frames, FramesConfig
+from drivers.kit.config import GyroConfig
+from drivers.kit.kinds import Columns, GyroKind, Probe
 
 
-def _rates(settings: Settings, columns: _Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    return {settings["axis"]: Frames.rates(described(settings), columns, sample_rate_hz)["x"]}
+class RlgConfig(GyroConfig):
+    """`[[gyro]]` of a ring-laser gyro that sends `rlg2t`."""
+
+    @property
+    def technology(self) -> Literal["fog", "rlg", "mems"]:
+        """A ring laser."""
+        return "rlg"
+
+    @property
+    def described(self) -> FramesConfig:
+        """The configuration of a described gyro that sends the same."""
+        same = {**self.model_dump(), "description": "rlg2t", "frame_format": None, "axes": "x", "axis": "x"}
+        return FramesConfig.model_validate(same)
 
 
-def _temperatures(settings: Settings, columns: _Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+def _rates(config: RlgConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+    return {config.axis: Frames.rates(config.described, columns, sample_rate_hz)["x"]}
+
+
+def _temperatures(config: RlgConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
     assert Frames.temperatures is not None
-    return Frames.temperatures(described(settings), columns, sample_rate_hz)
+    return Frames.temperatures(config.described, columns, sample_rate_hz)
 
 
 Rlg2t = GyroKind(
-    open=lambda settings, clock, tap: Frames.open(described(settings), clock, tap),
-    decoder=lambda settings: Frames.decoder(described(settings)),
-    rates=_rates,
+    lambda config, connection: Frames.open(config.described, connection),
+    lambda config: Frames.decoder(config.described),
+    _rates,
+    RlgConfig,
     temperatures=_temperatures,
+    probes=lambda: [Probe(20, keys={"axis": "x"})],
 )
-"""Settings used: `name`, `port`, `baudrate`, `rate_hz`, `axis`."""

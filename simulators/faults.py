@@ -5,8 +5,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
 
 from drivers.base.errors import ConfigurationError
 
@@ -38,9 +41,9 @@ _LASTING = ("delay", "silence", VANISH)
 _MUST_COUNT = ("drop", "repeat", "flip", "noise", "lose", *COMMAND_FAULTS)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Fault:
-    """One fault of one port.
+    """One fault of one port: a `[[fault]]` of a plant file, docs/faults.md has the kinds.
 
     When: at the lab times `at_s` (s), or at random `rate_per_h` times an hour on average (Poisson) between
     `start_s` and `end_s`. It strikes the first message whose last byte is sent at or after that instant; on
@@ -51,12 +54,12 @@ class Fault:
     port: str
     kind: str
     at_s: tuple[float, ...] = ()
-    rate_per_h: float = 0.0
-    start_s: float = 0.0
-    end_s: float = 1e12
-    count: int = 1
-    duration_s: float = 0.0
-    factor: float = 1.0
+    rate_per_h: float = Field(default=0.0, ge=0, le=3.6e6, allow_inf_nan=False)
+    start_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
+    end_s: float = Field(default=1e12, gt=0, allow_inf_nan=False)
+    count: int = Field(default=1, ge=0)
+    duration_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
+    factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
     text: str = ""
 
     def check(
@@ -96,7 +99,7 @@ class Fault:
         )
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class WireShape:
     """How a device's messages look from outside, for faults that strike a whole one.
 

@@ -7,8 +7,9 @@ plant holds no bytes. Times passed to one object never decrease.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,3 +147,24 @@ class GyroPlant(Protocol):
         Intervals of successive calls are contiguous; the plant has been advanced past their end.
         """
         ...
+
+
+@dataclass(frozen=True)
+class Installation:
+    """What an emulator is told beside its configuration and its plant.
+
+    `clock_error_ppm`: how fast a unit's sample clock is. `before`: a unit's emulator until it was switched off,
+    for what outlasts that.
+    """
+
+    clock_error_ppm: float = 0.0
+    before: Emulator | None = None
+
+
+EmulatorMaker = Callable[[Any, Any, Installation], Emulator]
+"""Makes an emulator of its driver's configuration and a plant; an entry point of group `gyrobench.emulators`.
+
+The plant of a table is a `TablePlant` for each axis by name, outermost first; that of a chamber a `ChamberPlant`,
+of a gyro a `GyroPlant`, of a platform a `simulators.platform_interface.PlatformPlant`. Gyros and platforms are
+`StreamingEmulator`s.
+"""

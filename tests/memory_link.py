@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from drivers.base.clock import Clock, Readable
-from drivers.kit.instruments import Exchange
+from drivers.kit.kinds import Exchange
 from drivers.kit.link import Link
 from simulators.interfaces import Emulator, GyroSignal, Reply, StreamingEmulator
 

@@ -11,10 +11,11 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from bench.control.procedure import Parameters, Procedure, find_procedure
-from bench.record.benchfile import BenchFile, GyroSection, bench_file_from
+from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.figure_limits import Limit, wrong_limits
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
+from drivers.kit.config import GyroConfig
 
 Role = Literal["training", "validation", "test", "record"]
 Occasion = Literal["prompt", "run_ended", "completed", "failed"]
@@ -150,7 +151,7 @@ def bench_of(campaign: Campaign, file: BenchFile, where: str = "the campaign's u
     return changed
 
 
-def _section_of(unit: Unit, file: BenchFile) -> GyroSection | None:
+def _section_of(unit: Unit, file: BenchFile) -> GyroConfig | None:
     by_name = {gyro.name: gyro for gyro in file.gyro}
     if unit.gyro is not None:
         return by_name.get(unit.gyro)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any, cast
 
-from bench.record.benchfile import BenchFile, GyroSection, PlatformSection, driver_path
+from bench.record.benchfile import BenchFile
 from drivers.base.clock import Clock, WallClock
 from drivers.base.virtual_clock import VirtualClock
-from drivers.kit.instruments import ChamberKind, GyroKind, PlatformKind, Settings, TableKind
+from drivers.kit.config import GyroConfig, PlatformConfig
+from drivers.kit.instruments import Chamber, Turntable
+from drivers.kit.kinds import ChamberKind, Connection, GyroKind, PlatformKind, TableKind
+from drivers.kit.link import Tap
+from drivers.kit.registry import load_kind
 
 
 def open_clock(url: str | None) -> Clock:
@@ -16,44 +19,32 @@ def open_clock(url: str | None) -> Clock:
     return WallClock() if url is None else VirtualClock(url)
 
 
-def table_kind(file: BenchFile) -> TableKind:
+def table_kind(file: BenchFile) -> TableKind[Any]:
     """Return the table's driver."""
-    return cast(TableKind, load_kind("table", file.table.driver))
+    return cast(TableKind[Any], load_kind("table", file.table.driver))
 
 
-def chamber_kind(file: BenchFile) -> ChamberKind:
+def chamber_kind(file: BenchFile) -> ChamberKind[Any]:
     """Return the chamber's driver."""
-    return cast(ChamberKind, load_kind("chamber", file.chamber.driver))
+    return cast(ChamberKind[Any], load_kind("chamber", file.chamber.driver))
 
 
-def gyro_kind(section: GyroSection) -> GyroKind:
+def gyro_kind(section: GyroConfig) -> GyroKind[Any]:
     """Return a gyro's driver."""
-    return cast(GyroKind, load_kind("gyro", section.driver))
+    return cast(GyroKind[Any], load_kind("gyro", section.driver))
 
 
-def platform_kind(section: PlatformSection) -> PlatformKind:
+def platform_kind(section: PlatformConfig) -> PlatformKind[Any]:
     """Return a platform INS's driver."""
-    return cast(PlatformKind, load_kind("platform", section.driver))
+    return cast(PlatformKind[Any], load_kind("platform", section.driver))
 
 
-def table_settings(file: BenchFile) -> Settings:
-    """Return the table's section as plain values; `axes` is there for a table of one axis, too."""
-    axes = [axis.model_dump(mode="json") for axis in file.table.all_axes]
-    return {"name": "table", **file.table.model_dump(mode="json"), "axes": axes}
+def open_table(file: BenchFile, clock: Clock, tap: Tap) -> Turntable:
+    """Open the table's port."""
+    return table_kind(file).open(file.table, Connection("table", clock, tap))
 
 
-def chamber_settings(file: BenchFile) -> Settings:
-    """Return the chamber's section as plain values, with the set point it is left at."""
-    safe = {"safe_set_point_c": file.safe.chamber_set_point_c}
-    return {"name": "chamber", **file.chamber.model_dump(), **safe}
-
-
-def gyro_settings(section: GyroSection) -> Settings:
-    """Return a gyro's section as plain values."""
-    return section.model_dump()
-
-
-def load_kind(role: str, kind: str) -> Any:
-    """Return the driver `kind` of a role, a `TableKind`, `ChamberKind` or `GyroKind`."""
-    module, _, attribute = driver_path(role, kind).partition(":")
-    return getattr(importlib.import_module(module), attribute)
+def open_chamber(file: BenchFile, clock: Clock, tap: Tap) -> Chamber:
+    """Open the chamber's port."""
+    connection = Connection("chamber", clock, tap, safe_set_point_c=file.safe.chamber_set_point_c)
+    return chamber_kind(file).open(file.chamber, connection)

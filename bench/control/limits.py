@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from bench.record.benchfile import AxisSection, Band, ForbiddenState, LimitsSection
+from bench.record.benchfile import Band, ForbiddenState, LimitsSection
 from drivers.base.errors import LimitExceeded
+from drivers.kit.config import AxisConfig
 
 OVERSPEED = 1.05
 AIR_MARGIN_K = 10.0
@@ -98,7 +99,7 @@ def check_ramp(limits: LimitsSection, change_k: float, window_s: float) -> None:
         )
 
 
-def check_stops(axis: AxisSection, angle_deg: float, where: str) -> None:
+def check_stops(axis: AxisConfig, angle_deg: float, where: str) -> None:
     """Raise LimitExceeded if an axis of limited motion is found beyond its stops, by more than half a degree."""
     low, high = axis.min_angle_deg, axis.max_angle_deg
     if low is None or high is None:

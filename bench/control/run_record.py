@@ -17,12 +17,10 @@ from typing import Any
 from bench.control.devices import (
     chamber_kind,
     gyro_kind,
-    gyro_settings,
     platform_kind,
     table_kind,
-    table_settings,
 )
-from bench.record.benchfile import BenchFile, GyroSection, PlatformSection, bench_file_from
+from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.recording import (
     DeviceEntry,
     EmulatedLab,
@@ -44,6 +42,7 @@ from bench.record.recording import (
 )
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, RecordError
+from drivers.kit.config import GyroConfig, PlatformConfig
 from drivers.kit.instruments import Identity
 
 _SOFTWARE = ("gyrobench", "numpy", "scipy", "pyserial", "python-can")
@@ -130,7 +129,7 @@ class RunRecord:
         self._journal.check()
 
     def identify(
-        self, name: str, role: str, kind: str, identity: Identity, section: GyroSection | None = None
+        self, name: str, role: str, kind: str, identity: Identity, section: GyroConfig | None = None
     ) -> None:
         """Note who answered on a port."""
         self._devices[name] = DeviceEntry(
@@ -219,12 +218,11 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
 
         return decode_imported(folder, out or folder)
     file = bench_file_from(manifest.bench)
-    settings = table_settings(file)
     decode_instrument(
         folder,
         "table",
         "turntable",
-        lambda exchanges: table_kind(file).decode_transcript(exchanges, settings),
+        lambda exchanges: table_kind(file).decode_transcript(exchanges, file.table),
         out,
     )
     decode_instrument(folder, "chamber", "chamber", chamber_kind(file).decode_transcript, out)
@@ -245,25 +243,25 @@ def gyro_source(manifest: Manifest, name: str) -> GyroSource:
     return _gyro_source(section, int(manifest.stream[name].get("start_offset", 0)))
 
 
-def _platform_source(section: PlatformSection, start_offset: int) -> PlatformSource:
-    kind, settings = platform_kind(section), section.model_dump()
+def _platform_source(section: PlatformConfig, start_offset: int) -> PlatformSource:
+    kind = platform_kind(section)
     return PlatformSource(
         name=section.name,
-        decoder=lambda: kind.decoder(settings),
+        decoder=lambda: kind.decoder(section),
         columns=kind.columns,
         start_offset=start_offset,
         baudrate=section.baudrate,
     )
 
 
-def _gyro_source(section: GyroSection, start_offset: int) -> GyroSource:
-    kind, settings = gyro_kind(section), gyro_settings(section)
+def _gyro_source(section: GyroConfig, start_offset: int) -> GyroSource:
+    kind = gyro_kind(section)
     return GyroSource(
         name=section.name,
-        decoder=lambda: kind.decoder(settings),
-        rates=lambda columns, rate_hz: kind.rates(settings, columns, rate_hz),
-        accelerations=None if kind.accelerations is None else partial(kind.accelerations, settings),
-        temperatures=None if kind.temperatures is None else partial(kind.temperatures, settings),
+        decoder=lambda: kind.decoder(section),
+        rates=lambda columns, rate_hz: kind.rates(section, columns, rate_hz),
+        accelerations=None if kind.accelerations is None else partial(kind.accelerations, section),
+        temperatures=None if kind.temperatures is None else partial(kind.temperatures, section),
         axis=section.axis,
         start_offset=start_offset,
         baudrate=None if section.on_can else section.baudrate,

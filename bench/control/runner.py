@@ -11,14 +11,11 @@ from types import FrameType
 from typing import Any
 
 from bench.control.devices import (
-    chamber_kind,
-    chamber_settings,
     gyro_kind,
-    gyro_settings,
+    open_chamber,
     open_clock,
+    open_table,
     platform_kind,
-    table_kind,
-    table_settings,
 )
 from bench.control.lease import Lease, take_lease
 from bench.control.live import Live
@@ -29,7 +26,7 @@ from bench.control.run_record import RunRecord
 from bench.control.session import Bench
 from bench.control.stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from bench.control.watchdog import Watchdog
-from bench.record.benchfile import BenchFile, PlatformSection
+from bench.record.benchfile import BenchFile
 from drivers.base.clock import Clock, WallClock
 from drivers.base.errors import (
     BenchError,
@@ -42,7 +39,9 @@ from drivers.base.errors import (
     WrongDevice,
 )
 from drivers.base.virtual_clock import VirtualClock
+from drivers.kit.config import GyroConfig, PlatformConfig
 from drivers.kit.instruments import Gyro, Identity
+from drivers.kit.kinds import Connection
 
 
 @dataclass(frozen=True)
@@ -194,9 +193,9 @@ def _drive(
     tests = request.procedure.tests
     bench = Bench(file, clock, record, request.operator, _display(request), request.live, tests)
     watchdog = _watchdog(request, record, clock, stack)
-    table = table_kind(file).open(table_settings(file), clock, record.tap("table"))
+    table = open_table(file, clock, record.tap("table"))
     stack.callback(table.link.close)
-    chamber = chamber_kind(file).open(chamber_settings(file), clock, record.tap("chamber"))
+    chamber = open_chamber(file, clock, record.tap("chamber"))
     stack.callback(chamber.link.close)
     bench.install(table, chamber, tuple(file.chamber.auxiliary))
     record.identify("table", "table", file.table.driver, table.identify())
@@ -264,11 +263,12 @@ def _check_limits(request: RunRequest, bench: Bench) -> None:
 
 
 def _open_gyro(
-    bench: Bench, record: RunRecord, clock: Clock, section: Any, stack: ExitStack
+    bench: Bench, record: RunRecord, clock: Clock, section: GyroConfig, stack: ExitStack
 ) -> tuple[Gyro, StreamStation]:
-    kind, settings = gyro_kind(section), gyro_settings(section)
-    station = GyroStation(kind, settings)
-    gyro = kind.open(settings, clock, StreamTap(record.tap(section.name), station.take))
+    kind = gyro_kind(section)
+    station = GyroStation(kind, section)
+    tap = StreamTap(record.tap(section.name), station.take)
+    gyro = kind.open(section, Connection(section.name, clock, tap))
     stack.callback(gyro.close)
     identity: Identity = gyro.identify()
     record.identify(section.name, "gyro", section.driver, identity, section)
@@ -277,11 +277,12 @@ def _open_gyro(
 
 
 def _open_platform(
-    bench: Bench, record: RunRecord, clock: Clock, section: PlatformSection, stack: ExitStack
+    bench: Bench, record: RunRecord, clock: Clock, section: PlatformConfig, stack: ExitStack
 ) -> tuple[Gyro, StreamStation]:
-    kind, settings = platform_kind(section), section.model_dump()
-    station = PlatformStation(kind, settings)
-    station.device = kind.open(settings, clock, StreamTap(record.tap(section.name), station.take))
+    kind = platform_kind(section)
+    station = PlatformStation(kind, section)
+    tap = StreamTap(record.tap(section.name), station.take)
+    station.device = kind.open(section, Connection(section.name, clock, tap))
     stack.callback(station.device.close)
     record.identify(section.name, "platform", section.driver, station.device.identify())
     bench.platforms[section.name] = station

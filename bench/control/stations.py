@@ -15,16 +15,15 @@ from bench.control.approach import WINDOW_S, Approach
 from bench.control.history import History
 from bench.control.stream_loss import StreamLoss
 from drivers.base.errors import LimitExceeded
+from drivers.kit.config import GyroConfig, PlatformConfig
 from drivers.kit.instruments import (
     Chamber,
     ChamberState,
-    GyroKind,
     Platform,
-    PlatformKind,
-    Settings,
     StreamDecoder,
     require_ramp,
 )
+from drivers.kit.kinds import GyroKind, PlatformKind
 from drivers.kit.link import Tap
 
 if TYPE_CHECKING:
@@ -278,17 +277,17 @@ class GyroStation(StreamStation):
 
     role = "gyro"
 
-    def __init__(self, kind: GyroKind, settings: Settings) -> None:
-        self.axis: str = settings["axis"]
-        self.case_sensor: int | None = settings["case_sensor"]
+    def __init__(self, kind: GyroKind[Any], config: GyroConfig) -> None:
+        self.axis: str = config.axis
+        self.case_sensor: int | None = config.case_sensor
 
         def values(columns: Columns) -> tuple[NDArray[Any], ...]:
-            return kind.rates(settings, columns, settings["rate_hz"])[self.axis], columns["temp_c"]
+            return kind.rates(config, columns, config.rate_hz)[self.axis], columns["temp_c"]
 
         super().__init__(
-            settings["name"],
-            1.0 / settings["rate_hz"],
-            lambda: kind.decoder(settings),
+            config.name,
+            1.0 / config.rate_hz,
+            lambda: kind.decoder(config),
             ("rate_dps", "temp_c"),
             values,
         )
@@ -308,12 +307,12 @@ class PlatformStation(StreamStation):
     role = "platform"
     device: Platform
 
-    def __init__(self, kind: PlatformKind, settings: Settings) -> None:
+    def __init__(self, kind: PlatformKind[Any], config: PlatformConfig) -> None:
         names = ("latitude_deg", "longitude_deg", "temp_c")
         super().__init__(
-            settings["name"],
-            float(settings["period_s"]),
-            lambda: kind.decoder(settings),
+            config.name,
+            float(config.period_s),
+            lambda: kind.decoder(config),
             names,
             lambda rows: tuple(rows[n] for n in names),
         )

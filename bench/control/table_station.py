@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 from bench.control.history import History
 from bench.control.limits import check_stops
-from bench.record.benchfile import AxisSection
 from drivers.base.errors import DeviceRefused, LimitExceeded, RunAborted
+from drivers.kit.config import AxisConfig
 from drivers.kit.instruments import TableState, Turntable, alarms_in_words
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class TableStation:
     telemetry is `angle_deg` and `rate_dps` in the history. The others' is `<name>_angle_deg`, `<name>_rate_dps`.
     """
 
-    def __init__(self, device: Turntable, bench: Bench, axes: Sequence[AxisSection]) -> None:
+    def __init__(self, device: Turntable, bench: Bench, axes: Sequence[AxisConfig]) -> None:
         self.device = device
         self.axes = {axis.name: axis for axis in axes}
         self._carrier = axes[-1].name

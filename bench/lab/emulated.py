@@ -17,32 +17,16 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.control.devices import table_settings
 from bench.lab.nursery import LabProcess, start_lab
-from bench.lab.plant_rotation import BearingPlant, RotationPlant
-from bench.record.benchfile import BenchFile, Emulated, GyroSection
+from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
+from drivers.kit.config import GyroConfig
+from simulators.config import Bearing, GyroInLab, LabConfig, PlatformInLab, Rotation
+from simulators.faults import Fault
 
-_MODELS = {"kvh1750": "fog_mid", "sbg_ellipse": "mems", "can_dbc": "mems", "rlg2t": "rlg"}
-
-
-class PlantFault(BaseModel):
-    """`[[fault]]`: what happens to a port or its device, and when; docs/faults.md has the kinds."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    port: str
-    """`table`, `chamber` or a gyro's name."""
-    kind: str
-    at_s: tuple[float, ...] = ()
-    rate_per_h: float = Field(default=0.0, ge=0, le=3.6e6, allow_inf_nan=False)
-    start_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
-    end_s: float = Field(default=1e12, gt=0, allow_inf_nan=False)
-    count: int = Field(default=1, ge=0)
-    duration_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
-    factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
-    text: str = ""
+_MODELS = {"fog": "fog_mid", "mems": "mems", "rlg": "rlg"}
+"""Technology of a gyro -> the model that an emulated one usually has."""
 
 
 class Plant(BaseModel):
@@ -61,13 +45,13 @@ class Plant(BaseModel):
     """rms over headings of the change of a platform's mean drift"""
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
     """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
-    rotation: RotationPlant = RotationPlant()
-    bearing: dict[str, BearingPlant] = Field(default_factory=dict)
+    rotation: Rotation = Rotation()
+    bearing: dict[str, Bearing] = Field(default_factory=dict)
     """Unit id -> the bearing it turns in; a unit not named has its model's own."""
     gap_model: dict[str, Path] = Field(default_factory=dict)
     """Unit id -> model file (nominal, or written by `gyrobench gap close`): its effects and noise in place of the
     unit's own errors. Relative to the plant file."""
-    fault: tuple[PlantFault, ...] = ()
+    fault: tuple[Fault, ...] = ()
 
     def errors_of(self, unit: str) -> dict[str, Any] | None:
         """Return terms and noise of the model that a unit is to follow, as JSON values, None without one."""
@@ -106,15 +90,14 @@ class Plant(BaseModel):
         values: list[float] | None = errors["channels"].get("heading_effect")
         return values
 
-    def model_of(self, gyro: GyroSection, axes: int = 1) -> str:
+    def model_of(self, gyro: GyroConfig, axes: int = 1) -> str:
         """Return the name of the physics behind a gyro on a table of so many axes.
 
         A unit of three axes on a table of several is an IMU.
         """
         if axes > 1 and gyro.axes == "xyz":
             return self.models.get(gyro.unit, "imu")
-        usual = "mems" if gyro.driver in ("frames", "stim300") and len(gyro.axes) > 1 else "fog_mid"
-        return self.models.get(gyro.unit, _MODELS.get(gyro.driver, usual))
+        return self.models.get(gyro.unit, _MODELS[gyro.technology])
 
     def told(self, file: BenchFile) -> dict[str, Any]:
         """Return what the manifest of a run on this plant says of it."""
@@ -157,7 +140,7 @@ class EmulatedLab:
         self._answers = self._process.stdout
         cpu = _cpu_of(os.getpid() if lane is None else lane)
         try:
-            self.perform_raw({**lab_config(file, plant, clock), "cpu": cpu})
+            self._write(lab_config(file, plant, clock, cpu).model_dump_json().encode())
             ready = self._read()
             if "refused" in ready:
                 raise ConfigurationError(**ready["refused"])
@@ -172,17 +155,17 @@ class EmulatedLab:
 
     def perform(self, act: dict[str, Any]) -> dict[str, Any]:
         """Have a stage hand do `act` in the lab; BenchError says why it could not."""
-        self.perform_raw(act)
+        self._write(json.dumps(act).encode())
         answer = self._read()
         if not answer.get("ok"):
             raise BenchError(f"the emulated lab could not do {act}: {answer.get('error')}")
         return answer
 
-    def perform_raw(self, message: dict[str, Any]) -> None:
+    def _write(self, line: bytes) -> None:
         """Write one line to the stage door."""
         assert self._process.stdin is not None
         try:
-            self._process.stdin.write(json.dumps(message).encode() + b"\n")
+            self._process.stdin.write(line + b"\n")
             self._process.stdin.flush()
         except BrokenPipeError as error:
             raise _ended() from error
@@ -258,67 +241,50 @@ def _cpu_of(lane: int) -> int | None:
     return allowed[lane % len(allowed)]
 
 
-def _transport(port: str | None) -> str:
-    return "tcp" if port is not None and port.startswith("socket://") else "pty"
-
-
-def lab_config(file: BenchFile, plant: Plant, clock: str = "virtual") -> dict[str, Any]:
+def lab_config(
+    file: BenchFile, plant: Plant, clock: Literal["virtual", "wall"] = "virtual", cpu: int | None = None
+) -> LabConfig:
     """Return what a lab's process is told to be: devices and units of the bench file, physics of the plant."""
-    return {
-        "clock": clock,
-        "seed": plant.seed,
-        "emulated": plant.told(file),
-        "latitude_deg": file.bench.latitude_deg,
-        "room_temp_c": plant.room_temp_c,
-        "chamber_model": plant.chamber,
-        "delivery_s": plant.delivery_s if clock == "virtual" else 0.02,
-        "table": {
-            "driver": file.table.driver,
-            "transport": _transport(file.table.port),
-            "settings": table_settings(file),
-        },
-        "chamber": {
-            "driver": file.chamber.driver,
-            "transport": _transport(file.chamber.port),
-            "settings": file.chamber.model_dump(mode="json"),
-        },
-        "gyros": [
-            {
-                "name": gyro.name,
-                "driver": gyro.driver,
-                "transport": "pty" if gyro.on_can else _transport(gyro.port),
-                "settings": gyro.model_dump(mode="json"),
-                "model": plant.model_of(gyro, len(file.table.all_axes)),
-                "unit_seed": unit_seed(gyro.unit),
-                "mount_azimuth_error_deg": plant.mount_azimuth_error_deg,
-                "clock_error_ppm": _clock_error_ppm(plant, gyro, errors),
-                "bearing": plant.bearing[gyro.unit].model_dump(mode="json")
-                if gyro.unit in plant.bearing
-                else None,
-                "errors": errors,
-            }
+    return LabConfig(
+        clock=clock,
+        seed=plant.seed,
+        emulated=plant.told(file),
+        latitude_deg=file.bench.latitude_deg,
+        room_temp_c=plant.room_temp_c,
+        chamber_model=plant.chamber,
+        delivery_s=plant.delivery_s if clock == "virtual" else 0.02,
+        table=file.table,
+        chamber=file.chamber,
+        gyros=tuple(
+            GyroInLab(
+                config=gyro,
+                model=plant.model_of(gyro, len(file.table.all_axes)),
+                unit_seed=unit_seed(gyro.unit),
+                mount_azimuth_error_deg=plant.mount_azimuth_error_deg,
+                clock_error_ppm=_clock_error_ppm(plant, gyro, errors),
+                bearing=plant.bearing.get(gyro.unit),
+                errors=errors,
+            )
             for gyro in file.gyro
             for errors in [plant.errors_of(gyro.unit)]
-        ],
-        "rotation": plant.rotation.model_dump(mode="json"),
-        "faults": [fault.model_dump(mode="json") for fault in plant.fault],
-        "platforms": [
-            {
-                "name": platform.name,
-                "driver": platform.driver,
-                "transport": _transport(platform.port),
-                "settings": platform.model_dump(mode="json"),
-                "unit_seed": unit_seed(platform.unit),
-                "effect_dph": plant.heading_effect_dph,
-                "modelled": platform.unit in plant.gap_model,
-                "heading_effect": plant.heading_effect_of(platform.unit),
-            }
+        ),
+        rotation=plant.rotation,
+        faults=plant.fault,
+        platforms=tuple(
+            PlatformInLab(
+                config=platform,
+                unit_seed=unit_seed(platform.unit),
+                effect_dph=plant.heading_effect_dph,
+                modelled=platform.unit in plant.gap_model,
+                heading_effect=plant.heading_effect_of(platform.unit),
+            )
             for platform in file.platform
-        ],
-    }
+        ),
+        cpu=cpu,
+    )
 
 
-def _clock_error_ppm(plant: Plant, gyro: GyroSection, errors: dict[str, Any] | None) -> float:
+def _clock_error_ppm(plant: Plant, gyro: GyroConfig, errors: dict[str, Any] | None) -> float:
     """Return how fast a gyro's sample clock is: as its model has it, else as the plant file says."""
     modelled = (errors or {}).get("channels", {}).get("sample_clock_skew")
     return float(modelled[0]) if modelled else plant.clock_error_ppm.get(gyro.name, 0.0)

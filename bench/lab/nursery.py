@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import select
 import signal
@@ -10,11 +9,11 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Mapping
 from contextlib import suppress
-from typing import IO, Any, Protocol
+from typing import IO, Protocol
 
 from drivers.base.errors import BenchError
+from simulators.config import LabConfig
 
 _PID = struct.Struct("!i")
 
@@ -52,7 +51,7 @@ class LabNursery:
     lab loads is loaded before the first fork, not in every one.
     """
 
-    def __init__(self, like: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, like: LabConfig | None = None) -> None:
         self._socket, far = socket.socketpair()
         with far:
             self._process = subprocess.Popen(
@@ -63,7 +62,7 @@ class LabNursery:
             )
         assert self._process.stdin is not None
         with suppress(BrokenPipeError), self._process.stdin as stdin:
-            stdin.write(b"" if like is None else json.dumps(like).encode() + b"\n")
+            stdin.write(b"" if like is None else like.model_dump_json().encode() + b"\n")
 
     def __enter__(self) -> LabNursery:
         return self

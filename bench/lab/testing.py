@@ -13,7 +13,7 @@ from bench.control.runner import RunRequest, run_procedure
 from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant, lab_config, save_truth
 from bench.lab.nursery import LabNursery
-from bench.record.benchfile import BenchFile, bench_file_from, load_bench_file
+from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.recording import Run
 from drivers.base.errors import BenchError, RunAborted
 
@@ -230,36 +230,7 @@ class _Nobody:
 
 def usual_bench(path: Path | None) -> BenchFile:
     """Return the bench that emulated benches are like: that file's, or one with a FOG and a MEMS unit."""
-    if path is not None:
-        return load_bench_file(path)
-    fog: dict[str, Any] = {
-        "name": "fog_1",
-        "driver": "kvh1750",
-        "port": "pty",
-        "rate_hz": 10,
-        "axis": "x",
-        "unit": "FOG-001",
-    }
-    mems: dict[str, Any] = {
-        "name": "mems_1",
-        "driver": "sbg_ellipse",
-        "interface": "gyrobench_slcan",
-        "channel": "pty",
-    }
-    mems |= {"rate_hz": 10, "axes": "xyz", "axis": "z", "unit": "ELL-001"}
-    return bench_file_from(
-        {
-            "bench": {"name": "emulated bench", "latitude_deg": 39.1},
-            "table": {"driver": "acutrol3000", "port": "pty-table"},
-            "chamber": {
-                "driver": "weiss",
-                "port": "pty-chamber",
-                "auxiliary": {"1": "fog_1 case", "2": "mems_1 case"},
-            },
-            "gyro": [fog | {"case_sensor": 1}, mems | {"case_sensor": 2, "channel": "pty-mems"}],
-        },
-        "the usual emulated bench",
-    )
+    return load_bench_file(Path(__file__).with_name("usual_bench.toml") if path is None else path)
 
 
 def _number(value: Any) -> float:

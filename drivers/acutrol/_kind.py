@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
-
-from numpy.typing import NDArray
 
 from drivers.acutrol._driver import AcutrolTable
 from drivers.acutrol._transcript import decode_transcript
-from drivers.base.clock import Clock
-from drivers.kit.instruments import Exchange, Settings, TableKind
-from drivers.kit.link import Link, Tap
+from drivers.kit.config import TableConfig
+from drivers.kit.kinds import Connection, Exchange, Probe, TableKind, Transcript
 
 
-def _open(settings: Settings, clock: Clock, tap: Tap) -> AcutrolTable:
-    link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
-    return AcutrolTable(link, axes=_axes(settings))
+def _open(config: TableConfig, connection: Connection) -> AcutrolTable:
+    return AcutrolTable(connection.link(config.port, config.baudrate), axes=_numbers(config))
 
 
-def _decode(
-    exchanges: Iterable[Exchange], settings: Settings
-) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
-    return decode_transcript(exchanges, _axes(settings))
+def _decode(exchanges: Iterable[Exchange], config: TableConfig) -> Transcript:
+    return decode_transcript(exchanges, _numbers(config))
 
 
-def _axes(settings: Settings) -> dict[str, int]:
-    return {axis["name"]: axis["number"] for axis in settings["axes"]}
+def _numbers(config: TableConfig) -> dict[str, int]:
+    return {axis.name: axis.number for axis in config.all_axes}
 
 
-Acutrol3000 = TableKind(open=_open, decode_transcript=_decode)
-"""Settings used: `name`, `port`, `baudrate`, `axes` (of each `name` and `number`)."""
+Acutrol3000 = TableKind(_open, _decode, TableConfig, probes=lambda: [Probe(10)])

@@ -3,7 +3,7 @@
 from drivers.can_dbc._dbc import MAX_FILE_BYTES, compile_message, load_database, load_message
 from drivers.can_dbc._decode import CanDecoder
 from drivers.can_dbc._driver import CanGyro, identifier_names
-from drivers.can_dbc._kind import CanDbc, can_kind, layout_of, resolve_layout
+from drivers.can_dbc._kind import CanConfig, CanDbc, CanDbcConfig, can_kind, layout_of, resolve_layout
 from drivers.can_dbc._layout import (
     CanLayout,
     SignalUse,
@@ -17,7 +17,9 @@ from drivers.can_dbc._signals import MessageLayout, SignalLayout
 
 __all__ = [
     "MAX_FILE_BYTES",
+    "CanConfig",
     "CanDbc",
+    "CanDbcConfig",
     "CanDecoder",
     "CanGyro",
     "CanLayout",

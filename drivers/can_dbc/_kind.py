@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Literal, TypeVar
 
 from numpy.typing import NDArray
+from pydantic import Field
 
-from drivers.base.clock import Clock
 from drivers.base.errors import ConfigurationError
 from drivers.can_dbc._decode import CanDecoder
 from drivers.can_dbc._driver import CanGyro
 from drivers.can_dbc._layout import CanLayout, layout_from_plain, layout_to_plain
 from drivers.can_dbc._mapping import layout_from_mapping, load_layout
-from drivers.kit.instruments import GyroKind, Settings
-from drivers.kit.link import Tap
+from drivers.kit.config import GyroConfig, Mistake
+from drivers.kit.kinds import Columns, Connection, GyroKind
 from drivers.slcan import open_can
 
 Layout = str | Mapping[str, Any]
 """A shipped layout's name, a mapping file's path, a mapping in place, or a layout compiled before."""
+Config = TypeVar("Config", bound="CanConfig")
 
 
 def resolve_layout(value: Layout, folder: Path = Path()) -> dict[str, Any]:
@@ -34,64 +35,97 @@ def resolve_layout(value: Layout, folder: Path = Path()) -> dict[str, Any]:
     return layout_to_plain(layout_from_mapping(value, folder, "layout in the bench file"))
 
 
-def layout_of(settings: Settings) -> CanLayout:
-    """Return the layout that a gyro's settings name or hold; ConfigurationError without one."""
-    value = settings.get("layout")
-    if value is None:
+class CanConfig(GyroConfig):
+    """`[[gyro]]` of a unit that is on CAN only."""
+
+    only_on_can: ClassVar[bool] = True
+
+    @property
+    def technology(self) -> Literal["fog", "rlg", "mems"]:
+        """Units on CAN are MEMS units, as far as we have met them."""
+        return "mems"
+
+
+class CanDbcConfig(CanConfig):
+    """`[[gyro]]` of a unit on CAN whose messages a layout describes."""
+
+    layout: str | dict[str, Any] = Field(
+        description="a shipped CAN layout's name, or a mapping file's path from the bench file's folder",
+    )
+    reads: ClassVar[frozenset[str]] = frozenset({"layout"})
+
+    @classmethod
+    def with_files(cls, given: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+        """Compile the layout; one that cannot be used is left as it is."""
+        layout = given.get("layout")
+        if not isinstance(layout, (str, dict)):
+            return dict(given), []
+        try:
+            return {**given, "layout": _compiled(layout, given.get("axes"), folder)}, []
+        except ConfigurationError as error:
+            found = ": ".join(part for part in (error.where, error.what, error.found) if part)
+            return dict(given), [Mistake("layout", found, error.expected)]
+
+
+def _compiled(layout: Layout, axes: object, folder: Path) -> dict[str, Any]:
+    plain = resolve_layout(layout, folder)
+    have = "".join(layout_from_plain(plain).rates())
+    if isinstance(axes, str) and not set(axes) <= set(have):
         raise ConfigurationError(
-            "a gyro on CAN needs a layout",
-            where=str(settings.get("name", "gyro")),
-            found="no key layout",
-            expected="a shipped layout's name, or the path of a mapping file (see docs/can.md)",
+            "the layout lacks an axis that the gyro is said to have",
+            found=f"axes {have!r}",
+            expected=repr(axes),
         )
-    return layout_from_plain(resolve_layout(value))
+    return plain
 
 
-def can_kind(layout: Callable[[Settings], CanLayout]) -> GyroKind:
-    """Return the kind of gyro whose layout comes from its settings.
+def layout_of(config: CanDbcConfig) -> CanLayout:
+    """Return the layout that a gyro's section names or holds."""
+    return layout_from_plain(resolve_layout(config.layout))
 
-    Settings used: `name`, `interface`, `channel`, `bitrate`, `rate_hz`, `axes`, `source_address`.
-    """
 
-    def opened(settings: Settings, clock: Clock, tap: Tap) -> CanGyro:
-        found = layout(settings)
+def can_kind(config_class: type[Config], layout: Callable[[Config], CanLayout]) -> GyroKind[Config]:
+    """Return the kind of gyro on CAN whose layout comes from its configuration."""
+
+    def opened(config: Config, connection: Connection) -> CanGyro:
+        found = layout(config)
+        assert (
+            config.interface is not None and config.channel is not None
+        )  # as the bench file's checks have it
         bus, link = open_can(
-            settings["interface"], settings["channel"], settings["bitrate"], clock, settings["name"], tap=tap
+            config.interface,
+            config.channel,
+            config.bitrate,
+            connection.clock,
+            connection.name,
+            tap=connection.tap,
         )
         return CanGyro(
             bus,
             link,
             found,
-            rate_hz=settings["rate_hz"],
-            axes=settings["axes"],
-            source_address=settings.get("source_address"),
+            rate_hz=config.rate_hz,
+            axes=config.axes,
+            source_address=config.source_address,
         )
 
-    def decoder(settings: Settings) -> CanDecoder:
-        return CanDecoder(
-            layout(settings), settings["rate_hz"], settings["axes"], settings.get("source_address")
-        )
+    def decoder(config: Config) -> CanDecoder:
+        return CanDecoder(layout(config), config.rate_hz, config.axes, config.source_address)
 
-    def rates(
-        settings: Settings, columns: Mapping[str, NDArray[Any]], sample_rate_hz: float
-    ) -> dict[str, NDArray[Any]]:
+    def rates(config: Config, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
         """Return rates as sent, angle increments times the true sample rate."""
         return {
             axis: columns[f"rate_{axis}_dps"]
             if f"rate_{axis}_dps" in columns
             else columns[f"angle_{axis}_deg"] * sample_rate_hz
-            for axis in settings["axes"]
+            for axis in config.axes
         }
 
-    def accelerations(
-        settings: Settings, columns: Mapping[str, NDArray[Any]], sample_rate_hz: float
-    ) -> dict[str, NDArray[Any]]:
+    def accelerations(config: Config, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
         """Return specific forces as sent."""
-        mapped = layout(settings).accelerations()
-        return {axis: columns[f"accelerometer_{axis}_mps2"] for axis in mapped}
+        return {axis: columns[f"accelerometer_{axis}_mps2"] for axis in layout(config).accelerations()}
 
-    return GyroKind(open=opened, decoder=decoder, rates=rates, accelerations=accelerations)
+    return GyroKind(opened, decoder, rates, config_class, accelerations=accelerations)
 
 
-CanDbc = can_kind(layout_of)
-"""Further setting: `layout`, see `resolve_layout`."""
+CanDbc = can_kind(CanDbcConfig, layout_of)

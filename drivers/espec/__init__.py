@@ -13,13 +13,14 @@ from drivers.espec._codec import (
     set_temperature_text,
 )
 from drivers.espec._driver import EspecChamber
-from drivers.espec._kind import EspecP300, EspecScp220
+from drivers.espec._kind import EspecConfig, EspecP300, EspecScp220
 from drivers.espec._transcript import decode_transcript
 
 __all__ = [
     "END",
     "REFUSALS",
     "EspecChamber",
+    "EspecConfig",
     "EspecP300",
     "EspecScp220",
     "Temperatures",

@@ -3,30 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
-from drivers.base.clock import Clock
+from pydantic import Field
+
 from drivers.espec._driver import EspecChamber
 from drivers.espec._transcript import decode_transcript
-from drivers.kit.instruments import ChamberKind, Settings
-from drivers.kit.link import Link, Tap
+from drivers.kit.config import ChamberConfig
+from drivers.kit.kinds import ChamberKind, Connection, Probe
 
 
-def _opener(model: str, rom: str) -> Callable[[Settings, Clock, Tap], EspecChamber]:
-    def open_chamber(settings: Settings, clock: Clock, tap: Tap) -> EspecChamber:
-        link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
+class EspecConfig(ChamberConfig):
+    """`[chamber]` of an ESPEC; without `address` it is on RS-232 or TCP."""
+
+    simserv: Literal[True] = Field(default=True, exclude=True, description="none: an ESPEC has no SimServ")
+    start_channel: Literal[1] = Field(
+        default=1, exclude=True, description="none: an ESPEC is started by its mode"
+    )
+
+
+def _opener(model: str, rom: str) -> Callable[[EspecConfig, Connection], EspecChamber]:
+    def open_chamber(config: EspecConfig, connection: Connection) -> EspecChamber:
         return EspecChamber(
-            link,
+            connection.link(config.port, config.baudrate),
             model=model,
             rom=rom,
-            address=settings["address"],
-            safe_set_point_c=settings["safe_set_point_c"],
+            address=config.address,
+            safe_set_point_c=connection.safe_set_point_c,
         )
 
     return open_chamber
 
 
-EspecP300 = ChamberKind(open=_opener("P-300", "P3"), decode_transcript=decode_transcript)
-"""Settings used: `name`, `port`, `baudrate`, `address` (RS-485 only), `safe_set_point_c`."""
-
-EspecScp220 = ChamberKind(open=_opener("SCP-220", ""), decode_transcript=decode_transcript)
-"""As `EspecP300`."""
+EspecP300 = ChamberKind(_opener("P-300", "P3"), decode_transcript, EspecConfig, probes=lambda: [Probe(30)])
+EspecScp220 = ChamberKind(_opener("SCP-220", ""), decode_transcript, EspecConfig, probes=lambda: [Probe(31)])

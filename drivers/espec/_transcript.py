@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.base.errors import ProtocolError
 from drivers.espec._codec import END, decode_temperatures
-from drivers.kit.instruments import Exchange
+from drivers.kit.kinds import Exchange
 from drivers.kit.pairing import pairs, table
 
 

@@ -11,7 +11,7 @@ from drivers.frames._decode import (
 from drivers.frames._driver import FrameGyro, bits_a_byte
 from drivers.frames._encode import FrameEncoder
 from drivers.frames._form import Form
-from drivers.frames._kind import Frames, family_in
+from drivers.frames._kind import Frames, FramesConfig
 from drivers.frames._line_encode import LineEncoder
 from drivers.frames._lines import LineDescription, LineSection
 from drivers.frames._load import (
@@ -40,6 +40,7 @@ __all__ = [
     "FrameFamily",
     "FrameGyro",
     "Frames",
+    "FramesConfig",
     "LineDescription",
     "LineEncoder",
     "LineSection",
@@ -51,7 +52,6 @@ __all__ = [
     "choices_of",
     "description_path",
     "family_from",
-    "family_in",
     "family_of",
     "is_path",
     "load_family",

@@ -3,70 +3,91 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from drivers.base.clock import Clock
-from drivers.base.errors import ConfigurationError
 from drivers.frames._decode import FrameDecoder, celsius, channels, messages_of
 from drivers.frames._driver import FrameGyro
 from drivers.frames._form import Form
-from drivers.frames._load import FrameFamily, family_of
+from drivers.frames._load import FrameFamily, family_from, family_of, is_path, load_toml, shipped
 from drivers.frames._model import ACCEL_ROLES
 from drivers.frames._units import factor
-from drivers.kit.instruments import GyroKind, Settings
-from drivers.kit.link import Link, Tap
-
-Columns = Mapping[str, NDArray[Any]]
+from drivers.kit.config import GyroConfig, Mistake
+from drivers.kit.kinds import Columns, Connection, GyroKind, Probe
 
 
-def family_in(settings: Settings) -> FrameFamily:
-    """Return the description that a gyro's section names; ConfigurationError if it names none."""
-    description = settings.get("description")
-    if description is None:
-        raise ConfigurationError(
-            "this driver needs a frame description",
-            where=str(settings.get("name", "")),
-            found="no description",
-            expected='description = "stim300" or another name that `gyrobench frames list` shows, or a TOML file',
-        )
-    return family_of(description, settings.get("settings"))
+class FramesConfig(GyroConfig):
+    """`[[gyro]]` of a unit that a frame description describes; `frame_format` is one of its messages."""
+
+    description: str | dict[str, Any] = Field(
+        description="a frame description: a name that `gyrobench frames list` shows, or a path to a TOML file",
+    )
+    reads: ClassVar[frozenset[str]] = frozenset({"description", "settings"})
+
+    @property
+    def technology(self) -> Literal["fog", "rlg", "mems"]:
+        """A unit of several axes is usually a MEMS unit."""
+        return "mems" if len(self.axes) > 1 else "fog"
+
+    @property
+    def family(self) -> FrameFamily:
+        """The description with the settings chosen."""
+        return family_of(self.description, self.settings)
+
+    @classmethod
+    def with_files(cls, given: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+        """Read the description in; without `baudrate` or `rate_hz` the unit gets its description's.
+
+        ConfigurationError for a description that cannot be used.
+        """
+        description, settings = given.get("description"), given.get("settings", {})
+        if not isinstance(settings, dict) or not all(isinstance(words, str) for words in settings.values()):
+            return dict(given), []  # its type says what is wrong with it
+        if not isinstance(description, (str, dict)):
+            return dict(given), []
+        if isinstance(description, str) and is_path(description):
+            path = folder / description
+            description = load_toml(path)
+            family = family_from(description, str(path), settings)
+        else:
+            family = family_of(description, settings)
+        link, axes = family.description.link, given.get("axes", "x")
+        if isinstance(axes, str) and axes and set(axes) <= set("xyz"):
+            message = given.get("frame_format")
+            FrameDecoder(family, rate_hz=link.nominal_rate_hz, axes=axes, message=message)
+        usual = {"baudrate": link.baud, "rate_hz": link.nominal_rate_hz}
+        return {**usual, **given, "description": description}, []
 
 
-def _open(settings: Settings, clock: Clock, tap: Tap) -> FrameGyro:
-    family = family_in(settings)
+def _open(config: FramesConfig, connection: Connection) -> FrameGyro:
+    family = config.family
     line = family.description.link
-    link = Link(
-        settings["port"],
-        clock,
-        name=settings["name"],
-        tap=tap,
-        baudrate=settings["baudrate"],
-        bytesize=line.bytesize,
-        parity=line.parity,
-        stopbits=line.stopbits,
+    link = connection.link(
+        config.port, config.baudrate, bytesize=line.bytesize, parity=line.parity, stopbits=line.stopbits
     )
-    return FrameGyro(link, family, _decoder(settings), baudrate=settings["baudrate"])
+    return FrameGyro(link, family, _decoder(config), baudrate=config.baudrate)
 
 
-def _decoder(settings: Settings) -> FrameDecoder:
+def _decoder(config: FramesConfig) -> FrameDecoder:
     return FrameDecoder(
-        family_in(settings),
-        rate_hz=settings["rate_hz"],
-        axes=settings["axes"],
-        axis=settings["axis"],
-        message=settings.get("frame_format"),
+        config.family,
+        rate_hz=config.rate_hz,
+        axes=config.axes,
+        axis=config.axis,
+        message=config.frame_format,
     )
 
 
-def _form_of(family: FrameFamily, settings: Settings, columns: Columns) -> Form:
+def _form_of(family: FrameFamily, config: FramesConfig, columns: Columns) -> Form:
     """Return the message that `columns` came from."""
-    if named := messages_of(family, settings.get("frame_format")):
+    if named := messages_of(family, config.frame_format):
         return named[0]
     kept = {
-        form.name: set(channels(family, form, settings["axes"]).values())
+        form.name: set(channels(family, form, config.axes).values())
         | {spec.name for spec in form.fields if spec.role in (*ACCEL_ROLES, "temp", "case_temp")}
         for form in family.forms
         if form.measures
@@ -75,12 +96,12 @@ def _form_of(family: FrameFamily, settings: Settings, columns: Columns) -> Form:
     return family.form(max(fits, key=lambda name: fits[name]))
 
 
-def _rates(settings: Settings, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    family = family_in(settings)
-    form = _form_of(family, settings, columns)
+def _rates(config: FramesConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+    family = config.family
+    form = _form_of(family, config, columns)
     by_name = {spec.name: spec for spec in form.fields}
     rates = {}
-    for axis, name in channels(family, form, settings["axes"]).items():
+    for axis, name in channels(family, form, config.axes).items():
         spec = by_name[name]
         scale = factor(spec.unit) * (1.0 if spec.role == "rate" else sample_rate_hz)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -88,10 +109,10 @@ def _rates(settings: Settings, columns: Columns, sample_rate_hz: float) -> dict[
     return rates
 
 
-def _accelerations(settings: Settings, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    family = family_in(settings)
+def _accelerations(config: FramesConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+    family = config.family
     found: dict[str, NDArray[Any]] = {}
-    for spec in _form_of(family, settings, columns).fields:
+    for spec in _form_of(family, config, columns).fields:
         if (
             spec.role in ACCEL_ROLES
             and spec.axis is not None
@@ -104,17 +125,29 @@ def _accelerations(settings: Settings, columns: Columns, sample_rate_hz: float) 
     return found
 
 
-def _temperatures(settings: Settings, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+def _temperatures(config: FramesConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
     """Return `case_temp_c`, and `<field>_c` of every sensor where the frame carries more than one."""
-    form = _form_of(family_in(settings), settings, columns)
+    form = _form_of(config.family, config, columns)
     temps = [spec for spec in form.fields if spec.role == "temp"]
     found = {f"{spec.name}_c": celsius(spec, columns) for spec in temps} if len(temps) > 1 else {}
     found |= {name: columns[name] for name in ("case_temp_c",) if name in columns}
     return found
 
 
+def _probes() -> list[Probe]:
+    return [
+        Probe(30, keys={"description": name, "axis": axis, "axes": axis}, name=name)
+        for name in shipped()
+        for axis in "xz"
+    ]
+
+
 Frames = GyroKind(
-    open=_open, decoder=_decoder, rates=_rates, accelerations=_accelerations, temperatures=_temperatures
+    _open,
+    _decoder,
+    _rates,
+    FramesConfig,
+    accelerations=_accelerations,
+    temperatures=_temperatures,
+    probes=_probes,
 )
-"""Settings used: `name`, `port`, `baudrate`, `rate_hz`, `axes`, `axis`, `description`,
-`settings`, `frame_format`."""

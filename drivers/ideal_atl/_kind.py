@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from numpy.typing import NDArray
-
-from drivers.base.clock import Clock
-from drivers.base.errors import ConfigurationError, ProtocolError
+from drivers.base.errors import ProtocolError
 from drivers.ideal_atl._codec import POSITION, RATE, decode_number, split_reply
 from drivers.ideal_atl._driver import AtlTable
-from drivers.kit.instruments import Exchange, Settings, TableKind
-from drivers.kit.link import Link, Tap
+from drivers.kit.config import Mistake, TableConfig
+from drivers.kit.kinds import Connection, Exchange, Probe, TableKind, Transcript
 from drivers.kit.pairing import pairs, table
 
 
-def _open(settings: Settings, clock: Clock, tap: Tap) -> AtlTable:
-    axes = [axis["name"] for axis in settings["axes"]]
-    if len(axes) > 1:
-        raise ConfigurationError(
-            "the ATL driver turns one axis",
-            where="table",
-            found=", ".join(axes),
-            expected="one of [[table.axes]], or none",
-        )
-    link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
-    return AtlTable(link, axis=axes[0])
+class AtlConfig(TableConfig):
+    """`[table]` behind ATL, which turns one axis."""
+
+    @classmethod
+    def mistakes(cls, given: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Yield more axes than ATL turns."""
+        axes = given.get("axes")
+        if isinstance(axes, (list, tuple)) and len(axes) > 1:
+            yield Mistake("axes", f"{len(axes)} axes", "one of [[table.axes]], or none: ATL turns one")
 
 
-def decode_transcript(
-    exchanges: Iterable[Exchange], settings: Settings
-) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
+def _open(config: AtlConfig, connection: Connection) -> AtlTable:
+    return AtlTable(connection.link(config.port, config.baudrate), axis=config.all_axes[0].name)
+
+
+def decode_transcript(exchanges: Iterable[Exchange]) -> Transcript:
     """Return one row a completed state poll, `angle_deg` and `rate_dps`, and counts.
 
     A poll is a PVE whose answer is followed by a PPO's. Never raises on bytes.
@@ -61,5 +58,6 @@ def _request(buffer: bytes) -> tuple[bytes, int] | None:
     return None if at < 0 else (buffer[:at].strip(), at + 1)
 
 
-IdealAtl = TableKind(open=_open, decode_transcript=decode_transcript)
-"""Settings used: `name`, `port`, `baudrate`, the one of `axes`."""
+IdealAtl = TableKind(
+    _open, lambda exchanges, config: decode_transcript(exchanges), AtlConfig, probes=lambda: [Probe(40)]
+)

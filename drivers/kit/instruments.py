@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.base.clock import Clock
 from drivers.base.errors import LimitExceeded
-from drivers.kit.link import Link, Tap
+from drivers.kit.link import Link
 
 
 @dataclass(frozen=True)
@@ -309,66 +308,3 @@ class Platform(Gyro, Protocol):
     def navigate(self) -> None:
         """End the alignment: the position runs free from here on."""
         ...
-
-
-Settings = Mapping[str, Any]
-"""A device's section of the bench file as plain values; plus `safe_set_point_c` for a chamber."""
-Exchange = tuple[int, Literal["sent", "received"], bytes]
-"""(bench time in ns, "sent" or "received", bytes) of a polled instrument, in time order."""
-
-
-@dataclass(frozen=True)
-class TableKind:
-    """A table driver as the bench finds it by name.
-
-    `settings["axes"]` holds a section for each axis, outermost first, with `name` and `number`.
-    `decode_transcript` rebuilds telemetry from recorded bytes: columns of shape (n,) (`time_ns`, `angle_deg`,
-    `rate_dps` of the axis that carries the unit; `<name>_angle_deg`, `<name>_rate_dps` of those outside of it)
-    and counts of what was dropped.
-    """
-
-    open: Callable[[Settings, Clock, Tap], Turntable]
-    decode_transcript: Callable[
-        [Iterable[Exchange], Settings], tuple[dict[str, NDArray[Any]], dict[str, int]]
-    ]
-
-
-@dataclass(frozen=True)
-class ChamberKind:
-    """A chamber driver as the bench finds it by name; `decode_transcript` gives columns as `ChamberState`."""
-
-    open: Callable[[Settings, Clock, Tap], Chamber]
-    decode_transcript: Callable[[Iterable[Exchange]], tuple[dict[str, NDArray[Any]], dict[str, int]]]
-
-
-@dataclass(frozen=True)
-class GyroKind:
-    """A gyro driver as the bench finds it by name.
-
-    `decoder` needs no open port, so that a record can be decoded anywhere. `rates` turns decoded columns into
-    rates in deg/s by axis, given the true sample rate in Hz; `accelerations` likewise into specific force in
-    m/s2 by axis, None for a kind that has no accelerometers; `temperatures` into those in degC that the unit
-    sends besides its own, by column name: `case_temp_c`, `<sensor>_temp_c`.
-    """
-
-    open: Callable[[Settings, Clock, Tap], Gyro]
-    decoder: Callable[[Settings], StreamDecoder]
-    rates: Callable[[Settings, Mapping[str, NDArray[Any]], float], dict[str, NDArray[Any]]]
-    accelerations: Callable[[Settings, Mapping[str, NDArray[Any]], float], dict[str, NDArray[Any]]] | None = (
-        None
-    )
-    temperatures: Callable[[Settings, Mapping[str, NDArray[Any]], float], dict[str, NDArray[Any]]] | None = (
-        None
-    )
-
-
-@dataclass(frozen=True)
-class PlatformKind:
-    """A platform INS driver as the bench finds it by name; see `GyroKind`.
-
-    `columns`: what the decoder gives beside `counter`, `status` and `valid`, in the order of the table.
-    """
-
-    open: Callable[[Settings, Clock, Tap], Platform]
-    decoder: Callable[[Settings], StreamDecoder]
-    columns: tuple[str, ...]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ProtocolError
-from drivers.kit.instruments import Exchange
+from drivers.kit.kinds import Exchange
 
 SplitRequest = Callable[[bytes], tuple[bytes, int] | None]
 """First request in a buffer and the bytes it takes, None while incomplete."""

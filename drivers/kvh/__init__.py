@@ -20,7 +20,7 @@ from drivers.kvh._format import (
     temperature_field,
     valid_mask,
 )
-from drivers.kvh._kind import Kvh1750
+from drivers.kvh._kind import Kvh1750, KvhConfig
 
 __all__ = [
     "ALL_VALID",
@@ -33,6 +33,7 @@ __all__ = [
     "Format",
     "FrameLayout",
     "Kvh1750",
+    "KvhConfig",
     "KvhDecoder",
     "KvhGyro",
     "Rotation",

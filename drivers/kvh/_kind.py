@@ -2,51 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from numpy.typing import NDArray
+from pydantic import Field
 
-from drivers.base.clock import Clock
-from drivers.kit.instruments import GyroKind, Settings
-from drivers.kit.link import Link, Tap
+from drivers.kit.config import GyroConfig
+from drivers.kit.kinds import Columns, Connection, GyroKind, Probe
 from drivers.kvh._decode import KvhDecoder
 from drivers.kvh._driver import KvhGyro
-from drivers.kvh._format import rate_dps
+from drivers.kvh._format import Format, rate_dps
 
 _SENT_AS: dict[str, Any] = {"rotation": "delta", "temp_units": "C_100"}
 """A delta angle leaves nothing of the rotation out between samples; hundredths are the best resolution."""
 
 
-def _open(settings: Settings, clock: Clock, tap: Tap) -> KvhGyro:
-    link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
-    return KvhGyro(
-        link,
-        rate_hz=settings["rate_hz"],
-        frame_format=settings.get("frame_format") or "A",
-        axes=settings["axes"],
-        **_SENT_AS,
-    )
+class KvhConfig(GyroConfig):
+    """`[[gyro]]` of a KVH gyro."""
+
+    frame_format: Format | None = Field(default=None, description="'A', 'B' or 'C'; left out: 'A'")
+
+    @property
+    def sends(self) -> Format:
+        """The format that the unit is told to send."""
+        return self.frame_format or "A"
 
 
-def _decoder(settings: Settings) -> KvhDecoder:
+def _open(config: KvhConfig, connection: Connection) -> KvhGyro:
+    link = connection.link(config.port, config.baudrate)
+    return KvhGyro(link, rate_hz=config.rate_hz, frame_format=config.sends, axes=config.axes, **_SENT_AS)
+
+
+def _decoder(config: KvhConfig) -> KvhDecoder:
     return KvhDecoder(
-        nominal_rate_hz=settings["rate_hz"],
-        frame_format=settings.get("frame_format") or "A",
-        axes=settings["axes"],
+        nominal_rate_hz=config.rate_hz,
+        frame_format=config.sends,
+        axes=config.axes,
         rotation_units="RAD",
         **_SENT_AS,
     )
 
 
-def _rates(
-    settings: Settings, columns: Mapping[str, NDArray[Any]], sample_rate_hz: float
-) -> dict[str, NDArray[Any]]:
+def _rates(config: KvhConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
     return {
         axis: rate_dps(columns[f"rot_{axis}"], _SENT_AS["rotation"], "RAD", sample_rate_hz)
-        for axis in settings["axes"]
+        for axis in config.axes
     }
 
 
-Kvh1750 = GyroKind(open=_open, decoder=_decoder, rates=_rates)
-"""Settings used: `name`, `port`, `baudrate`, `frame_format`, `rate_hz`, `axes`."""
+def _probes() -> list[Probe]:
+    return [
+        Probe(10, keys={"frame_format": form, "axis": "x", "axes": "xyz"}, name=form)
+        for form in ("A", "B", "C")
+    ]
+
+
+Kvh1750 = GyroKind(_open, _decoder, _rates, KvhConfig, probes=_probes)

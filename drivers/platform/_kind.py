@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from drivers.base.clock import Clock
-from drivers.kit.instruments import PlatformKind, Settings
-from drivers.kit.link import Link, Tap
+from drivers.kit.config import PlatformConfig
+from drivers.kit.kinds import Connection, PlatformKind
 from drivers.platform._codec import PlatformDecoder
 from drivers.platform._driver import PlatformIns
 
 
-def _open(settings: Settings, clock: Clock, tap: Tap) -> PlatformIns:
-    link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
-    return PlatformIns(link, period_s=settings["period_s"])
-
-
-def _decoder(settings: Settings) -> PlatformDecoder:
-    return PlatformDecoder(settings["period_s"])
+def _open(config: PlatformConfig, connection: Connection) -> PlatformIns:
+    return PlatformIns(connection.link(config.port, config.baudrate), period_s=config.period_s)
 
 
 PINS = PlatformKind(
-    open=_open,
-    decoder=_decoder,
+    _open,
+    decoder=lambda config: PlatformDecoder(config.period_s),
     columns=("latitude_deg", "longitude_deg", "temp_c", "cabinet_temp_c"),
+    config=PlatformConfig,
 )
-"""Settings used: `name`, `port`, `baudrate`, `period_s`."""

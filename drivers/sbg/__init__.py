@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.can_dbc import (
+    CanConfig,
     CanDecoder,
     CanGyro,
     CanLayout,
@@ -53,8 +54,7 @@ class SbgGyro(CanGyro):
         super().__init__(bus, link, ellipse_layout(dbc), rate_hz=rate_hz, axes=axes)
 
 
-SbgEllipse = can_kind(lambda settings: ellipse_layout())
-"""Settings used: `name`, `interface`, `channel`, `bitrate`, `rate_hz`, `axes`."""
+SbgEllipse = can_kind(CanConfig, lambda config: ellipse_layout())
 
 __all__ = [
     "ALL_GOOD",

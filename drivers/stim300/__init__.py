@@ -14,7 +14,7 @@ from drivers.stim300._commands import (
     datagram_words,
 )
 from drivers.stim300._driver import Stim300Gyro
-from drivers.stim300._kind import Stim300, family
+from drivers.stim300._kind import Stim300, Stim300Config, family
 
 __all__ = [
     "BANNER",
@@ -23,6 +23,7 @@ __all__ = [
     "RATES",
     "SETTINGS",
     "Stim300",
+    "Stim300Config",
     "Stim300Gyro",
     "bits_per_s",
     "datagram_words",

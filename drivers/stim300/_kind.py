@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Literal
 
 from numpy.typing import NDArray
 
-from drivers.base.clock import Clock
-from drivers.frames import FrameDecoder, FrameFamily, Frames, load_family
-from drivers.kit.instruments import GyroKind, Settings
-from drivers.kit.link import Link, Tap
-from drivers.stim300._commands import DATAGRAMS, OUTPUTS
+from drivers.frames import FrameDecoder, FrameFamily, Frames, FramesConfig, family_of, load_family
+from drivers.kit.config import GyroConfig, Mistake
+from drivers.kit.kinds import Columns, Connection, GyroKind
+from drivers.stim300._commands import DATAGRAMS, OUTPUTS, RATES
 from drivers.stim300._driver import Stim300Gyro
 
 _MESSAGE = "rate_temp"
-_Columns = Mapping[str, NDArray[Any]]
 
 
 def family(settings: Mapping[str, str] | None = None) -> FrameFamily:
@@ -23,47 +22,80 @@ def family(settings: Mapping[str, str] | None = None) -> FrameFamily:
     return load_family("stim300", settings)
 
 
-def described(settings: Settings) -> dict[str, Any]:
-    """Return the settings of a described gyro that sends the same."""
-    return {**settings, "description": "stim300", "frame_format": settings.get("frame_format") or _MESSAGE}
+class Stim300Config(GyroConfig):
+    """`[[gyro]]` of a STIM300; `settings` are those of the frame description `stim300`."""
+
+    reads: ClassVar[frozenset[str]] = frozenset({"settings"})
+
+    @property
+    def message(self) -> str:
+        """The datagram that the unit is told to send."""
+        return self.frame_format or _MESSAGE
+
+    @property
+    def technology(self) -> Literal["fog", "rlg", "mems"]:
+        """A MEMS unit, as soon as more than one of its axes is used."""
+        return "mems" if len(self.axes) > 1 else "fog"
+
+    @property
+    def described(self) -> FramesConfig:
+        """The configuration of a described gyro that sends the same."""
+        same = {**self.model_dump(), "description": "stim300", "frame_format": self.message}
+        return FramesConfig.model_validate(same)
+
+    @classmethod
+    def with_files(cls, given: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+        """Refuse settings that the description does not have."""
+        settings = given.get("settings")
+        if isinstance(settings, dict) and all(isinstance(words, str) for words in settings.values()):
+            family_of("stim300", settings)
+        return dict(given), []
+
+    @classmethod
+    def mistakes(cls, given: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Yield a message or a rate that the unit does not have."""
+        yield from super().mistakes(given)
+        message = given.get("frame_format")
+        if message is not None and message not in DATAGRAMS:
+            yield Mistake("frame_format", repr(message), "one of " + ", ".join(DATAGRAMS))
+        if given.get("rate_hz") not in RATES:
+            found = given.get("rate_hz", "nothing")
+            yield Mistake("rate_hz", str(found), "one of " + ", ".join(map(str, RATES)))
 
 
-def _open(settings: Settings, clock: Clock, tap: Tap) -> Stim300Gyro:
-    message = described(settings)["frame_format"]
-    link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
-    chosen = settings.get("settings") or {}
-    decoder = FrameDecoder(family(chosen), rate_hz=settings["rate_hz"], axes=settings["axes"])
-    length = family().form(message).shortest if message in DATAGRAMS else 0
+def _open(config: Stim300Config, connection: Connection) -> Stim300Gyro:
+    link = connection.link(config.port, config.baudrate)
+    decoder = FrameDecoder(family(config.settings), rate_hz=config.rate_hz, axes=config.axes)
     return Stim300Gyro(
         link,
         decoder,
-        rate_hz=settings["rate_hz"],
-        message=message,
-        length=length,
-        baudrate=settings["baudrate"],
-        outputs={name: words for name, words in chosen.items() if name in OUTPUTS},
+        rate_hz=config.rate_hz,
+        message=config.message,
+        length=family().form(config.message).shortest,
+        baudrate=config.baudrate,
+        outputs={name: words for name, words in config.settings.items() if name in OUTPUTS},
     )
 
 
-def _rates(settings: Settings, columns: _Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    return Frames.rates(described(settings), columns, sample_rate_hz)
+def _rates(config: Stim300Config, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+    return Frames.rates(config.described, columns, sample_rate_hz)
 
 
-def _accelerations(settings: Settings, columns: _Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+def _accelerations(config: Stim300Config, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
     assert Frames.accelerations is not None
-    return Frames.accelerations(described(settings), columns, sample_rate_hz)
+    return Frames.accelerations(config.described, columns, sample_rate_hz)
 
 
-def _temperatures(settings: Settings, columns: _Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+def _temperatures(config: Stim300Config, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
     assert Frames.temperatures is not None
-    return Frames.temperatures(described(settings), columns, sample_rate_hz)
+    return Frames.temperatures(config.described, columns, sample_rate_hz)
 
 
 Stim300 = GyroKind(
-    open=_open,
-    decoder=lambda settings: Frames.decoder(described(settings)),
-    rates=_rates,
+    _open,
+    lambda config: Frames.decoder(config.described),
+    _rates,
+    Stim300Config,
     accelerations=_accelerations,
     temperatures=_temperatures,
 )
-"""Settings used: `name`, `port`, `baudrate`, `rate_hz`, `axes`, `axis`, `settings`, `frame_format`."""

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
-from drivers.base.clock import Clock
-from drivers.kit.instruments import ChamberKind, Settings
-from drivers.kit.link import Link, Tap
+from pydantic import Field
+
+from drivers.kit.config import ChamberConfig
+from drivers.kit.kinds import ChamberKind, Connection, Probe
+from drivers.kit.link import Link
 from drivers.kit.modbus import Framing, ModbusMaster
 from drivers.watlow._controllers import Controller, F4Controller, F4TController
 from drivers.watlow._driver import WatlowChamber
@@ -14,45 +17,71 @@ from drivers.watlow._registers import F4_WORDS, F4T_WORDS
 from drivers.watlow._transcript import decode_f4, decode_f4t
 
 
-def _open_f4(settings: Settings, clock: Clock, tap: Tap) -> WatlowChamber:
-    link, modbus = _line(settings, clock, tap, "rtu", F4_WORDS)
-    return _chamber(
-        settings, link, modbus, F4Controller(modbus, settings["start_channel"], tuple(settings["auxiliary"]))
+class _WatlowConfig(ChamberConfig):
+    simserv: Literal[True] = Field(default=True, exclude=True, description="none: a Watlow has no SimServ")
+
+    @property
+    def device(self) -> int:
+        """The controller's Modbus address."""
+        return self.address or 1
+
+
+class F4Config(_WatlowConfig):
+    """`[chamber]` of an F4: Modbus RTU, through a device server too; `auxiliary` are inputs 2 and 3."""
+
+    start_channel: int = Field(
+        default=1, ge=1, le=8, description="the digital output of the F4 that starts the chamber, 1 to 8"
     )
 
 
-def _open_f4t(settings: Settings, clock: Clock, tap: Tap) -> WatlowChamber:
-    link, modbus = _line(settings, clock, tap, f4t_framing(settings["port"]), F4T_WORDS)
-    return _chamber(settings, link, modbus, F4TController(modbus))
+class F4TConfig(_WatlowConfig):
+    """`[chamber]` of an F4T."""
+
+    start_channel: Literal[1] = Field(
+        default=1, exclude=True, description="none: an F4T is started by its mode"
+    )
+
+    @property
+    def framing(self) -> Framing:
+        """How it is spoken to: Modbus TCP over a socket, RTU over a serial line."""
+        return "tcp" if self.port.startswith("socket://") else "rtu"
 
 
-def f4t_framing(port: str) -> Framing:
-    """Return how an F4T is spoken to at a port: Modbus TCP over a socket, RTU over a serial line."""
-    return "tcp" if port.startswith("socket://") else "rtu"
+def _open_f4(config: F4Config, connection: Connection) -> WatlowChamber:
+    link, modbus = _line(config, connection, "rtu", F4_WORDS)
+    controller = F4Controller(modbus, config.start_channel, tuple(config.auxiliary))
+    return _chamber(config, connection, link, modbus, controller)
+
+
+def _open_f4t(config: F4TConfig, connection: Connection) -> WatlowChamber:
+    link, modbus = _line(config, connection, config.framing, F4T_WORDS)
+    return _chamber(config, connection, link, modbus, F4TController(modbus))
 
 
 def _line(
-    settings: Settings, clock: Clock, tap: Tap, framing: Framing, words: Mapping[int, str]
+    config: _WatlowConfig, connection: Connection, framing: Framing, words: Mapping[int, str]
 ) -> tuple[Link, ModbusMaster]:
-    link = Link(settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"])
-    return link, ModbusMaster(link, framing, settings["address"] or 1, words)
+    link = connection.link(config.port, config.baudrate)
+    return link, ModbusMaster(link, framing, config.device, words)
 
 
-def _chamber(settings: Settings, link: Link, modbus: ModbusMaster, controller: Controller) -> WatlowChamber:
+def _chamber(
+    config: _WatlowConfig, connection: Connection, link: Link, modbus: ModbusMaster, controller: Controller
+) -> WatlowChamber:
     return WatlowChamber(
         link,
         modbus,
         controller,
-        auxiliary=tuple(settings["auxiliary"]),
-        safe_set_point_c=settings["safe_set_point_c"],
+        auxiliary=tuple(config.auxiliary),
+        safe_set_point_c=connection.safe_set_point_c,
     )
 
 
-WatlowF4 = ChamberKind(open=_open_f4, decode_transcript=decode_f4)
-"""Settings used: `name`, `port` (RTU, through a device server too), `baudrate`, `address` (Modbus),
-`start_channel` (digital output that starts the chamber), `auxiliary` (inputs 2 and 3), `safe_set_point_c`.
-"""
+def _f4_probes() -> list[Probe]:
+    return [Probe(50, baudrate=baud, ends_line=False) for baud in (19_200, 9600)]
 
-WatlowF4T = ChamberKind(open=_open_f4t, decode_transcript=decode_f4t)
-"""Settings used: `name`, `port` (Modbus TCP over `socket://`, else RTU), `baudrate`, `address`,
-`safe_set_point_c`."""
+
+WatlowF4 = ChamberKind(_open_f4, decode_f4, F4Config, probes=_f4_probes)
+WatlowF4T = ChamberKind(
+    _open_f4t, decode_f4t, F4TConfig, probes=lambda: [Probe(51, baudrate=9600, ends_line=False)]
+)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadHoldingRegistersResponse
 
 from drivers.base.errors import ProtocolError
-from drivers.kit.instruments import Exchange
+from drivers.kit.kinds import Exchange
 from drivers.kit.modbus import Frames, Framing
 from drivers.kit.pairing import pairs, table
 from drivers.watlow._registers import F4, F4T, F4Readings, F4TReadings, Readings

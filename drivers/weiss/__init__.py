@@ -11,7 +11,7 @@ from drivers.weiss._ascii2 import (
 )
 from drivers.weiss._configuration import Configuration, Setting, decode_configuration, encode_configuration
 from drivers.weiss._driver import WeissChamber
-from drivers.weiss._kind import Weiss
+from drivers.weiss._kind import Weiss, WeissConfig
 from drivers.weiss._simserv import (
     MESSAGE_TYPES,
     NOT_AVAILABLE,
@@ -47,6 +47,7 @@ __all__ = [
     "Values",
     "Weiss",
     "WeissChamber",
+    "WeissConfig",
     "decode_configuration",
     "decode_simserv_reply",
     "decode_transcript",

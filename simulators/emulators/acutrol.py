@@ -18,11 +18,12 @@ from drivers.acutrol import (
     parse_message,
 )
 from drivers.base.errors import ConfigurationError
+from drivers.kit.config import TableConfig
 from simulators.emulators._acutrol_axis import DEMANDS, FAULT_NAMES, MODES, AcutrolAxis, fault_bits
 from simulators.faults import DeviceFault, Fault
-from simulators.interfaces import Reply, TablePlant
+from simulators.interfaces import Installation, Reply, TablePlant
 
-__all__ = ["IDENTITY", "AcutrolAxis", "AcutrolEmulator"]
+__all__ = ["IDENTITY", "AcutrolAxis", "AcutrolEmulator", "emulator"]
 
 IDENTITY = "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a"
 """The manual's own example of an answer to *IDN? (TM-8004-C 3.4)."""
@@ -314,3 +315,13 @@ class AcutrolEmulator:
             return list(self._axes.values())
         found = self._one(arguments, count)
         return found if isinstance(found, Refusal) else [found]
+
+
+def emulator(config: TableConfig, axes: Mapping[str, TablePlant], installed: Installation) -> AcutrolEmulator:
+    """Make the emulator of a bench file's table."""
+    return AcutrolEmulator(
+        {
+            axis.number: AcutrolAxis(axes[axis.name], axis.min_angle_deg, axis.max_angle_deg)
+            for axis in config.all_axes
+        }
+    )

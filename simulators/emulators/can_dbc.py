@@ -8,11 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.base.errors import ConfigurationError
-from drivers.can_dbc import CanLayout, MessageLayout, SignalUse, Slot, ValidRule
+from drivers.can_dbc import (
+    CanConfig,
+    CanDbcConfig,
+    CanLayout,
+    MessageLayout,
+    SignalUse,
+    Slot,
+    ValidRule,
+    layout_of,
+)
 from drivers.kit.slcan_codec import FRAME_DTYPE, encode_frames
+from drivers.sbg import ellipse_layout
 from simulators.emulators.slcan import SlcanAdapter
 from simulators.faults import WireShape
-from simulators.interfaces import GyroPlant, GyroSignal, Reply, StreamBlock
+from simulators.interfaces import GyroPlant, GyroSignal, Installation, Reply, StreamBlock
 
 _MARKS_PER_S = 2.0
 _AXES = "xyz"
@@ -184,3 +194,26 @@ def _carries(selectors: tuple[tuple[object, tuple[int, ...]], ...], slot: Slot) 
 def _frame_bits(message: MessageLayout) -> int:
     """Return the length of a data frame with the space after it, without stuff bits (ISO 11898-1)."""
     return (67 if message.extended else 47) + 8 * message.length
+
+
+def emulator(config: CanDbcConfig, plant: GyroPlant, installed: Installation) -> CanEmulator:
+    """Make the emulator of a bench file's unit on CAN."""
+    return _emulator(config, layout_of(config), plant, installed)
+
+
+def ellipse(config: CanConfig, plant: GyroPlant, installed: Installation) -> CanEmulator:
+    """Make the emulator of a bench file's SBG Ellipse."""
+    return _emulator(config, ellipse_layout(), plant, installed)
+
+
+def _emulator(config: CanConfig, layout: CanLayout, plant: GyroPlant, installed: Installation) -> CanEmulator:
+    before = installed.before
+    return CanEmulator(
+        plant,
+        layout,
+        source_address=config.source_address,
+        rate_hz=config.rate_hz,
+        bitrate=config.bitrate,
+        clock_error_ppm=installed.clock_error_ppm,
+        adapter=before.adapter if isinstance(before, CanEmulator) else None,
+    )

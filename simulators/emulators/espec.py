@@ -9,9 +9,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from drivers.espec import END, encode_line
+from drivers.espec import END, EspecConfig, encode_line
 from simulators.faults import DeviceFault, Fault
-from simulators.interfaces import ChamberPlant, Reply
+from simulators.interfaces import ChamberPlant, Installation, Reply
 
 _LIMIT = 256
 _PROGRAM = re.compile(r"RUN PRGM,TEMP(-?[\d.]+)TIME(\d+):(\d+)GOTEMP(-?[\d.]+)")
@@ -134,3 +134,13 @@ class EspecEmulator:
         running = mode in ("CONSTANT", "RUN")
         self._plant.demand(now_s, set_point_c=set_point_c, ramp_up=ramp, ramp_down=ramp, running=running)
         return ""
+
+
+def p300(config: EspecConfig, plant: ChamberPlant, installed: Installation) -> EspecEmulator:
+    """Make the emulator of a bench file's chamber with a P-300."""
+    return EspecEmulator(plant, address=config.address)
+
+
+def scp220(config: EspecConfig, plant: ChamberPlant, installed: Installation) -> EspecEmulator:
+    """Make the emulator of a bench file's chamber with an SCP-220."""
+    return EspecEmulator(plant, rom="SCP-220 V2.10", address=config.address)

@@ -13,6 +13,7 @@ from drivers.base.errors import ConfigurationError
 from drivers.frames import (
     FrameEncoder,
     FrameFamily,
+    FramesConfig,
     LineDescription,
     LineEncoder,
     bits_a_byte,
@@ -20,8 +21,9 @@ from drivers.frames import (
     messages_of,
     to_bench_unit,
 )
+from drivers.rlg import RlgConfig
 from simulators.faults import WireShape
-from simulators.interfaces import GyroPlant, GyroSignal, Reply, StreamBlock
+from simulators.interfaces import GyroPlant, GyroSignal, Installation, Reply, StreamBlock
 
 _MARKS_PER_S = 2.0
 _AXES = "xyz"
@@ -183,3 +185,21 @@ _TEMPERATURES: dict[str, Any] = {
     "K": lambda temp_c: temp_c + ZERO_CELSIUS_K,
     "degF": lambda temp_c: temp_c * 1.8 + 32.0,
 }
+
+
+def emulator(config: FramesConfig, plant: CasePlant, installed: Installation) -> FrameEmulator:
+    """Make the emulator of a bench file's described gyro."""
+    return FrameEmulator(
+        plant,
+        config.family,
+        axes=config.axes,
+        rate_hz=config.rate_hz,
+        baudrate=config.baudrate,
+        message=config.frame_format,
+        clock_error_ppm=installed.clock_error_ppm,
+    )
+
+
+def ring_laser(config: RlgConfig, plant: CasePlant, installed: Installation) -> FrameEmulator:
+    """Make the emulator of a bench file's ring-laser gyro."""
+    return emulator(config.described, plant, installed)

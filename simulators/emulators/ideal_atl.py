@@ -9,8 +9,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
+from drivers.kit.config import TableConfig
 from simulators.faults import DeviceFault, Fault, WireShape
-from simulators.interfaces import Reply, TablePlant
+from simulators.interfaces import Installation, Reply, TablePlant
 
 _LINE = re.compile(r"([A-Z]{3})([-+]?\d+(?:\.\d*)?)?")
 _LIMIT = 128
@@ -119,3 +120,8 @@ class AtlEmulator:
             case _:
                 return False
         return True
+
+
+def emulator(config: TableConfig, axes: Mapping[str, TablePlant], installed: Installation) -> AtlEmulator:
+    """Make the emulator of a bench file's table."""
+    return AtlEmulator(axes[config.all_axes[0].name], baudrate=config.baudrate)

@@ -24,6 +24,7 @@ from drivers.kvh import (
     RATES_HZ,
     SETTINGS,
     Format,
+    KvhConfig,
     TempUnits,
     encode_bit,
     encode_frames,
@@ -31,7 +32,7 @@ from drivers.kvh import (
     temperature_field,
 )
 from simulators.faults import DeviceFault, Fault, WireShape
-from simulators.interfaces import GyroPlant, Reply, StreamBlock
+from simulators.interfaces import GyroPlant, Installation, Reply, StreamBlock
 
 _BITS = 10  # A byte on a line set to 8N1.
 _BIT_GOOD = 0x7F  # Every result of the built-in test passed.
@@ -368,3 +369,17 @@ def _joined(parts: list[StreamBlock]) -> StreamBlock | None:
     for before, after in itertools.pairwise(marks):
         after[:, 0] += before[-1, 0]
     return StreamBlock(b"".join(part.data for part in parts), np.concatenate(marks))
+
+
+def emulator(config: KvhConfig, plant: GyroPlant, installed: Installation) -> KvhEmulator:
+    """Make the emulator of a bench file's gyro, which streams, with what it had saved before a power cycle."""
+    before = installed.before
+    return KvhEmulator(
+        plant,
+        serial_number=config.unit,
+        axes=config.axes,
+        baudrate=config.baudrate,
+        clock_error_ppm=installed.clock_error_ppm,
+        streaming=True,
+        settings=before.settings if isinstance(before, KvhEmulator) else None,
+    )

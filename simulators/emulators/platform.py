@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from drivers.kit.config import PlatformConfig
 from drivers.platform import (
     BAUDRATE,
     NAVIGATING,
@@ -15,7 +16,7 @@ from drivers.platform import (
     parse,
     sentence,
 )
-from simulators.interfaces import Reply, StreamBlock
+from simulators.interfaces import Installation, Reply, StreamBlock
 from simulators.platform_interface import PlatformPlant
 
 _ANSWER_S = 0.02
@@ -106,3 +107,10 @@ class PlatformEmulator:
             self._navigating = True
             return sentence("PINSA", "NAVIGATE")
         return sentence("PINSE", "unknown command")
+
+
+def emulator(config: PlatformConfig, plant: PlatformPlant, installed: Installation) -> PlatformEmulator:
+    """Make the emulator of a bench file's platform INS."""
+    return PlatformEmulator(
+        plant, serial_number=config.unit, period_s=config.period_s, baudrate=config.baudrate
+    )

@@ -9,10 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drivers.stim300 import DATAGRAMS, OUTPUTS, RATES, bits_per_s, datagram_words, family
+from drivers.stim300 import (
+    DATAGRAMS,
+    OUTPUTS,
+    RATES,
+    Stim300Config,
+    bits_per_s,
+    datagram_words,
+    family,
+)
 from simulators.emulators.frames import CasePlant, FrameEmulator
 from simulators.faults import DeviceFault, Fault, WireShape
-from simulators.interfaces import Reply, StreamBlock
+from simulators.interfaces import Installation, Reply, StreamBlock
 
 _BITS = 10  # A byte on a line set to 8N1.
 _REPLY_DELAY_S = 1e-3
@@ -246,3 +254,17 @@ class Stim300Emulator:
 
 def _error(text: str) -> str:
     return f"E{_ERRORS[text]:03d} {text}"
+
+
+def emulator(config: Stim300Config, plant: CasePlant, installed: Installation) -> Stim300Emulator:
+    """Make the emulator of a bench file's gyro, with what it had saved before it was switched off."""
+    before = installed.before
+    return Stim300Emulator(
+        plant,
+        serial_number=config.unit,
+        axes=config.axes,
+        baudrate=config.baudrate,
+        clock_error_ppm=installed.clock_error_ppm,
+        settings=before.settings if isinstance(before, Stim300Emulator) else None,
+        ordered=config.settings,
+    )

@@ -24,9 +24,9 @@ from pymodbus.pdu.register_message import (
 
 from drivers.base.errors import ProtocolError
 from drivers.kit.modbus import Frames, Framing, float_words, to_signed, words_float
-from drivers.watlow import F4, F4T, scaled, unscaled
+from drivers.watlow import F4, F4T, F4Config, F4TConfig, scaled, unscaled
 from simulators.faults import DeviceFault, Fault, WireShape
-from simulators.interfaces import ChamberPlant, Reply
+from simulators.interfaces import ChamberPlant, Installation, Reply
 
 _ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS, _ILLEGAL_VALUE, _BUSY = 1, 2, 3, 6
 _GAP_S = {"rtu": 0.02, "tcp": 0.5}
@@ -266,3 +266,15 @@ class F4TEmulator(WatlowEmulator):
             self._words[register] = words[0]
             self._ramp_on = self._words[F4T.RAMP_ACTION] in (85, F4T.RAMP_BOTH)
         return self._demand(now_s)
+
+
+def f4(config: F4Config, plant: ChamberPlant, installed: Installation) -> F4Emulator:
+    """Make the emulator of a bench file's chamber with an F4."""
+    return F4Emulator(
+        plant, start_output=config.start_channel, device=config.device, baudrate=config.baudrate
+    )
+
+
+def f4t(config: F4TConfig, plant: ChamberPlant, installed: Installation) -> F4TEmulator:
+    """Make the emulator of a bench file's chamber with an F4T."""
+    return F4TEmulator(plant, framing=config.framing, device=config.device, baudrate=config.baudrate)

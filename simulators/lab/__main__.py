@@ -8,7 +8,6 @@ own standard input says what these labs will be like, so that it loads what they
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
@@ -18,8 +17,8 @@ from contextlib import suppress
 from typing import Any
 
 from drivers.base.errors import BenchError
+from simulators.config import LabConfig
 from simulators.lab._build import build_lab
-from simulators.lab._config import LabConfig
 from simulators.lab._service import VirtualService, run_on_wall_clock
 from simulators.lab._stagehand import StageDoor
 
@@ -27,7 +26,7 @@ from simulators.lab._stagehand import StageDoor
 def main() -> int:
     """Run a lab until its stage door closes; 2 for a configuration it cannot emulate."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started the lab closes its door
-    config = LabConfig.from_json(json.loads(_first_line()))
+    config = LabConfig.model_validate_json(_first_line())
     try:
         lab, acts = build_lab(config)
     except BenchError as error:
@@ -53,7 +52,7 @@ def nursery(descriptor: int) -> int:
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel buries the labs
     if like := _first_line():
         with suppress(BenchError):  # a lab that cannot be is told by the lab itself
-            for port in build_lab(LabConfig.from_json(json.loads(like)))[0].ports:
+            for port in build_lab(LabConfig.model_validate_json(like))[0].ports:
                 port.close()
     with socket.socket(fileno=descriptor) as door:
         while True:

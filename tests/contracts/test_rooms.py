@@ -1,6 +1,8 @@
 """The house rules of docs/architecture.md, read from the source: who reads the clock, who imports whom."""
 
 import ast
+import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,8 +17,11 @@ FORBIDDEN = {
     "bench": {"simulators", "procedures"},
     "procedures": {"drivers", "simulators"},
 }
-COMPARES_WITH_EMULATION = {Path("bench/analysis/gap"): ("simulators.effects", "simulators.exam")}
-"""The gap diagnosis holds a bench against its emulation: it alone reads the catalogue of effects."""
+COMPARES_WITH_EMULATION = {
+    Path("bench/analysis/gap"): ("simulators.effects", "simulators.exam"),
+    Path("bench/lab"): ("simulators.config", "simulators.faults"),
+}
+"""The gap diagnosis holds a bench against its emulation and reads its effects; a lab is told what to be."""
 SOURCES = sorted(path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 
 
@@ -95,3 +100,43 @@ def test_simulators_use_only_codecs_clock_and_errors_of_the_drivers() -> None:
 
 def test_every_source_file_says_what_it_is() -> None:
     assert [str(path) for path in SOURCES if ast.get_docstring(parse(path)) is None] == []
+
+
+GENERIC = {"base", "kit", "slcan", "platform", "rlg", "can_dbc", "frames"}
+"""Packages of drivers/ that are no maker's, and the kinds of drivers that read any unit by a description."""
+MAKERS = {"acutronic", "aerosmith", "atl", "ellipse", "sensonor", "simserv", "vötsch"}
+ENTRY_POINTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
+
+
+def families() -> set[str]:
+    places = (ROOT / "drivers").iterdir()
+    return {path.stem for path in places if path.stem[0] != "_" and path.name != "py.typed"}
+
+
+def vendors() -> set[str]:
+    kinds = {name.partition(".")[2] for name in ENTRY_POINTS["gyrobench.drivers"]}
+    return (families() | kinds | MAKERS) - GENERIC
+
+
+def test_the_bench_knows_no_vendor() -> None:
+    """What a device is called and how it is configured is its driver's: nothing of it is a word of bench/."""
+    word = re.compile(r"(?<![a-z0-9])(" + "|".join(sorted(vendors())) + r")(?![a-z0-9])", re.IGNORECASE)
+    assert word.search('driver = "kvh1750"') and word.search("a Weiss chamber") and word.search("drivers.sbg")
+    wrong = [
+        f"{path}: {found.group()}"
+        for path in SOURCES
+        if path.parts[0] == "bench"
+        for found in word.finditer((ROOT / path).read_text(encoding="utf-8"))
+    ]
+    assert wrong == []
+
+
+def test_every_driver_is_registered_with_its_emulator() -> None:
+    drivers, emulators = ENTRY_POINTS["gyrobench.drivers"], ENTRY_POINTS["gyrobench.emulators"]
+    assert drivers.keys() == emulators.keys()
+    assert {path.split(":")[0].split(".")[1] for path in drivers.values()} == families() - {
+        "base",
+        "kit",
+        "slcan",
+    }
+    assert all(path.startswith("simulators.emulators.") for path in emulators.values())

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from bench.control.limits import Reach, between, breaks, check_ramp, check_stops
 from bench.record.benchfile import (
-    AxisSection,
     Band,
     ForbiddenState,
     LimitsSection,
@@ -17,6 +16,7 @@ from bench.record.benchfile import (
     load_bench_file,
 )
 from drivers.base.errors import ConfigurationError, LimitExceeded
+from drivers.kit.config import AxisConfig
 
 BENCH = """
 [bench]
@@ -144,7 +144,7 @@ def test_an_interval_breaks_a_rule_whenever_a_value_in_it_does(low, width, at, a
     ],
 )
 def test_stops_are_an_arc_modulo_a_turn(low, high, angle, beyond):
-    axis = AxisSection(name="tilt", number=1, direction="up", min_angle_deg=low, max_angle_deg=high)
+    axis = AxisConfig(name="tilt", number=1, direction="up", min_angle_deg=low, max_angle_deg=high)
     if not beyond:
         check_stops(axis, angle, "table")
         return

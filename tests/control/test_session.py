@@ -8,9 +8,10 @@ import pytest
 from bench.control.live import Request
 from bench.control.questions import AssumeYes
 from bench.control.session import Bench
-from bench.record.benchfile import LimitsSection, SafeSection, TableSection
+from bench.record.benchfile import LimitsSection, SafeSection
 from drivers.base.clock import Interrupt
 from drivers.base.errors import ConfigurationError, DeviceSilent, LimitExceeded, LinkLost, RunAborted
+from drivers.kit.config import TableConfig
 from drivers.kit.instruments import ChamberState, Rest, TableState
 
 
@@ -85,7 +86,7 @@ class Record:
         return [fields for _, found, fields in self.rows if found == kind]
 
 
-TABLE = TableSection(driver="acutrol3000", port="/dev/ttyUSB0")
+TABLE = TableConfig(driver="acutrol3000", port="/dev/ttyUSB0")
 LIMITS = LimitsSection()
 
 

@@ -10,18 +10,19 @@ from hypothesis import strategies as st
 
 from bench.control.stations import ChamberStation, GyroStation, StreamTap
 from bench.control.table_station import TableStation
-from bench.record.benchfile import AxisSection, LimitsSection
+from bench.record.benchfile import LimitsSection
 from drivers.base.errors import DeviceRefused, LimitExceeded, RunAborted
+from drivers.kit.config import AxisConfig, GyroConfig
 from drivers.kit.instruments import (
     ChamberCapabilities,
     ChamberLimits,
     ChamberState,
     FrameBatch,
-    GyroKind,
     StreamCounts,
     TableLimits,
     TableState,
 )
+from drivers.kit.kinds import GyroKind
 
 LIMITS = LimitsSection()
 
@@ -65,7 +66,7 @@ class Bench:
         self.file = SimpleNamespace(limits=LIMITS, chamber=SimpleNamespace(door_message=None))
         self.limits = SimpleNamespace(allow=lambda what, **demand: None)
         self.commands, self.time_s = [], 0.0
-        self.station = TableStation(table, self, (AxisSection(name="table", number=1, direction="up"),))
+        self.station = TableStation(table, self, (AxisConfig(name="table", number=1, direction="up"),))
 
     @property
     def now_s(self):
@@ -287,13 +288,17 @@ class Decoder:
         return FrameBatch(columns, ends)
 
 
+SECTION = GyroConfig(name="g", driver="any", unit="1", axis="x", port="/dev/null")
+
+
 def station():
     kind = GyroKind(
         open=lambda *_: None,
         decoder=lambda _: Decoder(),
         rates=lambda _, columns, rate_hz: {"x": columns["rate"], "y": -columns["rate"]},
+        config=GyroConfig,
     )
-    gyro = GyroStation(kind, {"name": "g", "axis": "x", "case_sensor": None, "rate_hz": 100.0})
+    gyro = GyroStation(kind, SECTION)
     gyro.listen(0.0)
     return gyro
 
@@ -333,8 +338,8 @@ def test_a_row_a_block_with_its_arrival_time_and_temperature_without_gaps():
 
 
 def test_nothing_is_taken_before_the_stream_begins_and_much_is_decoded_at_once():
-    kind = GyroKind(lambda *_: None, lambda _: Decoder(), lambda _, c, r: {"x": c["rate"]})
-    gyro = GyroStation(kind, {"name": "g", "axis": "x", "case_sensor": 1, "rate_hz": 100.0})
+    kind = GyroKind(lambda *_: None, lambda _: Decoder(), lambda _, c, r: {"x": c["rate"]}, GyroConfig)
+    gyro = GyroStation(kind, SECTION)
     gyro.take(b"configuration", 0.5)
     assert len(gyro.update()) == 0
     gyro.listen(0.0)

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.control.devices import table_settings
 from bench.control.history import History
 from bench.control.limit_watch import LimitWatch
 from bench.control.table_station import TableStation
@@ -178,7 +177,7 @@ def test_alarms_say_which_axis(two):
 
 def test_recorded_bytes_give_the_telemetry_of_all_axes(two):
     two.station.point(45.0, "outer")
-    columns, counts = Acutrol3000.decode_transcript(two.wire.exchanges, table_settings(two.file))
+    columns, counts = Acutrol3000.decode_transcript(two.wire.exchanges, two.file.table)
     assert list(columns) == ["time_ns", "angle_deg", "rate_dps", "outer_angle_deg", "outer_rate_dps"]
     assert columns["outer_angle_deg"][-1] == pytest.approx(45.0, abs=1e-3)
     assert columns["angle_deg"] == pytest.approx(0.0)

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from drivers.base.errors import ConfigurationError
 from drivers.can_dbc import (
+    CanConfig,
     CanDecoder,
     can_kind,
     layout_from_mapping,
@@ -131,9 +132,12 @@ BO_ 17 UP: 4 A
     columns = CanDecoder(layout, 100.0).feed(stream).columns
     np.testing.assert_allclose(columns["accelerometer_x_mps2"], [x for x, _ in forces], atol=1e-6)
     np.testing.assert_allclose(columns["accelerometer_z_mps2"], [z for _, z in forces], rtol=1e-6)
-    kind = can_kind(lambda settings: layout)
+    kind = can_kind(CanConfig, lambda config: layout)
     assert kind.accelerations is not None
-    assert set(kind.accelerations({}, columns, 100.0)) == {"x", "z"}
+    assert set(kind.accelerations(CanConfig(name="g", driver="any", unit="1", axis="x"), columns, 100.0)) == {
+        "x",
+        "z",
+    }
     with pytest.raises(ConfigurationError, match="one of m/s2"):
         bad = [*mapping["signal"][:3], {**mapping["signal"][3], "unit": "deg/s"}]
         layout_from_mapping({**mapping, "signal": bad}, tmp_path, "map.toml")

@@ -6,16 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.ideal_atl import AtlTable, IdealAtl, decode_number, decode_transcript, encode, split_reply
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.ideal_atl import AtlTable, decode_number, decode_transcript, encode, split_reply
 from drivers.kit.instruments import Rest
 from simulators.emulators.ideal_atl import AtlEmulator
 from simulators.faults import Fault
 from simulators.plant.table import TableAxis, TableParameters
 from tests.memory_link import MemoryLink
 from tests.memory_link import scripted as answers
-
-SETTINGS = {"axes": [{"name": "table"}]}
 
 
 def emulated(**options):
@@ -148,17 +146,6 @@ def test_other_devices_and_silence_are_named():
         table.identify()
 
 
-def test_two_axes_are_refused_before_the_port_is_opened():
-    settings = {
-        "axes": [{"name": "outer"}, {"name": "inner"}],
-        "port": "/dev/null",
-        "name": "table",
-        "baudrate": 9600,
-    }
-    with pytest.raises(ConfigurationError, match="one axis"):
-        IdealAtl.open(settings, None, None)
-
-
 def test_the_record_gives_the_telemetry_that_the_run_saw():
     table, wire, _, _ = emulated()
     table.servo_on()
@@ -167,10 +154,10 @@ def test_the_record_gives_the_telemetry_that_the_run_saw():
     for _ in range(4):
         wire.clock.sleep(1.0)
         seen.append(table.state())
-    columns, counts = decode_transcript(iter(wire.exchanges), SETTINGS)
+    columns, counts = decode_transcript(iter(wire.exchanges))
     assert counts == {"polls": 4, "damaged": 0}
     np.testing.assert_array_equal(columns["angle_deg"], [state.angle_deg for state in seen])
     np.testing.assert_array_equal(columns["rate_dps"], [state.rate_dps for state in seen])
     late = [(at, way, data.replace(b"5.0000\r\n>", b"5.0?00\r\n>")) for at, way, data in wire.exchanges]
-    columns, counts = decode_transcript(iter(late), SETTINGS)
+    columns, counts = decode_transcript(iter(late))
     assert counts["damaged"] > 0 and len(columns["time_ns"]) == 4 - counts["damaged"]

@@ -209,14 +209,15 @@ def test_impossible_configuration_is_refused_before_a_byte_is_sent(
 
 def test_kind_decodes_and_converts_what_the_driver_configures() -> None:
     """The bench decodes a record without a port: its decoder must mean what the driver's settings mean."""
-    section = {
-        "rate_hz": 250.0,
-        "frame_format": "B",
-        "axes": "xz",
-        "axis": "z",
-        "baudrate": 921600,
-        "name": "g",
-    }
+    section = Kvh1750.config(
+        name="g",
+        driver="kvh1750",
+        unit="1",
+        rate_hz=250.0,
+        frame_format="B",
+        axes="xz",
+        axis="z",
+    )
     unit = KvhEmulator(TurningPlant(axes="xz"), serial_number="1", axes="xz", clock_error_ppm=10000.0)
     gyro, link = connected(250.0, device=unit, frame_format="B", axes="xz")
     gyro.start()

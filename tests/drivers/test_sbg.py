@@ -19,6 +19,8 @@ from hypothesis import strategies as st
 from bench.record.recording import GyroSource, PortJournal, decode_stream
 from drivers.base.clock import WallClock
 from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
+from drivers.can_dbc import CanConfig
+from drivers.kit.kinds import Connection
 from drivers.sbg import (
     ALL_GOOD,
     ELLIPSE_DBC,
@@ -388,16 +390,21 @@ def test_start_hands_the_link_to_the_stream(unit: SbgGyro) -> None:
 
 @pytest.mark.concurrent
 def test_the_kind_that_a_bench_file_names(terminal: Terminal) -> None:
-    section = {
-        "name": "mems_1",
-        "interface": "gyrobench_slcan",
-        "channel": terminal.path,
-        "bitrate": 250_000,
-        "rate_hz": 50.0,
-        "axes": "xz",
-    }
+    section = CanConfig.model_validate(
+        {
+            "name": "mems_1",
+            "driver": "sbg_ellipse",
+            "unit": "1",
+            "axis": "z",
+            "interface": "gyrobench_slcan",
+            "channel": terminal.path,
+            "bitrate": 250_000,
+            "rate_hz": 50.0,
+            "axes": "xz",
+        }
+    )
     clock, tap = StillClock(), Recorder()
-    gyro_device = SbgEllipse.open(section, clock, tap)
+    gyro_device = SbgEllipse.open(section, Connection("mems_1", clock, tap))
     assert read_exactly(terminal.master, 7) == b"C\rS5\rO\r"
     gyro_device.start()
     gyro_device.link.deliver(info(20_000) + GYRO, 1.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -13,7 +14,7 @@ from bench.record.benchfile import load_bench_file
 from bench.record.recording import read_manifest, verify
 from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
 from drivers.frames import FrameDecoder
-from drivers.stim300 import DATAGRAMS, Stim300, Stim300Gyro, bits_per_s, family
+from drivers.stim300 import DATAGRAMS, Stim300, Stim300Config, Stim300Gyro, bits_per_s, family
 from simulators.emulators.stim300 import Stim300Emulator
 from simulators.faults import Fault
 from simulators.interfaces import Emulator
@@ -103,6 +104,10 @@ def test_the_emulator_says_what_the_data_sheet_prints() -> None:
     assert unit.stream(3.0) is not None
 
 
+def section(**keys: Any) -> Stim300Config:
+    return Stim300Config(name="g", driver="stim300", unit="1", axes="xyz", axis="z", **keys)
+
+
 def test_a_unit_that_streams_is_set_and_streams_what_was_asked_for() -> None:
     gyro, link = gyro_on(emulated(), "rate_temp", 2000.0)
     link.sleep(0.1)  # rates alone at 125 Hz, as delivered
@@ -110,7 +115,7 @@ def test_a_unit_that_streams_is_set_and_streams_what_was_asked_for() -> None:
     gyro.start()
     link.raw = b""
     link.sleep(0.5)
-    settings = {"name": "g", "rate_hz": 2000.0, "axes": "xyz", "axis": "z"}
+    settings = section(rate_hz=2000.0)
     batch = Stim300.decoder(settings).feed(link.raw)
     assert 990 <= len(batch) <= 1001 and batch.columns["valid"].all()
     assert (np.diff(batch.columns["counter"]) % 256 == 1).all()  # 2000 counts a second
@@ -135,8 +140,7 @@ def test_every_output_of_the_unit_is_the_same_rate(choice: str, code: bytes) -> 
         "accelerometer_range": "30g",
         "accelerometer_output": "incremental_velocity",
     }
-    settings = {"name": "g", "rate_hz": 500.0, "axes": "xyz", "axis": "z", "settings": chosen}
-    settings |= {"frame_format": "rate_acc"}
+    settings = section(rate_hz=500.0, settings=chosen, frame_format="rate_acc")
     link = MemoryLink(unit := emulated(settings={"u g": "9", "u a": "3"}, ordered=chosen))
     gyro = Stim300Gyro(
         link,

@@ -5,13 +5,14 @@ import json
 
 import pytest
 
-from bench.lab.emulated import EmulatedLab, Plant, PlantFault, load_plant
+from bench.lab.emulated import EmulatedLab, Plant, load_plant
 from bench.record.benchfile import load_bench_file
 from drivers.base.errors import BenchError, ConfigurationError, LinkLost
 from drivers.base.virtual_clock import VirtualClock
 from drivers.frames import FrameDecoder, load_family
 from drivers.kit.link import Link
 from drivers.kvh import KvhDecoder
+from simulators.faults import Fault
 
 BENCH = """
 [bench]
@@ -184,7 +185,7 @@ def test_a_fault_can_be_put_in_by_a_stage_hand(file):
 
 
 def test_a_trip_that_the_table_does_not_know_is_refused_before_the_lab_opens(file):
-    faults = (PlantFault(port="table", kind="trip", text="rate trp", at_s=(100.0,)),)
+    faults = (Fault(port="table", kind="trip", text="rate trp", at_s=(100.0,)),)
     with pytest.raises(ConfigurationError, match=r"text 'rate trp'.*one of.*rate trip"):
         EmulatedLab(file, Plant(fault=faults))
 

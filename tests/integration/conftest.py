@@ -18,7 +18,6 @@ from bench.lab.emulated import EmulatedLab, Plant, _with_ports, lab_config
 from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.recording import read_manifest, verify
 from simulators.lab._build import build_lab
-from simulators.lab._config import LabConfig
 from simulators.lab._service import VirtualService
 from simulators.lab._stagehand import StageDoor
 from tests.benches import CAN_GYRO, FOG_BENCH
@@ -67,7 +66,7 @@ class ThreadLab:
 @contextmanager
 def thread_lab(file: BenchFile, plant: Plant, swap: Mapping[str, Callable] | None = None):
     """Serve a lab whose emulator on port p is `swap[p](emulator, lab, index)`."""
-    config = LabConfig.from_json(lab_config(file, plant, "virtual"))
+    config = lab_config(file, plant)
     lab, acts = build_lab(config)
     for index, port in enumerate(lab.ports):
         if swap and port.name in swap:

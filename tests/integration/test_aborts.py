@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.control.devices import chamber_kind, chamber_settings, table_kind, table_settings
+from bench.control.devices import open_chamber, open_table
 from bench.control.procedure import find_procedure
 from bench.control.questions import AssumeYes, Question
 from bench.control.runner import RunRequest, run_procedure
@@ -261,11 +261,8 @@ def test_a_run_folder_that_is_gone_ends_the_run_with_the_bench_at_rest(bench, fo
             bench.drive(lab.file, tmp_path, display=remove, hold_s=1e5)
         clock = VirtualClock(lab.file.bench.clock)
         rests = []
-        for kind, settings in (
-            (table_kind(lab.file), table_settings(lab.file)),
-            (chamber_kind(lab.file), chamber_settings(lab.file)),
-        ):
-            device = kind.open(settings, clock, SimpleNamespace(received=lambda *_: 0, sent=lambda *_: 0))
+        for opener in (open_table, open_chamber):
+            device = opener(lab.file, clock, SimpleNamespace(received=lambda *_: 0, sent=lambda *_: 0))
             rests.append(device.read_rest())
             device.link.close()
         clock.close()

@@ -9,8 +9,9 @@ from rich.console import Console
 
 from bench.control.runner import RunResult
 from bench.control.watchdog._process import _words
-from bench.lab.emulated import Plant, PlantFault
+from bench.lab.emulated import Plant
 from bench.present.cli._shown_run import say_result
+from simulators.faults import Fault
 
 
 def said(result):
@@ -34,7 +35,7 @@ def test_after_ctrl_c_the_terminal_says_what_rests_what_is_kept_and_what_comes_n
 
 
 def test_what_is_not_confirmed_is_said_and_what_is_too(bench, fog_file, tmp_path):
-    gone = PlantFault(port="chamber", kind="vanish", at_s=(25.5,), duration_s=1e6)
+    gone = Fault(port="chamber", kind="vanish", at_s=(25.5,), duration_s=1e6)
     with bench.thread_lab(fog_file, Plant(seed=5, fault=(gone,))) as lab:
         text = said(bench.drive(lab.file, tmp_path, hold_s=1e5))
     assert "NOT CONFIRMED SAFE, go and look: chamber" in text

@@ -9,7 +9,6 @@ from bench.lab.emulated import Plant, lab_config
 from bench.record.benchfile import load_bench_file
 from drivers.base.virtual_clock import VirtualClock
 from simulators.lab import _build
-from simulators.lab._config import LabConfig
 from simulators.plant.table import TableAxis, TableParameters
 from tests.memory_link import ChamberPlant
 
@@ -72,11 +71,11 @@ def test_what_is_written_sets_nothing(bench, tmp_path, table, chamber):
         clock.close()
     assert found["table"].driver == file.table.driver, found
     assert found["chamber"].driver == file.chamber.driver, found
-    config = LabConfig.from_json(lab_config(file, Plant(), "virtual"))
+    config = lab_config(file, Plant())
     spy, air = Spy(), ChamberPlant()
     devices = {
-        "table": _build._table(config.table, SimpleNamespace(table=spy, tables={"table": spy})),
-        "chamber": _build._chamber(config.chamber, SimpleNamespace(chamber=air)),
+        "table": _build._emulator("table", config.table.driver, config.table, {"table": spy}),
+        "chamber": _build._emulator("chamber", config.chamber.driver, config.chamber, air),
     }
     spy.told.clear()
     air.demands.clear()

@@ -6,15 +6,16 @@ import pytest
 
 from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
 from bench.control.questions import StageHand
-from bench.lab.emulated import EmulatedLab, Plant, PlantFault
+from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.recording import read_exchanges, read_manifest
 from drivers.base.errors import DeviceSilent, LinkLost
 from procedures.standard_test import power_cycle
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
+from simulators.faults import Fault
 
 
 def plant(port, kind, at_s, duration_s):
-    fault = PlantFault(port=port, kind=kind, at_s=(at_s,), duration_s=duration_s)
+    fault = Fault(port=port, kind=kind, at_s=(at_s,), duration_s=duration_s)
     return Plant(seed=5, delivery_s=1.0, fault=(fault,))
 
 

@@ -4,12 +4,13 @@ import json
 
 import pytest
 
-from bench.lab.emulated import Plant, PlantFault
+from bench.lab.emulated import Plant
 from bench.record.recording import read_manifest
+from simulators.faults import Fault
 
 
 def struck(port, kind, *at_s, **more):
-    return PlantFault(port=port, kind=kind, at_s=at_s, **more)
+    return Fault(port=port, kind=kind, at_s=at_s, **more)
 
 
 @pytest.mark.parametrize("port", ["table", "chamber"])

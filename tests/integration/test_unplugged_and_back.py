@@ -11,13 +11,15 @@ import pytest
 
 from bench.control.attendance import Returns
 from bench.control.stations import GyroStation, StreamTap
-from bench.lab.emulated import Plant, PlantFault
+from bench.lab.emulated import Plant
 from bench.record.benchfile import load_bench_file
 from bench.record.recording import read_manifest
 from drivers.base.clock import WallClock
 from drivers.base.errors import LinkLost
+from drivers.kit.kinds import Connection
 from drivers.kvh import encode_frames
 from drivers.kvh._kind import Kvh1750
+from simulators.faults import Fault
 from tests.benches import BENCH, FOG
 
 
@@ -25,7 +27,7 @@ def vanishing(port, at_s, duration_s):
     return Plant(
         seed=5,
         delivery_s=0.5,
-        fault=(PlantFault(port=port, kind="vanish", at_s=(at_s,), duration_s=duration_s),),
+        fault=(Fault(port=port, kind="vanish", at_s=(at_s,), duration_s=duration_s),),
     )
 
 
@@ -111,7 +113,7 @@ def test_table_or_chamber_vanishes_while_it_works_and_is_made_safe_when_it_is_ba
 def test_one_that_is_back_and_loses_its_first_answers_is_told_on(bench, fog_file, tmp_path):
     """Found by the soak test: it was asked once, and left turning with its port open."""
     plant = vanishing("table", 25.2, 6.0)
-    deaf = PlantFault(port="table", kind="lose", at_s=(31.0,), count=3)
+    deaf = Fault(port="table", kind="lose", at_s=(31.0,), count=3)
     plant = plant.model_copy(update={"fault": (*plant.fault, deaf)})
     with bench.thread_lab(fog_file, plant) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
@@ -132,9 +134,8 @@ def test_on_the_wall_clock_and_a_real_terminal(tmp_path):
     far, near = os.openpty()
     tty.setraw(near)
     name.symlink_to(os.ttyname(near))
-    settings = {"name": "fog_1", "port": str(name), "baudrate": 921_600, "rate_hz": 100, "axes": "x"}
-    settings |= {"axis": "x", "case_sensor": None, "unit": "F"}
-    station = GyroStation(Kvh1750, settings)
+    section = Kvh1750.config(name="fog_1", driver="kvh1750", unit="F", axis="x", port=str(name))
+    station = GyroStation(Kvh1750, section)
     seen = threading.Event()
     told, raw = [], bytearray()
 
@@ -146,7 +147,7 @@ def test_on_the_wall_clock_and_a_real_terminal(tmp_path):
         def sent(self, data, time_s):
             pass
 
-    gyro = Kvh1750.open(settings, clock, StreamTap(Keeps(), station.take))
+    gyro = Kvh1750.open(section, Connection("fog_1", clock, StreamTap(Keeps(), station.take)))
     gyro.link.streaming = True
     returns = Returns(
         clock,

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.record.benchfile import bench_file_from, driver_path, known_drivers, load_bench_file
+from bench.record.benchfile import bench_file_from, load_bench_file
 from drivers.base.errors import ConfigurationError
+from drivers.kit.registry import DRIVERS, load_kind, registered
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab.toml"
 SMALLEST = """
@@ -230,25 +231,25 @@ def test_whatever_is_in_the_file_the_answer_is_a_configuration_error(data):
         bench_file_from(data, "generated")
 
 
-def test_another_package_adds_a_driver_by_an_entry_point(monkeypatch, tmp_path):
+def test_another_package_adds_a_driver_but_replaces_none_of_ours(monkeypatch, tmp_path):
+    ours = registered(DRIVERS, "gyro")["kvh1750"]
     found = EntryPoints(
         [
-            EntryPoint("gyro.fg333", "our_lab.fg333:KIND", "gyrobench.drivers"),
+            ours,
+            EntryPoint("gyro.fg333", "drivers.kvh:Kvh1750", "gyrobench.drivers"),
             EntryPoint("gyro.kvh1750", "our_lab.bad:KIND", "gyrobench.drivers"),
         ]
     )
-    monkeypatch.setattr(
-        "bench.record.benchfile._drivers.entry_points_of", lambda group: found.select(group=group)
-    )
-    assert driver_path("gyro", "fg333") == "our_lab.fg333:KIND"
-    assert driver_path("gyro", "kvh1750").startswith("drivers.kvh")
-    assert "fg333" not in known_drivers("table")
-    assert load_bench_file(written(tmp_path, changed("kvh1750", "fg333"))).gyro[0].driver == "fg333"
+    monkeypatch.setattr("drivers.kit.registry.entry_points_of", lambda group: found.select(group=group))
+    assert load_kind("gyro", "fg333") is load_kind("gyro", "kvh1750") is ours.load()
+    assert "fg333" not in registered(DRIVERS, "table")
+    text = changed("kvh1750", "fg333").replace("acutrol3000", "?").replace("weiss", "?")
+    assert "table.driver" in (told := refusal(tmp_path, text)) and "gyro[0]" not in told
 
 
 def test_an_unknown_kind_is_told():
     with pytest.raises(ConfigurationError, match="did you mean 'weiss'"):
-        driver_path("chamber", "weis")
+        load_kind("chamber", "weis")
 
 
 def test_importing_the_bench_package_does_not_load_pydantic():

@@ -25,7 +25,7 @@ from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from bench.record.benchfile import TableSection
+    from drivers.kit.config import TableConfig
 
 _ALONG = 1e-6
 _TURNS_LIMIT_DEG = 3600.0
@@ -74,7 +74,7 @@ class TurningPlan:
         return home_text(self.mount)
 
 
-def table_axes(section: TableSection) -> list[TableAxis]:
+def table_axes(section: TableConfig) -> list[TableAxis]:
     """Return the axes of a bench file's `[table]`, outermost first."""
     return [
         TableAxis(axis.name, axis.direction, axis.min_angle_deg, axis.max_angle_deg)

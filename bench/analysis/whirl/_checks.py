@@ -12,7 +12,7 @@ from bench.analysis.whirl._types import Finding, TurnRecord, UnfitRotation
 from drivers.base.arrays import Array
 
 FULL_SCALE_DPS = 490.0
-"""KVH DSP-1750 and 1760 data sheet."""
+"""Full scale of fibre-optic gyros of this class, by their data sheets."""
 _STUCK_S = 1.0
 _CLOCK_PPM = 20.0
 _RATE_TOLERANCE = 0.3

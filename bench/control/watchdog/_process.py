@@ -13,10 +13,11 @@ import signal
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.control.devices import chamber_kind, chamber_settings, table_kind, table_settings
+from bench.control.devices import open_chamber, open_table
 from bench.control.lease import device_at
 from bench.control.safe_state import bring_to_rest
 from bench.control.watchdog import ARMED, DISMISSED, FOLDER, HUNG_S, STARVED_S
@@ -134,15 +135,13 @@ def _read_order() -> Order:
         line += os.read(0, 1) or b"\n"
     data: dict[str, Any] = json.loads(line)
     file = bench_file_from(data["bench"])
-    table, chamber = table_kind(file), chamber_kind(file)
-    of_table, of_chamber = table_settings(file), chamber_settings(file)
     return Order(
         run_folder=Path(data["run_folder"]),
         runner=int(data["runner"]),
         lease=tuple(data["lease"]),
         openers={
-            "table": _of(file.table.port, lambda clock, tap: table.open(of_table, clock, tap)),
-            "chamber": _of(file.chamber.port, lambda clock, tap: chamber.open(of_chamber, clock, tap)),
+            "table": _of(file.table.port, partial(open_table, file)),
+            "chamber": _of(file.chamber.port, partial(open_chamber, file)),
         },
     )
 

@@ -4,36 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
-from bench.record.benchfile._drivers import ROLES, known_drivers, one_of
 from bench.record.benchfile._model import LimitsSection, SafeSection
-from drivers.stim300 import DATAGRAMS, RATES
+from drivers.kit.config import GyroConfig, Mistake
+from drivers.kit.registry import DRIVERS, ROLES, config_class, one_of, registered
 
 _RESERVED_NAMES = ("table", "turntable", "chamber", "manifest", "events")
 """Words that name other files and ports of a run folder."""
 
 _LINES = {"east": 0, "west": 0, "north": 1, "south": 1, "up": 2, "down": 2}
 
-_ON_CAN = ("can_dbc", "sbg_ellipse")
 _SHARED = ("socketcan", "socketcand", "udp_multicast", "virtual")
 """Interfaces of python-can whose channel several can have open; each then hears every unit on the bus."""
 
-_WITHOUT_START_CHANNEL = ("espec_p300", "espec_scp220", "watlow_f4t")
-_OUR_CHAMBERS = (*_WITHOUT_START_CHANNEL, "watlow_f4", "weiss")
-
 _Devices = list[tuple[str, str, Mapping[str, Any]]]
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """One thing wrong with a bench file."""
-
-    key: str
-    found: str
-    expected: str
 
 
 def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mistake]:
@@ -44,21 +30,22 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
     if not data.get("gyro") and not data.get("platform"):
         found = "an empty list" if "gyro" in data else "nothing"
         yield Mistake("gyro", found, "at least one [[gyro]] with name, driver, unit, axis and a port")
-    devices = list(_devices(data))
+    devices = list(device_sections(data))
     yield from _drivers(devices)
     yield from _names(devices)
-    yield from _formats(devices)
+    for role, key, section in devices:
+        for mistake in config_class(role, section.get("driver")).mistakes(section):
+            yield Mistake(f"{key}.{mistake.key}", mistake.found, mistake.expected)
     yield from _connections(devices)
     yield from _shared_ports(devices, resolve_links)
     yield from _sockets(devices)
-    yield from _instruments(devices)
     yield from _axes_and_sensors(data, devices)
     yield from _limits(data)
     yield from _table_axes(data)
     yield from _door(data)
 
 
-def _devices(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+def device_sections(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     """Yield (role, key, section) of every device section that is a table."""
     for role in ROLES:
         section = data.get(role)
@@ -73,7 +60,7 @@ def _devices(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, A
 def _drivers(devices: _Devices) -> Iterator[Mistake]:
     for role, key, section in devices:
         kind = section.get("driver")
-        known = known_drivers(role)
+        known = registered(DRIVERS, role)
         if isinstance(kind, str) and kind not in known:
             yield Mistake(f"{key}.driver", repr(kind), one_of(kind, known))
 
@@ -91,40 +78,14 @@ def _names(devices: _Devices) -> Iterator[Mistake]:
         seen.setdefault(name, key)
 
 
-def _formats(devices: _Devices) -> Iterator[Mistake]:
-    """Who needs a frame description, and which formats a KVH gyro has."""
-    for role, key, section in devices:
-        if role != "gyro":
-            continue
-        described, given = section.get("driver") == "frames", section.get("description")
-        if described and given is None:
-            yield Mistake(
-                f"{key}.description", "nothing", "a name that `gyrobench frames list` shows, or a TOML file"
-            )
-        elif given is not None and not described:
-            yield Mistake(f"{key}.description", "a frame description", "driver = 'frames' with it, or none")
-        if section.get("settings") and section.get("driver") not in ("frames", "stim300"):
-            yield Mistake(
-                f"{key}.settings", f"driver {section.get('driver')!r}", "settings only of a described gyro"
-            )
-        frame_format = section.get("frame_format")
-        if section.get("driver") == "kvh1750" and frame_format not in (None, "A", "B", "C"):
-            yield Mistake(f"{key}.frame_format", repr(frame_format), "'A', 'B' or 'C'")
-        if section.get("driver") == "stim300":
-            if frame_format is not None and frame_format not in DATAGRAMS:
-                yield Mistake(f"{key}.frame_format", repr(frame_format), "one of " + ", ".join(DATAGRAMS))
-            if section.get("rate_hz") not in RATES:
-                found = section.get("rate_hz", "nothing")
-                yield Mistake(f"{key}.rate_hz", str(found), "one of " + ", ".join(map(str, RATES)))
-
-
 def _connections(devices: _Devices) -> Iterator[Mistake]:
     for role, key, section in devices:
         if role != "gyro":
             continue
         given = [name for name in ("port", "interface", "channel") if section.get(name) is not None]
-        on_can = section.get("driver") in _ON_CAN or "interface" in given or "channel" in given
-        yield from _layout(key, section)
+        config = config_class(role, section.get("driver"))
+        on_can = issubclass(config, GyroConfig) and config.only_on_can
+        on_can = on_can or "interface" in given or "channel" in given
         if "port" in given and on_can:
             found = " and ".join(given)
             yield Mistake(
@@ -138,16 +99,6 @@ def _connections(devices: _Devices) -> Iterator[Mistake]:
             yield Mistake(
                 f"{key}.port", "nothing", "a serial port, or interface and channel for a unit on CAN"
             )
-
-
-def _layout(key: str, section: Mapping[str, Any]) -> Iterator[Mistake]:
-    has_layout = section.get("layout") is not None
-    if section.get("driver") == "can_dbc" and not has_layout:
-        yield Mistake(f"{key}.layout", "nothing", "a shipped CAN layout's name, or a mapping file's path")
-    elif has_layout and section.get("driver") != "can_dbc":
-        yield Mistake(
-            f"{key}.layout", f"driver {section.get('driver')!r}", "a layout only with driver 'can_dbc'"
-        )
 
 
 def _shared_ports(devices: _Devices, resolve_links: bool) -> Iterator[Mistake]:
@@ -176,29 +127,6 @@ def _sockets(devices: _Devices) -> Iterator[Mistake]:
             whole = False
         if not whole:
             yield Mistake(f"{key}.port", repr(port), "socket://host:port, the port a number of 1 to 65535")
-
-
-def _instruments(devices: _Devices) -> Iterator[Mistake]:
-    """What one driver takes and another does not."""
-    for role, key, section in devices:
-        kind = section.get("driver")
-        if role == "table":
-            axes = section.get("axes")
-            if kind == "ideal_atl" and isinstance(axes, (list, tuple)) and len(axes) > 1:
-                yield Mistake(
-                    f"{key}.axes", f"{len(axes)} axes", "one of [[table.axes]], or none: ATL turns one"
-                )
-        if role != "chamber":
-            continue
-        address, channel = section.get("address"), section.get("start_channel", 1)
-        if kind == "weiss" and isinstance(address, int) and not 0 <= address <= 31:
-            yield Mistake(f"{key}.address", str(address), "the address of a Weiss chamber, 0 to 31")
-        if kind == "watlow_f4" and isinstance(channel, int) and channel > 8:
-            yield Mistake(f"{key}.start_channel", str(channel), "a digital output of the F4, 1 to 8")
-        if kind in _WITHOUT_START_CHANNEL and channel != 1:
-            yield Mistake(f"{key}.start_channel", str(channel), f"none: {kind} is started by its mode")
-        if kind in _OUR_CHAMBERS and kind != "weiss" and section.get("simserv") is False:
-            yield Mistake(f"{key}.simserv", "false", f"none: {kind} has no SimServ")
 
 
 def _axes_and_sensors(data: Mapping[str, Any], devices: _Devices) -> Iterator[Mistake]:

@@ -11,13 +11,12 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from bench.record.benchfile._checks import Mistake, cross_checks
-from bench.record.benchfile._descriptions import with_descriptions
-from bench.record.benchfile._drivers import one_of
-from bench.record.benchfile._layouts import with_layouts
+from bench.record.benchfile._checks import cross_checks, device_sections
 from bench.record.benchfile._model import BenchFile
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
+from drivers.kit.config import Mistake
+from drivers.kit.registry import ROLES, config_class, one_of
 
 
 def load_bench_file(path: Path | str) -> BenchFile:
@@ -39,7 +38,7 @@ def load_bench_file(path: Path | str) -> BenchFile:
         raise ConfigurationError(
             "the bench file is not TOML", where=str(path), found=str(error), expected="TOML 1.0 in UTF-8"
         ) from error
-    data, mistakes = with_layouts(with_descriptions(data, path.parent), path.parent)
+    data, mistakes = _with_files(data, path.parent)
     return _checked(data, str(path), hashlib.sha256(content).hexdigest(), True, mistakes)
 
 
@@ -51,6 +50,25 @@ def bench_file_from(data: Mapping[str, Any], where: str = "the bench file of the
     """
     canonical = json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=False, default=str)
     return _checked(data, where, hashlib.sha256(canonical.encode()).hexdigest(), False, [])
+
+
+def _with_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+    """Have every driver read the files that its section names, and return what is wrong with them."""
+    mistakes: list[Mistake] = []
+    complete: dict[int, dict[str, Any]] = {}
+    for role, key, section in device_sections(data):
+        complete[id(section)], found = config_class(role, section.get("driver")).with_files(section, folder)
+        mistakes += [Mistake(f"{key}.{each.key}", each.found, each.expected) for each in found]
+
+    def completed(value: Any) -> Any:
+        return complete.get(id(value), value)
+
+    sections = {
+        role: [completed(each) for each in value] if isinstance(value, list) else completed(value)
+        for role, value in data.items()
+        if role in ROLES
+    }
+    return {**data, **sections}, mistakes
 
 
 def _checked(
@@ -82,9 +100,9 @@ def _refusal(where: str, mistakes: list[Mistake]) -> ConfigurationError:
 def _mistake(details: ErrorDetails, data: Mapping[str, Any]) -> Mistake:
     location = [part for part in details["loc"] if part != "[key]"]
     if details["type"] == "extra_forbidden":
-        names = sorted(_fields_at(location[:-1]))
+        names = sorted(_fields_at(location[:-1], data))
         return Mistake(_key(location), "an unknown key", one_of(str(location[-1]), names))
-    expected = _description(location) or details["msg"]
+    expected = _description(location, data) or details["msg"]
     if details["type"] == "missing":
         return Mistake(_key(location), "nothing", expected)
     limits = _bounds(details)
@@ -115,8 +133,15 @@ def _bounds(details: ErrorDetails) -> str:
     return ", ".join(f"{word} {context[name]:g}" for name, word in words.items() if name in context)
 
 
-def _model_at(location: list[Any]) -> type[BaseModel] | None:
+def _model_at(location: list[Any], data: Mapping[str, Any]) -> type[BaseModel] | None:
+    """Return the model of the table at a location; a device's section has its driver's."""
     model: Any = BenchFile
+    if location and location[0] in ROLES:
+        in_array = len(location) > 1 and isinstance(location[1], int)
+        section = data[location[0]][location[1]] if in_array else data.get(location[0])
+        if isinstance(section, dict):
+            model = config_class(location[0], section.get("driver"))
+            location = location[2 if in_array else 1 :]
     for part in location:
         if isinstance(part, int) or not (isinstance(model, type) and issubclass(model, BaseModel)):
             continue
@@ -126,15 +151,15 @@ def _model_at(location: list[Any]) -> type[BaseModel] | None:
     return model if isinstance(model, type) and issubclass(model, BaseModel) else None
 
 
-def _fields_at(location: list[Any]) -> list[str]:
-    model = _model_at(location)
+def _fields_at(location: list[Any], data: Mapping[str, Any]) -> list[str]:
+    model = _model_at(location, data)
     return list(model.model_fields) if model else []
 
 
-def _description(location: list[Any]) -> str:
+def _description(location: list[Any], data: Mapping[str, Any]) -> str:
     """Return the description of the nearest described key at or above `location`."""
     for depth in range(len(location), 0, -1):
-        model = _model_at(location[: depth - 1])
+        model = _model_at(location[: depth - 1], data)
         field = model.model_fields.get(str(location[depth - 1])) if model else None
         if field is not None and field.description:
             return field.description

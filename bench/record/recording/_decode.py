@@ -16,13 +16,13 @@ from bench.record.recording._raw import raw_path, read_blocks, read_exchanges, r
 from bench.record.recording._tables import table_writer
 from bench.record.recording._timing import StreamTimer, StreamTiming, Unwrapper
 from drivers.kit.instruments import (
-    Exchange,
     FrameBatch,
     LossSide,
     StreamDecoder,
     has_counter,
     loss_taints,
 )
+from drivers.kit.kinds import Exchange
 
 Columns = Mapping[str, NDArray[Any]]
 Rates = Callable[[Columns, float], Mapping[str, NDArray[Any]]]

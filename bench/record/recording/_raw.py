@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.record.recording._journal import RAW_FOLDER, TIE_NS
 from drivers.base.errors import RecordError
-from drivers.kit.instruments import Exchange
+from drivers.kit.kinds import Exchange
 
 BLOCK_BYTES = 1 << 20
 _LONGEST_SILENCE_NS = 30 * 86_400 * 10**9

@@ -160,8 +160,8 @@ def test_a_model_file_brings_its_channels_into_the_lab(tmp_path: Path) -> None:
     file = load_bench_file(Path(__file__).parents[3] / "examples" / "demo.toml")
     gyro = file.gyro[0]
     (tmp_path / "plant.toml").write_text(f'[gap_model]\n{gyro.unit} = "closed.toml"\n', encoding="utf-8")
-    told, *_ = lab_config(file, load_plant(tmp_path / "plant.toml"))["gyros"]
-    assert told["clock_error_ppm"] == 140.0
-    errors = ModelledErrors.from_json(told["errors"])
+    told, *_ = lab_config(file, load_plant(tmp_path / "plant.toml")).gyros
+    assert told.clock_error_ppm == 140.0
+    errors = ModelledErrors.from_json(told.errors or {})
     assert errors.channels == {"sample_clock_skew": (140.0,), "chamber_ramp": (8.0, 3.0, 6.0)}
     assert math.isclose(sum(errors.channels["chamber_ramp"]), 17.0)

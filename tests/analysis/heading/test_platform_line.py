@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bench.analysis.heading import fit_lagged, log_from_positions
 from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
-from drivers.platform import PINS, PlatformDecoder, PlatformIns, checksum, encode_position, parse, sentence
+from drivers.platform import PlatformDecoder, PlatformIns, checksum, encode_position, parse, sentence
 from simulators.emulators.platform import PlatformEmulator
 from simulators.plant.lab_platform import LabPlatform
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
@@ -121,7 +121,7 @@ def test_driver_and_emulator() -> None:
     link.advance(link.now() + 301.0)
     ins.navigate()
     link.advance(link.now() + 1200.0)
-    decoder = PINS.decoder({"period_s": ins.period_s})
+    decoder = PlatformDecoder(ins.period_s)
     columns = decoder.feed(link.raw[begin:]).columns
     assert (decoder.counter_modulo, decoder.counter_step, decoder.nominal_rate_hz) == (65536, 1.0, 1 / 30)
     time_s = 30.0 * (1 + np.arange(len(columns["counter"])))

@@ -17,12 +17,13 @@ from hypothesis import strategies as st
 from drivers.base.clock import WallClock
 from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
 from drivers.frames import FrameDecoder, FrameEncoder, FrameGyro, load_family
+from drivers.kit.kinds import Connection
 from drivers.rlg import Rlg2t
 from simulators.emulators.frames import FrameEmulator
 from simulators.interfaces import GyroSignal
 
 LENGTH = 15
-SETTINGS = {"name": "rlg_1", "axis": "x", "rate_hz": 10.0, "baudrate": 115200}
+SECTION = Rlg2t.config(name="rlg_1", driver="rlg2t", unit="1", axis="x", rate_hz=10.0, baudrate=115200)
 
 
 def frame(increment: int, case: int, block: int, counter: int, status: int = 3) -> bytes:
@@ -65,7 +66,7 @@ def test_any_chunks_noise_and_damage_give_the_sound_frames(data: st.DataObject) 
             number = int.from_bytes(sound, "big") ^ (1 << (8 * LENGTH - 1 - bit))
             sound = number.to_bytes(LENGTH, "big")
         stream += data.draw(st.binary(max_size=4).filter(lambda noise: b"\xeb" not in noise)) + sound
-    decoder, counters = Rlg2t.decoder(SETTINGS), []
+    decoder, counters = Rlg2t.decoder(SECTION), []
     while stream:
         size = data.draw(st.integers(1, 40))
         batch = decoder.feed(stream[:size])
@@ -77,12 +78,12 @@ def test_any_chunks_noise_and_damage_give_the_sound_frames(data: st.DataObject) 
 
 
 def test_columns_and_rates() -> None:
-    decoder = Rlg2t.decoder(SETTINGS)
+    decoder = Rlg2t.decoder(SECTION)
     batch = decoder.feed(frame(1504, -4000, 2513, 7) + frame(0, 0, 0, 8, status=1))
     assert batch.columns["case_temp_c"].tolist() == pytest.approx([-40.0, 0.0])
     assert batch.columns["temp_c"].tolist() == pytest.approx([25.13, 0.0], abs=1e-5)
     assert batch.columns["valid"].tolist() == [True, False]
-    rate = Rlg2t.rates(SETTINGS, batch.columns, 10.0)["x"]
+    rate = Rlg2t.rates(SECTION, batch.columns, 10.0)["x"]
     assert 3600 * rate[0] == pytest.approx(15.04, abs=1e-9)  # arcsec/s is deg/h
 
 
@@ -115,7 +116,7 @@ def test_the_emulator_sends_samples_when_they_are_out() -> None:
     assert (np.diff(block.marks[:, 1]) > 0).all() and len(block.marks) >= 4
     first = frame(round(3.6 * period_s * 1e3), -10, 2010, 0)
     assert block.data.startswith(first)
-    batch = Rlg2t.decoder(SETTINGS).feed(block.data)
+    batch = Rlg2t.decoder(SECTION).feed(block.data)
     assert batch.columns["counter"].tolist() == list(range(count))
     assert batch.columns["case_temp_c"][-1] == pytest.approx(-count * period_s, abs=0.006)
 
@@ -151,7 +152,9 @@ def unit() -> Iterator[FrameGyro]:
     master, slave = pty.openpty()
     tty.setraw(slave)
     clock = StillClock()
-    unit = Rlg2t.open(SETTINGS | {"port": os.ttyname(slave)}, clock, Recorder())
+    unit = Rlg2t.open(
+        SECTION.model_copy(update={"port": os.ttyname(slave)}), Connection("rlg_1", clock, Recorder())
+    )
     assert isinstance(unit, FrameGyro)
     yield unit
     unit.close()

@@ -100,13 +100,14 @@ unit = "L1"
 
 
 def test_novatel_increments_become_rates_and_accelerations() -> None:
-    settings_ = {
-        "name": "span",
-        "description": "novatel_rawimusxa",
-        "rate_hz": 100.0,
-        "axes": "xyz",
-        "axis": "z",
-    }
+    settings_ = Frames.config(
+        name="span",
+        driver="frames",
+        unit="1",
+        description="novatel_rawimusxa",
+        axes="xyz",
+        axis="z",
+    )
     columns = Frames.decoder(settings_).feed(b"RUBBISH" + NOVATEL).columns
     assert columns["counter"].tolist() == [484620664389]
     # A SPAN-CPT's counts: 0.1 / (3600 * 256) rad and 0.05 / 2**15 m/s (NovAtel OEM6 SPAN reference).

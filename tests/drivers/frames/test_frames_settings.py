@@ -19,6 +19,7 @@ from drivers.frames import (
     FrameDecoder,
     FrameEncoder,
     Frames,
+    FramesConfig,
     choices_of,
     family_from,
     load_family,
@@ -36,6 +37,12 @@ DATAGRAM = bytes.fromhex(
 """A real STIM300's; x is 292, acceleration z 531 538."""
 
 
+def section(settings: dict[str, str]) -> FramesConfig:
+    return FramesConfig(
+        name="g", driver="frames", unit="1", axis="x", axes="xyz", description="stim300", settings=settings
+    )
+
+
 def read(settings: dict[str, str], data: bytes = DATAGRAM) -> dict[str, Any]:
     return FrameDecoder(load_family("stim300", settings), rate_hz=125.0, axes="xyz").feed(data).columns
 
@@ -45,20 +52,16 @@ def test_one_datagram_in_every_output_of_the_data_sheet() -> None:
     assert read({})["rate_x"][0] == read({"gyro_output": "average_rate"})["rate_x"][0] == 292 / 2**14
     turned = read({"gyro_output": "incremental_angle"})
     assert turned["rate_x"][0] == 292 / 2**21
-    settings = {"description": "stim300", "axes": "xyz", "settings": {"gyro_output": "incremental_angle"}}
+    settings = section({"gyro_output": "incremental_angle"})
     assert Frames.rates(settings, turned, 125.0)["x"][0] == 292 / 2**21 * 125.0
     for words, power in (("2g", 21), ("5g", 20), ("10g", 19), ("30g", 18), ("80g", 16)):
         chosen = {"accelerometer_range": words}
         assert read(chosen)["acc_z"][0] == 531_538 / 2**power
         chosen["accelerometer_output"] = "incremental_velocity"
         assert read(chosen)["acc_z"][0] == 531_538 / 2 ** (power + 3)
-    whole = {
-        "description": "stim300",
-        "axes": "xyz",
-        "settings": {"accelerometer_output": "incremental_velocity"},
-    }
+    whole = section({"accelerometer_output": "incremental_velocity"})
     assert Frames.accelerations is not None
-    found = Frames.accelerations(whole, read(whole["settings"]), 125.0)  # type: ignore[arg-type]
+    found = Frames.accelerations(whole, read(whole.settings), 125.0)
     assert found["z"][0] == pytest.approx(531_538 / 2**22 * 125.0)  # m/s per sample
 
 

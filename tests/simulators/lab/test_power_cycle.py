@@ -11,7 +11,6 @@ from drivers.base.errors import ConfigurationError
 from drivers.frames import FrameDecoder, load_family
 from simulators.emulators.frames import FrameEmulator
 from simulators.lab._build import build_lab
-from simulators.lab._config import LabConfig
 from simulators.lab._power import PowerCycled, Since
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig, unit_model
 
@@ -94,7 +93,7 @@ def test_a_unit_without_power_cools() -> None:
 def test_the_act_says_what_it_cannot_do(tmp_path) -> None:
     path = tmp_path / "b.toml"
     path.write_text(BENCH)
-    lab, acts = build_lab(LabConfig.from_json(lab_config(load_bench_file(path), Plant(), "virtual")))
+    lab, acts = build_lab(lab_config(load_bench_file(path), Plant()))
     try:
         with pytest.raises(ConfigurationError, match="no gyro 'h'"):
             acts["power_cycle"]({"unit": "h"})

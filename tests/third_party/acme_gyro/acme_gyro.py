@@ -1,10 +1,12 @@
 """A driver of somebody else's: ACME GY1, 12 bytes a sample: A5 5A, rate, temperature, counter, sum."""
 
 import numpy as np
+from pydantic import Field
 
+from drivers.kit.config import GyroConfig, Mistake
 from drivers.kit.framing import FrameSplitter
-from drivers.kit.instruments import FrameBatch, GyroKind, Identity
-from drivers.kit.link import Link
+from drivers.kit.instruments import FrameBatch, Identity
+from drivers.kit.kinds import GyroKind
 
 FRAME = np.dtype([("sync", ">u2"), ("rate", ">f4"), ("temp", ">i2"), ("counter", ">u2"), ("sum", ">u2")])
 
@@ -13,11 +15,24 @@ def checksum(rows):
     return rows[:, 2:10].sum(axis=1, dtype=np.uint16)
 
 
+class AcmeConfig(GyroConfig):
+    gain: float = Field(
+        default=1.0, gt=0, le=8, description="what the unit's output was multiplied by, 0 to 8"
+    )
+
+    @classmethod
+    def mistakes(cls, given):
+        yield from super().mistakes(given)
+        if given.get("gain", 1) != 1 and given.get("rate_hz", 100) > 200:
+            yield Mistake("gain", str(given["gain"]), "1 above 200 Hz: the unit has no gain there")
+
+
 class AcmeDecoder:
     counter_modulo, counter_step = 1 << 16, 1.0
 
-    def __init__(self, settings):
-        self.nominal_rate_hz = settings["rate_hz"]
+    def __init__(self, config):
+        self.nominal_rate_hz = config.rate_hz
+        self._scale = 1.0 / config.gain
         self._frames = FrameSplitter(
             b"\xa5\x5a", FRAME.itemsize, lambda r: checksum(r) == r.view(FRAME)["sum"][:, 0]
         )
@@ -26,7 +41,7 @@ class AcmeDecoder:
     def feed(self, data):
         rows, ends = self._frames.feed(data)
         f = rows.view(FRAME)[:, 0]
-        columns = {"counter": f["counter"].astype(np.int64), "rate_dps": f["rate"].astype(np.float64)}
+        columns = {"counter": f["counter"].astype(np.int64), "rate_dps": f["rate"] * self._scale}
         columns |= {
             "temp_c": f["temp"] * 0.01,
             "valid": np.ones(len(f), bool),
@@ -36,10 +51,8 @@ class AcmeDecoder:
 
 
 class AcmeGyro:
-    def __init__(self, settings, clock, tap):
-        self.link = Link(
-            settings["port"], clock, name=settings["name"], tap=tap, baudrate=settings["baudrate"]
-        )
+    def __init__(self, config, connection):
+        self.link = connection.link(config.port, config.baudrate)
         self.stop, self.close = lambda: None, self.link.close
 
     def identify(self):
@@ -53,5 +66,8 @@ class AcmeGyro:
 
 
 AcmeGy1 = GyroKind(
-    AcmeGyro, AcmeDecoder, lambda settings, columns, rate_hz: {settings["axis"]: columns["rate_dps"]}
+    AcmeGyro,
+    AcmeDecoder,
+    lambda config, columns, rate_hz: {config.axis: columns["rate_dps"]},
+    AcmeConfig,
 )

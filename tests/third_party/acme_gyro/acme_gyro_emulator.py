@@ -10,8 +10,9 @@ from simulators.interfaces import StreamBlock
 class AcmeEmulator:
     wire = WireShape(frame_bytes=FRAME.itemsize, check_bytes=2)
 
-    def __init__(self, settings, plant):
-        self._plant, self._period_s, self._sent = plant, 1.0 / settings["rate_hz"], 0
+    def __init__(self, config, plant, installed):
+        self._plant, self._period_s, self._sent = plant, 1.0 / config.rate_hz, 0
+        self._gain = config.gain
 
     def receive(self, data, now_s):
         return []
@@ -25,7 +26,7 @@ class AcmeEmulator:
         self._sent += count
         frames = np.zeros(count, FRAME)
         frames["sync"], frames["counter"] = 0xA55A, numbers % 65536
-        frames["rate"] = np.degrees(signal.angle_increment_rad[:, 0]) / self._period_s
+        frames["rate"] = self._gain * np.degrees(signal.angle_increment_rad[:, 0]) / self._period_s
         frames["temp"] = np.rint(signal.temp_c * 100.0)
         frames["sum"] = checksum(frames.view(np.uint8).reshape(count, FRAME.itemsize))
         ends = np.arange(1, count + 1)

@@ -1,0 +1,251 @@
+"""What a bench file says of a device: one model for each role, which drivers derive their configurations from.
+
+A role's model has the keys that the bench itself reads, and those that several drivers share. A driver adds its
+own keys, narrows those it has, and names its model in its kind (`drivers.kit.kinds`). The description of a key
+is the text that an error quotes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+
+from drivers.base.errors import ConfigurationError
+from drivers.kit.link import check_place
+
+
+def _place(value: str) -> str:
+    try:
+        check_place(value, "")
+    except ConfigurationError as error:
+        raise ValueError(str(error)) from error
+    return value
+
+
+Baudrate = Annotated[int, Field(ge=50, le=12_000_000)]
+Port = Annotated[str, Field(min_length=1), AfterValidator(_place)]
+_NAME = r"^[a-z][a-z0-9_]{0,31}$"
+_PORT_TEXT = "a port: a serial device such as '/dev/ttyUSB0', or 'socket://host:port'"
+_BAUDRATE_TEXT = "the baud rate, a whole number of bit/s"
+
+
+def _sensor_numbers(value: Any) -> Any:
+    """Turn TOML's keys, which are always text, into sensor numbers; leave what is none for the check."""
+    if not isinstance(value, dict):
+        return value
+    return {
+        int(key) if isinstance(key, str) and key.isdecimal() else key: text for key, text in value.items()
+    }
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One thing wrong with a bench file or a section of it."""
+
+    key: str
+    found: str
+    expected: str
+
+
+class Section(BaseModel):
+    """A section of a bench file: frozen, no type is converted, no unknown key."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+
+class DeviceConfig(Section):
+    """A device's section."""
+
+    @classmethod
+    def with_files(cls, given: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+        """Return a section with the content of the files it names in place of their paths, and what is wrong.
+
+        `given` is what the bench file says, not checked yet; `folder`: where relative paths start. A run keeps
+        what is returned here, so that it can be decoded without these files.
+        """
+        return dict(given), []
+
+    @classmethod
+    def mistakes(cls, given: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Yield what is wrong between the keys of a section as it was given, by key.
+
+        What a single key may be is for its type to say. `given` is not checked yet: one bad type hides nothing
+        else.
+        """
+        return iter(())
+
+
+Direction = Literal["east", "west", "north", "south", "up", "down"]
+
+
+class AxisConfig(Section):
+    """`[[table.axes]]`: one axis of the table, outermost first; the last one carries the unit."""
+
+    name: str = Field(
+        pattern=r"^[a-z][a-z0-9]{0,15}$", description="a short name, e.g. 'outer', 'middle', 'inner'"
+    )
+    number: int = Field(ge=1, le=9, description="the axis' number on the controller")
+    direction: Direction = Field(
+        description="where the axis points with all axes at 0, positive turns right-handed about it: 'east', "
+        "'west', 'north', 'south', 'up' or 'down'"
+    )
+    max_rate_dps: float | None = Field(
+        default=None, gt=0, allow_inf_nan=False, description="the highest rate of this axis, deg/s"
+    )
+    max_acceleration_dps2: float | None = Field(
+        default=None, gt=0, allow_inf_nan=False, description="the highest acceleration of this axis, deg/s2"
+    )
+    min_angle_deg: float | None = Field(
+        default=None, ge=-360, le=360, description="the lower stop of an axis of limited motion, deg"
+    )
+    max_angle_deg: float | None = Field(
+        default=None, ge=-360, le=360, description="the upper stop of an axis of limited motion, deg"
+    )
+
+
+class TableConfig(DeviceConfig):
+    """`[table]`: the rate table, with `axis` for a table of one axis, up, or `axes`."""
+
+    driver: str = Field(description="the kind of table driver")
+    port: Port = Field(description=_PORT_TEXT)
+    baudrate: Baudrate = Field(default=9600, description=_BAUDRATE_TEXT)
+    axis: int = Field(default=1, ge=1, le=9, description="the number of the table axis that carries the unit")
+    axes: tuple[AxisConfig, ...] = Field(
+        default=(),
+        max_length=3,
+        strict=False,
+        exclude_if=lambda axes: not axes,
+        description="one to three [[table.axes]], outermost first, with name, number and direction",
+    )
+
+    @property
+    def all_axes(self) -> tuple[AxisConfig, ...]:
+        """The axes, outermost first; a table without `axes` has one, vertical, called 'table'."""
+        return self.axes or (AxisConfig(name="table", number=self.axis, direction="up"),)
+
+
+class ChamberConfig(DeviceConfig):
+    """`[chamber]`: the thermal chamber. `auxiliary` maps a sensor's number to what it is glued to."""
+
+    driver: str = Field(description="the kind of chamber driver")
+    port: Port = Field(description=_PORT_TEXT)
+    baudrate: Baudrate = Field(default=9600, description=_BAUDRATE_TEXT)
+    address: int | None = Field(
+        default=None, ge=0, le=247, description="the chamber's bus address, 0 to 247; left out: 1"
+    )
+    door_message: str | None = Field(
+        default=None,
+        min_length=3,
+        description="part of the alarm or warning the chamber shows while its door is open, e.g. 'door'",
+    )
+    auxiliary: Annotated[dict[Annotated[int, Field(ge=1)], str], BeforeValidator(_sensor_numbers)] = Field(
+        default_factory=dict,
+        description='sensor number (1, 2, ...) = what it is glued to, e.g. {1 = "fog_1 case"}',
+    )
+
+
+class UnderTestConfig(DeviceConfig):
+    """A unit under test."""
+
+    name: str = Field(
+        pattern=_NAME,
+        description="a short name of lower-case letters, digits and _ that starts with a letter",
+    )
+    driver: str = Field(description="the kind of driver")
+    unit: str = Field(min_length=1, description="the serial number or id of the unit under test, as text")
+
+
+class GyroConfig(UnderTestConfig):
+    """`[[gyro]]`: a unit under test, on a serial port (`port`) or a CAN bus (`interface`, `channel`)."""
+
+    axis: Literal["x", "y", "z"] = Field(description="the axis under test: 'x', 'y' or 'z'")
+    axes: str = Field(
+        default="x",
+        pattern=r"^(x|y|z|xy|xz|yz|xyz)$",
+        description="the axes the unit has, in order: 'x', 'xyz', ...",
+    )
+    port: Port | None = Field(default=None, description=_PORT_TEXT)
+    baudrate: Baudrate = Field(default=921_600, description=_BAUDRATE_TEXT)
+    frame_format: str | None = Field(
+        default=None, min_length=1, description="which of its messages the unit sends"
+    )
+    description: str | dict[str, Any] | None = Field(
+        default=None,
+        description="a frame description: a name that `gyrobench frames list` shows, or a path to a TOML file",
+    )
+    settings: dict[str, str] = Field(
+        default_factory=dict,
+        description="how the unit was ordered or set up, e.g. { gyro_output = 'incremental_angle' }: of the "
+        "settings that `gyrobench frames check` shows",
+    )
+    interface: str | None = Field(
+        default=None,
+        min_length=1,
+        description="a python-can interface, e.g. 'socketcan' or 'gyrobench_slcan'",
+    )
+    channel: Port | None = Field(
+        default=None, description="the CAN channel, e.g. 'can0', or the slcan adapter's port"
+    )
+    bitrate: int = Field(
+        default=500_000, ge=10_000, le=1_000_000, description="the CAN bit rate, a whole number of bit/s"
+    )
+    layout: str | dict[str, Any] | None = Field(
+        default=None,
+        description="a shipped CAN layout's name, or a mapping file's path from the bench file's folder",
+    )
+    source_address: int | None = Field(
+        default=None, ge=0, le=253, description="the J1939 address of the unit, 0 to 253; left out: any"
+    )
+    rate_hz: float = Field(
+        default=100.0, gt=0, le=20_000, allow_inf_nan=False, description="the sample rate in Hz"
+    )
+    case_sensor: int | None = Field(
+        default=None, ge=1, description="the number of the chamber's auxiliary sensor on the unit's case"
+    )
+
+    reads: ClassVar[frozenset[str]] = frozenset()
+    """Which of `description`, `settings` and `layout` the driver reads; given to another, they are a mistake."""
+    only_on_can: ClassVar[bool] = False
+    """Whether the driver has no serial port."""
+
+    @property
+    def on_can(self) -> bool:
+        """Whether the unit is on a CAN bus rather than a serial port."""
+        return self.port is None
+
+    @property
+    def technology(self) -> Literal["fog", "rlg", "mems"]:
+        """What kind of gyro it is, as far as the driver can tell; an emulated unit has such a one's physics."""
+        return "fog"
+
+    @classmethod
+    def mistakes(cls, given: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Yield keys that say what a unit sends where the driver knows it by itself."""
+        driver = f"driver {given.get('driver')!r}"
+        if given.get("description") is not None and "description" not in cls.reads:
+            yield Mistake("description", "a frame description", "driver = 'frames' with it, or none")
+        if given.get("settings") and "settings" not in cls.reads:
+            yield Mistake("settings", driver, "settings only of a described gyro")
+        if given.get("layout") is not None and "layout" not in cls.reads:
+            yield Mistake("layout", driver, "a layout only with driver 'can_dbc'")
+
+
+class PlatformConfig(UnderTestConfig):
+    """`[[platform]]`: a platform INS under test, on a serial port."""
+
+    port: Port = Field(description=_PORT_TEXT)
+    baudrate: Baudrate = Field(default=38_400, description=_BAUDRATE_TEXT)
+    period_s: int = Field(
+        default=60, ge=1, le=60, description="seconds from sample to sample, whole, 1 to 60"
+    )
+    longitude_deg: float = Field(
+        default=0.0,
+        ge=-180,
+        lt=180,
+        allow_inf_nan=False,
+        description="the longitude that the platform is given, in degrees, east positive",
+    )
