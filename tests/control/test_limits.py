@@ -169,7 +169,7 @@ def test_the_air_may_not_change_faster_than_the_ramp_by_a_fifth():
 )
 def test_half_a_degree_beyond_either_stop_is_allowed_and_no_more(low, width, outside_deg, turns, above):
     """By the distance from the middle of the arc, which has no side and no turn."""
-    axis = AxisSection(name="tilt", number=1, direction="up", min_angle_deg=low, max_angle_deg=low + width)
+    axis = AxisConfig(name="tilt", number=1, direction="up", min_angle_deg=low, max_angle_deg=low + width)
     angle_deg = (low + width + outside_deg if above else low - outside_deg) + 360.0 * turns
     beyond_deg = abs(math.remainder(angle_deg - low - 0.5 * width, 360.0)) - 0.5 * width
     assume(abs(beyond_deg - 0.5) > 1e-6)
