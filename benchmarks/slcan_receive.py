@@ -25,9 +25,10 @@ from numpy.typing import ArrayLike
 
 from benchmarks._measure import Pair, Row, in_turns, speed_row, usual
 from drivers.base.clock import WallClock
+from drivers.can_dbc import CanDecoder
 from drivers.kit.link import Link
 from drivers.kit.slcan_codec import FRAME_DTYPE, SlcanParser, encode_frames
-from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, SbgDecoder, ellipse_layout
+from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, ellipse_layout
 from drivers.slcan import BufferedSlcanBus
 
 _FEW, _MANY, _SAMPLES = 4_000, 400_000, 20_000
@@ -157,7 +158,7 @@ def sbg_lines(count: int) -> bytes:
 
 def samples_of_ours(text: bytes) -> int:
     """Decode slcan text to columns; return how many samples."""
-    decoder = SbgDecoder(100.0)
+    decoder = CanDecoder(ellipse_layout(), 100.0)
     return sum(len(decoder.feed(text[at : at + 65536])) for at in range(0, len(text), 65536))
 
 

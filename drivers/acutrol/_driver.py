@@ -107,11 +107,6 @@ class AcutrolTable:
                 self.link.clock.sleep(SERVO_PAUSE_S)
         self._closed_by_us = True
 
-    def servo_off(self) -> None:
-        """Open the interlock: the controller shuts the axes down in an orderly fashion."""
-        self._closed_by_us = False
-        self._exchanges.command(":interlock:open", self._all)
-
     def home(self, axis: str = "") -> None:
         """Demand position 0: the encoders are absolute, and `:Mode:Home` is marked as future in the manual."""
         self.point(0.0, axis)

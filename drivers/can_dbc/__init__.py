@@ -1,6 +1,6 @@
 """Gyros on CAN described by a DBC file and a mapping: layouts, batch decoder, driver."""
 
-from drivers.can_dbc._dbc import MAX_FILE_BYTES, compile_message, load_database, load_message
+from drivers.can_dbc._dbc import MAX_FILE_BYTES, compile_message, find_message, load_database
 from drivers.can_dbc._decode import CanDecoder
 from drivers.can_dbc._driver import CanGyro, identifier_names
 from drivers.can_dbc._kind import CanConfig, CanDbc, CanDbcConfig, can_kind, layout_of, resolve_layout
@@ -30,6 +30,7 @@ __all__ = [
     "ValidRule",
     "can_kind",
     "compile_message",
+    "find_message",
     "identifier_names",
     "layout_from_mapping",
     "layout_from_plain",
@@ -37,7 +38,6 @@ __all__ = [
     "layout_to_plain",
     "load_database",
     "load_layout",
-    "load_message",
     "resolve_layout",
     "shipped_layouts",
 ]

@@ -108,11 +108,6 @@ def _by_name(found: list[dict[str, Any]]) -> Mapping[str, Message]:
     }
 
 
-def load_message(path: Path, name: str) -> MessageLayout:
-    """Return the layout of message `name` of a DBC file; raises ConfigurationError, see `compile_message`."""
-    return compile_message(find_message(path, name))
-
-
 def find_message(path: Path, name: str) -> Message:
     """Return message `name` of a DBC file; raises ConfigurationError without it."""
     messages = load_database(path)

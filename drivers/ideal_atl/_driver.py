@@ -72,10 +72,6 @@ class AtlTable:
         self._command("STO")
         self._command("SRV1")
 
-    def servo_off(self) -> None:
-        """Open the servo loop."""
-        self._command("SRV0")
-
     def home(self, axis: str = "") -> None:
         """Look for the home position."""
         self._come_to_rest(axis)

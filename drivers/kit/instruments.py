@@ -143,10 +143,6 @@ class Turntable(Instrument, Protocol):
         """Reset and close the interlock of every axis."""
         ...
 
-    def servo_off(self) -> None:
-        """Open the interlock of every axis."""
-        ...
-
     def home(self, axis: str = "") -> None:
         """Demand the reference position from which angles count, looked for where the device has to."""
         ...

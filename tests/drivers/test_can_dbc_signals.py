@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import drivers.can_dbc._dbc
 from drivers.base.errors import ConfigurationError
-from drivers.can_dbc import MAX_FILE_BYTES, compile_message, load_database, load_message
+from drivers.can_dbc import MAX_FILE_BYTES, compile_message, find_message, load_database
 
 HEAD = 'VERSION ""\nBU_: A\n'
 
@@ -253,7 +253,7 @@ def test_multiplexers_that_depend_on_each_other_are_refused(tmp_path: Path) -> N
     values = "SG_MUL_VAL_ 5 A B 0-0;\nSG_MUL_VAL_ 5 B A 0-0;\n"
     path.write_text(HEAD + "BO_ 5 M: 8 A\n" + signals + values, encoding="utf-8")
     with pytest.raises(ConfigurationError, match="multiplexer"):
-        load_message(path, "M")
+        compile_message(find_message(path, "M"))
 
 
 def test_a_file_of_any_size_is_read_only_so_far(tmp_path: Path) -> None:
@@ -269,14 +269,14 @@ def test_utf8_and_windows_files_give_the_same_unit(tmp_path: Path) -> None:
     for encoding in ("utf-8", "cp1252"):
         path = tmp_path / f"{encoding}.dbc"
         path.write_bytes(text.encode(encoding))
-        assert load_message(path, "M").signals["S"].unit == "°/s"
+        assert compile_message(find_message(path, "M")).signals["S"].unit == "°/s"
 
 
 def test_messages_of_can_fd_are_refused_when_asked_for(tmp_path: Path) -> None:
     path = tmp_path / "fd.dbc"
     path.write_text(HEAD + 'BO_ 5 M: 64 A\n SG_ S : 0|16@1- (1,0) [0|0] "" A\n', encoding="utf-8")
     with pytest.raises(ConfigurationError, match="64 bytes"):
-        load_message(path, "M")
+        compile_message(find_message(path, "M"))
     with pytest.raises(ConfigurationError, match="no message MM") as caught:
-        load_message(path, "MM")
+        find_message(path, "MM")
     assert "did you mean" in caught.value.expected

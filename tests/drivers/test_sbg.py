@@ -19,19 +19,20 @@ from hypothesis import strategies as st
 from bench.record.recording import GyroSource, PortJournal, decode_stream
 from drivers.base.clock import WallClock
 from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
-from drivers.can_dbc import CanConfig
+from drivers.can_dbc import CanConfig, CanDecoder, CanGyro, MessageLayout, compile_message, find_message
 from drivers.kit.kinds import Connection
-from drivers.sbg import (
-    ALL_GOOD,
-    ELLIPSE_DBC,
-    SbgDecoder,
-    SbgEllipse,
-    SbgGyro,
-    compile_message,
-    load_message,
-)
+from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, SbgEllipse, ellipse_layout
 from drivers.slcan import BufferedSlcanBus
 from tests.ptys import read_exactly
+
+
+def sbg_decoder(rate_hz: float, axes: str = "xyz", dbc: Path = ELLIPSE_DBC) -> CanDecoder:
+    return CanDecoder(ellipse_layout(dbc), rate_hz, axes)
+
+
+def sbg_message(name: str) -> MessageLayout:
+    return compile_message(find_message(ELLIPSE_DBC, name))
+
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 VENDOR_DBC = DATA / "dbc" / "sbg_ellipse.dbc"
@@ -136,21 +137,21 @@ def test_our_layout_is_the_makers() -> None:
             )
             assert (signal.scale, signal.offset) == (other.scale, other.offset)
         assert len(wanted) == len(ours.signals)
-    decoder = SbgDecoder(100.0, dbc=VENDOR_DBC)
+    decoder = sbg_decoder(100.0, dbc=VENDOR_DBC)
     assert len(decoder.feed(info(1) + GYRO)) == 1
 
 
 def test_quantising_rounds_halves_away_from_zero_and_saturates() -> None:
-    temperature = load_message(ELLIPSE_DBC, "SBG_ECAN_MSG_IMU_INFO").signals["TEMPERATURE"]
-    rate = load_message(ELLIPSE_DBC, "SBG_ECAN_MSG_IMU_GYRO").signals["GYRO_X"]
+    temperature = sbg_message("SBG_ECAN_MSG_IMU_INFO").signals["TEMPERATURE"]
+    rate = sbg_message("SBG_ECAN_MSG_IMU_GYRO").signals["GYRO_X"]
     assert rate.quantise([0.0004, 0.0006, -0.0006, 40.0, -40.0]).tolist() == [0, 1, -1, 32767, -32768]
     assert temperature.quantise([0.125, 0.375, -0.125, 1e9]).tolist() == [13, 38, -13, 32767]
-    time = load_message(ELLIPSE_DBC, "SBG_ECAN_MSG_IMU_INFO").signals["TIME_STAMP"]
+    time = sbg_message("SBG_ECAN_MSG_IMU_INFO").signals["TIME_STAMP"]
     assert time.quantise([-1.0, 2.0**40]).tolist() == [0, 2**32 - 1]
 
 
 def test_bytes_of_the_makers_example() -> None:
-    decoder = SbgDecoder(200.0)
+    decoder = sbg_decoder(200.0)
     batch = decoder.feed(info(4_294_967_295, 0x0123, -1234) + GYRO)
     assert {name: column.dtype.name for name, column in batch.columns.items()} == {
         "counter": "int64",
@@ -186,7 +187,7 @@ def test_bytes_of_the_makers_example() -> None:
     ],
 )
 def test_valid_by_status_bits(axes: str, cleared: int, valid: bool) -> None:
-    batch = SbgDecoder(100.0, axes).feed(info(0, ALL_GOOD & ~(1 << cleared)) + GYRO + info(1) + GYRO)
+    batch = sbg_decoder(100.0, axes).feed(info(0, ALL_GOOD & ~(1 << cleared)) + GYRO + info(1) + GYRO)
     assert batch.columns["valid"].tolist() == [valid, True]
     assert [name for name in batch.columns if name.startswith("rate")] == [
         f"rate_{axis}_dps" for axis in axes
@@ -215,7 +216,7 @@ def test_valid_by_status_bits(axes: str, cleared: int, valid: bool) -> None:
 )
 def test_pairing(stream: bytes, counters: list[int], rejected: dict[str, int]) -> None:
     for size in (len(stream), 7, 1):
-        decoder = SbgDecoder(100.0)
+        decoder = sbg_decoder(100.0)
         batches = [decoder.feed(stream[at : at + size]) for at in range(0, len(stream), size)]
         assert [int(c) for batch in batches for c in batch.columns["counter"]] == counters
         assert decoder.counts.rejected == rejected
@@ -236,7 +237,7 @@ def test_no_valid_row_of_a_record_with_lost_frames_was_never_sent(tmp_path: Path
             port.received(line, 1.0 + 0.01 * (at // 2 + 1))
     port.flush(sync=False)
     source = GyroSource(
-        "imu", lambda: SbgDecoder(100.0), lambda columns, _: {"x": columns["rate_x_dps"]}, "x"
+        "imu", lambda: sbg_decoder(100.0), lambda columns, _: {"x": columns["rate_x_dps"]}, "x"
     )
     report = decode_stream(tmp_path, source)
     table = pq.read_table(tmp_path / "gyro_imu.parquet")
@@ -265,8 +266,8 @@ def test_any_chunking_and_damage_gives_the_same_rows(
     for at, flip in damage:
         stream[at % len(stream)] ^= flip
         hit |= {at % len(stream) // 40 + step for step in (-1, 0, 1)}
-    whole = SbgDecoder(100.0).feed(bytes(stream))
-    decoder = SbgDecoder(100.0)
+    whole = sbg_decoder(100.0).feed(bytes(stream))
+    decoder = sbg_decoder(100.0)
     edges = [0, *sorted(cut % len(stream) for cut in cuts), len(stream)]
     parts = [decoder.feed(bytes(stream[a:b])) for a, b in itertools.pairwise(edges)]
     for name, column in whole.columns.items():
@@ -283,22 +284,22 @@ def test_any_chunking_and_damage_gives_the_same_rows(
 @pytest.mark.parametrize(("rate_hz", "axes"), [(0.0, "xyz"), (float("nan"), "x"), (100.0, ""), (100.0, "xx")])
 def test_impossible_settings_are_refused(rate_hz: float, axes: str) -> None:
     with pytest.raises(ConfigurationError):
-        SbgDecoder(rate_hz, axes)
+        sbg_decoder(rate_hz, axes)
 
 
 def test_unusable_dbc_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="cannot be read"):
-        SbgDecoder(100.0, dbc=tmp_path / "missing.dbc")
+        sbg_decoder(100.0, dbc=tmp_path / "missing.dbc")
     (tmp_path / "rubbish.dbc").write_text("not a DBC file")
     with pytest.raises(ConfigurationError, match="cannot be read"):
-        SbgDecoder(100.0, dbc=tmp_path / "rubbish.dbc")
+        sbg_decoder(100.0, dbc=tmp_path / "rubbish.dbc")
     (tmp_path / "other.dbc").write_text(
         'VERSION ""\nBU_: A\nBO_ 1 M: 64 A\n SG_ S : 0|64@1+ (1,0) [0|0] "" A\n'
     )
     with pytest.raises(ConfigurationError, match="no message SBG_ECAN_MSG"):
-        SbgDecoder(100.0, dbc=tmp_path / "other.dbc")
+        sbg_decoder(100.0, dbc=tmp_path / "other.dbc")
     with pytest.raises(ConfigurationError, match="not supported"):
-        load_message(tmp_path / "other.dbc", "M")
+        compile_message(find_message(tmp_path / "other.dbc", "M"))
 
 
 class StillClock(WallClock):
@@ -343,16 +344,16 @@ def terminal() -> Iterator[Terminal]:
 
 
 @pytest.fixture
-def unit(terminal: Terminal) -> Iterator[SbgGyro]:
+def unit(terminal: Terminal) -> Iterator[CanGyro]:
     clock = StillClock()
     bus = BufferedSlcanBus(terminal.path, clock=clock, name="gyro")
-    yield SbgGyro(bus, bus.link, rate_hz=100.0)
+    yield CanGyro(bus, bus.link, ellipse_layout(), rate_hz=100.0)
     bus.shutdown()
     clock.close()
 
 
 @pytest.mark.concurrent
-def test_identify_hears_the_unit(unit: SbgGyro) -> None:
+def test_identify_hears_the_unit(unit: CanGyro) -> None:
     unit.link.deliver(b"\r\r6FFE803\r" + info(1) + GYRO, 0.0)
     identity = unit.identify()
     assert (identity.maker, identity.model) == ("SBG Systems", "Ellipse")
@@ -360,7 +361,7 @@ def test_identify_hears_the_unit(unit: SbgGyro) -> None:
 
 
 @pytest.mark.concurrent
-def test_identify_names_what_it_hears_instead(unit: SbgGyro) -> None:
+def test_identify_names_what_it_hears_instead(unit: CanGyro) -> None:
     unit.link.deliver(b"t0051AA\rT18F009000\r" + info(1), 0.0)
     with pytest.raises(WrongDevice, match="identifiers 0x005, 0x120, 0x18F00900") as caught:
         unit.identify()
@@ -369,7 +370,7 @@ def test_identify_names_what_it_hears_instead(unit: SbgGyro) -> None:
 
 
 @pytest.mark.concurrent
-def test_identify_of_a_silent_bus(unit: SbgGyro) -> None:
+def test_identify_of_a_silent_bus(unit: CanGyro) -> None:
     with pytest.raises(DeviceSilent, match="nothing"):
         unit.identify()
     unit.link.deliver(b"\x07\r", 5.0)
@@ -378,7 +379,7 @@ def test_identify_of_a_silent_bus(unit: SbgGyro) -> None:
 
 
 @pytest.mark.concurrent
-def test_start_hands_the_link_to_the_stream(unit: SbgGyro) -> None:
+def test_start_hands_the_link_to_the_stream(unit: CanGyro) -> None:
     unit.link.deliver(info(1) + GYRO, 0.0)
     unit.start()
     unit.link.deliver(info(2) + GYRO, 0.0)

@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base.errors import ConfigurationError
-from drivers.sbg import SbgDecoder
-from simulators.emulators.sbg import SbgEmulator
+from drivers.can_dbc import CanDecoder
+from drivers.sbg import ellipse_layout
+from simulators.emulators.can_dbc import CanEmulator
 from simulators.emulators.slcan import SlcanAdapter
 from simulators.interfaces import GyroSignal
 
@@ -39,8 +40,8 @@ class Plant:
         return GyroSignal(self.axes, rates * period_s, 20.0 + end_s)
 
 
-def opened(plant: Plant, **options: float) -> SbgEmulator:
-    emulator = SbgEmulator(plant, **{"rate_hz": 100.0, **options})
+def opened(plant: Plant, **options: float) -> CanEmulator:
+    emulator = CanEmulator(plant, ellipse_layout(), **{"rate_hz": 100.0, **options})
     emulator.receive(OPEN, 0.0)
     return emulator
 
@@ -113,7 +114,7 @@ def test_times_follow_the_units_clock(ppm: float) -> None:
     assert np.diff(block.marks[:, 1], prepend=0).max() <= 1e9
     assert block.marks[-1, 0] == len(block.data)
     assert block.marks[-1, 1] <= 100.0e9 < block.marks[-1, 1] + period_s * 1e9
-    batch = SbgDecoder(100.0).feed(block.data)
+    batch = CanDecoder(ellipse_layout(), 100.0).feed(block.data)
     np.testing.assert_array_equal(batch.columns["counter"], 10_000 * np.arange(1, len(batch) + 1))
     np.testing.assert_allclose(
         np.radians(batch.columns["rate_x_dps"]), np.sin(period_s * np.arange(1, len(batch) + 1)), atol=0.00051
@@ -159,7 +160,7 @@ def test_call_chunking_changes_nothing(cuts: list[float], rate_hz: float, ppm: f
 
 def test_nothing_passes_until_opened_and_a_closing_channel_hands_on_the_rest() -> None:
     plant = Plant()
-    emulator = SbgEmulator(plant, rate_hz=100.0)
+    emulator = CanEmulator(plant, ellipse_layout(), rate_hz=100.0)
     assert emulator.stream(1.0) is None
     assert plant.asked == []
     answers = emulator.receive(OPEN, 5.005)
@@ -182,14 +183,14 @@ def test_nothing_passes_until_opened_and_a_closing_channel_hands_on_the_rest() -
 
 
 def test_wrong_bit_rate_is_a_silent_bus() -> None:
-    emulator = SbgEmulator(Plant(), rate_hz=100.0)
+    emulator = CanEmulator(Plant(), ellipse_layout(), rate_hz=100.0)
     assert [answer.data for answer in emulator.receive(b"S5\rO\r", 0.0)] == [b"\r", b"\r"]
     assert emulator.stream(1.0) is None
 
 
 def test_a_rate_that_does_not_fit_the_bus_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="2427 Hz"):
-        SbgEmulator(Plant(), rate_hz=2500.0)
+        CanEmulator(Plant(), ellipse_layout(), rate_hz=2500.0)
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,6 @@ from bench.analysis.calibration._search import (
     SearchResult,
     exhaustive,
     merit_of,
-    random_schedules,
     search,
 )
 from bench.analysis.calibration._segments import (
@@ -124,7 +123,6 @@ __all__ = [
     "poorly_seen",
     "possible",
     "posterior_sigma",
-    "random_schedules",
     "require_closed",
     "require_possible",
     "schedule_segments",

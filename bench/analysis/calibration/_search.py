@@ -155,20 +155,6 @@ def exhaustive(task: Task, turns: int, pattern: Schedule, table: Table = "by-han
     )
 
 
-def random_schedules(task: Task, turns: int, pattern: Schedule, count: int, seed: int = 0) -> Array:
-    """Return worst and rms ratio, shape (count, 2), of uniformly random schedules from the pattern's home."""
-    graph = build_graph(task, "by-hand", pattern)
-    weight = (task.prior_sigma[PARAMETERS] / task.target_sigma) ** 2
-    at = int(np.argmin([np.abs(each - pattern.home).max() for each in graph.attitudes]))
-    node = np.full(count, at)
-    stretch = graph.rests[node]
-    for move in np.random.default_rng(seed).integers(0, 6, (turns, count)):
-        stretch = compose(stretch, graph.segments[node, move])
-        node = graph.edges[node, move]
-    ratio = scaled_variances(stretch.information) * weight
-    return np.stack([np.sqrt(ratio.max(axis=1)), np.sqrt(ratio.mean(axis=1))], axis=1)
-
-
 def _diverse(paths: Sequence[Path], count: int) -> list[Path]:
     """Return the best path of each home in turn, until there are `count`."""
     by_home: dict[int, list[Path]] = {}

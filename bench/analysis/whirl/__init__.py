@@ -25,7 +25,6 @@ from bench.analysis.whirl._integral import (
     fit_integral,
     match_coefficients,
     nominal_angle,
-    solve_harmonic,
 )
 from bench.analysis.whirl._kinematics import (
     body_tilt,
@@ -100,7 +99,6 @@ __all__ = [
     "rotation_vector",
     "scan_lines",
     "slack",
-    "solve_harmonic",
     "study_whirl",
     "tilt_spectrum",
     "uncompensated",

@@ -115,19 +115,6 @@ def match_coefficients(fit: FourierFit) -> Array:
     return np.stack([np.linalg.pinv(harmonic_matrix(n)) @ _rates(fit, n) for n in range(1, fit.order + 1)])
 
 
-def solve_harmonic(fit: FourierFit, harmonic: int) -> Array:
-    """Return the four unknowns of one harmonic; NotObservable for the first, which has no unique solution."""
-    if harmonic == 1:
-        raise NotObservable(
-            "the first harmonic has no unique solution",
-            where="coefficient matching",
-            found="four equations of rank 2",
-            expected="a gauge for the free part",
-            remedy="use match_coefficients and name the gauge",
-        )
-    return np.asarray(np.linalg.solve(harmonic_matrix(harmonic), _rates(fit, harmonic)))
-
-
 def body_lines(coefficients_arcsec: Array) -> tuple[tuple[float, ...], Complex]:
     """Return the lines m = n + 1 and their amplitudes (l,) of coefficients as `match_coefficients` gives
     them.

@@ -29,14 +29,17 @@ from bench.analysis.calibration import (
     parse_moves,
     possible,
     posterior_sigma,
-    random_schedules,
     require_possible,
     schedule_segments,
     scheme_file,
     scheme_names,
     search,
 )
+from bench.analysis.calibration._conventions import PARAMETERS
+from bench.analysis.calibration._graph import build_graph
+from bench.analysis.calibration._segments import compose, scaled_variances
 from bench.present.cli import _scheme as commands
+from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 TASK = Task()
@@ -222,6 +225,20 @@ def test_exhaustive_search_up_to_five_turns() -> None:
 def test_a_vertical_outer_axis_leaves_an_accelerometer_at_its_prior() -> None:
     found = search(TASK, "two-axis-vertical", 8, Schedule("", (), np.eye(3)), effort=Effort(4, 10, 1))
     assert found.merit.worst == pytest.approx(20.0, rel=1e-3)
+
+
+def random_schedules(task: Task, turns: int, pattern: Schedule, count: int, seed: int = 0) -> Array:
+    """Return worst and rms ratio, shape (count, 2), of uniformly random schedules from the pattern's home."""
+    graph = build_graph(task, "by-hand", pattern)
+    weight = (task.prior_sigma[PARAMETERS] / task.target_sigma) ** 2
+    at = int(np.argmin([np.abs(each - pattern.home).max() for each in graph.attitudes]))
+    node = np.full(count, at)
+    stretch = graph.rests[node]
+    for move in np.random.default_rng(seed).integers(0, 6, (turns, count)):
+        stretch = compose(stretch, graph.segments[node, move])
+        node = graph.edges[node, move]
+    ratio = scaled_variances(stretch.information) * weight
+    return np.stack([np.sqrt(ratio.max(axis=1)), np.sqrt(ratio.mean(axis=1))], axis=1)
 
 
 def test_search_result_closes_runs_on_its_table_and_is_worth_what_it_says() -> None:

@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from bench.analysis.whirl import (
     FourierFit,
-    NotObservable,
     TurnRecord,
     WhirlCompensation,
     body_lines,
@@ -22,7 +21,6 @@ from bench.analysis.whirl import (
     patent_order,
     rotation,
     rotation_vector,
-    solve_harmonic,
     whirl_rate,
 )
 
@@ -120,7 +118,6 @@ def test_closed_forms_are_recovered_up_to_the_free_part(truth: np.ndarray) -> No
     fit = series(truth)
     found = match_coefficients(fit)
     assert np.allclose(found[1], truth[1], atol=1e-10)
-    assert np.allclose(solve_harmonic(fit, 2), truth[1], atol=1e-10)
     d, s = truth[0, 3] - truth[0, 0], truth[0, 1] + truth[0, 2]
     assert np.allclose(found[0], [-d / 2, s / 2, s / 2, d / 2], atol=1e-10)
     assert abs(fit.consistency_arcsec) < 1e-10
@@ -141,11 +138,6 @@ def test_closed_forms_are_recovered_up_to_the_free_part(truth: np.ndarray) -> No
     assert lines == (2.0, -1.0, 3.0) if 0.0 in lines else set(lines) == {2.0, -1.0, 3.0}
     direct = sum(a * np.exp(1j * m * psi) for m, a in zip(lines, amplitudes, strict=True))
     assert np.abs(direct - body(found)).max() < 1e-9
-
-
-def test_first_harmonic_has_no_unique_solution() -> None:
-    with pytest.raises(NotObservable, match="rank 2"):
-        solve_harmonic(series(np.ones((2, 4))), 1)
 
 
 def test_constant_body_rate_breaks_consistency_as_stated() -> None:
