@@ -32,7 +32,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.analysis.gap import Model, Noise, model_text, nominal_model
+from bench.analysis.gap import Model, Noise, model_text
+from bench.analysis.gap._exam import nominal_model
 from bench.campaign import CampaignFolder
 from bench.control.procedure import find_procedure
 from bench.control.questions import StageHand

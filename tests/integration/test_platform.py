@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.gap import is_platform_run, load_gap_runs, load_platform_run
+from bench.analysis.gap._position import is_platform_run, load_platform_run
+from bench.analysis.gap._run_folder import load_gap_runs
 from bench.analysis.heading import load_log, site_of_run, stays
 from bench.control.procedure import find_procedure
 from bench.control.questions import AssumeYes
@@ -139,9 +140,9 @@ def test_a_procedure_for_what_the_bench_has_not_is_refused(
 
 def test_a_gap_diagnosis_takes_a_platform_s_run_for_what_it_is(heading_run):
     assert is_platform_run(heading_run)
-    _, unit, log, _ = load_platform_run(heading_run)
-    assert unit == "PINS-001"
-    assert len(log.time_s) > 100
+    loaded = load_platform_run(heading_run)
+    assert loaded.unit_id == "PINS-001"
+    assert len(loaded.log.time_s) > 100
     model = Path(__file__).parents[2] / "examples" / "nominal" / "heading_change.toml"
     with pytest.raises(RecordError, match="at least three are needed"):
         gap_diagnose_command([heading_run], model, [], None, False)

@@ -22,7 +22,7 @@ from bench.analysis.calibration import (
     load_scheme,
     plan_turns,
 )
-from bench.analysis.gap import load_gap_runs
+from bench.analysis.gap._run_folder import load_gap_runs
 from bench.present.cli._app import app
 from bench.present.cli._calibration import calibrate_command
 from bench.record.recording import Run

@@ -153,7 +153,7 @@ def test_its_effects_are_found_by_a_diagnosis(installed):
 from dataclasses import replace
 from pathlib import Path
 import numpy as np
-from bench.analysis.gap import diagnose, diagnose_channels, parse_model, read_model, with_channels
+from bench.analysis.gap import closed_model, diagnose, parse_model, read_model
 from tests.analysis.gap.channel_lab import recorded
 from tests.analysis.gap.conftest import made_run, stimulus
 rng = np.random.default_rng(4)
@@ -163,12 +163,11 @@ model = parse_model("format = 1\\n[noise]\\narw_deg_per_sqrt_h = 0.004\\n", "her
 found = diagnose([made_run(name, s, rng, hidden) for name in "ab"], model)
 print(*(cause.name for cause in found.causes))
 nominal = read_model(Path("examples/nominal/fog_cold_shock.toml"))
-fitted = with_channels(nominal, diagnose_channels(recorded(1), nominal))
+fitted = closed_model(diagnose(recorded(1), nominal))
 series = [each for each in recorded(2) if each.channel == "gyro_temperature"]
 (own,) = series
 series = [replace(own, values=own.values + 1.5 * ((own.values - 25.0) / 50.0) ** 2)]
-found = [each for each in diagnose_channels(series, fitted) if not each.reason]
-print(*(cause.effect.name for each in found for cause in each.causes))
+print(*(cause.name for cause in diagnose(series, fitted).causes))
 """
     root = PACKAGE.parents[2]
     environment = {**os.environ, "PYTHONPATH": f"{installed}{os.pathsep}{root}"}

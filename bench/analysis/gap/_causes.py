@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from bench.analysis.gap._evidence import SetPosterior
+from bench.analysis.gap._findings import Cause, rivals_of
 from bench.analysis.gap._fit import Solution
 from bench.analysis.gap._generic import PREFIX, absorbed
 from bench.analysis.gap._model_file import Model, Term
-from bench.analysis.gap._prepare import Prepared
 from bench.analysis.gap._unknown import CREDIBLE, credibility
-from bench.analysis.gap._which import Judged, set_weights
-from drivers.base.arrays import Array
+from bench.analysis.gap._which import Found, Judged, set_weights
 from simulators.effects import Variant
 
-AMBIGUOUS = 0.02
 _MIMICRY = 0.05
 """Probability that what looks like an effect only resembles it: 26 of 388 sure claims of the exams before."""
 _SURE = 0.8
@@ -27,54 +25,34 @@ Where a free curve stands for the unknown it is that of the cause or of what may
 """
 
 
-@dataclass(frozen=True)
-class Cause:
-    """An effect that explains (part of) the gap, fitted; `alternatives` maps rivals to their probability.
-
-    `rivals` are the alternatives fitted in its place.
-    """
-
-    name: str
-    probability: float
-    term: Term
-    alternatives: Mapping[str, float]
-    credibility: float
-    meaning: str
-    rivals: Mapping[str, Term]
-
-
 def causes_of(
-    best: Judged,
-    judged: Sequence[Judged],
-    posterior: SetPosterior,
-    variants: Sequence[Variant],
-    data: Prepared,
-    variance: Array,
-    model: Model,
-) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    found: Found, variants: Sequence[Variant], model: Model
+) -> tuple[tuple[Cause[Term], ...], tuple[Cause[Term], ...]]:
+    """Return the best set's effects as causes, and those that only resemble a part of something unknown."""
+    best, judged, posterior = found.best, found.judged, found.posterior
     weights = set_weights(judged)
     q = len(model.sigmas)
     unknown = sum(both[1] for both in weights.values())
     curves = [
         variants[each].effect for each in best.members if posterior.candidates[each].effect.startswith(PREFIX)
     ]
-    named: list[Cause] = []
-    doubtful: list[Cause] = []
+    named: list[Cause[Term]] = []
+    doubtful: list[Cause[Term]] = []
     for member in sorted(best.members):
         candidate = posterior.candidates[member]
         if candidate.effect.startswith(PREFIX):
             continue
         own = [column + q for column in candidate.columns]
         alternatives = _rivals(candidate.effect, best.names, weights)
-        trust = credibility(data.cells, variance, best.solution, own, best.rest)
+        trust = credibility(found.data.cells, found.variance, best.solution, own, best.rest)
         cause = Cause(
             candidate.effect,
+            variants[member].effect.meaning,
             sum(sum(both) for names, both in weights.items() if candidate.effect in names),
             _fitted(member, best.solution, posterior, variants, q),
             alternatives,
-            trust,
-            variants[member].effect.meaning,
             _fitted_rivals(candidate.effect, alternatives, best, judged, posterior, variants, q),
+            trust,
         )
         # a curve in the set competes for the effect's place; what nothing in the set describes does not
         place = cause.probability
@@ -128,13 +106,11 @@ def _fitted_rivals(
 def _rivals(
     name: str, names: frozenset[str], weights: Mapping[frozenset[str], tuple[float, float]]
 ) -> dict[str, float]:
-    """Return what could stand in an effect's place, the others kept, with probability among those places."""
+    """Return what could stand in an effect's place, the most probable first; free curves do not count."""
     others = names - {name}
-    places_ = {
-        next(iter(each - others)): sum(both)
+    known = {
+        each: sum(both)
         for each, both in weights.items()
-        if others <= each and len(each) == len(names) and not next(iter(each - others)).startswith(PREFIX)
+        if not any(own.startswith(PREFIX) for own in each - others)
     }
-    total = sum(places_.values())
-    rivals = {rival: value / total for rival, value in places_.items() if rival != name}
-    return {rival: value for rival, value in sorted(rivals.items(), key=lambda x: -x[1]) if value > AMBIGUOUS}
+    return dict(sorted(rivals_of(name, names, known).items(), key=lambda each: -each[1]))

@@ -13,30 +13,14 @@ from scipy.stats import f as fisher
 
 from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._channel_floor import ChannelFloor
+from bench.analysis.gap._findings import SIGNIFICANT, Place
 from bench.analysis.gap._fit import MISFIT
-from bench.analysis.gap._where import SIGNIFICANT, holm
+from bench.analysis.gap._where import holm
 from drivers.base.arrays import Array
 from simulators.effects import CHANNEL_UNITS
 
 _BANDS_S = (0.0, 8.0, 32.0, 128.0, 512.0, 2048.0, math.inf)
 _LEAK = 0.1
-
-
-@dataclass(frozen=True)
-class ChannelPlace:
-    """One phase and time scale of a channel: size above the floor in the channel's unit, and its significance.
-
-    `p_value` allows for all cells of all channels (Holm), `share` is of the gap in significant cells. The phase
-    begins at `start_s`.
-    """
-
-    phase: str
-    band: str
-    rms: float
-    share: float
-    energy_ratio: float
-    p_value: float
-    start_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +80,8 @@ def tolerance(cells: ChannelCells, left: Array, accuracy: float) -> Array:
     return np.asarray(np.sqrt(1.0 + (allowed[cells.cell] + accuracy**2) / cells.floor))
 
 
-def channel_places(cells: ChannelCells, left: Array) -> list[ChannelPlace]:
-    """Return phases by time scales, largest gap first."""
+def channel_places(cells: ChannelCells, left: Array) -> list[Place]:
+    """Return phases by time scales, largest gap first; `p_value` allows for the cells of all channels."""
     energy, count = cells.sums(left**2), cells.sums(np.ones(len(left)))
     power = cells.sums(cells.floor) / count
     raw = fisher.sf(energy / count, count, cells.trust)
@@ -116,7 +100,8 @@ def channel_places(cells: ChannelCells, left: Array) -> list[ChannelPlace]:
             start_s = float(each.inputs.time_s[piece.start])
             begins[phase] = min(begins.get(phase, start_s), start_s)
     found = [
-        ChannelPlace(
+        Place(
+            "",
             phase,
             band_name(band),
             math.sqrt(float(excess[k] * power[k]) / samples[phase]),
@@ -145,9 +130,9 @@ def band_name(band: int) -> str:
     return f"{low:g}..{high:g} s" if high < 600.0 else f"{low / 60:.0f}..{high / 60:.0f} min"
 
 
-def gap_rms(cells: ChannelCells, left: Array, places: Sequence[ChannelPlace]) -> float:
+def gap_rms(cells: ChannelCells, left: Array, places: Sequence[Place]) -> float:
     """Return the rms above the floor over all samples, in the channel's unit; 0 where nothing is significant."""
-    clear = {(place.phase, place.band) for place in places if place.p_value < SIGNIFICANT}
+    clear = {(place.part, place.band) for place in places if place.clear}
     on = np.array([(phase, band_name(band)) in clear for phase, band in cells.names])[cells.cell]
     squares = float(((left**2 - 1.0) * cells.floor)[on].sum())
     return math.sqrt(max(squares, 0.0) / len(left))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
@@ -13,22 +12,11 @@ from bench.analysis.gap._channel_cells import band_name, channel_cells, channel_
 from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._channel_fit import ChannelFit, channel_rests
 from bench.analysis.gap._channel_floor import ChannelFloor
-from bench.analysis.gap._where import SIGNIFICANT
+from bench.analysis.gap._findings import Shrinkage
 from drivers.base.arrays import Array
 from simulators.effects import ChannelEffect
 
 _TWO_SIDED = 1.96
-
-
-@dataclass(frozen=True)
-class ChannelShrinkage:
-    """Part of the reducible gap that is gone on held-out runs, its 95 % interval, and sizes above the floor."""
-
-    share: float
-    low: float
-    high: float
-    rms_before: float
-    rms_after: float
 
 
 def judge_channel(
@@ -38,7 +26,7 @@ def judge_channel(
     floor: ChannelFloor,
     nominal: ChannelFit,
     best: ChannelFit,
-) -> ChannelShrinkage:
+) -> Shrinkage:
     """Judge the fitted values on runs that took no part; energy in squares of the channel's unit.
 
     The interval has the noise, and what a formula's misfit and a run's own parameters do: by how much the share
@@ -46,11 +34,11 @@ def judge_channel(
     """
     cells = channel_cells(held_out, floor)
     places = channel_places(cells, cells.whitened(channel_rests(cells.series, effects, nominal.values)))
-    clear = {(place.phase, place.band) for place in places if place.p_value < SIGNIFICANT}
+    clear = {(place.part, place.band) for place in places if place.clear}
     runs = [_energies(each, effects, floor, nominal, best, clear) for each in (*held_out, *diagnosed)]
     before, after, variance = np.sum(runs[: len(held_out)], axis=0).tolist()
     if before <= 0.0:
-        return ChannelShrinkage(math.nan, math.nan, math.nan, 0.0, 0.0)
+        return Shrinkage(math.nan, math.nan, math.nan, 0.0, 0.0)
     shares = [1.0 - max(own[1], 0.0) / own[0] for own in runs if own[0] > 0.0]
     noise = _TWO_SIDED * math.sqrt(variance) / before
     if len(shares) > 1:
@@ -59,9 +47,9 @@ def judge_channel(
     # what is left cannot be less than the floor: by as much as it seems so, the floor is not known
     noise = math.hypot(noise, _TWO_SIDED * max(-after, 0.0) / before)
     count = sum(piece.stop - piece.start for each in held_out for _, piece in each.pieces())
-    sizes = [math.sqrt(max(each, 0.0) / count) for each in (before, after)]
+    rms_before, rms_after = (math.sqrt(max(each, 0.0) / count) for each in (before, after))
     share = 1.0 - max(after, 0.0) / before
-    return ChannelShrinkage(share, share - noise, min(share + noise, 1.0), *sizes)
+    return Shrinkage(share, share - noise, min(share + noise, 1.0), rms_before, rms_after)
 
 
 def _energies(

@@ -1,15 +1,15 @@
-"""Diagnosis of the channels beside the gyro's rate: where, which, how far; each against its own floor."""
+"""The channels beside the gyro's rate: each against its own model and its own floor, in its own unit."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.analysis.gap._channel_cells import (
-    ChannelPlace,
+    ChannelCells,
     channel_cells,
     channel_places,
     gap_rms,
@@ -23,48 +23,17 @@ from bench.analysis.gap._channel_fit import (
     log_evidence,
     search_effects,
 )
-from bench.analysis.gap._channel_floor import channel_floor
-from bench.analysis.gap._channel_shrinkage import ChannelShrinkage, judge_channel
+from bench.analysis.gap._channel_floor import ChannelFloor, channel_floor
+from bench.analysis.gap._channel_shrinkage import judge_channel
+from bench.analysis.gap._findings import Cause, Finding, Place, rivals_of
 from bench.analysis.gap._model_file import ChannelTerm, Model
-from bench.analysis.gap._where import SIGNIFICANT
+from bench.analysis.gap._signal import Signal
 from drivers.base.arrays import Array
-from drivers.base.errors import ConfigurationError
 from simulators.effects import CHANNEL_UNITS, Channel, ChannelEffect, NoiseEffect, catalogue
 
 _EXPLAINED = 0.75
 """Part of a gap's energy from which it counts as explained."""
-_ALTERNATIVE = 0.02
 _LATE_FRACTION = 1e-4
-
-
-@dataclass(frozen=True)
-class ChannelCause:
-    """An effect of a channel that explains (part of) its gap: nominal and fitted values, 1 sigma.
-
-    `alternatives` maps effects that could stand in its place to their probability.
-    """
-
-    effect: ChannelEffect
-    nominal: tuple[float, ...]
-    values: tuple[float, ...]
-    sigmas: tuple[float, ...]
-    probability: float
-    alternatives: Mapping[str, float]
-
-    @property
-    def sentence(self) -> str:
-        """What the effect does, its values beside the nominal ones, and what could stand in its place."""
-        values = ", ".join(
-            f"{parameter.name} = {value:.4g} ± {sigma:.2g} (nominal {nominal:.4g})"
-            for parameter, value, sigma, nominal in zip(
-                self.effect.parameters, self.values, self.sigmas, self.nominal, strict=True
-            )
-        )
-        rivals = ", ".join(
-            f"{name.replace('_', ' ')} {100 * value:.0f} %" for name, value in self.alternatives.items()
-        )
-        told = f" In its place could stand {rivals}: they do the same in these runs." if rivals else ""
-        return f"{self.effect.meaning} {values}.{told}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,120 +46,135 @@ class ChannelCurve:
     after: Array
 
 
-@dataclass(frozen=True, eq=False)
-class ChannelDiagnosis:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ChannelFinding(Finding[ChannelTerm]):
     """What was found in one channel; `terms` are the model's of this channel, fitted again, with the causes.
 
     `explained` is the part of the gap's energy that they take away on the runs diagnosed. `reason` says why there
-    is no diagnosis, empty if there is one. `left` are the places that remain. `stochastic` maps noise effects of
-    the channel that stand out to their size.
+    is no diagnosis, empty if there is one. `stochastic` has the noise effects of the channel with their size.
     """
+
+    rms: float = math.nan
+    floor_rms: float = math.nan
+    floor_source: str = ""
+    explained: float = math.nan
+    curves: tuple[ChannelCurve, ...] = ()
+    reason: str = ""
+
+    def told(self, cause: Cause[ChannelTerm]) -> str:
+        """Return in words what a cause does, its values beside nominal ones, what could stand in its place."""
+        term = cause.term
+        rows = zip(term.effect.parameters, term.values, term.sigmas, cause.nominal, strict=True)
+        values = ", ".join(
+            f"{parameter.name} = {value:.4g} ± {sigma:.2g} (nominal {nominal:.4g})"
+            for parameter, value, sigma, nominal in rows
+        )
+        rivals = ", ".join(f"{n.replace('_', ' ')} {100 * p:.0f} %" for n, p in cause.alternatives.items())
+        told = f" In its place could stand {rivals}: they do the same in these runs." if rivals else ""
+        return f"{cause.meaning} {values}.{told}"
+
+    def scatter(self, name: str) -> str:
+        """Return in words what a stochastic effect of the channel does, and its size."""
+        effect = catalogue()[name]
+        assert isinstance(effect, NoiseEffect)
+        return f"{name}: {effect.meaning} {effect.parameter.name} = {self.stochastic[name]:.3g}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Ready:
+    """A channel's runs in cells over its floor, with the fit of the model's own parameters."""
+
+    cells: ChannelCells
+    floor: ChannelFloor
+    effects: Sequence[ChannelEffect]
+    terms: Sequence[ChannelTerm]
+    accuracy: float
+    weight: Array
+    nominal: ChannelFit
+    places: Sequence[Place]
+    rms: float
+
+
+_Sets = tuple[list[ChannelFit], ChannelFit]
+
+
+@dataclass(frozen=True)
+class ChannelSignal(Signal[ChannelSeries, _Ready, _Sets, ChannelFinding]):
+    """Recorded less simulated from what acted on the channel; the model's own parameters are nuisance."""
 
     channel: Channel
-    unit: str
-    verdict: str
-    rms: float
-    floor_rms: float
-    floor_source: str
-    places: tuple[ChannelPlace, ...]
-    causes: tuple[ChannelCause, ...]
-    explained: float
-    left: tuple[ChannelPlace, ...]
-    terms: tuple[ChannelTerm, ...]
-    held_out: ChannelShrinkage | None
-    curves: tuple[ChannelCurve, ...]
-    reason: str = ""
-    stochastic: Mapping[str, float] = field(default_factory=dict)
 
+    def refused(self, runs: Sequence[ChannelSeries], model: Model) -> str:
+        """Return why there is nothing to diagnose in runs and model, empty if there is."""
+        if not runs:
+            return "not in these runs"
+        terms = {term.name for term in model.channel_terms}
+        lacking = sorted(each.name for each in self._effects() if each.needed and each.name not in terms)
+        return f"the model has no {', '.join(lacking)}: nothing to compare with" if lacking else ""
 
-def diagnose_channels(
-    series: Sequence[ChannelSeries],
-    model: Model,
-    held_out: Sequence[ChannelSeries] = (),
-    missing: Mapping[str, str] | None = None,
-) -> list[ChannelDiagnosis]:
-    """Return a diagnosis for every channel, in the order of the signal's way; `missing` says what runs lack.
+    def not_seen(self, reason: str) -> ChannelFinding:
+        """Return the finding of a channel without a diagnosis."""
+        unit = CHANNEL_UNITS[self.channel]
+        return ChannelFinding(signal=self.channel, unit=unit, verdict="not seen", reason=reason)
 
-    A channel that `held_out` runs have is judged on them. ConfigurationError if one of them is among the others.
-    """
-    both = {each.run_id for each in series} & {each.run_id for each in held_out}
-    both |= {each.run_id for each in held_out} & set(model.fitted_on)
-    if both:
-        raise ConfigurationError(
-            "a run that the model was fitted on cannot judge it",
-            found=", ".join(sorted(both)),
-            expected="held-out runs",
+    def prepare(self, runs: Sequence[ChannelSeries], model: Model) -> _Ready:
+        effects = self._effects()
+        terms = [term for term in model.channel_terms if term.effect.channel == self.channel]
+        accuracy = model.accuracy.get(self.channel, 0.0)
+        floor = channel_floor(runs)
+        cells = channel_cells(runs, floor)
+        start = fit_effects(cells, effects, terms, frozenset(), np.ones(len(cells.cell)), None)
+        weight = tolerance(cells, start.left, accuracy)
+        nominal = fit_effects(cells, effects, terms, frozenset(), weight, start.values)
+        places = channel_places(cells, nominal.left)
+        rms = gap_rms(cells, nominal.left, places)
+        return _Ready(cells, floor, effects, terms, accuracy, weight, nominal, places, rms)
+
+    def which(self, data: _Ready) -> _Sets:
+        """Return the fits of all sets, and the best; of the empty set alone where there is no gap."""
+        if data.rms <= data.accuracy or not any(place.clear for place in data.places):
+            return [data.nominal], data.nominal
+        return search_effects(data.cells, data.effects, data.terms, data.weight, data.nominal, data.accuracy)
+
+    def finding(self, data: _Ready, sets: _Sets) -> ChannelFinding:
+        (fits, best), cells = sets, data.cells
+        causes = _causes(fits, best, data.effects, data.nominal)
+        excess = [float(((fit.left**2 - 1.0) * cells.floor).sum()) for fit in (data.nominal, best)]
+        explained = 1.0 - max(excess[1], 0.0) / excess[0] if causes else 0.0
+        own = {term.name: term for term in data.terms}
+        return ChannelFinding(
+            signal=self.channel,
+            unit=CHANNEL_UNITS[self.channel],
+            verdict=_verdict(data, causes, explained),
+            causes=causes,
+            places=tuple(data.places),
+            left=tuple(channel_places(cells, best.left)),
+            stochastic=_scatter(cells.series, data.accuracy),
+            terms=tuple(
+                _term(effect, best, own.get(effect.name))
+                for effect in data.effects
+                if effect.name in own or effect.name in best.names
+            ),
+            rms=data.rms,
+            floor_rms=float(np.sqrt(cells.floor.mean())),
+            floor_source=data.floor.source,
+            explained=explained,
+            curves=tuple(_curves(cells.series, data.effects, data.nominal, best)),
         )
-    effects = [each for each in catalogue().values() if isinstance(each, ChannelEffect)]
-    result = []
-    for channel in CHANNEL_UNITS:
-        own = [each for each in series if each.channel == channel and each.pieces()]
-        known = [each for each in effects if each.channel == channel]
-        terms = [term for term in model.channel_terms if term.effect.channel == channel]
-        lacking = sorted({each.name for each in known if each.needed} - {term.name for term in terms})
-        if not own:
-            result.append(_not_seen(channel, (missing or {}).get(channel, "not in these runs")))
-        elif lacking:
-            reason = f"the model has no {', '.join(lacking)}: nothing to compare with"
-            result.append(_not_seen(channel, reason))
-        else:
-            kept = [each for each in held_out if each.channel == channel and each.pieces()]
-            result.append(_diagnosed(channel, own, kept, known, terms, model.accuracy.get(channel, 0.0)))
-    return result
 
+    def judged(
+        self, finding: ChannelFinding, data: _Ready, sets: _Sets, held_out: Sequence[ChannelSeries]
+    ) -> ChannelFinding:
+        best = sets[1]
+        curves = tuple(_curves(held_out, data.effects, data.nominal, best))
+        if not finding.causes:
+            return replace(finding, curves=curves)
+        own = judge_channel(held_out, data.cells.series, data.effects, data.floor, data.nominal, best)
+        return replace(finding, held_out=(own,), curves=curves)
 
-def _not_seen(channel: Channel, reason: str) -> ChannelDiagnosis:
-    nan = math.nan
-    unit = CHANNEL_UNITS[channel]
-    return ChannelDiagnosis(channel, unit, "not seen", nan, nan, "", (), (), nan, (), (), None, (), reason)
-
-
-def _diagnosed(
-    channel: Channel,
-    series: Sequence[ChannelSeries],
-    held_out: Sequence[ChannelSeries],
-    effects: Sequence[ChannelEffect],
-    terms: Sequence[ChannelTerm],
-    accuracy: float,
-) -> ChannelDiagnosis:
-    floor = channel_floor(series)
-    cells = channel_cells(series, floor)
-    start = fit_effects(cells, effects, terms, frozenset(), np.ones(len(cells.cell)), None)
-    weight = tolerance(cells, start.left, accuracy)
-    nominal = fit_effects(cells, effects, terms, frozenset(), weight, start.values)
-    places = channel_places(cells, nominal.left)
-    rms = gap_rms(cells, nominal.left, places)
-    best = nominal
-    causes: tuple[ChannelCause, ...] = ()
-    if rms > accuracy and any(place.p_value < SIGNIFICANT for place in places):
-        fits, best = search_effects(cells, effects, terms, weight, nominal, accuracy)
-        causes = _causes(fits, best, effects, nominal)
-    excess = [float(((fit.left**2 - 1.0) * cells.floor).sum()) for fit in (nominal, best)]
-    explained = 1.0 - max(excess[1], 0.0) / excess[0] if causes else 0.0
-    left = channel_places(cells, best.left)
-    fitted = tuple(
-        ChannelTerm(effect, best.values[effect.name], _positive(best.sigmas.get(effect.name), term))
-        for effect in effects
-        for term in [next((each for each in terms if each.name == effect.name), None)]
-        if term is not None or effect.name in best.names
-    )
-    judged = judge_channel(held_out, series, effects, floor, nominal, best) if held_out and causes else None
-    return ChannelDiagnosis(
-        channel,
-        CHANNEL_UNITS[channel],
-        _verdict(rms, accuracy, places, causes, explained),
-        rms,
-        float(np.sqrt(cells.floor.mean())),
-        floor.source,
-        tuple(places),
-        causes,
-        explained,
-        tuple(left),
-        fitted,
-        judged,
-        tuple(_curves(held_out or series, effects, nominal, best)),
-        stochastic=_scatter(series, accuracy),
-    )
+    def _effects(self) -> list[ChannelEffect]:
+        every = (each for each in catalogue().values() if isinstance(each, ChannelEffect))
+        return [each for each in every if each.channel == self.channel]
 
 
 def _scatter(series: Sequence[ChannelSeries], accuracy: float) -> dict[str, float]:
@@ -203,28 +187,15 @@ def _scatter(series: Sequence[ChannelSeries], accuracy: float) -> dict[str, floa
     return {name: value for name, value in worst.items() if value > least[name]}
 
 
-def scatter_sentence(name: str, size: float) -> str:
-    """Return in words what a stochastic effect of a channel does, and its size."""
-    effect = catalogue()[name]
-    assert isinstance(effect, NoiseEffect)
-    return f"{name}: {effect.meaning} {effect.parameter.name} = {size:.3g}"
+def _term(effect: ChannelEffect, best: ChannelFit, before: ChannelTerm | None) -> ChannelTerm:
+    given = best.sigmas.get(effect.name) or (before.sigmas if before is not None else ())
+    return ChannelTerm(effect, best.values[effect.name], tuple(max(float(each), 1e-12) for each in given))
 
 
-def _positive(sigmas: tuple[float, ...] | None, term: ChannelTerm | None) -> tuple[float, ...]:
-    given = sigmas or (term.sigmas if term is not None else ())
-    return tuple(max(float(each), 1e-12) for each in given)
-
-
-def _verdict(
-    rms: float,
-    accuracy: float,
-    places: Sequence[ChannelPlace],
-    causes: Sequence[ChannelCause],
-    explained: float,
-) -> str:
-    if not any(place.p_value < SIGNIFICANT for place in places):
+def _verdict(data: _Ready, causes: Sequence[Cause[ChannelTerm]], explained: float) -> str:
+    if not any(place.clear for place in data.places):
         return "no gap"
-    if rms <= accuracy:
+    if data.rms <= data.accuracy:
         return "within the model's accuracy"
     if not causes:
         return "unknown"
@@ -233,31 +204,22 @@ def _verdict(
 
 def _causes(
     fits: Sequence[ChannelFit], best: ChannelFit, effects: Sequence[ChannelEffect], nominal: ChannelFit
-) -> tuple[ChannelCause, ...]:
+) -> tuple[Cause[ChannelTerm], ...]:
     top = max(log_evidence(fit) for fit in fits)
     weights = {fit.names: math.exp(max(log_evidence(fit) - top, -700.0)) for fit in fits}
     total = sum(weights.values())
-    result = []
-    for name in sorted(best.names):
-        effect = next(each for each in effects if each.name == name)
-        places = {
-            next(iter(names - (best.names - {name}))): value
-            for names, value in weights.items()
-            if len(names) == len(best.names) and best.names - {name} <= names
-        }
-        whole = sum(places.values())
-        rivals = {key: value / whole for key, value in places.items() if key != name}
-        result.append(
-            ChannelCause(
-                effect,
-                nominal.values.get(name, effect.neutral),
-                best.values[name],
-                best.sigmas[name],
-                sum(value for names, value in weights.items() if name in names) / total,
-                {key: value for key, value in rivals.items() if value > _ALTERNATIVE},
-            )
+    known = {effect.name: effect for effect in effects}
+    return tuple(
+        Cause(
+            name,
+            known[name].meaning,
+            sum(value for names, value in weights.items() if name in names) / total,
+            ChannelTerm(known[name], best.values[name], best.sigmas[name]),
+            rivals_of(name, best.names, weights),
+            nominal=nominal.values.get(name, known[name].neutral),
         )
-    return tuple(result)
+        for name in sorted(best.names)
+    )
 
 
 def _curves(
@@ -269,10 +231,3 @@ def _curves(
         at = np.unique(np.linspace(0, len(before) - 1, 500).astype(np.int64))
         result.append(ChannelCurve(each.run_id, each.inputs.time_s[at], before[at], after[at]))
     return result
-
-
-def with_channels(model: Model, found: Sequence[ChannelDiagnosis]) -> Model:
-    """Return the model with the channels' terms as fitted, causes included."""
-    fitted = {term.name: term for each in found for term in each.terms}
-    kept = [fitted.pop(term.name, term) for term in model.channel_terms]
-    return replace(model, channel_terms=(*kept, *fitted.values()))

@@ -4,29 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from bench.analysis.gap._cells import (
-    BANDS,
-    Cell,
-    band_slices,
-    group_cells,
-    rescaled,
-)
+from bench.analysis.gap._cells import BANDS, Cell, band_slices, group_cells, rescaled
 from bench.analysis.gap._data import GapRun, check_runs, group_runs
-from bench.analysis.gap._diagnose import Diagnosis
 from bench.analysis.gap._disturbed import without_disturbances
+from bench.analysis.gap._findings import SIGNIFICANT, Shrinkage, refuse_judges
 from bench.analysis.gap._fit import Floor, counts
 from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._noise import spectrum
 from bench.analysis.gap._stack import stacked, transformed
-from bench.analysis.gap._where import SIGNIFICANT, holm, in_time
+from bench.analysis.gap._where import holm, in_time
 from drivers.base.arrays import Array
-from drivers.base.errors import ConfigurationError
 
 _CHANGED = 1.0
 """Standard deviations of a cell's noise energy by which two models must differ for it to count."""
@@ -34,60 +26,6 @@ _TWO_SIDED = 1.96
 _DIFFERENCE = (np.array([1.0, -1.0]), np.array([1.0, -1.0]))
 _LEAST_OF_GAP = 0.02
 """Part of the whole gap from which a phase has a share of its own."""
-
-
-@dataclass(frozen=True)
-class Shrinkage:
-    """Part of the reducible gap that is gone on held-out runs, with its 95 % interval; sizes before and after.
-
-    `rms_*_dph` are what is left above the floor. `by_profile`, `by_runs` (common, odd in rate, ...) and
-    `by_phase` ("profile: phase") hold the same share for their part of the data (NaN where it had no gap).
-    `cells` counts the cells with a gap, `active` says which; with none the share is NaN.
-    """
-
-    share: float
-    low: float
-    high: float
-    rms_before_dph: float
-    rms_after_dph: float
-    by_profile: dict[str, float]
-    by_runs: dict[str, float]
-    by_phase: dict[str, float]
-    cells: int
-    active: tuple[bool, ...]
-
-    @property
-    def caution(self) -> str:
-        """What must be said when the model, fitted to some runs, does not hold on others; empty when it does."""
-        if not self.cells or self.low > 0.5:
-            return ""
-        if self.high <= 0.0:
-            return (
-                "the held-out runs come no nearer with what was found: it belongs to the diagnosed runs alone; "
-                "do not close the model with it"
-            )
-        return (
-            "half of the gap or more may stay on held-out runs: what was found changes from run to run, "
-            "or more is missing"
-        )
-
-
-def closed_model(diagnosis: Diagnosis, *, resembling: bool = False) -> Model:
-    """Return the nominal model with the causes in it, fitted, and the runs that they were fitted on.
-
-    `resembling` adds the effects that fit a part of what is called unknown: they shrink the gap without being its
-    cause.
-    """
-    causes = diagnosis.causes + (diagnosis.resembles if resembling else ())
-    found = diagnosis.disturbed.terms
-    name = "+".join([diagnosis.model.name, *(cause.name for cause in causes), *(each.name for each in found)])
-    return replace(
-        diagnosis.model,
-        name=name,
-        terms=diagnosis.model.terms + tuple(cause.term for cause in causes),
-        fitted_on=dict(diagnosis.run_checksums),
-        disturbances=diagnosis.model.disturbances + found,
-    )
 
 
 def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor) -> Shrinkage:
@@ -98,13 +36,7 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
     for the fit.
     """
     check_runs(runs)
-    used = [run.run_id for run in runs if run.run_id in after.fitted_on]
-    if used:
-        raise ConfigurationError(
-            "a run that the model was fitted on cannot judge it",
-            found=", ".join(used),
-            expected="held-out runs",
-        )
+    refuse_judges((run.run_id for run in runs), set(after.fitted_on))
     runs = without_disturbances(runs, before).runs
     cells = rescaled(judged_cells(before, after, runs), floor.ratio)
     number = counts(cells)
@@ -128,10 +60,10 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
         high,
         _rms(cells, first, active),
         _rms(cells, then, active),
+        "",
         _shares_by([cell.profile for cell in cells], active, first, then, number),
         _shares_by([cell.parity for cell in cells], active, first, then, number),
         _shares_by_phase(before, after, runs, floor, cells, active),
-        int(active.sum()),
         tuple(active.tolist()),
     )
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.gap._findings import refuse_several_units
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects import REFERENCE_C, Stimulus
@@ -40,14 +41,7 @@ def check_runs(runs: Sequence[GapRun]) -> None:
     """Raise ConfigurationError for runs that one diagnosis cannot take together."""
     if not runs:
         raise ConfigurationError("no runs to diagnose", expected="at least one run")
-    units = sorted({run.unit_id for run in runs})
-    if len(units) > 1:
-        raise ConfigurationError(
-            "runs of different units under one model",
-            found=", ".join(units),
-            expected="runs of one unit",
-            remedy="diagnose each unit by itself; coefficients differ between units",
-        )
+    refuse_several_units(run.unit_id for run in runs)
     for run in runs:
         _check_run(run)
     for group in group_runs(runs):

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.analysis.gap._findings import SIGNIFICANT, Place
 from bench.analysis.gap._generic import PREFIX
 from bench.analysis.gap._lines import SpectralLine
 from bench.analysis.gap._model_file import Term
-from bench.analysis.gap._where import SIGNIFICANT, Place, RegimePlace
+from bench.analysis.gap._where import RegimePlace
 from simulators.effects import REFERENCE_C, Variant
 
 
@@ -76,12 +77,12 @@ def line_part(line: SpectralLine) -> UnknownPart:
 
 def remaining_part(left: Sequence[Place], regimes: Sequence[RegimePlace]) -> UnknownPart | None:
     """Describe what fits no curve: the cell and the regime where most is left; None if nothing stands out."""
-    cells = [place for place in left if place.p_value < SIGNIFICANT]
+    cells = [place for place in left if place.clear]
     if not cells:
         return None
     most = cells[0]
     where = [place for place in regimes if place.p_value < SIGNIFICANT]
-    sentence = f"It shows in {most.profile} ({most.parity}) at {most.band}, {most.rms_dph:.3g} deg/h rms"
+    sentence = f"It shows in {most.profile} ({most.part}) at {most.band}, {most.rms:.3g} deg/h rms"
     if not where:
         return UnknownPart("none of the inputs", sentence + ".")
     best = max(where, key=lambda place: place.rms_dph)

@@ -1,220 +1,134 @@
-"""The diagnosis: runs and a nominal model in, where, which and what is left out."""
+"""The diagnosis of all signals of one unit's runs, and the nominal model with its causes in it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
-import numpy as np
+from bench.analysis.gap._channel_data import ChannelSeries
+from bench.analysis.gap._channels import ChannelFinding, ChannelSignal
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._findings import Cause, Finding, refuse_judges, refuse_several_units
+from bench.analysis.gap._model_file import ChannelTerm, DisturbanceTerm, Model, Term
+from bench.analysis.gap._position import PositionFinding, PositionRun, PositionSignal
+from bench.analysis.gap._rate import RateFinding, RateSignal
+from simulators.effects import CHANNEL_UNITS
 
-from bench.analysis.gap._align import aligned
-from bench.analysis.gap._candidates import candidate_variants
-from bench.analysis.gap._causes import Cause, causes_of
-from bench.analysis.gap._cells import BANDS, mixing
-from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
-from bench.analysis.gap._describe import UnknownPart, curve_part, line_part, remaining_part
-from bench.analysis.gap._disturbed import Disturbed, without_disturbances
-from bench.analysis.gap._fit import Floor, Solution, nominal_solution
-from bench.analysis.gap._generic import PREFIX
-from bench.analysis.gap._model_file import Model, Term
-from bench.analysis.gap._noise import Noise
-from bench.analysis.gap._prepare import Prepared, prepare
-from bench.analysis.gap._stochastic import NoiseVerdict
-from bench.analysis.gap._where import (
-    SIGNIFICANT,
-    PhasePlace,
-    Place,
-    RegimePlace,
-    phase_map,
-    places,
-    regime_map,
-)
-from bench.analysis.gap._which import Found, judged_sets, left_of_runs, second_look, set_weights
-from drivers.base.arrays import Array
-from simulators.effects import Variant
-
-_DOUBTED = 0.1
-"""Probability of no gap from which on no cause is named, however probable one is beside it."""
-_LONG_S = 3600.0
-_LOST_FRACTION = 1e-4
+Recording = GapRun | ChannelSeries | PositionRun
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Everything the diagnosis found; `model` is the nominal with corrected parameters, without the causes.
+    """What was found in each signal of a unit's runs, and the runs by checksum.
 
-    `causes` are named; `resembles` are catalogue effects that fit part of what is called unknown.
-    `unidentifiable` maps effects that these runs cannot show to the reason. `noise` is the floor;
-    `stochastic` maps the noise effects and disturbances named to their probability, `disturbed` holds the latter.
+    `model` is the nominal one, its parameters for the rate as fitted beside the causes, without the causes.
     """
 
     unit_id: str
     model: Model
-    causes: tuple[Cause, ...]
-    resembles: tuple[Cause, ...]
-    unknown_probability: float
-    null_probability: float
-    set_probabilities: Mapping[frozenset[str], float]
-    stochastic: Mapping[str, float]
-    disturbed: Disturbed
-    noise: NoiseVerdict
-    floor: Floor
-    places: tuple[Place, ...]
-    phases: tuple[PhasePlace, ...]
-    regimes: tuple[RegimePlace, ...]
-    left_places: tuple[Place, ...]
-    unidentifiable: Mapping[str, str]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding[Any], ...]
     run_checksums: Mapping[str, str]
-    unknown_parts: tuple[UnknownPart, ...]
-    constant: bool
 
-    def size_of(self, name: str) -> str:
-        """Return in words the size of a noise effect or a disturbance that is named; empty for lost frames."""
-        return self.disturbed.sentences.get(name) or self.noise.risen(name)
+    @property
+    def rate(self) -> RateFinding:
+        """What was found in the rate; LookupError for runs without one."""
+        for each in self.findings:
+            if isinstance(each, RateFinding):
+                return each
+        raise LookupError("these runs have no rate")
+
+    @property
+    def channels(self) -> tuple[ChannelFinding, ...]:
+        """What was found in the channels beside the rate."""
+        return tuple(each for each in self.findings if isinstance(each, ChannelFinding))
+
+    @property
+    def position(self) -> PositionFinding | None:
+        """What was found in a platform's position, None for runs of a gyro."""
+        return next((each for each in self.findings if isinstance(each, PositionFinding)), None)
 
     @property
     def verdict(self) -> str:
-        """One of "no gap", "explained", "explained in part", "unknown", "nothing to identify"."""
-        named = bool(self.causes or self.stochastic)
-        if self.constant and not named:
-            return "nothing to identify"
-        if self.unknown_probability > 0.5:
-            return "explained in part" if named else "unknown"
-        return "explained" if named else "no gap"
+        """The verdict on the rate or the position; of runs without both that on the first channel."""
+        return self.findings[0].verdict
+
+    @property
+    def causes(self) -> tuple[Cause[Any], ...]:
+        """The causes named in any signal."""
+        return tuple(cause for each in self.findings for cause in each.causes)
+
+    @property
+    def closing(self) -> tuple[str, ...]:
+        """Names of the effects that the closed model has and the nominal one has not."""
+        return tuple(name for each in self.findings for name in each.closing)
 
 
-def diagnose(runs: Sequence[GapRun], model: Model) -> Diagnosis:
-    """Diagnose the gap between runs of one unit and its nominal model."""
-    check_runs(runs)
-    shifted, notes = aligned(runs)
-    disturbed = without_disturbances(shifted, model)
-    runs = disturbed.runs
-    variants = candidate_variants(model, runs)
-    found = judged_sets(prepare(runs, model, variants), model, variants)
-    if found.best.members:
-        variants, again = second_look(found, model, variants)
-        found = judged_sets(again, model, variants, found.hidden)
-    return _reported(found, disturbed, model, variants, notes)
-
-
-def _reported(
-    found: Found, disturbed: Disturbed, model: Model, variants: Sequence[Variant], notes: Sequence[str]
+def diagnose(
+    runs: Sequence[Recording],
+    model: Model,
+    held_out: Sequence[Recording] = (),
+    missing: Mapping[str, str] | None = None,
 ) -> Diagnosis:
-    runs = disturbed.runs
-    data, best, judged, cells = found.data, found.best, found.judged, found.data.cells
-    causes, resembles = causes_of(best, judged, found.posterior, variants, data, found.variance, model)
-    weights = set_weights(judged)
-    unknown = sum(both[1] for both in weights.values())
-    null = weights.get(frozenset(), (0.0, 0.0))[0]
-    if null > _DOUBTED:
-        causes, resembles = (), ()
-    stochastic = _stochastic(data.noise, runs) if unknown < 0.5 else {}
-    stochastic = {**stochastic, **disturbed.probabilities}
-    where = places(cells, found.before, data.floor)
-    active: dict[str, set[int]] = {}
-    for place in where:
-        if place.p_value < SIGNIFICANT:
-            active.setdefault(place.profile, set()).add(BANDS.index(place.band))
-    left_places = places(cells, best.left, data.floor)
-    noise = data.noise.noise
-    nominal = left_of_runs(data, nominal_solution(cells, model.sigmas))
-    return Diagnosis(
-        runs[0].unit_id,
-        _corrected(model, best.solution, data.noise.noise),
-        causes,
-        resembles,
-        unknown,
-        null,
-        {names: both[0] + both[1] for names, both in weights.items() if sum(both) > 1e-4},
-        stochastic,
-        disturbed,
-        data.noise,
-        data.floor,
-        tuple(where),
-        tuple(phase_map(data.groups, _mixed(data.groups, nominal), data.floor, noise)),
-        tuple(regime_map(data.groups, nominal, data.floor, noise, active)),
-        tuple(left_places),
-        found.hidden,
-        (*notes, *_warnings(data)),
-        {run.run_id: run.checksum for run in runs},
-        tuple(_unknown_parts(found, variants, left_places, active)) if unknown > 0.5 else (),
-        _constant(runs),
-    )
+    """Diagnose the gap between recordings of one unit and its nominal model, signal by signal.
 
-
-def _stochastic(verdict: NoiseVerdict, runs: Sequence[GapRun]) -> dict[str, float]:
-    found = {verdict.named: verdict.probabilities[verdict.named]} if verdict.named else {}
-    if max(run.lost_fraction for run in runs) > _LOST_FRACTION:
-        found["lost_frames"] = 1.0
-    return found
-
-
-def _corrected(model: Model, solution: Solution, noise: Noise) -> Model:
-    """Return the model with its parameters re-fitted beside the best set, and with the noise that was found."""
-    terms, at = [], 0
-    deviations = np.sqrt(np.diag(solution.covariance))
-    for term in model.terms:
-        k = len(term.values)
-        values = tuple(float(v + d) for v, d in zip(term.values, solution.values[at : at + k], strict=True))
-        terms.append(Term(term.variant, values, tuple(deviations[at : at + k].tolist())))
-        at += k
-    return Model(model.name, tuple(terms), noise, model.fitted_on, disturbances=model.disturbances)
-
-
-def _mixed(groups: Sequence[Group], residuals: Sequence[Array]) -> list[Array]:
-    """Return the parity runs of each run's whitened coefficients."""
-    return [mixing(group)[2] @ own for group, own in zip(groups, residuals, strict=True)]
-
-
-def _unknown_parts(
-    found: Found, variants: Sequence[Variant], left: Sequence[Place], bands: Mapping[str, set[int]]
-) -> list[UnknownPart]:
-    best, q = found.best, found.best.solution.indices.size
-    parts: list[UnknownPart] = []
-    nominal = q - sum(len(found.posterior.candidates[each].columns) for each in best.members)
-    at = nominal
-    for each in sorted(best.members):
-        k = len(found.posterior.candidates[each].columns)
-        if variants[each].effect.name.startswith(PREFIX):
-            parts.append(curve_part(variants[each], best.solution.values[at : at + k].tolist()))
-        at += k
-    if found.line is not None and best.line:
-        parts.append(line_part(found.line))
-    if not parts:
-        left_over = left_of_runs(found.data, best.solution)
-        regimes = regime_map(found.data.groups, left_over, found.data.floor, found.data.noise.noise, bands)
-        rest = remaining_part(left, regimes)
-        parts += [] if rest is None else [rest]
-    return parts
-
-
-def _constant(runs: Sequence[GapRun]) -> bool:
-    """Return whether neither temperature, nor rate, nor angle, nor attitude changes in or between the runs."""
-    spans = (
-        (2.0, [run.stimulus.warm_k for run in runs]),
-        (0.01, [run.stimulus.table_rate_dps for run in runs]),
-        (0.5, [run.stimulus.elevation_deg for run in runs]),
-        (1.0, [run.stimulus.angle_deg % 360.0 for run in runs]),
-    )
-    return all(np.ptp(np.concatenate(values)) < least for least, values in spans)
-
-
-def _warnings(data: Prepared) -> tuple[str, ...]:
-    notes = []
-    if not data.floor.from_repeats:
-        notes.append("no repeated runs: the noise floor rests on " + data.noise.source)
-    if data.noise.source == "data sheet":
-        notes.append("no repeats and no quiet run: a wrong data sheet would look like a gap")
-    runs = [run for group in data.groups for each in group.runs for run in each]
-    hidden = {text for run in runs if (text := unseen(run.stimulus))}
-    notes += sorted(hidden)
-    if not hidden and all(np.ptp(run.stimulus.warm_k) < 2.0 for run in runs):
-        notes.append("temperature hardly changes in these runs: no effect of temperature can be seen")
-    longest = max(len(each.runs[0][0].stimulus) * each.runs[0][0].stimulus.period_s for each in data.groups)
-    if longest < _LONG_S:
-        notes.append(
-            f"the longest run has {longest:.0f} s: what takes longer than {longest / 2.0:.0f} s (thermal lags, "
-            "relaxation, bias instability) is not told from the run's own bias"
+    What was found is judged on `held_out` recordings of the same signal. `missing` says by channel why the runs
+    lack it. ConfigurationError if a run is to judge that the model was fitted on.
+    """
+    rates = [run for run in runs if isinstance(run, GapRun)]
+    series = [run for run in runs if isinstance(run, ChannelSeries)]
+    positions = [run for run in runs if isinstance(run, PositionRun)]
+    judges = [run.run_id for run in held_out]
+    refuse_judges(judges, {run.run_id for run in runs} | set(model.fitted_on))
+    units = [run.unit_id for run in (*rates, *positions, *held_out) if not isinstance(run, ChannelSeries)]
+    refuse_several_units(units)
+    findings: list[Finding[Any]] = []
+    if rates or not runs:
+        rate = RateSignal().find(rates, model, [run for run in held_out if isinstance(run, GapRun)])
+        model = rate.model
+        findings.append(rate)
+    if positions:
+        platforms = [run for run in held_out if isinstance(run, PositionRun)]
+        findings.append(PositionSignal().find(positions, model, platforms))
+    apart = [run for run in held_out if isinstance(run, ChannelSeries)]
+    for channel in CHANNEL_UNITS if series else ():
+        own, kept = (
+            [run for run in part if run.channel == channel and run.pieces()] for part in (series, apart)
         )
-    return tuple(notes)
+        findings.append(_channel(ChannelSignal(channel), own, model, kept, (missing or {}).get(channel, "")))
+    checksums = {run.run_id: run.checksum for run in (rates or positions or series)}
+    return Diagnosis(next(iter(units), ""), model, tuple(findings), checksums)
+
+
+def _channel(
+    signal: ChannelSignal,
+    series: Sequence[ChannelSeries],
+    model: Model,
+    held_out: Sequence[ChannelSeries],
+    missing: str,
+) -> ChannelFinding:
+    if reason := signal.refused(series, model):
+        return signal.not_seen(reason if series else missing or reason)
+    return signal.find(series, model, held_out)
+
+
+def closed_model(found: Diagnosis, *, resembling: bool = False) -> Model:
+    """Return the nominal model with the causes of all signals in it, and the runs that they were fitted on.
+
+    A channel's own parameters are as fitted, too. `resembling` adds the effects that fit a part of what is called
+    unknown in the rate: they shrink the gap without being its cause.
+    """
+    model, alike = found.model, [cause.term for cause in found.rate.resembles] if resembling else []
+    fitted = [*(term for each in found.findings for term in each.terms), *alike]
+    channels = {term.name: term for term in fitted if isinstance(term, ChannelTerm)}
+    return replace(
+        model,
+        name="+".join([model.name, *found.closing, *(term.name for term in alike)]),
+        terms=(*model.terms, *(term for term in fitted if isinstance(term, Term))),
+        disturbances=(*model.disturbances, *(term for term in fitted if isinstance(term, DisturbanceTerm))),
+        channel_terms=(
+            *(channels.pop(term.name, term) for term in model.channel_terms),
+            *channels.values(),
+        ),
+        fitted_on=dict(found.run_checksums),
+    )

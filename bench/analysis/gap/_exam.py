@@ -11,9 +11,10 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from bench.analysis.gap._cells import BANDS, group_cells
-from bench.analysis.gap._close import Shrinkage, closed_model, judged_cells, shrinkage
+from bench.analysis.gap._close import judged_cells, shrinkage
 from bench.analysis.gap._data import GapRun, group_runs
-from bench.analysis.gap._diagnose import diagnose
+from bench.analysis.gap._diagnose import closed_model, diagnose
+from bench.analysis.gap._findings import Shrinkage
 from bench.analysis.gap._fit import Floor, nominal_energies
 from bench.analysis.gap._model_file import Model, Term, model_text, parse_model
 from bench.analysis.gap._noise import Noise
@@ -193,7 +194,8 @@ def true_region(runs: Sequence[GapRun], model: Model) -> tuple[tuple[str, str, s
 
 def examined(runs: Sequence[GapRun], nominal: str) -> Answer:
     """Diagnose runs with the text of a nominal model; all that the examined process is given."""
-    found = diagnose(runs, parse_model(nominal, "nominal"))
+    diagnosis = diagnose(runs, parse_model(nominal, "nominal"))
+    found = diagnosis.rate
     strongest = found.places[0]
     return Answer(
         found.verdict,
@@ -203,9 +205,9 @@ def examined(runs: Sequence[GapRun], nominal: str) -> Answer:
         tuple(cause.name for cause in found.resembles),
         found.unknown_probability,
         tuple(found.stochastic),
-        (strongest.profile, strongest.parity, strongest.band),
+        (strongest.profile, strongest.part, strongest.band),
         model_text(found.model),
-        model_text(closed_model(found, resembling=True)),
+        model_text(closed_model(diagnosis, resembling=True)),
         found.floor,
     )
 

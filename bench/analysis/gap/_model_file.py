@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,11 @@ class Term:
     def name(self) -> str:
         """The effect's name."""
         return self.variant.effect.name
+
+    @property
+    def effect(self) -> Effect:
+        """The effect, of which the term has one shape."""
+        return self.variant.effect
 
     def fitted(self, coarseness: float, plus_minus: str) -> str:
         """Return name, value and uncertainty of every parameter; in words where the runs do not bound it.
@@ -88,6 +93,11 @@ class DisturbanceTerm:
 
 
 AnyTerm = Term | ChannelTerm | DisturbanceTerm
+
+
+def by_parameter(term: AnyTerm, values: Sequence[float]) -> dict[str, float]:
+    """Return values of a term's parameters by their names."""
+    return dict(zip((parameter.name for parameter in term.effect.parameters), values, strict=True))
 
 
 @dataclass(frozen=True)
@@ -241,11 +251,9 @@ def model_text(model: Model) -> str:
         lines += ["", "[accuracy]", *(f"{name} = {value!r}" for name, value in model.accuracy.items())]
     terms: tuple[AnyTerm, ...] = (*model.terms, *model.disturbances, *model.channel_terms)
     for term in terms:
-        effect = term.variant.effect if isinstance(term, Term) else term.effect
         lines += ["", "[[effect]]", f"name = {json.dumps(term.name)}"]
-        names = [parameter.name for parameter in effect.parameters]
-        lines.append(_inline("parameters", dict(zip(names, term.values, strict=True))))
-        lines.append(_inline("sigma", dict(zip(names, term.sigmas, strict=True))))
+        lines.append(_inline("parameters", by_parameter(term, term.values)))
+        lines.append(_inline("sigma", by_parameter(term, term.sigmas)))
         if isinstance(term, Term) and term.variant.shape:
             lines.append(_inline("shape", term.variant.shape))
     if model.fitted_on:

@@ -11,6 +11,9 @@ import numpy as np
 
 from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._diagnose import Recording
+from bench.analysis.gap._position import PositionRun
+from bench.analysis.heading import PlatformLog, stays, without_start
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects import CHANNEL_UNITS
@@ -46,7 +49,40 @@ class LogCurve:
     floor_dph: Array
 
 
-def channel_log_gaps(
+@dataclass(frozen=True, eq=False)
+class LogGaps:
+    """The gaps of a run's log in each signal: the rate's by phase, a position's by heading, all of them first.
+
+    `curves` are of the rate, one for every stretch.
+    """
+
+    rate: tuple[LogGap, ...] = ()
+    channels: tuple[LogGap, ...] = ()
+    headings: tuple[LogGap, ...] = ()
+    curves: tuple[LogCurve, ...] = ()
+
+
+def log_gaps(
+    run: Sequence[Recording],
+    nominal: Sequence[Recording],
+    closed: Sequence[Recording],
+    again: Sequence[Recording],
+) -> LogGaps:
+    """Return the gap between a run and rehearsals of it in every signal that all of them have.
+
+    `again` is rehearsed with the closed model and another seed. ConfigurationError if the rehearsals went through
+    other phases.
+    """
+    logs = (run, nominal, closed, again)
+    rates = [[each for each in log if isinstance(each, GapRun)] for log in logs]
+    gaps, curves = _rate_log_gaps(*rates) if rates[0] else ([], [])
+    series = [[each for each in log if isinstance(each, ChannelSeries)] for log in logs]
+    positions = [each.log for log in logs for each in log if isinstance(each, PositionRun)]
+    headings = _heading_log_gaps(*positions) if positions else []
+    return LogGaps(tuple(gaps), tuple(_channel_log_gaps(*series)), tuple(headings), tuple(curves))
+
+
+def _channel_log_gaps(
     run: Sequence[ChannelSeries],
     nominal: Sequence[ChannelSeries],
     closed: Sequence[ChannelSeries],
@@ -75,7 +111,7 @@ def channel_log_gaps(
         real, first, then, other = values[:, ~np.isnan(values).any(axis=0)]
         if len(real):
             apart = np.stack((real - first, real - then, then - other))
-            gaps.append(log_gap(channel, unit, np.nanmean(apart**2, axis=1)))
+            gaps.append(_log_gap(channel, unit, np.nanmean(apart**2, axis=1)))
     return gaps
 
 
@@ -95,14 +131,13 @@ def _phase_means(series: ChannelSeries) -> dict[str, Array]:
     return result
 
 
-def log_gaps(
+def _rate_log_gaps(
     run: Sequence[GapRun], nominal: Sequence[GapRun], closed: Sequence[GapRun], again: Sequence[GapRun]
 ) -> tuple[list[LogGap], list[LogCurve]]:
     """Return the gaps of 100 s means by phase, all of them first, and the curves of every stretch.
 
-    `again` is rehearsed with the closed model and another seed. Phases are laid on each other at their begins,
-    since a wait for equilibrium takes its own time in every run; each stretch's mean is taken out.
-    ConfigurationError if the rehearsals went through other phases.
+    Phases are laid on each other at their begins, since a wait for equilibrium takes its own time in every run;
+    each stretch's mean is taken out.
     """
     curves, names = [], []
     for stretches in zip(run, nominal, closed, again, strict=False):
@@ -137,7 +172,38 @@ def log_gaps(
         ]
     )
     by_part = {"all": values} | {name: values[:, phase == name] for name in dict.fromkeys(phase.tolist())}
-    return [log_gap(name, "deg/h", np.nanmean(part**2, axis=1)) for name, part in by_part.items()], curves
+    return [_log_gap(name, "deg/h", np.nanmean(part**2, axis=1)) for name, part in by_part.items()], curves
+
+
+def _heading_log_gaps(
+    run: PlatformLog, nominal: PlatformLog, closed: PlatformLog, again: PlatformLog
+) -> list[LogGap]:
+    """Return the gaps of all stays after the first, all of them first.
+
+    Each log's start is taken out of it: what its own first stay foretells. RecordError as `without_start`.
+    """
+    first, *rest = stays(run)
+    origin_s = run.time_s[first.start]
+    real = _position(run)
+    others = []
+    for log in (nominal, closed, again):
+        own = _position(log)
+        time_s = log.time_s - log.time_s[stays(log)[0].start] + origin_s
+        known = ~np.isnan(own).any(axis=0)
+        others.append(np.stack([np.interp(run.time_s, time_s[known], row[known]) for row in own]))
+    apart = np.stack((real - others[0], real - others[1], others[1] - others[2]))
+    parts = [slice(stay.start, stay.stop) for stay in rest]
+    rows = [("all", np.concatenate([apart[:, :, part] for part in parts], axis=2))]
+    rows += [
+        (f"{stay.heading_deg:.0f} deg", apart[:, :, part]) for stay, part in zip(rest, parts, strict=True)
+    ]
+    return [_log_gap(name, "arcsec", np.nanmean((values**2).sum(axis=1), axis=1)) for name, values in rows]
+
+
+def _position(log: PlatformLog) -> Array:
+    """Return north and east error in arcsec less what the first stay foretells, (2, n)."""
+    left = without_start("run", log, stays(log)[0], np.zeros((len(log.time_s), 3)))
+    return np.stack((left.north_as, left.east_as))
 
 
 def _blocks(run: GapRun) -> list[tuple[str, slice]]:
@@ -154,7 +220,7 @@ def _means(values: Array) -> Array:
     return np.asarray(np.nanmean(rows, axis=1)) if len(rows) else np.zeros(0)
 
 
-def log_gap(part: str, unit: str, mean_squares: Array) -> LogGap:
+def _log_gap(part: str, unit: str, mean_squares: Array) -> LogGap:
     """Return the gap of mean squares: run less nominal, run less closed, closed less closed again; shape (3,)."""
     nominal, closed, floor = mean_squares.tolist()
     reducible = nominal - floor

@@ -149,7 +149,7 @@ def wilson(right: int, of: int, z: float = 1.96) -> tuple[float, float]:
     return max(0.0, (centre - half) / below), min(1.0, (centre + half) / below)
 
 
-def table(marked: Sequence[Marked]) -> list[Line]:
+def score_table(marked: Sequence[Marked]) -> list[Line]:
     """Return the exam's lines."""
     lines = [_line("null: a cause or unknown named (less is better)", marked, "null", _alarm)]
     for low, high in pairwise(EDGES):

@@ -17,6 +17,7 @@ from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._diagnose import Diagnosis
 from bench.analysis.gap._fit import MISFIT
 from bench.analysis.gap._model_file import Model, Term
+from bench.analysis.gap._rate import RateFinding
 from bench.analysis.gap._signature import unexplained
 from bench.control.procedure import find_procedure
 from drivers.base.arrays import Array
@@ -56,11 +57,16 @@ class _Plan:
         return procedure.expected_duration_s(procedure.parse(dict(self.settings))) / 3600.0
 
 
-def suggest(found: Diagnosis, latitude_deg: float, most: int = 4) -> list[Suggestion]:
-    """Return procedures by expected log odds an hour for the closest pair of candidates, at most `most`."""
-    pairs = list(_open_questions(found))
+def suggest(found: Diagnosis, most: int = 4) -> list[Suggestion]:
+    """Return procedures by expected log odds an hour for the closest pair of candidates, at most `most`.
+
+    None for runs of a platform: there is one procedure for its position.
+    """
+    if found.position is not None:
+        return []
+    pairs = list(_open_questions(found.rate))
     result = []
-    for plan in _plans(latitude_deg):
+    for plan in _plans(found.rate.latitude_deg):
         for text, first, second in pairs:
             odds = _log_odds(plan, first, second, found.model)
             result.append(
@@ -70,7 +76,7 @@ def suggest(found: Diagnosis, latitude_deg: float, most: int = 4) -> list[Sugges
     return [each for each in result if each.log_odds > 1.0][:most]
 
 
-def _open_questions(found: Diagnosis) -> Iterator[tuple[str, Term, Term | None]]:
+def _open_questions(found: RateFinding) -> Iterator[tuple[str, Term, Term | None]]:
     """Yield candidates that these runs cannot tell apart well; with none, the size of each cause."""
     doubtful = [cause for cause in found.causes if cause.rivals]
     for cause in doubtful:

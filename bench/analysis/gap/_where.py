@@ -12,28 +12,11 @@ from scipy.stats import chi2
 
 from bench.analysis.gap._cells import BANDS, Cell, band_slices, mixing
 from bench.analysis.gap._data import GapRun, Group
+from bench.analysis.gap._findings import SIGNIFICANT, Place
 from bench.analysis.gap._fit import Floor, counts
 from bench.analysis.gap._noise import Noise, spectrum
 from drivers.base.arrays import Array
 from simulators.effects import REFERENCE_C, Stimulus
-
-SIGNIFICANT = 0.01
-"""Probability, allowing for all cells looked at, below which a cell counts as gap."""
-
-
-@dataclass(frozen=True)
-class Place:
-    """One cell of the map. `energy_ratio` is energy over floor, `p_value` adjusted for all cells (Holm); `share`
-    is of the gap in all significant cells, 0 for the others.
-    """
-
-    profile: str
-    parity: str
-    band: str
-    rms_dph: float
-    share: float
-    energy_ratio: float
-    p_value: float
 
 
 def places(cells: Sequence[Cell], left: Array, floor: Floor) -> list[Place]:
@@ -75,20 +58,6 @@ def holm(p_values: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class PhasePlace:
-    """One phase and band in one profile, over its parity runs that repeat; `p_value` as in `Place`."""
-
-    profile: str
-    phase: str
-    band: str
-    energy_ratio: float
-    share: float
-    rms_dph: float
-    p_value: float
-    start_s: float
-
-
-@dataclass(frozen=True)
 class RegimePlace:
     """One interval of one input, in the bands with a gap: `low` .. `high` in the input's `unit`."""
 
@@ -102,9 +71,7 @@ class RegimePlace:
     p_value: float
 
 
-def phase_map(
-    groups: Sequence[Group], residuals: Sequence[Array], floor: Floor, noise: Noise
-) -> list[PhasePlace]:
+def phase_map(groups: Sequence[Group], residuals: Sequence[Array], floor: Floor, noise: Noise) -> list[Place]:
     """Return where in the runs the gap lies; `residuals` (parity runs, n - 1) are whitened coefficients by group.
 
     Whitening in the DCT domain shifts nothing in time, so a band's inverse transform shows when its energy comes.
@@ -144,7 +111,7 @@ def phase_map(
     shares = np.array([row[4] for row in rows]) * (p_values < SIGNIFICANT)
     shares /= max(float(shares.sum()), 1e-300)
     found = [
-        PhasePlace(*row[:4], float(share), row[5], float(p), row[6])
+        Place(*row[:3], row[5], float(share), row[3], float(p), row[6])
         for row, share, p in zip(rows, shares, p_values, strict=True)
     ]
     return sorted(found, key=lambda place: -place.share)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
 from bench.analysis.gap._candidates import candidates_of, possible_candidates
@@ -100,7 +99,7 @@ def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tupl
     # what an effect does differently in each repeat is no noise
     noise = noise_beside(found.data, found.best.solution, model)
     posterior = found.posterior
-    kept = best_of_each(posterior)
+    kept = sorted({*best_of_each(posterior), *found.best.members})
     gram = _gram_of(found, model)
     fresh: dict[tuple[str, tuple[float, ...]], Variant] = {}
     for members in sets_of_note(posterior, _SHOWN, _REFINED):
@@ -110,7 +109,7 @@ def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tupl
     for each in variants:
         fresh.pop((each.effect.name, tuple(each.shape.values())), None)
     few, data = narrowed(found.data, model, variants, kept, list(fresh.values()))
-    taken = Solution(*_renumbered(found, kept, len(model.sigmas)))
+    taken = _renumbered(found, kept, len(model.sigmas))
     return few, gathered(data.groups, data.stacks, noise, model, taken)
 
 
@@ -128,13 +127,13 @@ def _gram_of(found: Found, model: Model) -> Callable[[Sequence[Variant]], Array]
     return gram
 
 
-def _renumbered(found: Found, kept: Sequence[int], q: int) -> tuple[NDArray[np.int64], Array, Array]:
+def _renumbered(found: Found, kept: Sequence[int], q: int) -> Solution:
     """Return the best solution with its columns at their places among those kept."""
     solution = found.best.solution
     columns = [column + q for each in kept for column in found.posterior.candidates[each].columns]
-    places_ = {column: 1 + q + index for index, column in enumerate(columns)}
-    indices = np.array([places_.get(int(each), int(each)) for each in solution.indices], dtype=np.int64)
-    return indices, solution.values, solution.covariance
+    places = {column: 1 + q + index for index, column in enumerate(columns)} | {k: k for k in range(1, 1 + q)}
+    indices = np.array([places[each] for each in solution.indices.tolist()], dtype=np.int64)
+    return Solution(indices, solution.values, solution.covariance)
 
 
 def judged_sets(

@@ -11,19 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.analysis.common.state_file import save_file
-from bench.analysis.gap import (
-    LogGap,
-    Suggestion,
-    channel_log_gaps,
-    heading_log_gaps,
-    is_platform_run,
-    load_channels,
-    load_gap_runs,
-    load_platform_run,
-    log_gaps,
-    read_model,
-)
-from bench.analysis.heading import PlatformLog
+from bench.analysis.gap import LogGap, Suggestion, log_gap_facts, log_gaps, read_model, read_recordings
 from bench.control.procedure import find_procedure
 from bench.lab.emulated import Plant, load_plant
 from bench.present.cli._console import console_for
@@ -50,43 +38,29 @@ def gap_rehearse_command(
     console = console_for(as_json)
     recorded = Run.open(run)
     _check_model(run, closed)
+    real = read_recordings([run], gyro=gyro)
+    if report is not None and real.of_platform:
+        raise ConfigurationError(
+            "there is no report of a platform's rehearsal", expected="the table, or --json"
+        )
     models = ((model, seed), (closed, seed), (closed, seed + 1))
-    plant = load_plant(plant_file)
-    if is_platform_run(run):
-        if report is not None:
-            raise ConfigurationError(
-                "there is no report of a platform's rehearsal", expected="the table, or --json"
-            )
-        _, unit, log, _ = load_platform_run(run)
-        folders = _rehearsals(recorded, plant, unit, models, runs, console, as_json)
-        _print_headings(console, recorded, log, folders, as_json)
-        return
-    real = load_gap_runs(run, gyro)
-    unit = real[0].unit_id
-    folders = _rehearsals(recorded, plant, unit, models, runs, console, as_json)
-    gaps, curves = log_gaps(real, *(load_gap_runs(each, gyro) for each in folders))
-    channels = channel_log_gaps(*(load_channels(each, gyro)[0] for each in (run, *folders)))
+    folders = _rehearsals(recorded, load_plant(plant_file), real.unit_id, models, runs, console, as_json)
+    gaps = log_gaps(*(each.runs for each in (real, *(read_recordings([f], gyro=gyro) for f in folders))))
+    run_id = recorded.manifest.run_id
     if report is not None:
         report.parent.mkdir(parents=True, exist_ok=True)
         names = (model.name, closed.name)
-        save_file(
-            report, render_log_gaps(recorded.manifest.run_id, unit, names, gaps, curves, channels, utc_now())
-        )
+        save_file(report, render_log_gaps(run_id, real.unit_id, names, gaps, utc_now()))
     if as_json:
-        facts = {"run": recorded.manifest.run_id, "rehearsals": [str(each) for each in folders]}
-        console.print_json(
-            json.dumps(
-                {
-                    **facts,
-                    "gaps": [vars(each) for each in gaps],
-                    "channels": [vars(each) for each in channels],
-                }
-            )
-        )
+        facts = {"run": run_id, "rehearsals": [str(each) for each in folders]}
+        console.print_json(json.dumps(facts | log_gap_facts(gaps)))
         return
-    console.print(_table("phase", "rms deg/h of 100 s means", gaps, ".4f"))
-    if channels:
-        console.print(_table("channel", "rms of 100 s means", channels, ".3g", unit=True))
+    if gaps.headings:
+        console.print(heading_table(gaps.headings))
+    if gaps.rate:
+        console.print(_table("phase", "rms deg/h of 100 s means", gaps.rate, ".4f"))
+    if gaps.channels:
+        console.print(_table("channel", "rms of 100 s means", gaps.channels, ".3g", unit=True))
     if report is not None:
         console.print(f"report: {report}", highlight=False, soft_wrap=True)
 
@@ -106,17 +80,6 @@ def _rehearsals(
         own = plant.model_copy(update={"seed": seed, "gap_model": {**plant.gap_model, unit: file.resolve()}})
         folders.append(rehearsed(recorded, own, runs, console, as_json))
     return folders
-
-
-def _print_headings(
-    console: Console, recorded: Run, log: PlatformLog, folders: Sequence[Path], as_json: bool
-) -> None:
-    gaps = heading_log_gaps(log, *(load_platform_run(each)[2] for each in folders))
-    if as_json:
-        facts = {"run": recorded.manifest.run_id, "rehearsals": [str(each) for each in folders]}
-        console.print_json(json.dumps({**facts, "headings": [vars(each) for each in gaps]}))
-        return
-    console.print(_heading_table(gaps))
 
 
 def _check_model(run: Path, closed: Path) -> None:
@@ -186,5 +149,6 @@ def _table(first: str, what: str, gaps: Sequence[LogGap], digits: str, *, unit: 
     return table
 
 
-def _heading_table(gaps: Sequence[LogGap]) -> Table:
+def heading_table(gaps: Sequence[LogGap]) -> Table:
+    """Return a table of a platform's gaps by heading."""
     return _table("heading", "rms arcsec", gaps, ".1f")

@@ -38,11 +38,12 @@ from bench.present.report._tables import checksum_table
 if TYPE_CHECKING:
     from bench.analysis.gap import (
         Cause,
-        ChannelDiagnosis,
         Diagnosis,
         Difference,
+        RateFinding,
         Shrinkage,
         Suggestion,
+        Term,
         UnknownPart,
     )
 
@@ -85,26 +86,33 @@ _TERMS = [
 class GapContent:
     """What the report is made of. `differences` are of held-out runs where there are any."""
 
-    found: Diagnosis
-    shrunk: Shrinkage | None
+    diagnosis: Diagnosis
     differences: Sequence[Difference]
-    held_out: bool
     created_utc: str = ""
     model_file: str = ""
     suggestions: Sequence[Suggestion] = field(default=())
-    channels: Sequence[ChannelDiagnosis] = field(default=())
+
+    @property
+    def found(self) -> RateFinding:
+        """What was found in the rate."""
+        return self.diagnosis.rate
+
+    @property
+    def shrunk(self) -> Shrinkage | None:
+        """How far the rate's gap shrinks on held-out runs, None without any."""
+        return next(iter(self.found.held_out), None)
 
 
 def render_gap(content: GapContent) -> str:
     """Return the report of a diagnosis as a self-contained HTML file."""
-    found = content.found
+    found, diagnosis = content.found, content.diagnosis
     page = Page(
-        title=f"Simulation against bench: unit {found.unit_id}",
+        title=f"Simulation against bench: unit {diagnosis.unit_id}",
         kind="Sim-to-real gap report",
         facts=[
-            Fact("Unit under test", found.unit_id),
+            Fact("Unit under test", diagnosis.unit_id),
             Fact("Nominal model", content.model_file or found.model.name),
-            Fact("Runs", str(len(found.run_checksums))),
+            Fact("Runs", str(len(diagnosis.run_checksums))),
             Fact("Noise floor from", found.noise.source),
             Fact("Report made", moment(content.created_utc)),
         ],
@@ -115,10 +123,10 @@ def render_gap(content: GapContent) -> str:
             Section("Which", [*_causes(found), *_unknown(found.unknown_parts)]),
             Section("How far", _how_far(content)),
             Section("What is left", _left(found)),
-            Section("Other channels", channel_blocks(content.channels)),
+            Section("Other channels", channel_blocks(diagnosis.channels)),
             Section("What next", _next(content.suggestions)),
             Section("Not to be seen in these runs", _hidden(found)),
-            Section("Provenance", checksum_table(found.run_checksums, "Runs diagnosed, by checksum.")),
+            Section("Provenance", checksum_table(diagnosis.run_checksums, "Runs diagnosed, by checksum.")),
             Section("Definitions", [Definitions(_TERMS)]),
         ],
         colophon="All figures are computed from the runs and the model named above; times are UTC.",
@@ -149,9 +157,9 @@ def _verdict(content: GapContent) -> Verdict:
         headlines.append(
             Headline(
                 "Gap on held-out runs, rms",
-                significant(shrunk.rms_after_dph),
+                significant(shrunk.rms_after),
                 "°/h",
-                significant(shrunk.rms_before_dph),
+                significant(shrunk.rms_before),
                 f"{fixed(100 * shrunk.share, 1)} % of the reducible gap is gone "
                 f"({fixed(100 * shrunk.low, 1)} to {fixed(100 * shrunk.high, 1)} %)",
             )
@@ -161,7 +169,7 @@ def _verdict(content: GapContent) -> Verdict:
     return Verdict(_WORDS[found.verdict], tone, sentences, headlines)
 
 
-def _rivals(cause: Cause) -> str:
+def _rivals(cause: Cause[Term]) -> str:
     if not cause.alternatives:
         return ""
     rivals = ", ".join(f"{_plain(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
@@ -176,7 +184,7 @@ def _plain(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _causes(found: Diagnosis) -> list[Block]:
+def _causes(found: RateFinding) -> list[Block]:
     coarseness = found.model.noise.coarseness
     rows = [_cause_row(cause, coarseness, "named") for cause in found.causes]
     rows += [_cause_row(cause, coarseness, "resembles a part") for cause in found.resembles]
@@ -204,7 +212,7 @@ def _causes(found: Diagnosis) -> list[Block]:
     return [Table(heads, rows, "Effects that explain the gap.")]
 
 
-def _cause_row(cause: Cause, coarseness: float, status: str) -> Row:
+def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
     fitted = cause.term.fitted(coarseness, "±")
     shape = ", ".join(f"{key} = {value:g}" for key, value in cause.term.variant.shape.items())
     rivals = ", ".join(f"{_plain(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
@@ -289,14 +297,14 @@ def _difference_panels(content: GapContent) -> list[Block]:
         )
         for each in shown
     ]
-    whose = "held-out runs" if content.held_out else "the runs that were fitted"
+    whose = "held-out runs" if content.shrunk is not None else "the runs that were fitted"
     keys = [Key("nominal model", BEFORE), *([Key("with the effects in it", AFTER)] if closed else [])]
     caption = f"Output less model, mean of repeats of {whose}, 100 s means, each run's bias taken out."
     return [left_over_panels("difference", plots, caption, keys)]
 
 
-def _left(found: Diagnosis) -> list[Block]:
-    blocks = place_map("left", found.left_places, "What the best set leaves, by runs and time scale")
+def _left(found: RateFinding) -> list[Block]:
+    blocks = place_map("left", found.left, "What the best set leaves, by runs and time scale")
     if blocks:
         return blocks
     beside = " beside the missing effect drawn above" if found.unknown_parts else ""
@@ -329,7 +337,7 @@ def _next(suggestions: Sequence[Suggestion]) -> list[Block]:
     return [Table(heads, rows, "What would separate the candidates best, most log odds an hour first.")]
 
 
-def _hidden(found: Diagnosis) -> list[Block]:
+def _hidden(found: RateFinding) -> list[Block]:
     if not found.unidentifiable:
         return []
     return [Notes([f"{_plain(name)}: {reason}" for name, reason in found.unidentifiable.items()])]

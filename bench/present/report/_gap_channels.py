@@ -15,13 +15,12 @@ from bench.present.report._page import Block, Cell, Column, Figures, Key, Notes,
 from bench.present.report._palette import AFTER, BEFORE
 
 if TYPE_CHECKING:
-    from bench.analysis.gap import ChannelDiagnosis, ChannelPlace
+    from bench.analysis.gap import ChannelFinding, Place
 
 _HOUR_S = 3600.0
-_SIGNIFICANT = 0.01
 
 
-def channel_blocks(channels: Sequence[ChannelDiagnosis]) -> list[Block]:
+def channel_blocks(channels: Sequence[ChannelFinding]) -> list[Block]:
     """Return a table of all channels, and for each with a gap its causes, map and curves."""
     seen = [each for each in channels if not each.reason]
     if not seen:
@@ -45,18 +44,16 @@ def channel_blocks(channels: Sequence[ChannelDiagnosis]) -> list[Block]:
     for each in seen:
         if each.verdict not in ("no gap", "within the model's accuracy"):
             blocks += _of_channel(each)
-    hidden = [f"{_plain(each.channel)}: {each.reason}" for each in channels if each.reason]
+    hidden = [f"{_plain(each.signal)}: {each.reason}" for each in channels if each.reason]
     if hidden:
         blocks.append(Notes(["Not seen: " + "; ".join(hidden) + "."]))
     return blocks
 
 
-def _row(found: ChannelDiagnosis) -> Row:
-    from bench.analysis.gap import scatter_sentence
-
-    held = found.held_out
+def _row(found: ChannelFinding) -> Row:
+    held = next(iter(found.held_out), None)
     cells = [
-        Cell(_plain(found.channel).capitalize(), strong=True),
+        Cell(_plain(found.signal).capitalize(), strong=True),
         Cell(significant(found.rms)),
         Cell(significant(found.floor_rms)),
         Cell(found.unit),
@@ -64,17 +61,17 @@ def _row(found: ChannelDiagnosis) -> Row:
         Cell(fixed(100.0 * found.explained, 0) if found.causes else DASH),
         Cell(fixed(100.0 * held.share, 1) if held is not None else DASH),
     ]
-    notes = [f"{_plain(cause.effect.name).capitalize()}: {cause.sentence}" for cause in found.causes]
-    notes += [scatter_sentence(name, size) + "." for name, size in found.stochastic.items()]
+    notes = [f"{_plain(cause.name).capitalize()}: {found.told(cause)}" for cause in found.causes]
+    notes += [found.scatter(name) + "." for name in found.stochastic]
     return Row(cells, note=" ".join(notes))
 
 
-def _of_channel(found: ChannelDiagnosis) -> list[Block]:
-    name = _plain(found.channel)
+def _of_channel(found: ChannelFinding) -> list[Block]:
+    name = _plain(found.signal)
     blocks: list[Block] = []
-    if any(place.p_value < _SIGNIFICANT for place in found.places):
+    if any(place.clear for place in found.places):
         caption = f"{name.capitalize()}: where its gap lies, rms in {found.unit} where significant."
-        blocks.append(Figures([_map(found.channel, found.places, caption)], caption))
+        blocks.append(Figures([_map(found.signal, found.places, caption)], caption))
     curve = found.curves[0]
     hours = curve.time_s / _HOUR_S
     apart = np.diff(hours, prepend=hours[0]) > 5.0 * np.median(np.diff(hours))
@@ -85,20 +82,20 @@ def _of_channel(found: ChannelDiagnosis) -> list[Block]:
         keys.append(Key("with the effects in it", AFTER))
     caption = f"{name.capitalize()}: recorded less simulated in {curve.run_id}."
     drawn = lanes(
-        f"{found.channel}-curve", [Lane(found.unit, plots, 120.0)], "Time in the run, h", description=caption
+        f"{found.signal}-curve", [Lane(found.unit, plots, 120.0)], "Time in the run, h", description=caption
     )
     blocks.append(Figures([drawn], caption, keys))
     return blocks
 
 
-def _map(channel: str, places: Sequence[ChannelPlace], caption: str) -> Markup:
+def _map(channel: str, places: Sequence[Place], caption: str) -> Markup:
     from bench.analysis.gap import channel_bands
 
-    phases = list(dict.fromkeys(place.phase for place in sorted(places, key=lambda place: place.start_s)))
+    phases = list(dict.fromkeys(place.part for place in sorted(places, key=lambda place: place.start_s)))
     bands = [band for band in channel_bands() if any(place.band == band for place in places)]
     cells = {
-        (place.phase.replace("_", " "), place.band): HeatCell(
-            place.share, significant(place.rms, 2), place.p_value < _SIGNIFICANT
+        (place.part.replace("_", " "), place.band): HeatCell(
+            place.share, significant(place.rms, 2), place.clear
         )
         for place in places
     }

@@ -26,7 +26,7 @@ from bench.present.report._page import (
 from bench.present.report._palette import AFTER, BEFORE
 
 if TYPE_CHECKING:
-    from bench.analysis.gap import LogCurve, LogGap
+    from bench.analysis.gap import LogCurve, LogGap, LogGaps
 
 _HOUR_S = 3600.0
 _MOSTLY = 0.9
@@ -36,13 +36,11 @@ def render_log_gaps(
     run_id: str,
     unit_id: str,
     models: tuple[str, str],
-    gaps: Sequence[LogGap],
-    curves: Sequence[LogCurve],
-    channels: Sequence[LogGap],
+    gaps: LogGaps,
     created_utc: str,
 ) -> str:
     """Return the page; `models` are the files of the nominal and the closed model."""
-    whole = gaps[0]
+    whole = gaps.rate[0]
     closed = math.isfinite(whole.share) and whole.share > _MOSTLY
     share = fixed(100.0 * whole.share, 1) if math.isfinite(whole.share) else DASH
     page = Page(
@@ -71,9 +69,9 @@ def render_log_gaps(
             ],
         ),
         sections=[
-            Section("By phase", [_table(gaps)]),
-            Section("Over time", [_figures(curves)]),
-            Section("Other channels", [_channel_table(channels)] if channels else []),
+            Section("By phase", [_table(gaps.rate)]),
+            Section("Over time", [_figures(gaps.curves)]),
+            Section("Other channels", [_channel_table(gaps.channels)] if gaps.channels else []),
         ],
         colophon="Means of 100 s, each stretch's own mean taken out; phases laid on each other at their begins.",
     )

@@ -12,10 +12,10 @@ from bench.present.report._numbers import significant
 from bench.present.report._page import Block, Figures, Notes
 
 if TYPE_CHECKING:
-    from bench.analysis.gap import Diagnosis, PhasePlace, Place
+    from bench.analysis.gap import Place, RateFinding
 
 
-def where_blocks(found: Diagnosis) -> list[Block]:
+def where_blocks(found: RateFinding) -> list[Block]:
     """Return the maps by runs, by phases and by operating regime, or a note that there is no place."""
     blocks = place_map("where", found.places, "The gap by runs and time scale")
     if not blocks:
@@ -25,14 +25,14 @@ def where_blocks(found: Diagnosis) -> list[Block]:
 
 def place_map(figure_id: str, places: Sequence[Place], caption: str) -> list[Block]:
     """Return a map of runs by time scale, nothing if no place stands out."""
-    if not any(place.p_value < 0.01 for place in places):
+    if not any(place.clear for place in places):
         return []
-    rows = list(dict.fromkeys((place.profile, place.parity) for place in sorted(places, key=_row_order)))
+    rows = list(dict.fromkeys((place.profile, place.part) for place in sorted(places, key=_row_order)))
     names = {each: each[0] if each[1] == "run" else f"{each[0]}: {each[1]}" for each in rows}
     columns = [band for band in _bands() if any(place.band == band for place in places)]
     cells = {
-        (names[place.profile, place.parity], place.band): HeatCell(
-            place.share, significant(place.rms_dph, 2), place.p_value < 0.01
+        (names[place.profile, place.part], place.band): HeatCell(
+            place.share, significant(place.rms, 2), place.clear
         )
         for place in places
     }
@@ -43,7 +43,7 @@ def place_map(figure_id: str, places: Sequence[Place], caption: str) -> list[Blo
 
 
 def _row_order(place: Place) -> tuple[str, str]:
-    return place.profile, place.parity
+    return place.profile, place.part
 
 
 def _bands() -> tuple[str, ...]:
@@ -52,21 +52,21 @@ def _bands() -> tuple[str, ...]:
     return BANDS
 
 
-def _phase_map(phases: Sequence[PhasePlace]) -> list[Block]:
-    if not any(place.p_value < 0.01 for place in phases):
+def _phase_map(phases: Sequence[Place]) -> list[Block]:
+    if not any(place.clear for place in phases):
         return []
-    shown = sorted({place.profile for place in phases if place.p_value < 0.01})
+    shown = sorted({place.profile for place in phases if place.clear})
     order = {
-        (place.profile, place.phase): None for place in sorted(phases, key=lambda p: (p.profile, p.start_s))
+        (place.profile, place.part): None for place in sorted(phases, key=lambda p: (p.profile, p.start_s))
     }
     rows = [each for each in order if each[0] in shown]
     names = {each: f"{each[0]}: {each[1].replace('_', ' ')}" for each in rows}
     cells = {
-        (names[place.profile, place.phase], place.band): HeatCell(
-            place.share, significant(place.rms_dph, 2), place.p_value < 0.01
+        (names[place.profile, place.part], place.band): HeatCell(
+            place.share, significant(place.rms, 2), place.clear
         )
         for place in phases
-        if (place.profile, place.phase) in names
+        if (place.profile, place.part) in names
     }
     starts = [k for k in range(1, len(rows)) if rows[k][0] != rows[k - 1][0]]
     caption = "The gap by phase and time scale"
@@ -76,7 +76,7 @@ def _phase_map(phases: Sequence[PhasePlace]) -> list[Block]:
     return [Figures([drawn], f"{caption}, in profiles with a gap: rms in °/h where significant.")]
 
 
-def _regime_maps(found: Diagnosis) -> list[Block]:
+def _regime_maps(found: RateFinding) -> list[Block]:
     drawn: list[Markup] = []
     for of in dict.fromkeys(place.of for place in found.regimes):
         own = [place for place in found.regimes if place.of == of]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.gap import ChannelSeries
+from bench.analysis.gap._channel_data import ChannelSeries
 from simulators.effects import ChannelInputs, Demand
 from simulators.plant.chamber import ChamberAir, ChamberDemand, ChamberParameters
 from simulators.plant.fog import fog_network

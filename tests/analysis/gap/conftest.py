@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.gap import GapRun, Model, Noise, Term, nominal_model
+from bench.analysis.gap import Model, Noise, Term
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._exam import nominal_model
 from simulators.effects import Effect, Stimulus, Variant, catalogue
 
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis.gap import GapRun, Model, check_runs, group_runs
+from bench.analysis.gap import Model
 from bench.analysis.gap._cells import BANDS, band_slices, contrasts, group_cells
-from bench.analysis.gap._data import bridged, good_length
+from bench.analysis.gap._data import GapRun, bridged, check_runs, good_length, group_runs
 from bench.analysis.gap._stack import stacked, transformed
 from bench.analysis.gap._where import holm
 from drivers.base.errors import ConfigurationError

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import (
-    ChannelDiagnosis,
-    ChannelSeries,
+    ChannelFinding,
     Model,
-    diagnose_channels,
+    closed_model,
+    diagnose,
     model_text,
     parse_model,
     read_model,
-    with_channels,
 )
 from bench.analysis.gap._channel_cells import channel_cells, tolerance
+from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._channel_floor import ChannelFloor, channel_floor, octaves
 from drivers.base.errors import ConfigurationError
 from simulators.effects import ChannelEffect, ChannelInputs, Demand, catalogue, simulate
@@ -37,7 +37,7 @@ EFFECTS = [each for each in catalogue().values() if isinstance(each, ChannelEffe
 def model() -> Model:
     """The nominal model, its channels fitted to the nominal lab, 5 % uncertain."""
     nominal = read_model(NOMINAL)
-    fitted = with_channels(nominal, diagnose_channels(recorded(1), nominal))
+    fitted = closed_model(diagnose(recorded(1), nominal))
     terms = [
         replace(term, sigmas=tuple(max(0.05 * abs(value), 1e-3) for value in term.values))
         for term in fitted.channel_terms
@@ -45,8 +45,8 @@ def model() -> Model:
     return replace(fitted, channel_terms=tuple(terms))
 
 
-def _of(found: list[ChannelDiagnosis], channel: str) -> ChannelDiagnosis:
-    return next(each for each in found if each.channel == channel)
+def _of(found: tuple[ChannelFinding, ...], channel: str) -> ChannelFinding:
+    return next(each for each in found if each.signal == channel)
 
 
 def _only(channel: str, series: list[ChannelSeries]) -> list[ChannelSeries]:
@@ -73,29 +73,27 @@ def test_what_the_plant_does_differently_is_named_on_its_channel(
     model: Model, channel: str, name: str, plant: dict[str, Any], least: float
 ) -> None:
     runs, held = recorded(11, **plant), recorded(12, **plant)
-    found = _of(diagnose_channels(_only(channel, runs), model, _only(channel, held)), channel)
-    assert [cause.effect.name for cause in found.causes] == [name]
-    assert found.held_out is not None
-    assert found.held_out.share > least
-    assert found.held_out.rms_after < found.held_out.rms_before
+    found = _of(diagnose(_only(channel, runs), model, _only(channel, held)).channels, channel)
+    assert [cause.name for cause in found.causes] == [name]
+    assert found.held_out
+    assert found.held_out[0].share > least
+    assert found.held_out[0].rms_after < found.held_out[0].rms_before
 
 
 def test_a_worse_air_flow_is_named_and_not_on_other_channels(model: Model) -> None:
-    found = diagnose_channels(recorded(11, thermal=FogThermal(air_case=1.0)), model)
-    causes = {each.channel: [cause.effect.name for cause in each.causes] for each in found}
+    found = diagnose(recorded(11, thermal=FogThermal(air_case=1.0)), model).channels
+    causes = {each.signal: [cause.name for cause in each.causes] for each in found}
     assert "air_to_case_conductance" in causes["case_temperature"]
     assert not causes["chamber_air"]
     assert not causes["gyro_temperature"]
     (conductance,) = [
-        cause
-        for cause in _of(found, "case_temperature").causes
-        if cause.effect.name == "air_to_case_conductance"
+        cause for cause in _of(found, "case_temperature").causes if cause.name == "air_to_case_conductance"
     ]
-    assert conductance.values[0] < 0.9 * conductance.nominal[0]
+    assert conductance.term.values[0] < 0.9 * conductance.nominal[0]
 
 
 def test_the_nominal_lab_has_no_cause(model: Model) -> None:
-    found = [each for each in diagnose_channels(recorded(21), model) if not each.reason]
+    found = [each for each in diagnose(recorded(21), model).channels if not each.reason]
     assert len(found) == 3
     assert not any(each.causes for each in found)
     assert all(each.verdict in ("no gap", "within the model's accuracy") for each in found)
@@ -103,26 +101,26 @@ def test_the_nominal_lab_has_no_cause(model: Model) -> None:
 
 def test_what_cannot_be_told_apart_says_so(model: Model) -> None:
     series = _only("gyro_temperature", recorded(11, sensor=(1.0, 0.0)))
-    (cause,) = _of(diagnose_channels(series, model), "gyro_temperature").causes
-    both = {cause.effect.name, *cause.alternatives}
+    (cause,) = _of(diagnose(series, model).channels, "gyro_temperature").causes
+    both = {cause.name, *cause.alternatives}
     assert both == {"temperature_sensor_offset", "gyro_heating_power"}
 
 
 def test_a_table_that_is_fast_and_rubs_every_turn(model: Model) -> None:
     runs = [turned(seed, error_ppm=300.0, bearing_ppm=80.0) for seed in (1, 2)]
     loose = replace(model, accuracy={"table_rate": 1e-5})
-    found = _of(diagnose_channels(runs, loose, [turned(3, error_ppm=300.0, bearing_ppm=80.0)]), "table_rate")
-    causes = {cause.effect.name: cause for cause in found.causes}
+    found = _of(diagnose(runs, loose, [turned(3, error_ppm=300.0, bearing_ppm=80.0)]).channels, "table_rate")
+    causes = {cause.name: cause for cause in found.causes}
     assert {"table_rate_error", "table_rate_ripple_once"} <= set(causes)
     # the mean of the rubbing, exp(-2) I0(2) = 0.309 of it, is a rate error as well
     expected = 6.0 * (300.0 + 80.0 * math.exp(-2.0) * float(np.i0(2.0)))
-    error_ppm, offset_mdps = causes["table_rate_error"].values
+    error_ppm, offset_mdps = causes["table_rate_error"].term.values
     assert 6.0 * error_ppm + 1e3 * offset_mdps == pytest.approx(expected, rel=0.02)
-    once = np.hypot(*causes["table_rate_ripple_once"].values)
+    once = np.hypot(*causes["table_rate_ripple_once"].term.values)
     # first Fourier coefficient of exp(2 cos): 2 exp(-2) I1(2), I1(2) = 1.59063685
     assert once == pytest.approx(80.0 * 2.0 * math.exp(-2.0) * 1.59063685, rel=0.05)
-    assert found.held_out is not None
-    assert found.held_out.share > 0.95
+    assert found.held_out
+    assert found.held_out[0].share > 0.95
 
 
 def test_the_floor_is_that_of_the_noise_and_not_of_what_settles() -> None:
@@ -198,9 +196,9 @@ def test_a_model_keeps_its_channels_through_its_file(model: Model) -> None:
 def test_bad_input_is_named(model: Model) -> None:
     runs = recorded(11)
     with pytest.raises(ConfigurationError, match="cannot judge it"):
-        diagnose_channels(runs, model, runs)
+        diagnose(runs, model, runs)
     bare = replace(model, channel_terms=())
-    reasons = {each.channel: each.reason for each in diagnose_channels(runs, bare)}
+    reasons = {each.signal: each.reason for each in diagnose(runs, bare).channels}
     assert "air_to_case_conductance" in reasons["case_temperature"]
     text = model_text(model).replace("chamber_air = ", "chamber_wind = ")
     with pytest.raises(ConfigurationError, match="chamber_wind"):
@@ -224,8 +222,8 @@ def test_the_interval_on_a_held_out_run_covers_what_other_runs_show(model: Model
             )
             for k in range(5)
         ]
-        held = [_of(diagnose_channels(runs[:2], model, [run]), "table_rate").held_out for run in runs[2:]]
-        judged, *others = [each for each in held if each is not None]
+        held = [_of(diagnose(runs[:2], model, [run]).channels, "table_rate").held_out for run in runs[2:]]
+        judged, *others = [each for rows in held for each in rows]
         truth = float(np.mean([each.share for each in others]))
         covered.append(judged.low <= truth <= judged.high)
         assert judged.high - judged.low < 0.6

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import (
-    GapRun,
     Model,
     Term,
     closed_model,
@@ -17,8 +16,9 @@ from bench.analysis.gap import (
     model_text,
     parse_model,
     read_model,
-    shrinkage,
 )
+from bench.analysis.gap._close import shrinkage
+from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._score import wilson
 from drivers.base.errors import ConfigurationError
 from tests.analysis.gap.conftest import effect, made_run, stimulus
@@ -42,21 +42,20 @@ def test_cause_parameters_and_shrinkage(nominal: Model) -> None:
     (value,), (sigma,) = cause.term.values, cause.term.sigmas
     assert abs(value - 0.4) < max(4.0 * sigma, 0.03)
     closed = closed_model(found)
-    before = Model("nominal", found.model.terms, found.model.noise)
-    shrunk = shrinkage(before, closed, _runs(2, 0.4, ("d", "e")), found.floor)
+    shrunk = shrinkage(found.model, closed, _runs(2, 0.4, ("d", "e")), found.rate.floor)
     assert shrunk.share > 0.97
     assert shrunk.low < 1.0
     assert closed.fitted_on == {name: f"sum of {name}" for name in "abc"}
     with pytest.raises(ConfigurationError, match="cannot judge"):
-        shrinkage(before, closed, _runs(1, 0.4, ("a",)), found.floor)
+        shrinkage(found.model, closed, _runs(1, 0.4, ("a",)), found.rate.floor)
 
 
 def test_no_gap_where_there_is_none(nominal: Model) -> None:
     found = diagnose(_runs(3, 0.0, ("a", "b")), nominal)
     assert found.verdict == "no gap"
     assert not found.causes
-    assert found.null_probability > 0.5
-    assert min(place.p_value for place in found.places) > 0.01
+    assert found.rate.null_probability > 0.5
+    assert min(place.p_value for place in found.rate.places) > 0.01
 
 
 def test_nothing_is_sure_even_where_nothing_is_left(nominal: Model) -> None:
@@ -65,7 +64,7 @@ def test_nothing_is_sure_even_where_nothing_is_left(nominal: Model) -> None:
     for seed, cubic in ((1, 0.4), (7, 0.8), (3, 0.0)):
         found = diagnose(_runs(seed, cubic, ("a", "b")), nominal)
         assert found.verdict == ("explained" if cubic else "no gap")
-        assert low < found.unknown_probability < high
+        assert low < found.rate.unknown_probability < high
         assert all(cause.probability < 1.0 - low for cause in found.causes)
 
 
@@ -88,7 +87,7 @@ def test_wrong_nominal_parameter_is_no_effect(nominal: Model) -> None:
 def test_one_run_is_diagnosed_with_a_warning(nominal: Model) -> None:
     found = diagnose(_runs(5, 0.6, ("a",)), nominal)
     assert "bias_cubic" in {cause.name for cause in found.causes}
-    assert any("no repeated runs" in warning for warning in found.warnings)
+    assert any("no repeated runs" in warning for warning in found.rate.warnings)
 
 
 def test_constant_stimulus_is_said_to_show_nothing(nominal: Model) -> None:
@@ -98,8 +97,8 @@ def test_constant_stimulus_is_said_to_show_nothing(nominal: Model) -> None:
     runs = [made_run(name, replace(s, t_out_c=s.t_out_c + 0.2), rng) for name in "ab"]
     found = diagnose(runs, nominal)
     assert found.verdict == "nothing to identify"
-    assert any("temperature hardly changes" in warning for warning in found.warnings)
-    assert {"shupe", "acceleration_sensitivity", "azimuth_error"} <= set(found.unidentifiable)
+    assert any("temperature hardly changes" in warning for warning in found.rate.warnings)
+    assert {"shupe", "acceleration_sensitivity", "azimuth_error"} <= set(found.rate.unidentifiable)
 
 
 def test_model_file_reads_back_exactly(nominal: Model, term: Term, tmp_path: Path) -> None:
@@ -153,7 +152,7 @@ def test_a_clock_off_by_a_sample_is_aligned_and_reported(nominal: Model) -> None
         runs.append(replace(run, output_dph=np.concatenate((run.output_dph[:1], run.output_dph[:-1]))))
     found = diagnose(runs, nominal)
     assert found.verdict == "no gap"
-    assert sum("1 s late" in warning for warning in found.warnings) == 2
+    assert sum("1 s late" in warning for warning in found.rate.warnings) == 2
 
 
 def test_an_effect_outside_the_catalogue_is_described_by_what_it_follows(nominal: Model) -> None:
@@ -166,7 +165,7 @@ def test_an_effect_outside_the_catalogue_is_described_by_what_it_follows(nominal
     found = diagnose(runs, nominal)
     assert found.verdict == "unknown"
     assert not found.causes
-    (part,) = found.unknown_parts
+    (part,) = found.rate.unknown_parts
     assert part.follows == "T_in"
     assert part.at[int(np.argmax(np.abs(part.curve)))] == pytest.approx(-10.0, abs=5.0)
 
@@ -180,7 +179,7 @@ def test_a_slow_line_is_described_by_its_frequency(nominal: Model) -> None:
         runs.append(made_run(name, s, rng, 0.1 * np.sin(2.0 * np.pi * s.time_s / 65.0 + len(runs))))
     found = diagnose(runs, nominal)
     assert found.verdict == "unknown"
-    (part,) = found.unknown_parts
+    (part,) = found.rate.unknown_parts
     assert part.frequency_hz == pytest.approx(1.0 / 65.0, rel=0.03)
     assert "not bound" in part.sentence
 
@@ -196,7 +195,7 @@ def test_a_straight_dependence_outside_the_catalogue_is_no_lag(nominal: Model) -
             runs.append(made_run(f"{rate:+g} {name}", s, rng, extra, condition=f"{rate:+g}"))
     found = diagnose(runs, nominal)
     assert found.verdict == "unknown"
-    (part,) = found.unknown_parts
+    (part,) = found.rate.unknown_parts
     assert part.follows == "T_in - T_out"
     assert part.unit == "ppm of rate"
     assert not found.causes

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.gap import Marked, close, examined, make_case, model_text, nominal_model, read_mapped_runs
+from bench.analysis.gap import Marked, model_text
 from bench.analysis.gap._case_folder import write_case
+from bench.analysis.gap._exam import close, examined, make_case, nominal_model
+from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._signature import signature_norm
 from bench.present.cli._gap_exam import gap_exam_command, gap_exam_table_command
 from drivers.base.errors import ConfigurationError

@@ -10,8 +10,10 @@ from typing import cast
 import numpy as np
 import pytest
 
-from bench.analysis.gap import Model, Noise, diagnose, load_channels, load_gap_runs, read_mapped_runs
-from bench.analysis.gap._run_folder import _profile
+from bench.analysis.gap import Model, Noise, diagnose
+from bench.analysis.gap._channel_data import load_channels
+from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._run_folder import _profile, load_gap_runs
 from bench.control.procedure import find_procedure
 from bench.record.exchange import import_log
 from bench.record.recording import Run
@@ -99,22 +101,22 @@ def test_the_diagnosis_says_what_missing_temperatures_hide() -> None:
     rng = np.random.default_rng(5)
     model = Model("nominal", (), Noise(0.004))
     one = diagnose([made_run(name, warm, rng) for name in "ab"], model)
-    assert any("one temperature only" in text for text in one.warnings)
-    assert "gradient" in one.unidentifiable
+    assert any("one temperature only" in text for text in one.rate.warnings)
+    assert "gradient" in one.rate.unidentifiable
     flat = replace(s, t_in_c=np.full(2000, 25.0), t_out_c=np.full(2000, 25.0))
     turning = replace(flat, angle_deg=np.concatenate((np.zeros(1001), 10.0 * np.arange(1.0, 1001.0))))
     none = diagnose([made_run(name, turning, rng) for name in "ab"], model)
-    assert any("no temperature was recorded" in text for text in none.warnings)
+    assert any("no temperature was recorded" in text for text in none.rate.warnings)
 
 
 def test_noise_that_is_higher_than_the_data_sheet_is_named_with_its_size() -> None:
     still = stimulus(3000, cold=False)
     rng = np.random.default_rng(6)
     found = diagnose([made_run(name, still, rng) for name in "ab"], Model("nominal", (), Noise(0.001)))
-    assert set(found.stochastic) == {"noise_level"}
-    text = found.noise.risen("noise_level")  # the runs have 0.004
+    assert set(found.rate.stochastic) == {"noise_level"}
+    text = found.rate.noise.risen("noise_level")  # the runs have 0.004
     assert text.startswith("arw_deg_per_sqrt_h = 0.00") and text.endswith("the model has 0.001")
-    assert found.noise.rises["noise_level"] == pytest.approx(0.004, rel=0.05)
+    assert found.rate.noise.rises["noise_level"] == pytest.approx(0.004, rel=0.05)
 
 
 def test_a_run_folder_made_by_import_is_the_mapped_recording(tmp_path: Path) -> None:

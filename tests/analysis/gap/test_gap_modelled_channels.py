@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.gap import ChannelTerm, Model, Noise, model_text
+from bench.analysis.gap import Model, Noise, model_text
+from bench.analysis.gap._model_file import ChannelTerm
 from bench.lab.emulated import lab_config, load_plant
 from bench.record.benchfile import load_bench_file
 from drivers.base.errors import ConfigurationError

@@ -11,18 +11,21 @@ import pytest
 from rich.console import Console
 
 from bench.analysis.gap import (
+    Diagnosis,
     LogGap,
     Model,
     Noise,
-    diagnose_platform,
-    heading_log_gaps,
+    PositionFinding,
+    closed_model,
+    diagnose,
+    log_gaps,
     model_text,
     parse_model,
-    platform_closed,
 )
+from bench.analysis.gap._position import PositionRun
 from bench.analysis.heading import PlatformLog
 from bench.lab.emulated import Plant
-from bench.present.cli._gap_rehearse import _heading_table
+from bench.present.cli._gap_rehearse import heading_table
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform, with_heading_effect
 from tests.analysis.heading.conftest import SIX, _fly
@@ -38,49 +41,60 @@ def _run(seed: int, stays: tuple[tuple[float, float], ...] = SIX, **kwargs: floa
     return _fly(parameters, 1000 + seed + len(stays), stays)[1]
 
 
+def _recorded(**logs: PlatformLog) -> list[PositionRun]:
+    return [PositionRun(name, "p", log, f"sum of {name}") for name, log in logs.items()]
+
+
+def _position(found: Diagnosis) -> PositionFinding:
+    assert found.position is not None
+    return found.position
+
+
 def test_the_withheld_heading_effect_is_named_and_closes_a_held_out_run() -> None:
     first, second = _run(3), _run(3, OTHER)
-    found = diagnose_platform("p", {"a": first}, NOMINAL, {"b": second}, {"a": "sum of a"})
+    diagnosis = diagnose(_recorded(a=first), NOMINAL, _recorded(b=second))
+    found = _position(diagnosis)
     assert found.verdict == "explained"
-    assert set(found.causes) == {"heading_effect"}
-    assert found.causes["heading_effect"] == 0.95
+    assert [(cause.name, cause.probability) for cause in found.causes] == [("heading_effect", 0.95)]
     assert found.null_probability < 1e-6
     (held,) = found.held_out
     assert held.low <= held.share <= held.high
     assert held.share > 0.95
-    assert held.rms_after_as < 0.25 * held.rms_before_as
+    assert held.rms_after < 0.25 * held.rms_before
     # the strongest place is where the position error of the run itself is largest
-    worst = max(found.places, key=lambda place: place.share)
+    worst = max(found.stays, key=lambda place: place.share)
     errors = np.hypot(first.north_as, first.east_as)
     assert worst.heading_deg == pytest.approx(first.heading_deg[int(np.argmax(errors))], abs=1.0)
-    closed = parse_model(model_text(platform_closed(found, NOMINAL)), "closed")
+    closed = parse_model(model_text(closed_model(diagnosis)), "closed")
     assert closed.fitted_on == {"a": "sum of a"}
     (term,) = closed.channel_terms
     # the core's time constant, as the plant was drawn
     assert term.values[9] == pytest.approx(draw_platform(3).core_tau_h, rel=0.2)
     # the second run against the model that has the effect: nothing is left to name
-    assert diagnose_platform("p", {"b": second}, closed).verdict == "no gap"
+    assert diagnose(_recorded(b=second), closed).verdict == "no gap"
     with pytest.raises(ConfigurationError, match="cannot judge"):
-        diagnose_platform("p", {"b": second}, closed, {"a": first})
+        diagnose(_recorded(b=second), closed, _recorded(a=first))
 
 
 @pytest.mark.parametrize("seed", [4, 8])
 def test_a_platform_without_the_effect_has_no_gap(seed: int) -> None:
-    found = diagnose_platform("p", {"a": _run(seed, effect_dph=1e-9)}, NOMINAL)
+    found = _position(diagnose(_recorded(a=_run(seed, effect_dph=1e-9)), NOMINAL))
     assert found.verdict == "no gap"
     assert not found.causes
     assert found.null_probability > 0.9
 
 
 def test_friction_steps_with_heading_and_is_not_called_temperature() -> None:
-    found = diagnose_platform("p", {"a": _run(5, effect_dph=1e-9, friction_dph=1e-3)}, NOMINAL)
-    assert set(found.causes) == {"heading_steps"}
-    assert found.term is None
+    found = diagnose(_recorded(a=_run(5, effect_dph=1e-9, friction_dph=1e-3)), NOMINAL)
+    (cause,) = found.causes
+    assert cause.name == "heading_steps"
+    assert cause.term is None
+    assert not found.closing
 
 
 def test_too_few_headings_are_refused() -> None:
     with pytest.raises(RecordError, match="at least three are needed"):
-        diagnose_platform("p", {"a": _run(3, ((0.0, 48.0), (90.0, 48.0)))}, NOMINAL)
+        diagnose(_recorded(a=_run(3, ((0.0, 48.0), (90.0, 48.0)))), NOMINAL)
 
 
 def test_a_plant_drifts_as_its_heading_effect_says() -> None:
@@ -103,13 +117,13 @@ def test_a_plant_drifts_as_its_heading_effect_says() -> None:
 
 def test_rehearsals_with_the_closed_model_come_nearer_to_a_run_that_was_not_fitted() -> None:
     first, second = _run(3), _run(3, OTHER)
-    (term,) = platform_closed(diagnose_platform("p", {"a": first}, NOMINAL), NOMINAL).channel_terms
+    (term,) = closed_model(diagnose(_recorded(a=first), NOMINAL)).channel_terms
     drawn = draw_platform(3)
     logs = [
         _fly(with_heading_effect(drawn, values), seed, OTHER)[1]
         for values, seed in ((None, 51), (term.values, 51), (term.values, 52))
     ]
-    all_, *stays = heading_log_gaps(second, *logs)
+    all_, *stays = log_gaps(*(_recorded(x=log) for log in (second, *logs))).headings
     assert [each.part for each in stays] == ["120 deg", "240 deg", "300 deg", "180 deg"]
     assert all_.share > 0.9
     assert all_.rms_closed < 0.35 * all_.rms_nominal
@@ -131,6 +145,6 @@ def test_a_rehearsals_table_has_a_row_for_every_heading(capsys: pytest.CaptureFi
         LogGap("all", "arcsec", 289.7, 40.5, 35.6, 0.996),
         LogGap("60 deg", "arcsec", 3.0, 2.0, 9.0, np.nan),
     ]
-    Console(width=80).print(_heading_table(gaps))
+    Console(width=80).print(heading_table(gaps))
     said = capsys.readouterr().out
     assert "289.7" in said and "99.6" in said and "nan" not in said

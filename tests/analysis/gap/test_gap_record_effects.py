@@ -13,14 +13,14 @@ import pytest
 
 from bench.analysis.gap import (
     Diagnosis,
-    GapRun,
     Model,
     closed_model,
     diagnose,
     model_text,
     parse_model,
-    shrinkage,
 )
+from bench.analysis.gap._close import shrinkage
+from bench.analysis.gap._data import GapRun
 from simulators.effects import Stimulus
 from tests.analysis.gap.conftest import effect, made_run, stimulus
 
@@ -61,9 +61,8 @@ def test_saturation_is_found_with_its_limit_and_shrinks_a_held_out_run(nominal: 
     assert _named(found) == ["saturation"]
     assert found.causes[0].term.variant.shape["limit_dps"] == pytest.approx(71.0, rel=0.002)
     assert found.causes[0].term.values[0] == pytest.approx(1.0, abs=0.02)
-    before = Model("nominal", found.model.terms, found.model.noise)
     closed = parse_model(model_text(closed_model(found)), "closed")
-    assert shrinkage(before, closed, _rates_runs(2, response, "c"), found.floor).share > 0.99
+    assert shrinkage(found.model, closed, _rates_runs(2, response, "c"), found.rate.floor).share > 0.99
 
 
 def test_dead_zone_is_found_with_its_band(nominal: Model) -> None:
@@ -151,12 +150,12 @@ def test_impulses_are_counted_measured_and_left_out(nominal: Model) -> None:
         for s in [stimulus(6000)]
     ]
     found = diagnose(runs, nominal)
-    assert set(found.stochastic) == {"impulses"}
+    assert set(found.rate.stochastic) == {"impulses"}
     assert _named(found) == ["bias_cubic"]
-    (term,) = found.disturbed.terms
+    (term,) = found.rate.disturbed.terms
     hours = 2 * 6000 / 3600.0
     assert term.values == pytest.approx((6.0 / hours, 6.0), rel=0.15)
-    assert "6 in 3.3 h" in found.size_of("impulses")
+    assert "6 in 3.3 h" in found.rate.size_of("impulses")
     text = model_text(closed_model(found))
     assert parse_model(text, "closed").disturbances[0].values == term.values
 
@@ -171,12 +170,12 @@ def test_a_line_is_named_with_amplitude_and_frequency_and_taken_out(nominal: Mod
         runs.append(made_run(name, s, rng, wave + 0.4 * (s.warm_k / 50.0) ** 3))
     found = diagnose(runs, nominal)
     assert _named(found) == ["bias_cubic"]
-    assert set(found.stochastic) == {"vibration_or_mains_line"}
-    (term,) = found.disturbed.terms
+    assert set(found.rate.stochastic) == {"vibration_or_mains_line"}
+    (term,) = found.rate.disturbed.terms
     assert term.values[0] == pytest.approx(0.12, abs=0.015)
     assert term.values[1] == pytest.approx(0.027, abs=2e-5)
-    again = diagnose(runs, replace(nominal, disturbances=found.disturbed.terms))
-    assert not again.stochastic
+    again = diagnose(runs, replace(nominal, disturbances=found.rate.disturbed.terms))
+    assert not again.rate.stochastic
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -188,7 +187,7 @@ def test_quiet_records_name_nothing(nominal: Model, seed: int) -> None:
     turning = stimulus(5000, rate_dps=20.0, cold=False)
     runs += [made_run(name, turning, rng, profile="turning", condition="+20") for name in "gh"]
     found = diagnose(runs, nominal)
-    assert found.verdict == "no gap", (found.causes, found.stochastic)
+    assert found.verdict == "no gap", (found.causes, found.rate.stochastic)
 
 
 def test_what_is_switched_is_no_steady_line(nominal: Model) -> None:
@@ -199,7 +198,7 @@ def test_what_is_switched_is_no_steady_line(nominal: Model) -> None:
         s = stimulus(6000)
         on = np.sin(2.0 * math.pi * s.time_s / 40.0 + rng.uniform(0.0, 6.0)) * (s.t_out_c < 0.0)
         runs.append(made_run(name, s, rng, 0.15 * on))
-    assert not diagnose(runs, nominal).disturbed.terms
+    assert not diagnose(runs, nominal).rate.disturbed.terms
 
 
 def test_tilt_column_is_the_derivative_of_the_projection() -> None:

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.gap import Diagnosis, GapRun, Model, Noise, Shrinkage, closed_model, diagnose, shrinkage
+from bench.analysis.gap import Diagnosis, Model, Noise, Shrinkage, closed_model, diagnose
+from bench.analysis.gap._close import shrinkage
+from bench.analysis.gap._data import GapRun
 from simulators.effects import Stimulus
 
 RECORDING = (
@@ -48,8 +50,7 @@ def legs(column: int) -> list[GapRun]:
 def judged(column: int) -> tuple[Diagnosis, Shrinkage]:
     cooling, heating, last = legs(column)
     found = diagnose([cooling, heating], DATA_SHEET)
-    before = Model("MEMS", found.model.terms, found.model.noise)
-    return found, shrinkage(before, closed_model(found), [last], found.floor)
+    return found, shrinkage(found.model, closed_model(found), [last], found.rate.floor)
 
 
 def test_a_bias_that_follows_temperature_is_named_and_holds_on_a_leg_that_was_not_fitted() -> None:

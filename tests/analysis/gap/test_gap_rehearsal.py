@@ -8,16 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.gap import (
-    GapRun,
-    Model,
-    Suggestion,
-    diagnose_channels,
-    load_channels,
-    log_gaps,
-    model_text,
-    suggest,
-)
+from bench.analysis.gap import Model, Suggestion, diagnose, log_gaps, model_text, suggest
+from bench.analysis.gap._channel_data import load_channels
+from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._suggest import _plans
 from bench.control.procedure import find_procedure
 from bench.present.cli import _gap_rehearse
@@ -55,15 +48,15 @@ def _logs(amplitude_dph: float) -> list[GapRun]:
 
 def test_the_table_has_the_size_of_what_was_put_in() -> None:
     run, *rehearsals = _logs(0.5)
-    gaps, curves = log_gaps([run], *([each] for each in rehearsals))
-    by_phase = {each.part: each for each in gaps}
+    gaps = log_gaps([run], *([each] for each in rehearsals))
+    by_phase = {each.part: each for each in gaps.rate}
     # white noise of 0.24 deg/h in 1 s: 100 s means of a difference of two have 0.24 sqrt(2) / 10
     assert by_phase["all"].rms_floor == pytest.approx(0.24 * 2**0.5 / 10.0, rel=0.4)
     assert by_phase["shock"].rms_nominal == pytest.approx(0.5, rel=0.03)
     assert by_phase["shock"].rms_closed == pytest.approx(0.05, abs=0.025)
     assert by_phase["all"].share == pytest.approx(0.99, abs=0.01)
-    assert len(curves[0].time_s) == 40
-    page = render_log_gaps("run", "unit 1", ("a.toml", "b.toml"), gaps, curves, [], "2026-01-01T00:00:00Z")
+    assert len(gaps.curves[0].time_s) == 40
+    page = render_log_gaps("run", "unit 1", ("a.toml", "b.toml"), gaps, "2026-01-01T00:00:00Z")
     assert "of the reducible gap is gone" in page
 
 
@@ -96,11 +89,11 @@ def test_a_suggestion_is_run_on_the_emulated_bench_with_its_fast_clock_and_late_
     assert manifest["parameters"]["turns"] == 10.0
     assert manifest["emulated"]["seed"] == 4
     series, _ = load_channels(folder)
-    found = diagnose_channels(series, nominal)
-    stamps = next(each for each in found if each.channel == "time_stamps")
+    found = diagnose(series, nominal).channels
+    stamps = next(each for each in found if each.signal == "time_stamps")
     (cause,) = stamps.causes
-    assert cause.effect.name == "sample_clock_skew"
-    assert cause.values[0] == pytest.approx(150.0, abs=2.0)
+    assert cause.name == "sample_clock_skew"
+    assert cause.term.values[0] == pytest.approx(150.0, abs=2.0)
     # two stalls of 0.4 s at 10 frames a second: 3 or 4 frames of each come late
     assert 3 <= stamps.stochastic["late_frames"] * 10.0 * manifest["duration_s"] <= 12
     closed = tmp_path / "closed.toml"
@@ -132,12 +125,10 @@ def test_the_suggested_run_is_taken_into_the_diagnosis(
 
 
 def test_expected_odds_do_not_promise_what_a_formulas_tolerance_forbids(nominal: Model) -> None:
-    from bench.analysis.gap import diagnose
-
     rng = np.random.default_rng(12)
     s = stimulus(4000)
     runs = [made_run(name, s, rng, 5.0 * ((s.t_in_c - 25.0) / 50.0) ** 3) for name in "ab"]
     found = diagnose(runs, nominal)
-    for each in suggest(found, 39.1):
+    for each in suggest(found):
         # of 11 bands with 14,000 samples, slow effects fill tens of coefficients: thousands, not millions
         assert each.log_odds < 1e5

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bench.analysis.gap import load_channels, load_gap_runs
+from bench.analysis.gap._channel_data import load_channels
+from bench.analysis.gap._run_folder import load_gap_runs
 from bench.present.cli._app import app
 
 BENCH = Path(__file__).parents[3] / "examples" / "demo.toml"

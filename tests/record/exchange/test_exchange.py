@@ -13,7 +13,9 @@ import pandas as pd
 import pytest
 from asammdf import MDF, Signal
 
-from bench.analysis.gap import load_channels, load_gap_runs, read_mapped_runs
+from bench.analysis.gap._channel_data import load_channels
+from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._run_folder import load_gap_runs
 from bench.analysis.thermal import load_runs
 from bench.control.run_record import decode_run
 from bench.present.report import render_run, run_content

@@ -7,13 +7,15 @@ swing are nuisance beside every explanation, as a gyro's bias is.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from bench.analysis.gap._findings import AMBIGUOUS, Cause, Finding, Shrinkage
 from bench.analysis.gap._model_file import ChannelTerm, Model
+from bench.analysis.gap._signal import Signal
 from bench.analysis.heading import (
     HeadingStudy,
     LaggedModel,
@@ -21,6 +23,7 @@ from bench.analysis.heading import (
     PositionCorrector,
     fit_reference,
     integrate,
+    judge,
     load_log,
     regressors,
     site_of_run,
@@ -30,17 +33,25 @@ from bench.analysis.heading import (
 )
 from bench.record.recording import Run, checksum
 from bench.record.run_folder import MANIFEST_FILE
-from drivers.base.errors import ConfigurationError
 from simulators.effects import ChannelEffect, catalogue
 
 _SURE = 0.95
 """Highest probability stated: something else may resemble the effect."""
-_AMBIGUOUS = 0.02
 _CLEAR = 5.0
 _DOUBTED = 0.1
 """Probability of no effect from which on none is named."""
 _DRAWS = 2000
 _HEADING_EFFECT, _STEPS = "heading_effect", "heading_steps"
+
+
+@dataclass(frozen=True)
+class PositionRun:
+    """A platform's run: its position error over time."""
+
+    run_id: str
+    unit_id: str
+    log: PlatformLog
+    checksum: str = ""
 
 
 @dataclass(frozen=True)
@@ -54,42 +65,17 @@ class HeadingPlace:
     share: float
 
 
-@dataclass(frozen=True)
-class PlatformShrinkage:
-    """Part of the position error's energy that is gone on a held-out run, its 95 % interval over stays."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PositionFinding(Finding[ChannelTerm | None]):
+    """What was found; the cause `heading_steps` has no values, so no term.
 
-    run_id: str
-    share: float
-    low: float
-    high: float
-    rms_before_as: float
-    rms_after_as: float
-
-
-@dataclass(frozen=True, eq=False)
-class PlatformDiagnosis:
-    """What was found; `term` is the cause with its values, None without one that has values.
-
-    `causes` and `alternatives` map effects to their probability. `places` are the stays of the fitted run after
-    its first. `unknown`: something is there that neither explains.
+    `stays` are those of the fitted run after its first. `unknown`: neither effect explains all that is there.
     """
 
-    unit_id: str
-    verdict: str
-    causes: Mapping[str, float]
-    alternatives: Mapping[str, float]
     null_probability: float
     unknown: bool
-    term: ChannelTerm | None
-    places: tuple[HeadingPlace, ...]
-    held_out: tuple[PlatformShrinkage, ...]
+    stays: tuple[HeadingPlace, ...]
     study: HeadingStudy
-    run_checksums: Mapping[str, str]
-    warnings: tuple[str, ...]
-
-    def meaning_of(self, name: str) -> str:
-        """Return the plain sentence of an effect named."""
-        return _effect(name).meaning
 
 
 def is_platform_run(folder: Path) -> bool:
@@ -100,87 +86,94 @@ def is_platform_run(folder: Path) -> bool:
     return "platform" in roles and "gyro" not in roles
 
 
-def load_platform_run(folder: Path) -> tuple[str, str, PlatformLog, str]:
-    """Return run id, unit, log and checksum of a platform's run folder."""
+def load_platform_run(folder: Path) -> PositionRun:
+    """Return a platform's run folder as the diagnosis sees it."""
     manifest = Run.open(folder).manifest
     unit = next(iter(manifest.units.values()), "")
-    return (
-        manifest.run_id,
-        unit,
-        load_log(folder, site_of_run(folder))[0],
-        checksum(folder / MANIFEST_FILE).sha256,
-    )
+    log = load_log(folder, site_of_run(folder))[0]
+    return PositionRun(manifest.run_id, unit, log, checksum(folder / MANIFEST_FILE).sha256)
 
 
-def diagnose_platform(
-    unit_id: str,
-    logs: Mapping[str, PlatformLog],
-    model: Model,
-    held_out: Mapping[str, PlatformLog] | None = None,
-    checksums: Mapping[str, str] | None = None,
-) -> PlatformDiagnosis:
-    """Diagnose runs of one platform against a model, without or with a `heading_effect` of its own.
+@dataclass(frozen=True, eq=False)
+class _Ready:
+    """Logs by run, what the model has taken out; the longest, `fitted`, studied, the `others` judge it."""
 
-    The longest run is fitted; the others, like `held_out` ones, judge it. RecordError for a run that cannot show
+    term: ChannelTerm | None
+    fitted: str
+    left: Mapping[str, PlatformLog]
+    others: Mapping[str, PlatformLog]
+    study: HeadingStudy
+
+
+class PositionSignal(Signal[PositionRun, _Ready, dict[str, float], PositionFinding]):
+    """A platform's position error in arcsec, which has no rate; start misalignment and drift are nuisance.
+
+    The longest run is fitted; the others, like held-out ones, judge it. RecordError for a run that cannot show
     a heading effect (fewer than three headings beside the first, less than a sidereal day at it).
-    ConfigurationError if a held-out run was used for the model.
     """
-    kept = dict(held_out or {})
-    used = sorted(set(kept) & (set(logs) | set(model.fitted_on)))
-    if used:
-        raise ConfigurationError(
-            "a run that the model was fitted on cannot judge it",
-            found=", ".join(used),
-            expected="held-out runs",
+
+    def prepare(self, runs: Sequence[PositionRun], model: Model) -> _Ready:
+        term = next((each for each in model.channel_terms if each.name == _HEADING_EFFECT), None)
+        left = {run.run_id: _without_term(run.log, term) for run in runs}
+        fitted = max(runs, key=lambda run: float(run.log.time_s[-1] - run.log.time_s[0])).run_id
+        others = {name: log for name, log in left.items() if name != fitted}
+        return _Ready(term, fitted, left, others, study_heading(left[fitted], others))
+
+    def which(self, data: _Ready) -> dict[str, float]:
+        """Return the probability of no effect ("") and of each effect."""
+        none, temperature, steps = _log_evidence(data.study)
+        weights = np.exp(np.array([none, temperature, steps]) - max(none, temperature, steps))
+        return dict(zip(("", _HEADING_EFFECT, _STEPS), (weights / weights.sum()).tolist(), strict=True))
+
+    def finding(self, data: _Ready, sets: dict[str, float]) -> PositionFinding:
+        found, null = data.study.model.evidence, sets[""]
+        name = {"temperature": _HEADING_EFFECT, "heading": _STEPS, "none": ""}[found.cause]
+        if null > _DOUBTED or sets[name] < 0.5:
+            name = ""
+        verdict = "no gap" if not name else "explained in part" if found.mixed else "explained"
+        if not name and null < 0.5:
+            verdict = "unknown"
+        causes: tuple[Cause[ChannelTerm | None], ...] = ()
+        if name:
+            term = _term(data.study.model, data.term) if name == _HEADING_EFFECT else None
+            other = {each: p for each, p in sets.items() if each not in ("", name) and p > AMBIGUOUS}
+            causes = (Cause(name, _effect(name).meaning, min(sets[name], _SURE), term, other),)
+        finding = PositionFinding(
+            signal="position",
+            unit="arcsec",
+            verdict=verdict,
+            causes=causes,
+            terms=tuple(cause.term for cause in causes if cause.term is not None),
+            warnings=tuple(f"{each.what}: {each.consequence}" for each in data.study.findings),
+            null_probability=null,
+            unknown=verdict in ("explained in part", "unknown"),
+            stays=_places(data.fitted, data.left[data.fitted], data.study),
+            study=data.study,
         )
-    term = next((each for each in model.channel_terms if each.name == _HEADING_EFFECT), None)
-    left = {name: _without_term(log, term) for name, log in {**logs, **kept}.items()}
-    fitted = max(logs, key=lambda name: float(logs[name].time_s[-1] - logs[name].time_s[0]))
-    others = {name: log for name, log in left.items() if name != fitted}
-    study = study_heading(left[fitted], others)
-    found = study.model.evidence
-    none, temperature, steps = _log_evidence(study)
-    weights = np.exp(np.array([none, temperature, steps]) - max(none, temperature, steps))
-    null, *chances = (weights / weights.sum()).tolist()
-    by_name = dict(zip((_HEADING_EFFECT, _STEPS), chances, strict=True))
-    name = {"temperature": _HEADING_EFFECT, "heading": _STEPS, "none": ""}[found.cause]
-    if null > _DOUBTED or (name and by_name[name] < 0.5):
-        name = ""
-    other = {_HEADING_EFFECT: _STEPS, _STEPS: _HEADING_EFFECT}.get(name, "")
-    chance = min(by_name.get(name, 0.0), _SURE)
-    alternatives = {other: by_name[other]} if name and by_name[other] > _AMBIGUOUS else {}
-    verdict = "no gap" if not name else "explained in part" if found.mixed else "explained"
-    if not name and null < 0.5:
-        verdict = "unknown"
-    warnings = [f"{finding.what}: {finding.consequence}" for finding in study.findings]
-    return PlatformDiagnosis(
-        unit_id,
-        verdict,
-        {name: chance} if name else {},
-        alternatives,
-        null,
-        verdict in ("explained in part", "unknown"),
-        _term(name, study.model, term),
-        _places(fitted, left[fitted], study),
-        tuple(_shrinkage(each, study, left[each]) for each in others) if name == _HEADING_EFFECT else (),
-        study,
-        {run: (checksums or {}).get(run, "") for run in logs},
-        tuple(warnings),
-    )
+        return _with_shares(finding, data.others)
+
+    def judged(
+        self,
+        finding: PositionFinding,
+        data: _Ready,
+        sets: dict[str, float],
+        held_out: Sequence[PositionRun],
+    ) -> PositionFinding:
+        kept = {run.run_id: _without_term(run.log, data.term) for run in held_out}
+        study = data.study
+        own = [
+            each
+            for name, log in kept.items()
+            for each in judge(name, log, study.model, study.nine, held_out=True)
+        ]
+        finding = replace(finding, study=replace(study, judgements=(*study.judgements, *own)))
+        return _with_shares(finding, {**data.others, **kept})
 
 
-def platform_closed(found: PlatformDiagnosis, model: Model) -> Model:
-    """Return the model with the heading effect in it, and the run that it was fitted on."""
-    if found.term is None:
-        return model
-    others = (each for each in model.channel_terms if each.name != found.term.name)
-    terms = (*others, found.term)
-    return replace(
-        model,
-        name=f"{model.name}+{found.term.name}",
-        channel_terms=terms,
-        fitted_on=dict(found.run_checksums),
-    )
+def _with_shares(finding: PositionFinding, others: Mapping[str, PlatformLog]) -> PositionFinding:
+    """Return the finding judged on runs that were not fitted, if it has an effect with values."""
+    names = others if finding.terms else {}
+    return replace(finding, held_out=tuple(_shrinkage(each, finding.study, others[each]) for each in names))
 
 
 def _log_evidence(study: HeadingStudy) -> tuple[float, float, float]:
@@ -212,15 +205,13 @@ def _without_term(log: PlatformLog, term: ChannelTerm | None) -> PlatformLog:
     return replace(log, north_as=log.north_as - north, east_as=log.east_as - east)
 
 
-def _term(name: str, model: LaggedModel, before: ChannelTerm | None) -> ChannelTerm | None:
+def _term(model: LaggedModel, before: ChannelTerm | None) -> ChannelTerm:
     """Return the fitted heading effect; one that the model had is counted in where the lags agree."""
-    if name != _HEADING_EFFECT:
-        return None
-    effect = _effect(name)
     gains, sigmas = model.gain.ravel(), model.sigma.ravel()
     if before is not None:
         gains = gains + np.array(before.values[:9])
     lag_h = model.tau_s / 3600.0
+    effect = _effect(_HEADING_EFFECT)
     return ChannelTerm(effect, (*gains.tolist(), lag_h), (*sigmas.tolist(), 0.1 * lag_h))
 
 
@@ -252,7 +243,7 @@ def _places(name: str, log: PlatformLog, study: HeadingStudy) -> tuple[HeadingPl
     )
 
 
-def _shrinkage(name: str, study: HeadingStudy, log: PlatformLog) -> PlatformShrinkage:
+def _shrinkage(name: str, study: HeadingStudy, log: PlatformLog) -> Shrinkage:
     judged = next(each for each in study.judgements if each.name == name)
     before = judged.north_before_as**2 + judged.east_before_as**2
     after = judged.north_after_as**2 + judged.east_after_as**2
@@ -263,4 +254,4 @@ def _shrinkage(name: str, study: HeadingStudy, log: PlatformLog) -> PlatformShri
     shares = 1.0 - sums[drawn, 1].sum(axis=1) / np.maximum(sums[drawn, 0].sum(axis=1), 1e-12)
     low, high = np.quantile(shares, (0.025, 0.975)).tolist()
     share = 1.0 - float(sums[:, 1].sum()) / max(float(sums[:, 0].sum()), 1e-12)
-    return PlatformShrinkage(name, share, low, high, judged.rms_before_as, judged.rms_after_as)
+    return Shrinkage(share, low, high, judged.rms_before_as, judged.rms_after_as, name)

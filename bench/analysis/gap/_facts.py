@@ -1,0 +1,161 @@
+"""What was found as JSON values, for the commands' `--json`; a number that does not exist is null."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.analysis.gap._channels import ChannelFinding
+from bench.analysis.gap._diagnose import Diagnosis
+from bench.analysis.gap._findings import Cause, Place, Shrinkage
+from bench.analysis.gap._model_file import AnyTerm, Term, by_parameter
+from bench.analysis.gap._position import PositionFinding
+from bench.analysis.gap._rate import RateFinding
+from bench.analysis.gap._rehearsal import LogGaps
+from bench.analysis.gap._suggest import Suggestion
+
+_SHARE = {"share": "share", "low": "low", "high": "high"}
+_OF_HELD_OUT = _SHARE | {"rms_before": "rms_before", "rms_after": "rms_after"}
+_OF_HELD_OUT_RUN = (
+    {"run_id": "run_id"} | _SHARE | {"rms_before_as": "rms_before", "rms_after_as": "rms_after"}
+)
+_OF_CELL = {"profile": "profile", "parity": "part", "band": "band", "rms_dph": "rms"}
+_CLEARNESS = {"share": "share", "energy_ratio": "energy_ratio", "p_value": "p_value"}
+_OF_PHASE = {"profile": "profile", "phase": "part", "band": "band", "rms_dph": "rms", "start_s": "start_s"}
+_OF_CHANNEL = {"phase": "part", "band": "band", "rms": "rms", "start_s": "start_s"}
+
+
+def diagnosis_facts(found: Diagnosis, following: Sequence[Suggestion] = ()) -> dict[str, Any]:
+    """Return a diagnosis, and what is suggested next, as JSON values."""
+    of_unit = {"unit": found.unit_id, "verdict": found.verdict, "runs": dict(found.run_checksums)}
+    if found.position is not None:
+        return of_unit | _finite(_position(found.position))
+    facts = _rate(found.rate) | {
+        "next": [vars(each) for each in following],
+        "channels": [_channel(each) for each in found.channels],
+    }
+    return of_unit | _finite(facts)
+
+
+def log_gap_facts(gaps: LogGaps) -> dict[str, Any]:
+    """Return gaps between a log and its rehearsals as JSON values."""
+    if gaps.headings:
+        return {"headings": [_finite(vars(each)) for each in gaps.headings]}
+    parts = {"gaps": gaps.rate, "channels": gaps.channels}
+    return {name: [_finite(vars(each)) for each in rows] for name, rows in parts.items()}
+
+
+def _finite(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return facts with None for every number that does not exist: JSON has no NaN."""
+
+    def known(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return _finite(value)
+        if isinstance(value, (list, tuple)):
+            return [known(each) for each in value]
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    return {key: known(value) for key, value in facts.items()}
+
+
+def _rate(found: RateFinding) -> dict[str, Any]:
+    return {
+        "causes": [_rate_cause(cause) for cause in found.causes],
+        "resembles": [_rate_cause(cause) for cause in found.resembles],
+        "stochastic": dict(found.stochastic),
+        "stochastic_coefficients": {
+            name: found.noise.rises[name] for name in found.stochastic if name in found.noise.rises
+        },
+        "disturbances": [{"name": term.name, **_fitted(term)} for term in found.disturbed.terms],
+        "unknown_probability": found.unknown_probability,
+        "no_gap_probability": found.null_probability,
+        "sets": {" + ".join(sorted(names)): value for names, value in found.set_probabilities.items()},
+        "places": _picked(found.places, _OF_CELL | _CLEARNESS),
+        "phases": _picked(found.phases, _OF_PHASE | _CLEARNESS),
+        "regimes": [vars(place) for place in found.regimes],
+        "unknown_parts": [
+            {key: value for key, value in vars(part).items() if key != "term"} for part in found.unknown_parts
+        ],
+        "left": _picked(found.left, _OF_CELL | _CLEARNESS),
+        "unidentifiable": dict(found.unidentifiable),
+        "warnings": list(found.warnings),
+        "held_out": next((_rate_shrinkage(each) for each in found.held_out if each.cells), None),
+    }
+
+
+def _rate_cause(cause: Cause[Term]) -> dict[str, Any]:
+    return {
+        "name": cause.name,
+        "probability": cause.probability,
+        "alternatives": dict(cause.alternatives),
+        **_fitted(cause.term),
+        "shape": dict(cause.term.variant.shape),
+        "explained_where_it_acts": cause.credibility,
+    }
+
+
+def _rate_shrinkage(held: Shrinkage) -> dict[str, Any]:
+    parts = {"by_profile": held.by_profile, "by_runs": held.by_runs, "by_phase": held.by_phase}
+    return {
+        "share": held.share,
+        "caution": held.caution,
+        "interval_95": [held.low, held.high],
+        "rms_before_dph": held.rms_before,
+        "rms_after_dph": held.rms_after,
+        **{
+            key: {name: value for name, value in shares.items() if math.isfinite(value)}
+            for key, shares in parts.items()
+        },
+    }
+
+
+def _channel(found: ChannelFinding) -> dict[str, Any]:
+    if found.reason:
+        return {"channel": found.signal, "verdict": found.verdict, "reason": found.reason}
+    return {
+        "channel": found.signal,
+        "unit": found.unit,
+        "verdict": found.verdict,
+        "rms": found.rms,
+        "floor_rms": found.floor_rms,
+        "floor_from": found.floor_source,
+        "explained": found.explained,
+        "causes": [
+            {
+                "name": cause.name,
+                "probability": cause.probability,
+                "alternatives": dict(cause.alternatives),
+                **_fitted(cause.term),
+                "nominal": by_parameter(cause.term, cause.nominal),
+            }
+            for cause in found.causes
+        ],
+        "places": _picked(found.places, _OF_CHANNEL | _CLEARNESS),
+        "left": _picked(found.left, _OF_CHANNEL | _CLEARNESS),
+        "stochastic": dict(found.stochastic),
+        "held_out": next(iter(_picked(found.held_out, _OF_HELD_OUT)), None),
+    }
+
+
+def _position(found: PositionFinding) -> dict[str, Any]:
+    fitted = [_fitted(cause.term) for cause in found.causes if cause.term is not None]
+    return {
+        "causes": {cause.name: cause.probability for cause in found.causes},
+        "alternatives": {name: p for cause in found.causes for name, p in cause.alternatives.items()},
+        "no_gap_probability": found.null_probability,
+        "steps_beside": found.unknown,
+        **(fitted[0] if fitted else {"parameters": {}, "sigma": {}}),
+        "places": [vars(place) for place in found.stays],
+        "held_out": _picked(found.held_out, _OF_HELD_OUT_RUN),
+        "warnings": list(found.warnings),
+    }
+
+
+def _fitted(term: AnyTerm) -> dict[str, dict[str, float]]:
+    return {"parameters": by_parameter(term, term.values), "sigma": by_parameter(term, term.sigmas)}
+
+
+def _picked(rows: Sequence[Place | Shrinkage], names: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return fields of rows under the names that JSON has for them."""
+    return [{name: getattr(row, field) for name, field in names.items()} for row in rows]

@@ -1,0 +1,240 @@
+"""The gyro's rate: runs and a nominal model in; where, which, how far and what is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.analysis.gap._align import aligned
+from bench.analysis.gap._candidates import candidate_variants
+from bench.analysis.gap._causes import causes_of
+from bench.analysis.gap._cells import BANDS, mixing
+from bench.analysis.gap._close import shrinkage
+from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
+from bench.analysis.gap._describe import UnknownPart, curve_part, line_part, remaining_part
+from bench.analysis.gap._disturbed import Disturbed, without_disturbances
+from bench.analysis.gap._findings import Cause, Finding, Place
+from bench.analysis.gap._fit import Floor, Solution, nominal_solution
+from bench.analysis.gap._generic import PREFIX
+from bench.analysis.gap._model_file import Model, Term
+from bench.analysis.gap._noise import Noise
+from bench.analysis.gap._prepare import Prepared, prepare
+from bench.analysis.gap._signal import Signal
+from bench.analysis.gap._stochastic import NoiseVerdict
+from bench.analysis.gap._where import RegimePlace, phase_map, places, regime_map
+from bench.analysis.gap._which import Found, judged_sets, left_of_runs, second_look, set_weights
+from drivers.base.arrays import Array
+from simulators.effects import Variant
+
+_DOUBTED = 0.1
+"""Probability of no gap from which on no cause is named, however probable one is beside it."""
+_LONG_S = 3600.0
+_LOST_FRACTION = 1e-4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RateFinding(Finding[Term]):
+    """What was found in the rate; `model` is the nominal with corrected parameters, without the causes.
+
+    `resembles` are catalogue effects that fit part of what is called unknown. `unidentifiable` maps effects that
+    these runs cannot show to the reason. `noise` is the floor; `stochastic` has the noise effects and
+    disturbances named with their probability, `disturbed` holds the latter. The verdict is one of "no gap",
+    "explained", "explained in part", "unknown", "nothing to identify".
+    """
+
+    model: Model
+    resembles: tuple[Cause[Term], ...]
+    unknown_probability: float
+    null_probability: float
+    set_probabilities: Mapping[frozenset[str], float]
+    disturbed: Disturbed
+    noise: NoiseVerdict
+    floor: Floor
+    phases: tuple[Place, ...]
+    regimes: tuple[RegimePlace, ...]
+    unidentifiable: Mapping[str, str]
+    unknown_parts: tuple[UnknownPart, ...]
+    latitude_deg: float
+
+    @property
+    def closing(self) -> tuple[str, ...]:
+        """Names of the effects that a closed model has and the nominal one has not, disturbances last."""
+        return (*super().closing, *(term.name for term in self.disturbed.terms))
+
+    def size_of(self, name: str) -> str:
+        """Return in words the size of a noise effect or a disturbance that is named; empty for lost frames."""
+        return self.disturbed.sentences.get(name) or self.noise.risen(name)
+
+
+@dataclass(frozen=True)
+class _Ready:
+    """Runs aligned and without disturbances, whitened with the model's columns and every candidate's."""
+
+    model: Model
+    variants: Sequence[Variant]
+    disturbed: Disturbed
+    data: Prepared
+    notes: Sequence[str]
+
+
+_Sets = tuple[Found, Sequence[Variant]]
+
+
+class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
+    """Output less the model's, in deg/h; a bias of each run and the model's own parameters are nuisance."""
+
+    def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
+        check_runs(runs)
+        shifted, notes = aligned(runs)
+        disturbed = without_disturbances(shifted, model)
+        variants = candidate_variants(model, disturbed.runs)
+        return _Ready(model, variants, disturbed, prepare(disturbed.runs, model, variants), notes)
+
+    def which(self, data: _Ready) -> _Sets:
+        found = judged_sets(data.data, data.model, data.variants)
+        if not found.best.members:
+            return found, data.variants
+        variants, again = second_look(found, data.model, data.variants)
+        return judged_sets(again, data.model, variants, found.hidden), variants
+
+    def finding(self, data: _Ready, sets: _Sets) -> RateFinding:
+        found, variants = sets
+        best, ready, disturbed, runs = found.best, found.data, data.disturbed, data.disturbed.runs
+        causes, resembles = causes_of(found, variants, data.model)
+        weights = set_weights(found.judged)
+        unknown = sum(both[1] for both in weights.values())
+        null = weights.get(frozenset(), (0.0, 0.0))[0]
+        if null > _DOUBTED:
+            causes, resembles = (), ()
+        stochastic = _stochastic(ready.noise, runs) if unknown < 0.5 else {}
+        stochastic = {**stochastic, **disturbed.probabilities}
+        where = places(ready.cells, found.before, ready.floor)
+        active: dict[str, set[int]] = {}
+        for place in where:
+            if place.clear:
+                active.setdefault(place.profile, set()).add(BANDS.index(place.band))
+        left = places(ready.cells, best.left, ready.floor)
+        nominal = left_of_runs(ready, nominal_solution(ready.cells, data.model.sigmas))
+        return RateFinding(
+            signal="rate",
+            unit="deg/h",
+            verdict=_verdict(bool(causes or stochastic), unknown, runs),
+            causes=causes,
+            places=tuple(where),
+            left=tuple(left),
+            stochastic=stochastic,
+            terms=(*(cause.term for cause in causes), *disturbed.terms),
+            warnings=(*data.notes, *_warnings(ready)),
+            model=_corrected(data.model, best.solution, ready.noise.noise),
+            resembles=resembles,
+            unknown_probability=unknown,
+            null_probability=null,
+            set_probabilities={
+                names: both[0] + both[1] for names, both in weights.items() if sum(both) > 1e-4
+            },
+            disturbed=disturbed,
+            noise=ready.noise,
+            floor=ready.floor,
+            phases=tuple(
+                phase_map(ready.groups, _mixed(ready.groups, nominal), ready.floor, ready.noise.noise)
+            ),
+            regimes=tuple(regime_map(ready.groups, nominal, ready.floor, ready.noise.noise, active)),
+            unidentifiable=found.hidden,
+            unknown_parts=tuple(_unknown_parts(found, variants, left, active)) if unknown > 0.5 else (),
+            latitude_deg=runs[0].stimulus.latitude_deg,
+        )
+
+    def judged(
+        self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
+    ) -> RateFinding:
+        causes = tuple(cause.term for cause in finding.causes)
+        used = {run.run_id: run.checksum for run in data.disturbed.runs}
+        closed = replace(finding.model, terms=finding.model.terms + causes, fitted_on=used)
+        return replace(finding, held_out=(shrinkage(finding.model, closed, held_out, finding.floor),))
+
+
+def _verdict(named: bool, unknown: float, runs: Sequence[GapRun]) -> str:
+    if not named and _constant(runs):
+        return "nothing to identify"
+    if unknown > 0.5:
+        return "explained in part" if named else "unknown"
+    return "explained" if named else "no gap"
+
+
+def _stochastic(verdict: NoiseVerdict, runs: Sequence[GapRun]) -> dict[str, float]:
+    found = {verdict.named: verdict.probabilities[verdict.named]} if verdict.named else {}
+    if max(run.lost_fraction for run in runs) > _LOST_FRACTION:
+        found["lost_frames"] = 1.0
+    return found
+
+
+def _corrected(model: Model, solution: Solution, noise: Noise) -> Model:
+    """Return the model with its parameters re-fitted beside the best set, and with the noise that was found."""
+    terms, at = [], 0
+    deviations = np.sqrt(np.diag(solution.covariance))
+    for term in model.terms:
+        k = len(term.values)
+        values = tuple(float(v + d) for v, d in zip(term.values, solution.values[at : at + k], strict=True))
+        terms.append(Term(term.variant, values, tuple(deviations[at : at + k].tolist())))
+        at += k
+    return replace(model, terms=tuple(terms), noise=noise)
+
+
+def _mixed(groups: Sequence[Group], residuals: Sequence[Array]) -> list[Array]:
+    """Return the parity runs of each run's whitened coefficients."""
+    return [mixing(group)[2] @ own for group, own in zip(groups, residuals, strict=True)]
+
+
+def _unknown_parts(
+    found: Found, variants: Sequence[Variant], left: Sequence[Place], bands: Mapping[str, set[int]]
+) -> list[UnknownPart]:
+    best, q = found.best, found.best.solution.indices.size
+    parts: list[UnknownPart] = []
+    nominal = q - sum(len(found.posterior.candidates[each].columns) for each in best.members)
+    at = nominal
+    for each in sorted(best.members):
+        k = len(found.posterior.candidates[each].columns)
+        if variants[each].effect.name.startswith(PREFIX):
+            parts.append(curve_part(variants[each], best.solution.values[at : at + k].tolist()))
+        at += k
+    if found.line is not None and best.line:
+        parts.append(line_part(found.line))
+    if not parts:
+        left_over = left_of_runs(found.data, best.solution)
+        regimes = regime_map(found.data.groups, left_over, found.data.floor, found.data.noise.noise, bands)
+        rest = remaining_part(left, regimes)
+        parts += [] if rest is None else [rest]
+    return parts
+
+
+def _constant(runs: Sequence[GapRun]) -> bool:
+    """Return whether neither temperature, nor rate, nor angle, nor attitude changes in or between the runs."""
+    spans = (
+        (2.0, [run.stimulus.warm_k for run in runs]),
+        (0.01, [run.stimulus.table_rate_dps for run in runs]),
+        (0.5, [run.stimulus.elevation_deg for run in runs]),
+        (1.0, [run.stimulus.angle_deg % 360.0 for run in runs]),
+    )
+    return all(np.ptp(np.concatenate(values)) < least for least, values in spans)
+
+
+def _warnings(data: Prepared) -> tuple[str, ...]:
+    notes = []
+    if not data.floor.from_repeats:
+        notes.append("no repeated runs: the noise floor rests on " + data.noise.source)
+    if data.noise.source == "data sheet":
+        notes.append("no repeats and no quiet run: a wrong data sheet would look like a gap")
+    runs = [run for group in data.groups for each in group.runs for run in each]
+    hidden = {text for run in runs if (text := unseen(run.stimulus))}
+    notes += sorted(hidden)
+    if not hidden and all(np.ptp(run.stimulus.warm_k) < 2.0 for run in runs):
+        notes.append("temperature hardly changes in these runs: no effect of temperature can be seen")
+    longest = max(len(each.runs[0][0].stimulus) * each.runs[0][0].stimulus.period_s for each in data.groups)
+    if longest < _LONG_S:
+        notes.append(
+            f"the longest run has {longest:.0f} s: what takes longer than {longest / 2.0:.0f} s (thermal lags, "
+            "relaxation, bias instability) is not told from the run's own bias"
+        )
+    return tuple(notes)

@@ -1,0 +1,101 @@
+"""Runs as they are given: folders and mapping files, some of them, or some of the runs in them, held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.analysis.gap._channel_data import ChannelSeries, load_channels
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._diagnose import Recording
+from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._position import PositionRun, is_platform_run, load_platform_run
+from bench.analysis.gap._run_folder import load_gap_runs
+from drivers.base.errors import ConfigurationError
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """What `diagnose` takes: recordings to diagnose and to judge on; why runs lack a channel, by channel."""
+
+    runs: tuple[Recording, ...]
+    held_out: tuple[Recording, ...]
+    missing: dict[str, str]
+
+    @property
+    def of_platform(self) -> bool:
+        """Whether they are of a platform, which has a position and no rate."""
+        return isinstance(self.runs[0], PositionRun)
+
+    @property
+    def unit_id(self) -> str:
+        """The unit of the first run."""
+        first = self.runs[0]
+        return "" if isinstance(first, ChannelSeries) else first.unit_id
+
+    @property
+    def shown(self) -> list[GapRun]:
+        """The rate's runs that a report draws: held-out ones, else those diagnosed."""
+        return [run for run in self.held_out or self.runs if isinstance(run, GapRun)]
+
+
+def read_recordings(
+    paths: Sequence[Path], held_out: Sequence[Path] = (), gyro: str | None = None
+) -> Recordings:
+    """Return the recordings of run folders and mapping files (.toml), all signals of them.
+
+    A held-out run is one of those given, by its id, or a folder or mapping file of its own. ConfigurationError
+    for runs of a gyro and of a platform together, and for one to hold out that is not there.
+    """
+    _refuse_mixture([*paths, *(path for path in held_out if path.exists())])
+    given, missing = _read(paths, gyro)
+    leading = {run.run_id for run in given if not isinstance(run, ChannelSeries)}
+    named = {str(path) for path in held_out} & leading
+    files = [path for path in held_out if str(path) not in named]
+    for path in files:
+        if not path.exists():
+            raise ConfigurationError(
+                "there is no such run to hold out",
+                where="--held-out",
+                found=str(path),
+                expected="a run folder, a mapping file, or one of the runs given: "
+                + ", ".join(sorted(leading)),
+            )
+    if named and named == leading:
+        raise ConfigurationError(
+            "every run is held out", where="--held-out", expected="at least one run to diagnose"
+        )
+    apart, more = _read(files, gyro)
+    return Recordings(
+        tuple(run for run in given if run.run_id not in named),
+        (*(run for run in given if run.run_id in named), *apart),
+        missing | more,
+    )
+
+
+def _read(paths: Sequence[Path], gyro: str | None) -> tuple[list[Recording], dict[str, str]]:
+    runs: list[Recording] = []
+    missing: dict[str, str] = {}
+    for path in paths:
+        if path.suffix == ".toml":
+            runs += read_mapped_runs(path)
+        elif is_platform_run(path):
+            runs.append(load_platform_run(path))
+        else:
+            runs += load_gap_runs(path, gyro)
+            series, without = load_channels(path, gyro)
+            runs += series
+            missing |= without
+    return runs, missing
+
+
+def _refuse_mixture(paths: Sequence[Path]) -> None:
+    platforms = [path for path in paths if is_platform_run(path)]
+    if platforms and len(platforms) < len(paths):
+        raise ConfigurationError(
+            "runs of a platform and of a gyro under one model",
+            found=", ".join(str(path) for path in paths),
+            expected="runs of one unit",
+            remedy="diagnose each unit by itself",
+        )
