@@ -1,11 +1,9 @@
 """Where simulation and bench part, which effect is missing, and how much of the gap closes once it is in."""
 
-from bench.analysis.gap._cells import BANDS
-from bench.analysis.gap._channel_cells import channel_bands
 from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._describe import UnknownPart
 from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
-from bench.analysis.gap._exam_folder import Exam, hold_exam, read_exam
+from bench.analysis.gap._exam_folder import hold_exam, read_exam
 from bench.analysis.gap._facts import diagnosis_facts, log_gap_facts
 from bench.analysis.gap._findings import Cause, Finding, Place, Shrinkage
 from bench.analysis.gap._model_file import Model, Term, model_text, parse_model, read_model
@@ -14,12 +12,11 @@ from bench.analysis.gap._position import PositionFinding
 from bench.analysis.gap._rate import RateFinding
 from bench.analysis.gap._recordings import Recordings, read_recordings
 from bench.analysis.gap._rehearsal import LogCurve, LogGap, LogGaps, log_gaps
-from bench.analysis.gap._score import Marked
+from bench.analysis.gap._score import Exam, Marked
 from bench.analysis.gap._series import Difference, differences
 from bench.analysis.gap._suggest import Suggestion, suggest
 
 __all__ = [
-    "BANDS",
     "Cause",
     "ChannelFinding",
     "Diagnosis",
@@ -40,7 +37,6 @@ __all__ = [
     "Suggestion",
     "Term",
     "UnknownPart",
-    "channel_bands",
     "closed_model",
     "diagnose",
     "diagnosis_facts",

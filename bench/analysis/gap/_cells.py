@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._grams import gram_blocks
-from bench.analysis.gap._noise import Noise, spectrum
+from bench.analysis.gap._noise import Noise, power_of
 from bench.analysis.gap._stack import Stack
 from drivers.base.arrays import Array
 
@@ -73,14 +73,14 @@ def mixing(group: Group) -> tuple[list[str], list[bool], Array]:
     """Return `contrasts` of a group, or each run by itself where repeats are unequal."""
     if group.balanced:
         return contrasts(group.conditions, len(group.runs[0]))
-    runs = [run.run_id for each in group.runs for run in each]
+    runs = [run.run_id for run in group.flat]
     return runs, [True] * len(runs), np.eye(len(runs))
 
 
 def mixed_whitened(group: Group, stacked: NDArray[Any], noise: Noise) -> Array:
     """Return the parity runs, whitened, from the runs' coefficients (runs, p, n - 1), condition-major."""
     n = stacked.shape[2] + 1
-    power = spectrum(noise, np.arange(1, n) / n, group.runs[0][0].stimulus.period_s)
+    power = power_of(noise, n, group.runs[0][0].stimulus.period_s)
     mix = mixing(group)[2]
     scale = (1.0 / np.sqrt(power)).astype(stacked.dtype)
     result = np.tensordot(mix.astype(stacked.dtype), stacked, axes=1) if len(mix) > 1 else stacked.copy()
@@ -146,7 +146,7 @@ def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
     """Return the cells of a group from its runs' coefficients of [data, columns]."""
     n, period_s = stack.full.shape[2] + 1, group.runs[0][0].stimulus.period_s
     names, repeatable, mix = mixing(group)
-    power = spectrum(noise, np.arange(1, n) / n, period_s)
+    power = power_of(noise, n, period_s)
     parts = band_slices(n, period_s)
     flat = [part for part in parts if part.stop > part.start]
     sizes = np.array([stack.energies(part) / power[part].mean() for part in flat])

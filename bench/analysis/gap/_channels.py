@@ -10,6 +10,7 @@ import numpy as np
 
 from bench.analysis.gap._channel_cells import (
     ChannelCells,
+    channel_bands,
     channel_cells,
     channel_places,
     gap_rms,
@@ -60,6 +61,11 @@ class ChannelFinding(Finding[ChannelTerm]):
     explained: float = math.nan
     curves: tuple[ChannelCurve, ...] = ()
     reason: str = ""
+
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """Time scales of its places, fast to slow."""
+        return channel_bands()
 
     def told(self, cause: Cause[ChannelTerm]) -> str:
         """Return in words what a cause does, its values beside nominal ones, what could stand in its place."""

@@ -15,7 +15,7 @@ from bench.analysis.gap._disturbed import without_disturbances
 from bench.analysis.gap._findings import SIGNIFICANT, Shrinkage, refuse_judges
 from bench.analysis.gap._fit import Floor, counts
 from bench.analysis.gap._model_file import Model
-from bench.analysis.gap._noise import spectrum
+from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._stack import stacked, transformed
 from bench.analysis.gap._where import holm, in_time
 from drivers.base.arrays import Array
@@ -125,9 +125,9 @@ def _shares_by_phase(
             bands.setdefault(cell.profile, set()).add(cell.band)
     excess: dict[str, Array] = {}
     for group in group_runs(runs):
-        for run in (run for each in group.runs for run in each):
+        for run in group.flat:
             n, period_s = len(run.stimulus), run.stimulus.period_s
-            power = spectrum(after.noise, np.arange(1, n) / n, period_s)
+            power = power_of(after.noise, n, period_s)
             own = transformed(run, left_by(run, (before, after))[0]) / np.sqrt(power)
             for band in bands.get(group.profile, set()):
                 part = band_slices(n, period_s)[band]
@@ -148,8 +148,7 @@ def judged_cells(before: Model, after: Model, runs: Sequence[GapRun]) -> list[Ce
     """Return cells of what both models leave of runs, Gram (2, 2), in all but the two fastest bands."""
     cells = []
     for group in group_runs(runs):
-        flat = [run for each in group.runs for run in each]
-        stack = stacked(flat, lambda run: left_by(run, (before, after)), [False])
+        stack = stacked(group.flat, lambda run: left_by(run, (before, after)), [False])
         cells += group_cells(group, stack, after.noise)
     return [cell for cell in cells if cell.band < len(BANDS) - 2]
 

@@ -160,6 +160,11 @@ class Group:
     runs: tuple[tuple[GapRun, ...], ...]
 
     @property
+    def flat(self) -> tuple[GapRun, ...]:
+        """All runs, condition by condition."""
+        return tuple(run for repeats in self.runs for run in repeats)
+
+    @property
     def balanced(self) -> bool:
         """Whether every condition was repeated equally often."""
         return len({len(each) for each in self.runs}) == 1

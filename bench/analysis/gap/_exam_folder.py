@@ -4,40 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from bench.analysis.common.fan_out import ALONE, FanOut
 from bench.analysis.gap._examination import examine
-from bench.analysis.gap._score import Line, Marked, Reliability, reliability, score_table, shrinkage_quantiles
+from bench.analysis.gap._score import Exam, Marked
 from drivers.base.errors import ConfigurationError
 
 RESULTS_FILE = "results.jsonl"
 PLAN_FILE = "exam.json"
-
-
-@dataclass(frozen=True)
-class Exam:
-    """An exam: `cases` were planned, `marked` are those finished."""
-
-    seed: int
-    cases: int
-    marked: tuple[Marked, ...]
-
-    @property
-    def lines(self) -> list[Line]:
-        """The lines of its table."""
-        return score_table(self.marked)
-
-    @property
-    def shrinkage_quantiles(self) -> tuple[float, float]:
-        """Median and 10th percentile of the true shrinkage over the oracle's, SNR 1 and up."""
-        return shrinkage_quantiles(self.marked)
-
-    @property
-    def reliability(self) -> tuple[list[Reliability], float]:
-        """Claims by stated probability with how often they came true, and the expected calibration error."""
-        return reliability(self.marked)
 
 
 def hold_exam(

@@ -68,6 +68,11 @@ def spectrum(noise: Noise, frequency: Array, period_s: float) -> Array:
     return np.asarray(coefficients**2 @ unit_spectra(frequency, period_s))
 
 
+def power_of(noise: Noise, n: int, period_s: float) -> Array:
+    """Return the noise's power (deg/h)^2 at the coefficients 1 .. n-1 of n samples, (n - 1,)."""
+    return spectrum(noise, np.arange(1, n) / n, period_s)
+
+
 @dataclass(frozen=True)
 class Periodogram:
     """DCT power gathered in bins: mean frequency, sum of squares and count, each (bins,)."""

@@ -73,21 +73,21 @@ def with_columns(data: Prepared, columns: Sequence[int], fresh: Sequence[Variant
         return [stack.narrowed(columns, stack.full[:, :0]) for stack in data.stacks]
     result = []
     for group, stack in zip(data.groups, data.stacks, strict=True):
-        runs = [run for each in group.runs for run in each]
-        rows = stacked(runs, lambda run: [each.columns(run.stimulus) for each in fresh], [False] * len(fresh))
+        rows = stacked(
+            group.flat, lambda run: [each.columns(run.stimulus) for each in fresh], [False] * len(fresh)
+        )
         result.append(stack.narrowed(columns, rows.full))
     return result
 
 
 def _stack(group: Group, model: Model, variants: Sequence[Variant]) -> Stack:
-    runs = [run for each in group.runs for run in each]
-
     def rows(run: GapRun) -> list[Array]:
         s = run.stimulus
         own = [(run.output_dph - model.predict(s))[None, :], model.columns(s)]
         return own + [variant.columns(s) for variant in variants]
 
-    return stacked(runs, rows, [False, False, *(smooth(variant.effect, runs) for variant in variants)])
+    few = (smooth(variant.effect, group.flat) for variant in variants)
+    return stacked(group.flat, rows, [False, False, *few])
 
 
 def noise_beside(data: Prepared, solution: Solution, model: Model) -> NoiseVerdict:

@@ -63,6 +63,11 @@ class RateFinding(Finding[Term]):
         """Names of the effects that a closed model has and the nominal one has not, disturbances last."""
         return (*super().closing, *(term.name for term in self.disturbed.terms))
 
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """Time scales of its places, slow to fast."""
+        return BANDS
+
     def size_of(self, name: str) -> str:
         """Return in words the size of a noise effect or a disturbance that is named; empty for lost frames."""
         return self.disturbed.sentences.get(name) or self.noise.risen(name)
@@ -226,7 +231,7 @@ def _warnings(data: Prepared) -> tuple[str, ...]:
         notes.append("no repeated runs: the noise floor rests on " + data.noise.source)
     if data.noise.source == "data sheet":
         notes.append("no repeats and no quiet run: a wrong data sheet would look like a gap")
-    runs = [run for group in data.groups for each in group.runs for run in each]
+    runs = [run for group in data.groups for run in group.flat]
     hidden = {text for run in runs if (text := unseen(run.stimulus))}
     notes += sorted(hidden)
     if not hidden and all(np.ptp(run.stimulus.warm_k) < 2.0 for run in runs):

@@ -149,57 +149,6 @@ def wilson(right: int, of: int, z: float = 1.96) -> tuple[float, float]:
     return max(0.0, (centre - half) / below), min(1.0, (centre + half) / below)
 
 
-def score_table(marked: Sequence[Marked]) -> list[Line]:
-    """Return the exam's lines."""
-    lines = [_line("null: a cause or unknown named (less is better)", marked, "null", _alarm)]
-    for low, high in pairwise(EDGES):
-        band = [each for each in marked if low <= each.snr < high]
-        snr = f"{low:g}..{high:g}"
-        lines += [
-            _line("single: right effect and nothing else", band, "single", lambda m: m.first, snr),
-            _line(
-                "single: right effect named or a stated alternative", band, "single", lambda m: m.in_set, snr
-            ),
-            _line("single: called unknown (less is better)", band, "single", lambda m: m.called_unknown, snr),
-            _line("pair: exactly both", band, "pair", lambda m: m.first, snr),
-            _line("pair: both named or alternatives", band, "pair", lambda m: m.in_set, snr),
-            _line("outside the catalogue: called unknown", band, "unknown", lambda m: m.called_unknown, snr),
-            _line(
-                "outside the catalogue: a false cause named", band, "unknown", lambda m: bool(m.named), snr
-            ),
-            _line("known and unknown: both reported", band, "known and unknown", _both, snr),
-        ]
-    detectable = [each for each in marked if each.snr >= 1.0]
-    pairs = [each for each in detectable if each.kind == "pair"]
-    hits = sum(len(each.named & each.known) for each in pairs)
-    lines.append(Line("pairs: precision", "1..30", hits, sum(len(each.named) for each in pairs)))
-    lines.append(Line("pairs: recall", "1..30", hits, sum(len(each.known) for each in pairs)))
-    lines.append(_line("stochastic: named exactly", marked, "stochastic", _stochastic))
-    for low, high in pairwise(EDGES[1:]):
-        acted = [each for each in marked if each.effects and low <= each.snr < high]
-        right = sum(each.placed for each in acted)
-        lines.append(
-            Line("place: strongest cell in the true 80 % region", f"{low:g}..{high:g}", right, len(acted))
-        )
-    strong = [each for each in marked if each.kind in ("single", "pair") and _coverable(each)]
-    covered = sum(c.stated_share[1] <= c.true_share <= c.stated_share[2] for c in strong)
-    lines.append(Line("shrinkage: 95 % interval holds the true shrinkage", "1..30", covered, len(strong)))
-    good = sum(each.true_share >= 0.95 for each in strong)
-    lines.append(Line("shrinkage: at least 95 % of the oracle's", "1..30", good, len(strong)))
-    return [line for line in lines if line.of]
-
-
-def shrinkage_quantiles(marked: Sequence[Marked]) -> tuple[float, float]:
-    """Return median and 10th percentile of true shrinkage over the oracle's, single effects and pairs, SNR >= 1.
-
-    The oracle takes out the true effect with its true amplitude, nothing but noise is left: its share is 1.
-    """
-    shares = [each.true_share for each in marked if each.kind in ("single", "pair") and _coverable(each)]
-    if not shares:
-        return math.nan, math.nan
-    return float(np.median(shares)), float(np.quantile(shares, 0.1))
-
-
 @dataclass(frozen=True)
 class Reliability:
     """Claims of about one probability: their mean, how many there were and how many came true."""
@@ -209,19 +158,96 @@ class Reliability:
     true: int
 
 
-def reliability(marked: Sequence[Marked]) -> tuple[list[Reliability], float]:
-    """Return claims in ten bins of probability, and the expected calibration error (Naeini et al., AAAI 2015)."""
-    claims = [claim for each in marked for claim in each.claims]
-    bins: list[Reliability] = []
-    error = 0.0
-    for k in range(10):
-        own = [claim for claim in claims if k / 10 <= claim[0] < (k + 1) / 10 or (k == 9 and claim[0] >= 1.0)]
-        if not own:
-            continue
-        stated, true = sum(p for p, _ in own) / len(own), sum(right for _, right in own)
-        bins.append(Reliability(stated, len(own), true))
-        error += abs(stated * len(own) - true) / len(claims)
-    return bins, error
+@dataclass(frozen=True)
+class Exam:
+    """An exam: `cases` were planned, `marked` are those finished."""
+
+    seed: int
+    cases: int
+    marked: tuple[Marked, ...]
+
+    @property
+    def lines(self) -> list[Line]:
+        """The lines of its table."""
+        marked = self.marked
+        lines = [_line("null: a cause or unknown named (less is better)", marked, "null", _alarm)]
+        for low, high in pairwise(EDGES):
+            band = [each for each in marked if low <= each.snr < high]
+            snr = f"{low:g}..{high:g}"
+            lines += [
+                _line("single: right effect and nothing else", band, "single", lambda m: m.first, snr),
+                _line(
+                    "single: right effect named or a stated alternative",
+                    band,
+                    "single",
+                    lambda m: m.in_set,
+                    snr,
+                ),
+                _line(
+                    "single: called unknown (less is better)", band, "single", lambda m: m.called_unknown, snr
+                ),
+                _line("pair: exactly both", band, "pair", lambda m: m.first, snr),
+                _line("pair: both named or alternatives", band, "pair", lambda m: m.in_set, snr),
+                _line(
+                    "outside the catalogue: called unknown", band, "unknown", lambda m: m.called_unknown, snr
+                ),
+                _line(
+                    "outside the catalogue: a false cause named",
+                    band,
+                    "unknown",
+                    lambda m: bool(m.named),
+                    snr,
+                ),
+                _line("known and unknown: both reported", band, "known and unknown", _both, snr),
+            ]
+        detectable = [each for each in marked if each.snr >= 1.0]
+        pairs = [each for each in detectable if each.kind == "pair"]
+        hits = sum(len(each.named & each.known) for each in pairs)
+        lines.append(Line("pairs: precision", "1..30", hits, sum(len(each.named) for each in pairs)))
+        lines.append(Line("pairs: recall", "1..30", hits, sum(len(each.known) for each in pairs)))
+        lines.append(_line("stochastic: named exactly", marked, "stochastic", _stochastic))
+        for low, high in pairwise(EDGES[1:]):
+            acted = [each for each in marked if each.effects and low <= each.snr < high]
+            right = sum(each.placed for each in acted)
+            lines.append(
+                Line("place: strongest cell in the true 80 % region", f"{low:g}..{high:g}", right, len(acted))
+            )
+        strong = [each for each in marked if each.kind in ("single", "pair") and _coverable(each)]
+        covered = sum(c.stated_share[1] <= c.true_share <= c.stated_share[2] for c in strong)
+        lines.append(Line("shrinkage: 95 % interval holds the true shrinkage", "1..30", covered, len(strong)))
+        good = sum(each.true_share >= 0.95 for each in strong)
+        lines.append(Line("shrinkage: at least 95 % of the oracle's", "1..30", good, len(strong)))
+        return [line for line in lines if line.of]
+
+    @property
+    def shrinkage_quantiles(self) -> tuple[float, float]:
+        """Median and 10th percentile of true shrinkage over the oracle's, single effects and pairs, SNR >= 1.
+
+        The oracle takes out the true effect with its true amplitude, nothing but noise is left: its share is 1.
+        """
+        shares = [
+            each.true_share for each in self.marked if each.kind in ("single", "pair") and _coverable(each)
+        ]
+        if not shares:
+            return math.nan, math.nan
+        return float(np.median(shares)), float(np.quantile(shares, 0.1))
+
+    @property
+    def reliability(self) -> tuple[list[Reliability], float]:
+        """Claims in ten bins of probability, and the expected calibration error (Naeini et al., AAAI 2015)."""
+        claims = [claim for each in self.marked for claim in each.claims]
+        bins: list[Reliability] = []
+        error = 0.0
+        for k in range(10):
+            own = [
+                claim for claim in claims if k / 10 <= claim[0] < (k + 1) / 10 or (k == 9 and claim[0] >= 1.0)
+            ]
+            if not own:
+                continue
+            stated, true = sum(p for p, _ in own) / len(own), sum(right for _, right in own)
+            bins.append(Reliability(stated, len(own), true))
+            error += abs(stated * len(own) - true) / len(claims)
+        return bins, error
 
 
 def _line(

@@ -13,7 +13,7 @@ from scipy.special import softmax
 from bench.analysis.gap._cells import mixed_whitened, mixing
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._fit import solve
-from bench.analysis.gap._noise import NAMES, Noise, Periodogram, fit_noise, periodogram, spectrum
+from bench.analysis.gap._noise import NAMES, Noise, Periodogram, fit_noise, periodogram, power_of
 from drivers.base.arrays import Array
 
 EFFECT_OF = {
@@ -102,8 +102,7 @@ def floor_data(
         return repeats, "differences of repeats"
     quiet = []
     for group, stack in zip(groups, stacks, strict=True):
-        flat = [run for each in group.runs for run in each]
-        for run, own in zip(flat, stack, strict=True):
+        for run, own in zip(group.flat, stack, strict=True):
             still = np.ptp(run.stimulus.warm_k) < _QUIET_SPAN_K and np.ptp(run.stimulus.table_rate_dps) < 0.01
             if still:
                 alone = Group(group.profile, ("0",), ((run,),))
@@ -121,7 +120,7 @@ def _less_nominal(parity_runs: Array, sigmas: Array) -> Array:
 def _coloured(group: Group, left: Array, sheet: Noise, skip: int = 1) -> Periodogram:
     """Return the periodogram of residuals in deg/h again, from whitened rows (m, n - 1)."""
     n, period_s = left.shape[1] + 1, group.runs[0][0].stimulus.period_s
-    power = spectrum(sheet, np.arange(1, n) / n, period_s)
+    power = power_of(sheet, n, period_s)
     padded = np.zeros((len(left), n))
     padded[:, 1:] = left * np.sqrt(power)
     return periodogram(padded, period_s, skip=skip)

@@ -14,7 +14,7 @@ from bench.analysis.gap._cells import BANDS, Cell, band_slices, mixing
 from bench.analysis.gap._data import GapRun, Group
 from bench.analysis.gap._findings import SIGNIFICANT, Place
 from bench.analysis.gap._fit import Floor, counts
-from bench.analysis.gap._noise import Noise, spectrum
+from bench.analysis.gap._noise import Noise, power_of
 from drivers.base.arrays import Array
 from simulators.effects import REFERENCE_C, Stimulus
 
@@ -83,7 +83,7 @@ def phase_map(groups: Sequence[Group], residuals: Sequence[Array], floor: Floor,
         n, period_s = residual.shape[1] + 1, run.stimulus.period_s
         kept = residual[[k for k, same in enumerate(mixing(group)[1]) if same]]
         phases = [str(name) for name in dict.fromkeys(run.phase.tolist())]
-        power = spectrum(noise, np.arange(1, n) / n, period_s)
+        power = power_of(noise, n, period_s)
         for band, part in enumerate(band_slices(n, period_s)):
             if part.stop <= part.start:
                 continue
@@ -137,10 +137,9 @@ def regime_map(
     """
     sums: dict[str, Array] = {}
     for group, residual in zip(groups, residuals, strict=True):
-        flat = [run for each in group.runs for run in each]
-        for run, own in zip(flat, residual, strict=True):
+        for run, own in zip(group.flat, residual, strict=True):
             n, period_s = len(own) + 1, run.stimulus.period_s
-            power = spectrum(noise, np.arange(1, n) / n, period_s)
+            power = power_of(noise, n, period_s)
             energy, excess = np.zeros(n), np.zeros(n)
             dof = 0.0
             for band, part in enumerate(band_slices(n, period_s)):

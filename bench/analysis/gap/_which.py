@@ -27,7 +27,7 @@ from bench.analysis.gap._fit import (
 from bench.analysis.gap._generic import PREFIX, absorbed
 from bench.analysis.gap._lines import SpectralLine, strongest_line
 from bench.analysis.gap._model_file import Model
-from bench.analysis.gap._noise import spectrum
+from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._prepare import Prepared, gathered, narrowed, noise_beside, with_columns
 from bench.analysis.gap._refine import best_of_each, between_grid_points, sets_of_note
 from bench.analysis.gap._unknown import Remainder, remainder
@@ -307,6 +307,6 @@ def left_of_runs(data: Prepared, solution: Solution) -> list[Array]:
             stack.chosen(solution.indices), solution.values, axes=(1, 0)
         )
         n = left.shape[1] + 1
-        power = spectrum(data.noise.noise, np.arange(1, n) / n, group.runs[0][0].stimulus.period_s)
+        power = power_of(data.noise.noise, n, group.runs[0][0].stimulus.period_s)
         result.append(left / np.sqrt(power))
     return result

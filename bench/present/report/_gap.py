@@ -12,7 +12,7 @@ import numpy as np
 from bench.present.report._figures import Curve, Lane, Panel, lanes
 from bench.present.report._gap_channels import channel_blocks
 from bench.present.report._gap_curves import left_over_panels
-from bench.present.report._gap_where import place_map, where_blocks
+from bench.present.report._gap_where import rate_map, where_blocks
 from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
@@ -304,7 +304,7 @@ def _difference_panels(content: GapContent) -> list[Block]:
 
 
 def _left(found: RateFinding) -> list[Block]:
-    blocks = place_map("left", found.left, "What the best set leaves, by runs and time scale")
+    blocks = rate_map("left", found, found.left, "What the best set leaves, by runs and time scale")
     if blocks:
         return blocks
     beside = " beside the missing effect drawn above" if found.unknown_parts else ""

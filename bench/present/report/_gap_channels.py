@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from markupsafe import Markup
 
 from bench.present.report._figures import Curve, Lane, lanes
-from bench.present.report._heat_map import HeatCell, heat_map
+from bench.present.report._gap_where import in_words, place_map
 from bench.present.report._numbers import DASH, fixed, significant
 from bench.present.report._page import Block, Cell, Column, Figures, Key, Notes, Row, Table
 from bench.present.report._palette import AFTER, BEFORE
 
 if TYPE_CHECKING:
-    from bench.analysis.gap import ChannelFinding, Place
+    from bench.analysis.gap import ChannelFinding
 
 _HOUR_S = 3600.0
 
@@ -71,7 +70,9 @@ def _of_channel(found: ChannelFinding) -> list[Block]:
     blocks: list[Block] = []
     if any(place.clear for place in found.places):
         caption = f"{name.capitalize()}: where its gap lies, rms in {found.unit} where significant."
-        blocks.append(Figures([_map(found.signal, found.places, caption)], caption))
+        blocks.append(
+            Figures([place_map(f"{found.signal}-map", in_words(found.places), found.bands, caption)], caption)
+        )
     curve = found.curves[0]
     hours = curve.time_s / _HOUR_S
     apart = np.diff(hours, prepend=hours[0]) > 5.0 * np.median(np.diff(hours))
@@ -86,21 +87,6 @@ def _of_channel(found: ChannelFinding) -> list[Block]:
     )
     blocks.append(Figures([drawn], caption, keys))
     return blocks
-
-
-def _map(channel: str, places: Sequence[Place], caption: str) -> Markup:
-    from bench.analysis.gap import channel_bands
-
-    phases = list(dict.fromkeys(place.part for place in sorted(places, key=lambda place: place.start_s)))
-    bands = [band for band in channel_bands() if any(place.band == band for place in places)]
-    cells = {
-        (place.part.replace("_", " "), place.band): HeatCell(
-            place.share, significant(place.rms, 2), place.clear
-        )
-        for place in places
-    }
-    rows = [phase.replace("_", " ") for phase in phases]
-    return heat_map(f"{channel}-map", rows, bands, cells, description=caption)
 
 
 def _plain(name: str) -> str:

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 _HOUR_S = 3600.0
 _MOSTLY = 0.9
+_OF_RATE = "What the run's log differs by from the rehearsals' logs."
+_OF_CHANNELS = "What the run differs by beside the gyro's rate; nothing taken out."
 
 
 def render_log_gaps(
@@ -69,62 +71,41 @@ def render_log_gaps(
             ],
         ),
         sections=[
-            Section("By phase", [_table(gaps.rate)]),
+            Section("By phase", [_table(gaps.rate, _OF_RATE, "°/h")]),
             Section("Over time", [_figures(gaps.curves)]),
-            Section("Other channels", [_channel_table(gaps.channels)] if gaps.channels else []),
+            Section("Other channels", [_table(gaps.channels, _OF_CHANNELS)] if gaps.channels else []),
         ],
         colophon="Means of 100 s, each stretch's own mean taken out; phases laid on each other at their begins.",
     )
     return render_page(page)
 
 
-def _table(gaps: Sequence[LogGap]) -> Table:
+def _table(gaps: Sequence[LogGap], caption: str, unit: str = "") -> Table:
+    """Return a table of gaps of one unit, all of them first, or of a channel each in its own."""
+    size = f"{unit} rms".strip()
     heads = [
-        Column("Phase"),
-        Column("Nominal", "°/h rms", True),
-        Column("Closed", "°/h rms", True),
-        Column("Floor", "°/h rms", True),
+        Column("Phase" if unit else "Channel"),
+        *([] if unit else [Column("Unit")]),
+        Column("Nominal", size, True),
+        Column("Closed", size, True),
+        Column("Floor", size, True),
         Column("Reducible gap gone", "%", True),
     ]
     rows = [
         Row(
             [
-                Cell(each.part.replace("_", " "), strong=number == 0),
+                Cell(each.part.replace("_", " "), strong=bool(unit) and number == 0),
+                *([] if unit else [Cell(each.unit)]),
                 Cell(significant(each.rms_nominal)),
                 Cell(significant(each.rms_closed)),
                 Cell(significant(each.rms_floor)),
                 Cell(fixed(100.0 * each.share, 1) if math.isfinite(each.share) else DASH),
             ],
-            emphasis=number == 0,
+            emphasis=bool(unit) and number == 0,
         )
         for number, each in enumerate(gaps)
     ]
-    return Table(heads, rows, "What the run's log differs by from the rehearsals' logs.")
-
-
-def _channel_table(gaps: Sequence[LogGap]) -> Table:
-    heads = [
-        Column("Channel"),
-        Column("Unit"),
-        Column("Nominal", "rms", True),
-        Column("Closed", "rms", True),
-        Column("Floor", "rms", True),
-        Column("Reducible gap gone", "%", True),
-    ]
-    rows = [
-        Row(
-            [
-                Cell(each.part.replace("_", " ")),
-                Cell(each.unit),
-                Cell(significant(each.rms_nominal)),
-                Cell(significant(each.rms_closed)),
-                Cell(significant(each.rms_floor)),
-                Cell(fixed(100.0 * each.share, 1) if math.isfinite(each.share) else DASH),
-            ]
-        )
-        for each in gaps
-    ]
-    return Table(heads, rows, "What the run differs by beside the gyro's rate; nothing taken out.")
+    return Table(heads, rows, caption)
 
 
 def _figures(curves: Sequence[LogCurve]) -> Figures:

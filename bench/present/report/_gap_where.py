@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
@@ -17,63 +18,52 @@ if TYPE_CHECKING:
 
 def where_blocks(found: RateFinding) -> list[Block]:
     """Return the maps by runs, by phases and by operating regime, or a note that there is no place."""
-    blocks = place_map("where", found.places, "The gap by runs and time scale")
+    blocks = rate_map("where", found, found.places, "The gap by runs and time scale")
     if not blocks:
         return [Notes(["No cell stands out of the noise floor."])]
-    return [*blocks, *_phase_map(found.phases), *_regime_maps(found)]
+    return [*blocks, *_phase_map(found), *_regime_maps(found)]
 
 
-def place_map(figure_id: str, places: Sequence[Place], caption: str) -> list[Block]:
+def rate_map(figure_id: str, found: RateFinding, places: Sequence[Place], caption: str) -> list[Block]:
     """Return a map of runs by time scale, nothing if no place stands out."""
     if not any(place.clear for place in places):
         return []
-    rows = list(dict.fromkeys((place.profile, place.part) for place in sorted(places, key=_row_order)))
-    names = {each: each[0] if each[1] == "run" else f"{each[0]}: {each[1]}" for each in rows}
-    columns = [band for band in _bands() if any(place.band == band for place in places)]
+    text = f"{caption}: rms in °/h where significant, deeper the larger its share. Columns are periods."
+    return [Figures([place_map(figure_id, places, found.bands, caption)], text)]
+
+
+def place_map(figure_id: str, places: Sequence[Place], bands: Sequence[str], caption: str) -> Markup:
+    """Return the drawing of a map of places by time scale, a line between profiles."""
+    ordered = sorted(places, key=lambda place: (place.profile, place.start_s, place.part))
+    rows = list(dict.fromkeys((place.profile, place.part) for place in ordered))
+    names = {
+        (profile, part): profile if part == "run" else ": ".join(filter(None, (profile, part)))
+        for profile, part in rows
+    }
     cells = {
         (names[place.profile, place.part], place.band): HeatCell(
             place.share, significant(place.rms, 2), place.clear
         )
         for place in places
     }
+    columns = [band for band in bands if any(place.band == band for place in places)]
     starts = [k for k in range(1, len(rows)) if rows[k][0] != rows[k - 1][0]]
-    drawn = heat_map(figure_id, list(names.values()), columns, cells, groups=starts, description=caption)
-    text = f"{caption}: rms in °/h where significant, deeper the larger its share. Columns are periods."
-    return [Figures([drawn], text)]
+    return heat_map(figure_id, list(names.values()), columns, cells, groups=starts, description=caption)
 
 
-def _row_order(place: Place) -> tuple[str, str]:
-    return place.profile, place.part
+def in_words(places: Sequence[Place]) -> list[Place]:
+    """Return places of phases with the phases' names in words."""
+    return [replace(place, part=place.part.replace("_", " ")) for place in places]
 
 
-def _bands() -> tuple[str, ...]:
-    from bench.analysis.gap import BANDS
-
-    return BANDS
-
-
-def _phase_map(phases: Sequence[Place]) -> list[Block]:
-    if not any(place.clear for place in phases):
+def _phase_map(found: RateFinding) -> list[Block]:
+    profiles = {place.profile for place in found.phases if place.clear}
+    if not profiles:
         return []
-    shown = sorted({place.profile for place in phases if place.clear})
-    order = {
-        (place.profile, place.part): None for place in sorted(phases, key=lambda p: (p.profile, p.start_s))
-    }
-    rows = [each for each in order if each[0] in shown]
-    names = {each: f"{each[0]}: {each[1].replace('_', ' ')}" for each in rows}
-    cells = {
-        (names[place.profile, place.part], place.band): HeatCell(
-            place.share, significant(place.rms, 2), place.clear
-        )
-        for place in phases
-        if (place.profile, place.part) in names
-    }
-    starts = [k for k in range(1, len(rows)) if rows[k][0] != rows[k - 1][0]]
+    shown = in_words([place for place in found.phases if place.profile in profiles])
     caption = "The gap by phase and time scale"
-    drawn = heat_map(
-        "phases", list(names.values()), list(_bands()), cells, groups=starts, description=caption
-    )
-    return [Figures([drawn], f"{caption}, in profiles with a gap: rms in °/h where significant.")]
+    text = f"{caption}, in profiles with a gap: rms in °/h where significant."
+    return [Figures([place_map("phases", shown, found.bands, caption)], text)]
 
 
 def _regime_maps(found: RateFinding) -> list[Block]:
