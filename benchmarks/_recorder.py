@@ -16,7 +16,7 @@ from time import process_time
 
 from bench.control.live import Live
 from bench.control.procedure import Demands, Parameters, Procedure
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
 from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant
@@ -62,7 +62,7 @@ def main(runs: Path) -> None:
     """Record until standard input ends."""
     file = load_bench_file(_BENCH)
     with EmulatedLab(file, Plant()) as lab, Live() as live:
-        operator = StageHand(lab.perform)
+        operator = EmulatedOperator(lab.perform)
         request = RunRequest(PROCEDURE, Parameters(), lab.file, runs, operator, run_id="blocks", live=live)
         result = run_procedure(request)
     if result.outcome != "completed":

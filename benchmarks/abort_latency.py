@@ -35,7 +35,7 @@ from bench.control.questions import AssumeYes
 from bench.control.runner import RunRequest, run_procedure
 from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant
-from bench.lab.nursery import LabNursery
+from bench.lab.prefork import PreforkServer
 from bench.record.benchfile import BenchFile, bench_file_from, load_bench_file
 from bench.record.recording import read_exchanges
 from benchmarks._measure import Row, figure, usual
@@ -267,8 +267,8 @@ def _runner(runs: Path) -> None:
 def rows() -> Iterator[Row]:
     """Yield median and worst latency of each command over the runs, from a signal."""
     count = usual(_RUNS, 3)
-    with LabNursery() as nursery:
-        measured = _measure(_SIGNAL, count, nursery.start_lab)
+    with PreforkServer() as prefork:
+        measured = _measure(_SIGNAL, count, prefork.start_lab)
     for name, pairs in measured.items():
         values = [from_event for from_event, _ in pairs]
         for kind, value in (("median", statistics.median(values)), ("worst", max(values))):
@@ -285,9 +285,9 @@ def main() -> int:
     head = ["event", "runs", "median", "worst", "promise", "from the event, worst"]
     table = [head, ["---"] * len(head)]
     broken = False
-    with LabNursery() as nursery:
+    with PreforkServer() as prefork:
         for event in _EVENTS:
-            runs = list(zip(*_measure(event, count, nursery.start_lab).values(), strict=True))
+            runs = list(zip(*_measure(event, count, prefork.start_lab).values(), strict=True))
             last = [max(known for _, known in each) for each in runs]
             whole = [max(since for since, _ in each) for each in runs]
             broken |= max(last) > _PROMISED_MS
@@ -295,7 +295,7 @@ def main() -> int:
             table.append(_line(name, last, _PROMISED_MS, whole))
             print(" | ".join(table[-1]), flush=True)
         for number in (signal.SIGKILL, signal.SIGSTOP):
-            times = _watchdog_ms(number, count, nursery.start_lab)
+            times = _watchdog_ms(number, count, prefork.start_lab)
             broken |= max(times) > _WATCHDOG_MS
             table.append(_line(f"{number.name} of the runner, by its watchdog", times, _WATCHDOG_MS, times))
             print(" | ".join(table[-1]), flush=True)

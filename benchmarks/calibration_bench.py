@@ -25,7 +25,7 @@ from bench.analysis.calibration import (
     load_calibration_run,
 )
 from bench.control.procedure import find_procedure
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant, save_truth
 from bench.record.benchfile import load_bench_file
@@ -47,7 +47,7 @@ def calibrated(scheme: str, dwell_s: float, seed: int = 1) -> tuple[Estimate, Ev
             parameters,
             lab.file,
             Path(folder),
-            StageHand(lab.perform),
+            EmulatedOperator(lab.perform),
             emulated=plant.told(file),
             before_close=lambda run: save_truth(lab, run),
         )

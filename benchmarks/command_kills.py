@@ -36,7 +36,7 @@ from bench.analysis.gap import Model, Noise, model_text
 from bench.analysis.gap._exam import nominal_model
 from bench.campaign import CampaignFolder
 from bench.control.procedure import find_procedure
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.control.recover import recover
 from bench.control.run_record import decode_run
 from bench.control.runner import RunRequest, run_procedure
@@ -385,7 +385,12 @@ def _run(file: BenchFile, runs: Path, procedure: str, plant: Plant, **values: fl
     with EmulatedLab(file, plant) as lab:
         parameters = found.parse(values)
         request = RunRequest(
-            found, parameters, lab.file, runs, StageHand(lab.perform), run_id=f"{procedure}-{plant.seed}"
+            found,
+            parameters,
+            lab.file,
+            runs,
+            EmulatedOperator(lab.perform),
+            run_id=f"{procedure}-{plant.seed}",
         )
         result = run_procedure(request)
     if result.outcome != "completed":

@@ -25,7 +25,7 @@ import serial
 
 from bench.campaign import load_campaign, rehearse_campaign
 from bench.control.procedure import find_procedure
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.control.run_record import Ending, RunRecord
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant
@@ -90,7 +90,11 @@ def run_once() -> Timing:
             with EmulatedLab(file, plant) as lab:
                 ready = host_seconds()
                 request = RunRequest(
-                    procedure, procedure.parse(THREE_HOURS), lab.file, Path(folder), StageHand(lab.perform)
+                    procedure,
+                    procedure.parse(THREE_HOURS),
+                    lab.file,
+                    Path(folder),
+                    EmulatedOperator(lab.perform),
                 )
                 result = run_procedure(request)
                 end = host_seconds()

@@ -542,7 +542,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "a process of ours imports nothing from the current folder",
-        "bench/lab/nursery.py",
+        "bench/lab/prefork.py",
         '[sys.executable, "-P", "-m", "simulators.lab"],',
         '[sys.executable, "-m", "simulators.lab"],',
         f"{_T_CODE} -k current_folder",

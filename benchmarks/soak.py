@@ -33,7 +33,7 @@ from bench.control.run_record import decode_run
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant
-from bench.lab.nursery import LabNursery
+from bench.lab.prefork import PreforkServer
 from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.recording import read_manifest, verify
 from benchmarks._sections import write_section
@@ -240,7 +240,7 @@ def _host_trouble(scenario: str) -> Iterator[None]:
 
 
 class Soak:
-    """Runs cases one after the other in labs of one nursery; the gyros' true frames are made once."""
+    """Runs cases one after the other in labs of one prefork; the gyros' true frames are made once."""
 
     def __init__(self, root: Path, start: Callable[[], Any]) -> None:
         self._root, self._start = root, start
@@ -377,8 +377,8 @@ def _not_at_rest(lab: EmulatedLab) -> str:
 def soak(count: int, seed: int, say: Callable[[Verdict], None] = lambda _: None) -> list[Verdict]:
     """Run `count` cases and return what became of them."""
     verdicts = []
-    with tempfile.TemporaryDirectory() as root, LabNursery() as nursery:
-        runner = Soak(Path(root), nursery.start_lab)
+    with tempfile.TemporaryDirectory() as root, PreforkServer() as prefork:
+        runner = Soak(Path(root), prefork.start_lab)
         for case in cases(count, seed):
             verdicts.append(runner.run(case))
             say(verdicts[-1])

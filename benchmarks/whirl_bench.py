@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.analysis.whirl import load_turns, study_whirl
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import bench_file_from
@@ -83,7 +83,7 @@ def record(folder: Path, case: Case, seed: int, *, perfect: bool = False) -> Run
                 PROCEDURE.parse(values),
                 lab.file,
                 folder,
-                StageHand(lab.perform),
+                EmulatedOperator(lab.perform),
                 run_id=f"{case.name.replace(' ', '-').replace('%', 'pc')}-{seed}{'-perfect' * perfect}",
                 emulated={"seed": seed, "model": "ins_triad"},
             )

@@ -131,7 +131,7 @@ def scripted(*replies: bytes, delay_s: float = 0.01) -> MemoryLink:
     """
     queue = list(replies)
     link = MemoryLink(lambda data, now_s: [(now_s + delay_s, queue.pop(0))] if queue else [])
-    link.repeats = 0
+    link.retries = 0
     return link
 
 

@@ -17,7 +17,7 @@ from bench.control.lease import Lease, take_lease
 from bench.control.live import Live, Request
 from bench.control.procedure import Procedure, find_procedure
 from bench.control.progress import Progress
-from bench.control.questions import Assisted, AssumeYes, Operator, Prepared, StageHand
+from bench.control.questions import Assisted, AssumeYes, EmulatedOperator, Operator, Prepared
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from drivers.base.errors import BenchError, RunAborted
 
@@ -214,7 +214,7 @@ class _Session:
 
     def _operator(self, placed: Placed) -> Operator:
         if placed.perform is not None and not self._folder.ask:
-            return StageHand(placed.perform)
+            return EmulatedOperator(placed.perform)
         human: Operator = self._live
         if self._runner.operator is not None:
             human = self._live.beside(self._runner.operator)

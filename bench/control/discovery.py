@@ -115,7 +115,7 @@ def _probes(*roles: str) -> Iterator[tuple[str, Any, Probe]]:
 def _ask(name_of_kind: str, kind: Any, probe: Probe, port: str, connection: Connection) -> Identity:
     config = kind.config(driver=name_of_kind, port=port, baudrate=probe.baudrate, **probe.keys)
     device: Instrument = kind.open(config, connection)
-    device.link.repeats = 0  # silence is the usual answer here
+    device.link.retries = 0  # silence is the usual answer here
     try:
         if probe.ends_line:
             device.link.write(b"\r\n")

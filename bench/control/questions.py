@@ -44,7 +44,7 @@ class AssumeYes:
         return lambda: "yes"
 
 
-class StageHand:
+class EmulatedOperator:
     """Answers by doing the act in the emulated lab; `perform` sends it there and returns the lab's answer."""
 
     name = "emulated operator"
@@ -60,7 +60,7 @@ class StageHand:
 
 
 class Assisted:
-    """Has a stage hand do in the emulated lab what the operator says is done."""
+    """Does in the emulated lab what the operator says is done."""
 
     def __init__(self, operator: Operator, perform: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
         self.name = operator.name

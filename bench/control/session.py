@@ -118,7 +118,7 @@ class Bench:
         self.chamber = ChamberStation(chamber, self, auxiliary)
         self.limits = LimitWatch(self.file.limits, self.clock, self.table, self.chamber)
         for name, device in (("table", table), ("chamber", chamber)):
-            device.link.on_repeat = partial(self.repeated, name)
+            device.link.on_retry = partial(self.repeated, name)
 
     # What a procedure says
 

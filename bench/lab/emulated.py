@@ -1,4 +1,4 @@
-"""An emulated lab that matches a bench file: started as a process of its own, spoken to through its stage door.
+"""An emulated lab that matches a bench file: a process of its own, spoken to through its control channel.
 
 The only things the bench learns of it are ports and a clock URL, which it puts in the bench file's place.
 """
@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.lab.nursery import LabProcess, start_lab
+from bench.lab.prefork import LabProcess, start_lab
 from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
@@ -154,7 +154,7 @@ class EmulatedLab:
         self.file = _with_ports(file, self.ports, self.clock_url, told)
 
     def perform(self, act: dict[str, Any]) -> dict[str, Any]:
-        """Have a stage hand do `act` in the lab; BenchError says why it could not."""
+        """Have the emulated operator do `act` in the lab; BenchError says why it could not."""
         self._write(json.dumps(act).encode())
         answer = self._read()
         if not answer.get("ok"):
@@ -162,7 +162,7 @@ class EmulatedLab:
         return answer
 
     def _write(self, line: bytes) -> None:
-        """Write one line to the stage door."""
+        """Write one line to the control channel."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(line + b"\n")
@@ -175,7 +175,7 @@ class EmulatedLab:
         self._process.wait()
 
     def close(self) -> None:
-        """Close the stage door: the lab's process ends."""
+        """Close the control channel: the lab's process ends."""
         if self._process.stdin is not None:
             with suppress(BrokenPipeError):
                 self._process.stdin.close()

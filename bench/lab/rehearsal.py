@@ -8,7 +8,7 @@ from pathlib import Path
 from bench.control.live import Live
 from bench.control.procedure import Parameters, Procedure
 from bench.control.progress import Progress
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant, save_truth
 from bench.record.benchfile import BenchFile
@@ -35,7 +35,7 @@ def rehearse_procedure(
             parameters,
             lab.file,
             runs,
-            StageHand(lab.perform),
+            EmulatedOperator(lab.perform),
             display,
             run_id=run_id,
             emulated=plant.told(file),

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
-from bench.control.questions import AssumeYes, Operator, Question, StageHand
+from bench.control.questions import AssumeYes, EmulatedOperator, Operator, Question
 from bench.control.runner import RunRequest, run_procedure
 from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant, lab_config, save_truth
-from bench.lab.nursery import LabNursery
+from bench.lab.prefork import PreforkServer
 from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.recording import Run
 from drivers.base.errors import BenchError, RunAborted
@@ -174,7 +174,7 @@ class TestBench:
 
     def _operator(self) -> Operator:
         if self._lab is not None:
-            return StageHand(self._lab.perform)
+            return EmulatedOperator(self._lab.perform)
         return AssumeYes() if self._yes else _Nobody()
 
     def _emulated(self) -> dict[str, Any] | None:
@@ -201,17 +201,17 @@ class LabPool:
 
     def __init__(self, file: BenchFile) -> None:
         self._file = file
-        self._nursery = LabNursery(lab_config(file, Plant()))
+        self._prefork = PreforkServer(lab_config(file, Plant()))
 
     def __enter__(self) -> LabPool:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._nursery.__exit__(*error)
+        self._prefork.__exit__(*error)
 
     def lab(self, plant: Plant) -> EmulatedLab:
         """Return a fresh lab with that physics."""
-        return EmulatedLab(self._file, plant, start=self._nursery.start_lab)
+        return EmulatedLab(self._file, plant, start=self._prefork.start_lab)
 
 
 class _Nobody:

@@ -21,7 +21,7 @@ from drivers.acutrol._exchange import Exchanges
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
 from drivers.kit.link import Link
-from drivers.kit.retry import asked, told_once
+from drivers.kit.retry import command_once, query_with_retry
 
 SERVO_TIMEOUT_S = 10.0
 """Drive enable delay (parameter x029) and fail-safe test delays run before the interlock reports Close."""
@@ -130,7 +130,7 @@ class AcutrolTable:
                 abs(moved_deg) > _TAKEN_DEG or abs(self._exchanges.number(":read:rate?", number)) > _REST_DPS
             )
 
-        told_once(
+        command_once(
             self.link, lambda: self._exchanges.tell(":demand:deltaposition", number, float(by_deg)), begun
         )
 
@@ -152,7 +152,7 @@ class AcutrolTable:
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state`."""
-        return asked(self.link, self._collect_state)
+        return query_with_retry(self.link, self._collect_state)
 
     def _collect_state(self) -> TableState:
         if not self._exchanges.unread:

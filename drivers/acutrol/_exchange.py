@@ -17,7 +17,7 @@ from drivers.acutrol._codec import (
 )
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
-from drivers.kit.retry import asked, told
+from drivers.kit.retry import command_with_retry, query_with_retry
 
 REPLY_TIMEOUT_S = 2.0
 """A reply takes about 2 ms over Ethernet, 40 ms and more through a device server at 9600 baud."""
@@ -51,7 +51,7 @@ class Exchanges:
 
     def query(self, read: Callable[[str], _T], header: str, *arguments: Argument) -> _T:
         """Ask and return what `read` makes of the answer; ProtocolError from there has it asked again."""
-        return asked(self._link, lambda: read(self._ask(header, *arguments)))
+        return query_with_retry(self._link, lambda: read(self._ask(header, *arguments)))
 
     def number(self, header: str, *arguments: Argument) -> float:
         """Ask for a number."""
@@ -77,7 +77,7 @@ class Exchanges:
     def command(self, header: str, *arguments: Argument) -> None:
         """Tell what does the same when it is told twice."""
         in_force = self._reading_back(header, *arguments)
-        told(self._link, lambda: self.tell(header, *arguments), in_force, doubt_refusal=True)
+        command_with_retry(self._link, lambda: self.tell(header, *arguments), in_force, doubt_refusal=True)
 
     def tell(self, header: str, *arguments: Argument) -> None:
         """Send a command once and take its confirmation."""

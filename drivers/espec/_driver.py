@@ -24,7 +24,7 @@ from drivers.espec._codec import (
 from drivers.kit.chamber import PolledChamber
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.kit.link import Link
-from drivers.kit.retry import asked, told
+from drivers.kit.retry import command_with_retry, query_with_retry
 
 REPLY_TIMEOUT_S = 3.0
 """What the maker's own library allows."""
@@ -105,7 +105,7 @@ class EspecChamber(PolledChamber):
 
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state`: resolution 0.1 degC."""
-        temperatures = asked(self.link, self._collect_temperatures)
+        temperatures = query_with_retry(self.link, self._collect_temperatures)
         return ChamberState(temperatures.measured_c, temperatures.set_point_c)
 
     def _collect_temperatures(self) -> Temperatures:
@@ -145,17 +145,21 @@ class EspecChamber(PolledChamber):
         """Start with the ramp demanded before, if there is one, or go to standby."""
         if not on or self._demand is None or self._demand[1] is None:
             mode = "CONSTANT" if on else "STANDBY"
-            told(self.link, lambda: self._tell(f"MODE,{mode}"), lambda: self._query("MODE?", str) == mode)
+            command_with_retry(
+                self.link, lambda: self._tell(f"MODE,{mode}"), lambda: self._query("MODE?", str) == mode
+            )
             return
         set_point_c, ramp = self._demand[0], self._demand[1]
         program = ramp_text(self._query("TEMP?", decode_temperatures).measured_c, set_point_c, ramp)
-        told(self.link, lambda: self._tell(program))  # another program may have been running before
+        command_with_retry(
+            self.link, lambda: self._tell(program)
+        )  # another program may have been running before
 
     def _demand_constant(self, set_point_c: float) -> None:
         def in_force() -> bool:
             return math.isclose(self._demanded_c(), set_point_c, rel_tol=0.0, abs_tol=RESOLUTION_C)
 
-        told(self.link, lambda: self._tell(set_temperature_text(set_point_c)), in_force)
+        command_with_retry(self.link, lambda: self._tell(set_temperature_text(set_point_c)), in_force)
 
     def _is_running(self) -> bool:
         return self._query("MODE?", self._mode) not in _RESTING
@@ -170,7 +174,7 @@ class EspecChamber(PolledChamber):
 
     def _query(self, text: str, read: Callable[[str], _T]) -> _T:
         """Ask and return what `read` makes of the answer."""
-        return asked(self.link, lambda: self._decoded(read, self._ask(text)))
+        return query_with_retry(self.link, lambda: self._decoded(read, self._ask(text)))
 
     def _decoded(self, read: Callable[[str], _T], reply: str) -> _T:
         try:

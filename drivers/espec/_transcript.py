@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.base.errors import ProtocolError
 from drivers.espec._codec import END, decode_temperatures
 from drivers.kit.kinds import Exchange
-from drivers.kit.pairing import pairs, table
+from drivers.kit.matching import match_replies, table
 
 
 def decode_transcript(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
@@ -18,7 +18,7 @@ def decode_transcript(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[
     bytes."""
     rows: list[tuple[int, dict[str, float]]] = []
     polls = 0
-    for at_ns, request, reply in pairs(exchanges, _request, lambda request, buffer: _line(buffer)):
+    for at_ns, request, reply in match_replies(exchanges, _request, lambda request, buffer: _line(buffer)):
         if not request.endswith(b"TEMP?"):
             continue
         polls += 1

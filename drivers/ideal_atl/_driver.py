@@ -9,7 +9,7 @@ from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, Wron
 from drivers.ideal_atl._codec import END, POSITION, PROMPT, RATE, decode_number, encode, split_reply
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
 from drivers.kit.link import Link
-from drivers.kit.retry import asked, told, told_once
+from drivers.kit.retry import command_once, command_with_retry, query_with_retry
 
 REPLY_TIMEOUT_S = 2.0
 STANDSTILL_TIMEOUT_S = 120.0
@@ -110,7 +110,7 @@ class AtlTable:
             self._reply(f"JOG{rate_dps:+g}")
             self._reply("STA")
 
-        told(self.link, jog)
+        command_with_retry(self.link, jog)
 
     def state(self) -> TableState:
         """Read angle and rate."""
@@ -125,7 +125,7 @@ class AtlTable:
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state` and ask the angle."""
-        rate_dps = asked(self.link, self._collect_rate)
+        rate_dps = query_with_retry(self.link, self._collect_rate)
         return TableState(self._number(POSITION) % 360.0, rate_dps)
 
     def _collect_rate(self) -> float:
@@ -194,10 +194,10 @@ class AtlTable:
             moved_deg = math.remainder(self._number(POSITION) - before_deg, 360.0)
             return abs(moved_deg) > _TAKEN_DEG or abs(self._number(RATE)) >= _REST_DPS
 
-        told_once(self.link, lambda: self._tell("RMO", by_deg), begun)
+        command_once(self.link, lambda: self._tell("RMO", by_deg), begun)
 
     def _number(self, query: bytes) -> float:
-        return asked(self.link, lambda: self._ask(query))
+        return query_with_retry(self.link, lambda: self._ask(query))
 
     def _ask(self, query: bytes) -> float:
         self._settle_input()
@@ -214,7 +214,7 @@ class AtlTable:
 
     def _command(self, mnemonic: str, value: float | None = None) -> None:
         """Tell what does the same when it is told twice; there is no query to read it back."""
-        told(self.link, lambda: self._tell(mnemonic, value))
+        command_with_retry(self.link, lambda: self._tell(mnemonic, value))
 
     def _tell(self, mnemonic: str, value: float | None = None) -> None:
         self._settle_input()

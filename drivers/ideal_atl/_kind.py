@@ -10,7 +10,7 @@ from drivers.ideal_atl._codec import POSITION, RATE, decode_number, split_reply
 from drivers.ideal_atl._driver import AtlTable
 from drivers.kit.config import Mistake, TableConfig
 from drivers.kit.kinds import Connection, Exchange, Probe, TableKind, Transcript
-from drivers.kit.pairing import pairs, table
+from drivers.kit.matching import match_replies, table
 
 
 class AtlConfig(TableConfig):
@@ -35,7 +35,9 @@ def decode_transcript(exchanges: Iterable[Exchange]) -> Transcript:
     """
     rows: list[tuple[int, dict[str, float]]] = []
     polls, rate_dps = 0, None
-    for at_ns, request, reply in pairs(exchanges, _request, lambda request, buffer: split_reply(buffer)):
+    for at_ns, request, reply in match_replies(
+        exchanges, _request, lambda request, buffer: split_reply(buffer)
+    ):
         value = _number(reply)
         if request == RATE:
             polls += 1

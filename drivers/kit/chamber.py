@@ -122,7 +122,7 @@ class PolledChamber(ABC):
             self.halt()
         self._halted = False
         problems: list[BenchError] = []
-        self.link.repeating = True  # whoever makes a bench safe goes from device to device, and comes back
+        self.link.retrying = True  # whoever makes a bench safe goes from device to device, and comes back
         try:
             for step in self._way_to_rest():
                 try:
@@ -130,7 +130,7 @@ class PolledChamber(ABC):
                 except TROUBLES as error:
                     problems.append(error)
         finally:
-            self.link.repeating = False
+            self.link.retrying = False
         if problems:
             raise problems[0]
 

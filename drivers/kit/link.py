@@ -105,11 +105,11 @@ class Link:
     buffer for the `read_*` calls too.
     """
 
-    repeats = 2
+    retries = 2
     """How often an exchange that failed is tried again (`drivers.kit.retry`)."""
-    repeating = False
+    retrying = False
     """Whether one is being read back: what is asked meanwhile is asked once."""
-    on_repeat: Callable[[BenchError], None] = staticmethod(_nobody)
+    on_retry: Callable[[BenchError], None] = staticmethod(_nobody)
     """Told why an exchange is tried again."""
     _discarded_s = -math.inf
 

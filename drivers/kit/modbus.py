@@ -24,7 +24,7 @@ from pymodbus.pdu.register_message import (
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
-from drivers.kit.retry import asked, told
+from drivers.kit.retry import command_with_retry, query_with_retry
 
 Framing = Literal["rtu", "tcp"]
 
@@ -121,7 +121,7 @@ class ModbusMaster:
             self.request(start, count)
             return self.take()
 
-        return asked(self._link, ask)
+        return query_with_retry(self._link, ask)
 
     def collect(self, start: int, count: int) -> tuple[int, ...]:
         """Return registers as `read` does, without asking if `request` has asked for them just before; once."""
@@ -154,7 +154,7 @@ class ModbusMaster:
                 self._send(WriteMultipleRegistersRequest(address=start, registers=list(words)))
             self._answer()
 
-        told(self._link, tell, lambda: self.read(start, len(words)) == tuple(words))
+        command_with_retry(self._link, tell, lambda: self.read(start, len(words)) == tuple(words))
 
     def send_write(self, start: int, word: int) -> None:
         """Write one register and wait for nothing, not even for quiet on the line."""

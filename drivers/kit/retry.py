@@ -2,7 +2,7 @@
 
 Nothing is added to an exchange that goes well. After one that did not, whatever is still on its way is waited for
 and dropped, lest the late answer to one question be taken for that to the next. Every repeat is told to
-`Link.on_repeat` with what was received.
+`Link.on_retry` with what was received.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TypeVar
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
 
-PATIENCE_S = 4.5
+RETRY_TIMEOUT_S = 4.5
 """No repeat begins later than this after the first try: a device that stays dead is known to be soon."""
 
 _TROUBLES = (DeviceSilent, ProtocolError, DeviceRefused)
@@ -21,7 +21,7 @@ _TROUBLES = (DeviceSilent, ProtocolError, DeviceRefused)
 _T = TypeVar("_T")
 
 
-def asked(link: Link, question: Callable[[], _T]) -> _T:
+def query_with_retry(link: Link, question: Callable[[], _T]) -> _T:
     """Return what `question` returns, a query that changes nothing; again if its answer is damaged or missing.
 
     `question` is one exchange: of several under one roof, the late answer to one is taken for that to another.
@@ -29,14 +29,14 @@ def asked(link: Link, question: Callable[[], _T]) -> _T:
     is believed when nothing follows it; else it was the late one to the question before, and it is asked anew.
     """
     begun_s, troubled = link.clock.now(), False
-    for left in range(link.repeats, -1, -1):
-        last = not left or link.repeating
+    for left in range(link.retries, -1, -1):
+        last = not left or link.retrying
         try:
             answer = question()
         except _TROUBLES as error:
-            if last or link.clock.now() - begun_s > PATIENCE_S:
+            if last or link.clock.now() - begun_s > RETRY_TIMEOUT_S:
                 raise
-            link.on_repeat(error)
+            link.on_retry(error)
             link.drain()
             troubled = True
             continue
@@ -45,7 +45,7 @@ def asked(link: Link, question: Callable[[], _T]) -> _T:
     raise AssertionError("unreachable")
 
 
-def told(
+def command_with_retry(
     link: Link,
     command: Callable[[], None],
     in_force: Callable[[], bool] | None = None,
@@ -58,54 +58,54 @@ def told(
     without a check value it may be a damaged yes; it is raised unless what was told is in force.
     """
     begun_s = link.clock.now()
-    for left in range(link.repeats, -1, -1):
+    for left in range(link.retries, -1, -1):
         try:
             command()
         except _TROUBLES as error:
             refused = isinstance(error, DeviceRefused)
-            if not link.repeats or link.repeating or (refused and not doubt_refusal):
+            if not link.retries or link.retrying or (refused and not doubt_refusal):
                 raise
             link.drain()
             if in_force is not None and _holds(link, in_force):
-                link.on_repeat(error)
+                link.on_retry(error)
                 return
-            if not left or refused or link.clock.now() - begun_s > PATIENCE_S:
+            if not left or refused or link.clock.now() - begun_s > RETRY_TIMEOUT_S:
                 raise
-            link.on_repeat(error)
+            link.on_retry(error)
             continue
-        if left < link.repeats:
+        if left < link.retries:
             link.drain()
         return
 
 
-def told_once(link: Link, command: Callable[[], None], done: Callable[[], bool]) -> None:
+def command_once(link: Link, command: Callable[[], None], done: Callable[[], bool]) -> None:
     """Carry out a `command` that must not be done twice; if it is not confirmed, only if it was not `done`.
 
     What `done` raises ends it: rather no turn than two.
     """
-    for left in range(link.repeats, -1, -1):
+    for left in range(link.retries, -1, -1):
         try:
             command()
         except _TROUBLES as error:
-            if not link.repeats or link.repeating:
+            if not link.retries or link.retrying:
                 raise
             link.drain()
-            link.on_repeat(error)
+            link.on_retry(error)
             if done():
                 return
             if not left or isinstance(error, DeviceRefused):
                 raise
             continue
-        if left < link.repeats:
+        if left < link.retries:
             link.drain()
         return
 
 
 def _holds(link: Link, in_force: Callable[[], bool]) -> bool:
-    link.repeating = True
+    link.retrying = True
     try:
         return in_force()
     except _TROUBLES:
         return False
     finally:
-        link.repeating = False
+        link.retrying = False

@@ -10,7 +10,7 @@ from drivers.kit.chamber import TROUBLES, PolledChamber
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.kit.link import Link
 from drivers.kit.modbus import ModbusMaster
-from drivers.kit.retry import asked
+from drivers.kit.retry import query_with_retry
 from drivers.watlow._controllers import Controller
 from drivers.watlow._registers import chamber_state
 
@@ -66,7 +66,7 @@ class WatlowChamber(PolledChamber):
         """Take the answer to `request_state` and ask the rest."""
         row = None
         for start, count in self._controller.questions:
-            words = asked(self.link, partial(self._modbus.collect, start, count))
+            words = query_with_retry(self.link, partial(self._modbus.collect, start, count))
             row = self._controller.take(start, words)
         if row is None:
             raise ProtocolError(

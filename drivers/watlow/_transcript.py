@@ -10,8 +10,8 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadHoldi
 
 from drivers.base.errors import ProtocolError
 from drivers.kit.kinds import Exchange
+from drivers.kit.matching import match_replies, table
 from drivers.kit.modbus import Frames, Framing
-from drivers.kit.pairing import pairs, table
 from drivers.watlow._registers import F4, F4T, F4Readings, F4TReadings, Readings
 
 
@@ -44,7 +44,7 @@ def _decode(
 
     rows: list[tuple[int, dict[str, float]]] = []
     polls = 0
-    for at_ns, request, reply in pairs(exchanges, split_request, split_reply):
+    for at_ns, request, reply in match_replies(exchanges, split_request, split_reply):
         question = asked.split(request) if request else None
         if question is None or not isinstance(question[0], ReadHoldingRegistersRequest):
             continue

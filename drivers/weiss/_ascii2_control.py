@@ -7,7 +7,7 @@ from collections.abc import Callable
 from drivers.base.errors import DeviceRefused, ProtocolError
 from drivers.kit.instruments import ChamberState
 from drivers.kit.link import Link
-from drivers.kit.retry import asked, told
+from drivers.kit.retry import command_with_retry, query_with_retry
 from drivers.weiss._ascii2 import CR, Values, decode_values, encode_gradient, encode_read, encode_set
 from drivers.weiss._configuration import Configuration
 
@@ -90,7 +90,7 @@ class Ascii2Control:
             self.request_values()
             return self._read_values(_TIMEOUT_S)
 
-        return asked(self._link, ask)
+        return query_with_retry(self._link, ask)
 
     def _read_values(self, timeout_s: float) -> Values:
         values = decode_values(self._link.read_until(CR, timeout_s))
@@ -131,7 +131,7 @@ class Ascii2Control:
         self._tell(encode_set(self._address, nominal, "".join(bits)), in_force)
 
     def _tell(self, request: bytes, in_force: Callable[[], bool] | None = None) -> None:
-        told(self._link, lambda: self._confirmed(request), in_force, doubt_refusal=True)
+        command_with_retry(self._link, lambda: self._confirmed(request), in_force, doubt_refusal=True)
 
     def _confirmed(self, request: bytes) -> None:
         self._link.discard()

@@ -11,7 +11,7 @@ from drivers.base.errors import DeviceSilent
 from drivers.kit.chamber import PolledChamber
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.kit.link import Link
-from drivers.kit.retry import asked
+from drivers.kit.retry import query_with_retry
 from drivers.weiss._ascii2 import encode_configuration_query
 from drivers.weiss._ascii2_control import Ascii2Control
 from drivers.weiss._configuration import Configuration, decode_configuration
@@ -90,7 +90,7 @@ class WeissChamber(PolledChamber):
     def configuration(self) -> Configuration:
         """Return what the chamber answers to `$dd?`, asked once; raises ProtocolError if it makes no sense."""
         if self._configuration is None:
-            self._configuration = asked(self.link, self._ask_configuration)
+            self._configuration = query_with_retry(self.link, self._ask_configuration)
         return self._configuration
 
     def _ask_configuration(self) -> Configuration:
@@ -143,9 +143,9 @@ class WeissChamber(PolledChamber):
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state` and ask the rest."""
         if not self.simserv:
-            return asked(self.link, self._collect_values)
+            return query_with_retry(self.link, self._collect_values)
         first, *rest = self._questions
-        answers = {first: asked(self.link, self._collect_first)}
+        answers = {first: query_with_retry(self.link, self._collect_first)}
         answers |= {question: self._simserv.value(*question) for question in rest}
         self._set_point_c = answers.get(_SET_POINT, self._set_point_c)
         auxiliary_c = {number: answers[Number.GET_MEASURED, number] for number in self.auxiliary}

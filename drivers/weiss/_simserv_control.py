@@ -6,7 +6,7 @@ import math
 
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
-from drivers.kit.retry import asked, told
+from drivers.kit.retry import command_with_retry, query_with_retry
 from drivers.weiss._simserv import (
     OK,
     REPLY_END,
@@ -52,7 +52,7 @@ class SimServControl:
         def in_force() -> bool:
             return math.isclose(self.value(_READ_BACK[number], index), value, rel_tol=0.0, abs_tol=1e-3)
 
-        told(self._link, tell, in_force, doubt_refusal=True)
+        command_with_retry(self._link, tell, in_force, doubt_refusal=True)
 
     def value(self, number: Number, *arguments: object) -> float:
         """Ask for a number."""
@@ -61,7 +61,7 @@ class SimServControl:
             self.request(number, *arguments)
             return self.take_value(number)
 
-        return asked(self._link, ask)
+        return query_with_retry(self._link, ask)
 
     def text(self, number: Number, *arguments: object) -> str:
         """Ask for a text."""
@@ -70,7 +70,7 @@ class SimServControl:
             self.request(number, *arguments)
             return self._take_field(number)
 
-        return asked(self._link, ask)
+        return query_with_retry(self._link, ask)
 
     def take_value(self, number: Number) -> float:
         """Take the answer to `request` as a finite number."""

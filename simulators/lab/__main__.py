@@ -1,7 +1,7 @@
 """The lab's process: configuration on the first line of standard input, ports and clock URL (or why there is
-no such lab) on the first of standard output, then the stage door until standard input ends.
+no such lab) on the first of standard output, then the control channel until standard input ends.
 
-With `--nursery N` it forks such labs instead: every message on the Unix socket that is descriptor N carries a new
+With `--prefork N` it forks such labs instead: every message on the Unix socket that is descriptor N carries a new
 lab's standard input and output, and is answered with its process id (int32, big-endian). A configuration on its
 own standard input says what these labs will be like, so that it loads what they need once.
 """
@@ -19,34 +19,34 @@ from typing import Any
 from drivers.base.errors import BenchError
 from simulators.config import LabConfig
 from simulators.lab._build import build_lab
+from simulators.lab._control_channel import ControlChannel
 from simulators.lab._service import VirtualService, run_on_wall_clock
-from simulators.lab._stagehand import StageDoor
 
 
 def main() -> int:
-    """Run a lab until its stage door closes; 2 for a configuration it cannot emulate."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started the lab closes its door
+    """Run a lab until its control channel closes; 2 for a configuration it cannot emulate."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started the lab closes its control channel
     config = LabConfig.model_validate_json(_first_line())
     try:
         lab, acts = build_lab(config)
     except BenchError as error:
-        StageDoor({}).say({"refused": vars(error)})
+        ControlChannel({}).say({"refused": vars(error)})
         return 2
-    door = StageDoor(acts)
+    channel = ControlChannel(acts)
     ports = {port.name: port.url for port in lab.ports}
     if config.clock == "virtual":
-        service = VirtualService(lab, door, config.cpu, config.emulated)
-        door.say(_ready(ports, service.url))
+        service = VirtualService(lab, channel, config.cpu, config.emulated)
+        channel.say(_ready(ports, service.url))
         service.run()
     else:
-        door.say(_ready(ports, None))
-        run_on_wall_clock(lab, door)
+        channel.say(_ready(ports, None))
+        run_on_wall_clock(lab, channel)
     for port in lab.ports:
         port.close()
     return 0
 
 
-def nursery(descriptor: int) -> int:
+def serve_forks(descriptor: int) -> int:
     """Fork a lab for every pair of descriptors that arrives, until the socket is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel buries the labs
@@ -81,7 +81,7 @@ def _ready(ports: dict[str, str], clock_url: str | None) -> dict[str, Any]:
 
 
 def _first_line() -> bytes:
-    """Read one line without buffering beyond it: the stage door reads the rest from the same descriptor."""
+    """Read one line without buffering beyond it: the control channel reads the rest from the same descriptor."""
     line = b""
     while not line.endswith(b"\n"):
         byte = os.read(0, 1)
@@ -92,4 +92,4 @@ def _first_line() -> bytes:
 
 
 if __name__ == "__main__":
-    sys.exit(nursery(int(sys.argv[2])) if sys.argv[1:2] == ["--nursery"] else main())
+    sys.exit(serve_forks(int(sys.argv[2])) if sys.argv[1:2] == ["--prefork"] else main())

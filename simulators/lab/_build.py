@@ -14,11 +14,11 @@ from drivers.kit.registry import EMULATORS, registered
 from simulators.config import Bearing, GyroInLab, LabConfig, PlatformInLab
 from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, EmulatorMaker, Installation, StreamingEmulator
+from simulators.lab._control_channel import Act
 from simulators.lab._core import Lab
 from simulators.lab._line import Line
 from simulators.lab._ports import Port, PtyPort, TcpPort
 from simulators.lab._power import PowerCycled, Since
-from simulators.lab._stagehand import Act
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, Unit, UnitConfig, UnitKind
 from simulators.plant.lab_platform import LabPlatform
@@ -33,7 +33,7 @@ _NEW = Installation()
 
 
 def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
-    """Return the lab and what its stage hands can do; ConfigurationError names what it cannot emulate."""
+    """Return the lab and what its emulated operator can do; ConfigurationError names what it cannot emulate."""
     plant = LabPlant(_plant_config(config))
     ports: list[Port] = [
         _port("table", config.table.port, config),
@@ -123,11 +123,11 @@ def _wobble(bearing: Bearing) -> Wobble:
 
 def _port(name: str, place: str | None, config: LabConfig) -> Port:
     """Return a TCP port for a device that the bench file has on one, else a pseudo-terminal."""
-    patient = config.clock == "virtual"
+    waits_for_room = config.clock == "virtual"
     if place is not None and place.startswith("socket://"):
-        return TcpPort(name, patient=patient)
+        return TcpPort(name, waits_for_room=waits_for_room)
     returns = any(fault.kind == VANISH and fault.port == name for fault in config.faults)
-    return PtyPort(name, patient=patient, returns=returns)
+    return PtyPort(name, waits_for_room=waits_for_room, returns=returns)
 
 
 def _known(what: str, name: str, table: Mapping[str, T]) -> T:

@@ -1,7 +1,7 @@
 """The ports of an emulated lab: pseudo-terminals and loopback TCP, counted byte by byte.
 
-A patient port (virtual time) waits for the bench to make room; an impatient one (wall clock) loses what does not
-fit, as a UART nobody reads does.
+In virtual time a port waits for the bench to make room; on the wall clock it loses what does not fit, as a UART
+that nobody reads does.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Port(Protocol):
     returns: bool
     """Whether it can come back under its name after it was unplugged."""
     on_full: Callable[[], None]
-    """Called before a patient port waits for room."""
+    """Called before the port waits for room."""
 
     def fileno(self) -> int:
         """Return the descriptor the lab reads, -1 while nobody is connected."""
@@ -79,9 +79,9 @@ class PtyPort:
     A terminal's name cannot be had twice: one that `returns` after it was unplugged is reached by a link.
     """
 
-    def __init__(self, name: str, *, patient: bool, returns: bool = False) -> None:
+    def __init__(self, name: str, *, waits_for_room: bool, returns: bool = False) -> None:
         self.name = name
-        self.patient = patient
+        self.waits_for_room = waits_for_room
         self.on_full: Callable[[], None] = _nothing
         self.returns = returns
         self._link = Path(tempfile.mkdtemp(prefix="gyrobench-")) / name if returns else None
@@ -151,9 +151,9 @@ class PtyPort:
 class TcpPort:
     """A device server on loopback; one bench at a time."""
 
-    def __init__(self, name: str, *, patient: bool) -> None:
+    def __init__(self, name: str, *, waits_for_room: bool) -> None:
         self.name = name
-        self.patient = patient
+        self.waits_for_room = waits_for_room
         self.on_full: Callable[[], None] = _nothing
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._connection: socket.socket | None = None
@@ -230,13 +230,13 @@ class TcpPort:
 
 
 def _write(descriptor: int, data: bytes, port: PtyPort | TcpPort) -> int:
-    """Write `data`; a full port makes a patient lab wait, an impatient one lose the rest as a UART would."""
+    """Write `data`; a full port makes the lab wait, or loses the rest as a UART would."""
     view = memoryview(data)
     while view:
         try:
             view = view[os.write(descriptor, view) :]
         except BlockingIOError:
-            if not port.patient:
+            if not port.waits_for_room:
                 break
             port.on_full()
             poll = select.poll()

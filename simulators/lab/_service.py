@@ -14,8 +14,8 @@ from typing import Any
 from drivers.base.clock import WallClock
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.virtual_clock import FULL, NOT_OPEN, PROTOCOL, VERSION, Codec, Request, share_cpu
+from simulators.lab._control_channel import ControlChannel
 from simulators.lab._core import Lab
-from simulators.lab._stagehand import StageDoor
 
 _TICK_S = 0.02
 """Wall-clock cadence of a lab on the wall clock; about an FTDI adapter's 16 ms latency timer."""
@@ -43,10 +43,14 @@ class VirtualService:
     """Serves a lab's clock to one bench at a time."""
 
     def __init__(
-        self, lab: Lab, door: StageDoor, cpu: int | None = None, emulated: dict[str, Any] | None = None
+        self,
+        lab: Lab,
+        channel: ControlChannel,
+        cpu: int | None = None,
+        emulated: dict[str, Any] | None = None,
     ) -> None:
         self._lab = lab
-        self._door = door
+        self._channel = channel
         self._cpu = cpu
         self._emulated = emulated
         self._said_full = False
@@ -56,7 +60,7 @@ class VirtualService:
         self.url = f"virtual://{self._folder}/clock"
 
     def run(self) -> None:
-        """Serve benches until the stage door closes."""
+        """Serve benches until the control channel closes."""
         share_cpu(self._cpu)
         try:
             while self._await_bench():
@@ -71,9 +75,9 @@ class VirtualService:
 
     def _await_bench(self) -> bool:
         while True:
-            waiting: list[Any] = [self._listener, self._door]
+            waiting: list[Any] = [self._listener, self._channel]
             ready, _, _ = select.select(waiting, [], [])
-            if self._door in ready and not self._door.answer():
+            if self._channel in ready and not self._channel.answer():
                 return False
             if self._listener in ready:
                 return True
@@ -93,12 +97,12 @@ class VirtualService:
             port.on_full = lambda: self._say_full(connection)
         poll = select.poll()
         poll.register(connection, select.POLLIN)
-        poll.register(self._door, select.POLLIN)
+        poll.register(self._channel, select.POLLIN)
         pending = b""
         while True:
             for descriptor, _ in poll.poll():
-                if descriptor == self._door.fileno():
-                    if not self._door.answer():
+                if descriptor == self._channel.fileno():
+                    if not self._channel.answer():
                         return
                     continue
                 data = connection.recv(65536)
@@ -151,16 +155,16 @@ class VirtualService:
         return self._codec.pack_reply(lab.now_ns, written, marks)
 
 
-def run_on_wall_clock(lab: Lab, door: StageDoor) -> None:
-    """Let lab time follow the host's clock until the stage door closes."""
+def run_on_wall_clock(lab: Lab, channel: ControlChannel) -> None:
+    """Let lab time follow the host's clock until the control channel closes."""
     clock = WallClock()
     for port in lab.ports:
         if port.url.startswith("/"):
             port.open()
     while True:
-        waiting: list[Any] = [door, *(port for port in lab.ports if port.fileno() >= 0)]
+        waiting: list[Any] = [channel, *(port for port in lab.ports if port.fileno() >= 0)]
         ready, _, _ = select.select(waiting, [], [], _TICK_S)
-        if door in ready and not door.answer():
+        if channel in ready and not channel.answer():
             return
         for index, port in enumerate(lab.ports):
             if port in ready:

@@ -165,13 +165,13 @@ class LabPlant:
             self._tick()
 
     def mount(self, unit_name: str, mounting: Mounting) -> None:
-        """Put a unit on its bracket another way, now (a stage hand's action)."""
+        """Put a unit on its bracket another way, now (the emulated operator does it)."""
         if mounting not in MOUNTINGS:
             raise ConfigurationError("no such mounting", found=str(mounting), expected=" or ".join(MOUNTINGS))
         self.unit(unit_name).mount(self.now_s, mounting)
 
     def power_cycle(self, unit_name: str, off_s: float) -> None:
-        """Switch a unit off now and on again `off_s` later (a stage hand's action). An IMU's errors stay."""
+        """Switch a unit off now and on again `off_s` later (emulated operator). An IMU's errors stay."""
         unit = self.unit(unit_name)
         if isinstance(unit, ImuUnit):
             return

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.lab.nursery import start_lab
+from bench.lab.prefork import start_lab
 from bench.present.panel import PanelSettings
 
 ROOT = Path(__file__).parents[2]

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from bench.control.questions import AssumeYes, Console, Question, StageHand
+from bench.control.questions import AssumeYes, Console, EmulatedOperator, Question
 from drivers.base.errors import BenchError
 
 pytestmark = pytest.mark.concurrent
@@ -16,7 +16,7 @@ def test_beforehand_is_yes():
 
 def test_a_stage_hand_does_the_act_and_answers_done():
     acts = []
-    hand = StageHand(lambda act: acts.append(act) or {"ok": True})
+    hand = EmulatedOperator(lambda act: acts.append(act) or {"ok": True})
     assert hand.ask(Question("Mount", {"act": "mount", "mounting": "axis_up"}))() == "done"
     assert hand.ask(Question("Just look"))() == "done"
     assert acts == [{"act": "mount", "mounting": "axis_up"}]
@@ -27,7 +27,7 @@ def test_a_stage_hand_that_fails_says_so():
         raise BenchError("no such unit")
 
     with pytest.raises(BenchError, match="no such unit"):
-        StageHand(refuse).ask(Question("Mount", {"act": "mount"}))
+        EmulatedOperator(refuse).ask(Question("Mount", {"act": "mount"}))
 
 
 def test_the_console_has_no_answer_until_a_line_is_entered():

@@ -39,7 +39,7 @@ class Device:
     def __init__(self, clock, log, name, state):
         self.clock, self.log, self.name, self.state = clock, log, name, state
         self.faults, self.silent = [], False
-        self.link = SimpleNamespace(reopen=self._reopen, on_repeat=None)
+        self.link = SimpleNamespace(reopen=self._reopen, on_retry=None)
         self.rests = [Rest(True, "0 deg/s")]
 
     def _reopen(self):

@@ -111,7 +111,7 @@ def chamber_with(kind: str, damage: Damage, **options: Any) -> tuple[Any, Chambe
     device = Damaged(make(plant), damage, **options)
     link = MemoryLink(device)
     told: list[str] = []
-    link.on_repeat = lambda error: told.append(str(error))
+    link.on_retry = lambda error: told.append(str(error))
     chamber = driver(link)
     chamber.identify()
     device.armed = True
@@ -124,7 +124,7 @@ def table_with(kind: str, damage: Damage, **options: Any) -> tuple[Any, TableAxi
     device = Damaged(make(plant), damage, **options)
     link = MemoryLink(device)
     told: list[str] = []
-    link.on_repeat = lambda error: told.append(str(error))
+    link.on_retry = lambda error: told.append(str(error))
     table = driver(link)
     table.servo_on()
     device.armed = True
@@ -204,13 +204,13 @@ def test_what_stays_dead_or_damaged_is_known_soon(kind: str) -> None:
 def test_a_refusal_of_a_command_is_final_and_of_a_question_is_not() -> None:
     """Bytes of the documents: a question that met a flipped bit is refused with CMD ERR."""
     link = scripted(b"NA:CMD ERR\r\n", b"26.4,0.0,140.0,-50.0\r\n")
-    link.repeats = 2
+    link.retries = 2
     told: list[BenchError] = []
-    link.on_repeat = told.append
+    link.on_retry = told.append
     assert p300(link).state().air_temp_c == 26.4
     assert "CMD ERR (the command is not known)" in str(told[0])
     link = scripted(b"STANDBY\r\n", b"NA:DATA OUT OF RANGE\r\n", b"OK:TEMP,S25.0\r\n")
-    link.repeats = 2
+    link.retries = 2
     with pytest.raises(DeviceRefused, match="outside its range"):
         p300(link).set_temperature(25.0)
     assert link.sent.count(b"TEMP, S25.0") == 1
@@ -222,7 +222,7 @@ def test_the_captured_watlow_reply_with_each_bit_flipped_is_asked_again() -> Non
         bad = bytearray(good)
         bad[bit // 8] ^= 1 << bit % 8
         link = scripted(bytes(bad), good)
-        link.repeats = 2
+        link.retries = 2
         assert ModbusMaster(link, "rtu", 1).read(100, 1) == (250,)
         assert link.sent.count(bytes.fromhex("01 03 00 64 00 01 C5 D5")) == 2
 
@@ -230,7 +230,7 @@ def test_the_captured_watlow_reply_with_each_bit_flipped_is_asked_again() -> Non
 def test_an_echo_that_is_not_the_command_is_not_taken_for_it() -> None:
     """25.0 reached the chamber as 35.0: it says so, and is told again."""
     link = scripted(b"STANDBY\r\n", b"OK:TEMP,S35.0\r\n", b"26.4,35.0,140.0,-50.0\r\n", b"OK:TEMP,S25.0\r\n")
-    link.repeats = 2
+    link.retries = 2
     p300(link).set_temperature(25.0)
     assert link.sent.split(b"\r\n") == [b"MODE?", b"TEMP, S25.0", b"TEMP?", b"TEMP, S25.0", b""]
 
@@ -248,7 +248,7 @@ def test_a_late_answer_is_never_taken_for_that_to_the_next_question() -> None:
 
     link = MemoryLink(answer)
     told: list[BenchError] = []
-    link.on_repeat = told.append
+    link.on_retry = told.append
     table = AtlTable(link)
     for _ in range(3):
         state = table.state()

@@ -11,15 +11,15 @@ from types import SimpleNamespace
 import pytest
 
 from bench.control.procedure import Demands, Parameters, Procedure, find_procedure, parameter
-from bench.control.questions import AssumeYes, StageHand
+from bench.control.questions import AssumeYes, EmulatedOperator
 from bench.control.run_record import decode_run
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant, _with_ports, lab_config
 from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.recording import read_manifest, verify
 from simulators.lab._build import build_lab
+from simulators.lab._control_channel import ControlChannel
 from simulators.lab._service import VirtualService
-from simulators.lab._stagehand import StageDoor
 from tests.benches import CAN_GYRO, FOG_BENCH
 
 
@@ -78,7 +78,7 @@ def thread_lab(file: BenchFile, plant: Plant, swap: Mapping[str, Callable] | Non
     door_read, door_write = os.pipe()
     answer_read, answer_write = os.pipe()
     service = VirtualService(
-        lab, StageDoor(acts, input_fd=door_read, output_fd=answer_write), emulated=config.emulated
+        lab, ControlChannel(acts, input_fd=door_read, output_fd=answer_write), emulated=config.emulated
     )
     thread = threading.Thread(target=service.run, name="lab", daemon=True)
     thread.start()
@@ -167,7 +167,7 @@ def short_run(fog_file, tmp_path_factory) -> Iterator[Path]:
             procedure.parse(SHORTEST),
             lab.file,
             runs,
-            StageHand(lab.perform),
+            EmulatedOperator(lab.perform),
             run_id="short",
             emulated={"seed": 3, "model": "test"},
             before_close=keep_truth,

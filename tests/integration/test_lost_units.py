@@ -5,7 +5,7 @@ import json
 import pytest
 
 from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.recording import read_exchanges, read_manifest
 from drivers.base.errors import DeviceSilent, LinkLost
@@ -104,7 +104,7 @@ def test_east_is_judged_by_the_other_gyro_when_the_first_is_unplugged_meanwhile(
 
     procedure = Procedure("east", "", "", Parameters, east, lambda _: 0.0, lambda _: Demands())
     with EmulatedLab(both_file, plant("fog_1", "vanish", 90.5, 1e6)) as lab:
-        result = bench.drive(lab.file, tmp_path, procedure, StageHand(lab.perform))
+        result = bench.drive(lab.file, tmp_path, procedure, EmulatedOperator(lab.perform))
     assert result.outcome == "invalid" and result.reason.startswith("fog_1 was lost at ")
     took_over = ("can_1", "is judged by from here on, in place of fog_1")
     assert took_over in [row[:2] for row in alarms(result.folder)]
@@ -118,7 +118,7 @@ def test_a_cold_shock_ends_safe_when_its_only_gyro_is_unplugged_and_stays_away(
 ):
     procedure = find_procedure("zero-bias-cold-shock")
     with EmulatedLab(fog_file, plant("fog_1", "vanish", at_s, 1e6)) as lab:
-        result = bench.drive(lab.file, tmp_path, procedure, StageHand(lab.perform))
+        result = bench.drive(lab.file, tmp_path, procedure, EmulatedOperator(lab.perform))
     assert result.outcome == "aborted" and "NOT CONFIRMED" not in result.reason
     assert "no gyro is left to test" in result.reason and "start the run again" in result.reason
     assert at_s + 60.0 <= result.duration_s < at_s + 80.0
@@ -132,6 +132,6 @@ def test_units_switched_off_by_the_test_plan_are_not_taken_for_dead(bench, fog_f
 
     procedure = Procedure("cycle", "", "", Parameters, cycle, lambda _: 0.0, lambda _: Demands())
     with EmulatedLab(fog_file, Plant(seed=5, delivery_s=1.0)) as lab:
-        result = bench.drive(lab.file, tmp_path, procedure, StageHand(lab.perform))
+        result = bench.drive(lab.file, tmp_path, procedure, EmulatedOperator(lab.perform))
     assert (result.outcome, result.reason) == ("completed", "")
     assert alarms(result.folder) == []

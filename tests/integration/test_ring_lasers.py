@@ -17,7 +17,7 @@ from bench.analysis.figures import standard_figures
 from bench.analysis.rlg import RampRun, RlgCompensation, load_ramp_runs
 from bench.control.procedure import find_procedure
 from bench.control.progress import Progress
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import Plant, unit_seed
 from bench.present.cli._app import app
@@ -93,7 +93,7 @@ def record(
             procedure.parse(settings),
             lab.file,
             home,
-            StageHand(perform),
+            EmulatedOperator(perform),
             display,
             run_id=f"{name}-{seed}",
             before_close=keep_truth,

@@ -9,7 +9,7 @@ import pytest
 
 from bench.campaign import check_limits, load_campaign
 from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import bench_file_from
@@ -31,7 +31,7 @@ TILT = Procedure("tilt", "", "", Parameters, _tilt, lambda _: 0.0, lambda _: Dem
 
 def _drive(lab, runs, procedure, **parameters):
     values = procedure.parse(parameters)
-    hand, emulated = StageHand(lab.perform), {"seed": 3, "model": "test"}
+    hand, emulated = EmulatedOperator(lab.perform), {"seed": 3, "model": "test"}
     return run_procedure(
         RunRequest(procedure, values, lab.file, runs, hand, run_id=procedure.name, emulated=emulated)
     )

@@ -9,7 +9,7 @@ import pytest
 
 from bench.analysis.whirl import WhirlCompensation, judge, load_turns, study_whirl
 from bench.control.procedure import Parameters
-from bench.control.questions import StageHand
+from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant, load_plant, unit_seed
 from bench.present.cli._whirl import COMPENSATION_FILE, REPORT_FILE, whirl_command
@@ -45,7 +45,7 @@ def rehearse(folder: Path, seed: int, plant: Plant | None = None, **values: obje
             PROCEDURE.parse(values),
             lab.file,
             folder,
-            StageHand(lab.perform),
+            EmulatedOperator(lab.perform),
             None,
             emulated={"seed": seed, "model": "ins_triad"},
         )

@@ -1,4 +1,4 @@
-"""The lab's event loop, ports and stage door: order of events, counting, exact marks."""
+"""The lab's event loop, ports and control channel: order of events, counting, exact marks."""
 
 import json
 import os
@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulators.interfaces import Reply, StreamBlock
+from simulators.lab._control_channel import ControlChannel
 from simulators.lab._core import Lab
 from simulators.lab._ports import PtyPort, TcpPort
-from simulators.lab._stagehand import StageDoor
 
 pytestmark = pytest.mark.concurrent
 
@@ -127,7 +127,7 @@ def test_however_it_is_driven_time_goes_forward_and_marks_are_in_order(steps):
 
 
 def test_a_pty_port_is_raw_and_counts_both_ways():
-    port = PtyPort("table", patient=True)
+    port = PtyPort("table", waits_for_room=True)
     bench = os.open(port.url, os.O_RDWR | os.O_NOCTTY)
     try:
         port.write(b"lost: nobody has it open")
@@ -154,7 +154,7 @@ def test_a_pty_port_is_raw_and_counts_both_ways():
 
 
 def test_an_impatient_port_loses_what_does_not_fit_as_a_uart_does():
-    port = PtyPort("gyro", patient=False)
+    port = PtyPort("gyro", waits_for_room=False)
     port.open()
     port.write(bytes(1 << 20))
     assert 0 < port.written < 1 << 20
@@ -162,7 +162,7 @@ def test_an_impatient_port_loses_what_does_not_fit_as_a_uart_does():
 
 
 def test_a_tcp_port_serves_one_bench_after_another():
-    port = TcpPort("chamber", patient=True)
+    port = TcpPort("chamber", waits_for_room=True)
     try:
         for text in (b"first", b"second"):
             with socket.create_connection(("127.0.0.1", int(port.url.rsplit(":", 1)[1]))) as bench:
@@ -188,7 +188,7 @@ def door():
     def fail(request):
         raise KeyError(request["what"])
 
-    door = StageDoor(
+    door = ControlChannel(
         {"double": lambda request: {"value": 2 * request["value"]}, "fail": fail},
         input_fd=in_read,
         output_fd=out_write,

@@ -18,7 +18,7 @@ SplitReply = Callable[[bytes, bytes], tuple[bytes, int] | None]
 """(request, buffer) -> first reply and the bytes it takes, None while incomplete; raises ProtocolError."""
 
 
-def pairs(
+def match_replies(
     exchanges: Iterable[Exchange], split_request: SplitRequest, split_reply: SplitReply
 ) -> Iterator[tuple[int, bytes, bytes | None]]:
     """Yield (time in ns, request, reply) of every request; the reply is None if none came that fits.

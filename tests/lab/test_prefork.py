@@ -1,4 +1,4 @@
-"""Labs that are forked: each its own, each gone when its door closes, all gone with the nursery."""
+"""Labs that are forked: each its own, each gone when its door closes, all gone with the prefork."""
 
 import os
 import select
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bench.lab.emulated import EmulatedLab, Plant, lab_config
-from bench.lab.nursery import LabNursery
+from bench.lab.prefork import PreforkServer
 from bench.lab.testing import usual_bench
 from bench.record.benchfile import bench_file_text
 from drivers.base.errors import BenchError, ConfigurationError
@@ -27,23 +27,23 @@ def ended(process: int) -> bool:
 
 def test_forked_labs_are_labs_of_their_own():
     file = usual_bench(None)
-    with LabNursery(lab_config(file, Plant())) as nursery:
+    with PreforkServer(lab_config(file, Plant())) as prefork:
         with (
-            EmulatedLab(file, Plant(), start=nursery.start_lab) as one,
-            EmulatedLab(file, Plant(), start=nursery.start_lab) as two,
+            EmulatedLab(file, Plant(), start=prefork.start_lab) as one,
+            EmulatedLab(file, Plant(), start=prefork.start_lab) as two,
         ):
             labs = [os.pidfd_open(lab._process._pid) for lab in (one, two)]
             assert not select.select(labs, [], [], 0)[0] and one.clock_url != two.clock_url
             assert not set(one.ports.values()) & set(two.ports.values())
             one.perform({"act": "mount", "unit": "fog_1", "mounting": "axis_up"})
         assert all(map(ended, labs))
-        left = EmulatedLab(file, Plant(), start=nursery.start_lab)
+        left = EmulatedLab(file, Plant(), start=prefork.start_lab)
         left._process.kill()
         with pytest.raises(BenchError, match="ended before"):
             left.perform({"act": "mount", "unit": "fog_1", "mounting": "axis_up"})
         left.close()
     with pytest.raises((BenchError, ConfigurationError)):
-        EmulatedLab(file, Plant(), start=nursery.start_lab)
+        EmulatedLab(file, Plant(), start=prefork.start_lab)
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="reads /proc")
@@ -51,10 +51,10 @@ def test_what_a_lab_needs_is_loaded_before_the_first_fork():
     """Else every bench of a test suite takes half a second more, and nobody sees why."""
     file = usual_bench(None)
     with (
-        LabNursery(lab_config(file, Plant())) as nursery,
-        EmulatedLab(file, Plant(), start=nursery.start_lab) as lab,
+        PreforkServer(lab_config(file, Plant())) as prefork,
+        EmulatedLab(file, Plant(), start=prefork.start_lab) as lab,
     ):
-        own, parent = (loaded(pid) for pid in (lab._process._pid, nursery._process.pid))
+        own, parent = (loaded(pid) for pid in (lab._process._pid, prefork._process.pid))
     assert own == parent and len(own) > 10
 
 

@@ -43,7 +43,7 @@ def start_lab() -> LabProcess:
     )
 
 
-class LabNursery:
+class PreforkServer:
     """A process that has loaded the lab once and forks labs from then on; a context manager.
 
     For whoever needs many labs after one another: a fork is ready in some hundredths of a second, a new process
@@ -55,7 +55,7 @@ class LabNursery:
         self._socket, far = socket.socketpair()
         with far:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "simulators.lab", "--nursery", str(far.fileno())],
+                [sys.executable, "-P", "-m", "simulators.lab", "--prefork", str(far.fileno())],
                 stdin=subprocess.PIPE,
                 pass_fds=[far.fileno()],
                 start_new_session=True,
@@ -64,34 +64,36 @@ class LabNursery:
         with suppress(BrokenPipeError), self._process.stdin as stdin:
             stdin.write(b"" if like is None else like.model_dump_json().encode() + b"\n")
 
-    def __enter__(self) -> LabNursery:
+    def __enter__(self) -> PreforkServer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._socket.close()  # the nursery ends, and the labs with their own doors
+        self._socket.close()  # the prefork server ends, and the labs with their own control channels
         self._process.wait()
 
     def start_lab(self) -> LabProcess:
         """Fork a lab's process."""
-        door_read, door_write = os.pipe()
+        channel_read, channel_write = os.pipe()
         answer_read, answer_write = os.pipe()
         try:
-            socket.send_fds(self._socket, [b"+"], [door_read, answer_write])
+            socket.send_fds(self._socket, [b"+"], [channel_read, answer_write])
             pid = self._socket.recv(_PID.size)
         except OSError:
             pid = b""
         finally:
-            os.close(door_read)
+            os.close(channel_read)
             os.close(answer_write)
         if len(pid) != _PID.size:
-            os.close(door_write)
+            os.close(channel_write)
             os.close(answer_read)
-            raise BenchError("the nursery of emulated labs has ended", remedy="its own output says why")
-        return _Forked(_PID.unpack(pid)[0], os.fdopen(door_write, "wb"), os.fdopen(answer_read, "rb"))
+            raise BenchError(
+                "the prefork server of emulated labs has ended", remedy="its own output says why"
+            )
+        return _Forked(_PID.unpack(pid)[0], os.fdopen(channel_write, "wb"), os.fdopen(answer_read, "rb"))
 
 
 class _Forked:
-    """A lab that is the nursery's child: it has ended when its standard output has."""
+    """A lab that is the prefork server's child: it has ended when its standard output has."""
 
     def __init__(self, pid: int, stdin: IO[bytes], stdout: IO[bytes]) -> None:
         self.stdin: IO[bytes] | None = stdin

@@ -1,4 +1,4 @@
-"""The stage door: one JSON object a line on standard input, answered on standard output.
+"""The control channel: one JSON object a line on standard input, answered on standard output.
 
 It is for what hands do in a real lab (mount a unit, close a door) and for what only an emulated lab can tell
 (the true drift). The process ends when standard input does, so a lab never outlives whoever started it.
@@ -17,7 +17,7 @@ from drivers.base.errors import BenchError
 Act = Callable[[dict[str, Any]], dict[str, Any]]
 
 
-class StageDoor:
+class ControlChannel:
     """Reads requests {"act": name, ...} and answers {"ok": true, ...} or {"ok": false, "error": text}."""
 
     def __init__(self, acts: Mapping[str, Act], *, input_fd: int = 0, output_fd: int = 1) -> None:
@@ -31,14 +31,14 @@ class StageDoor:
         return self._input
 
     def say(self, message: dict[str, Any]) -> None:
-        """Write one line; if whoever should hear it has gone, the closed door ends the lab."""
+        """Write one line; if whoever should hear it has gone, the closed channel ends the lab."""
         view = memoryview(json.dumps(message).encode() + b"\n")
         with suppress(BrokenPipeError):
             while view:
                 view = view[os.write(self._output, view) :]
 
     def answer(self) -> bool:
-        """Answer what has arrived; False when the door is closed."""
+        """Answer what has arrived; False when the channel is closed."""
         data = os.read(self._input, 65536)
         if not data:
             return False
