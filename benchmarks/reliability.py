@@ -28,6 +28,7 @@ from bench.analysis.common.state_file import read_state, save_file, write_state
 from bench.control.recover import recover
 from bench.control.run_record import RunRecord, decode_run
 from bench.record.benchfile import bench_file_from
+from bench.record.events.run import Note
 from bench.record.recording import read_manifest, verify
 from benchmarks._sections import write_section
 from drivers.base.clock import WallClock
@@ -89,7 +90,7 @@ def _record(folder: Path, pipe: int) -> None:
         total += _BLOCK
         os.write(pipe, _REPORT.pack(clock.now(), total))
         if total // _BLOCK % 60 == 0:
-            record.event(clock.now(), "note", text=f"{total} bytes")
+            record.event(clock.now(), Note(f"{total} bytes"))
         record.check()
         clock.sleep(_EVERY_S)
     os.write(pipe, _REPORT.pack(_CLOSING, total))

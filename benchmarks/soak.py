@@ -334,7 +334,7 @@ def _false_readings(folder: Path, name: str) -> int:
 
 
 def _outcome(result: RunResult) -> str:
-    if "NOT CONFIRMED SAFE" in result.reason:
+    if not all(state.confirmed for state in result.safe):
         return "aborted, safe state not confirmed and said so"
     return {"aborted": "stopped safe", "invalid": "to its end, invalid"}.get(result.outcome, result.outcome)
 
@@ -360,7 +360,7 @@ def _not_at_rest(lab: EmulatedLab) -> str:
                         rest = device.read_rest()
                     finally:
                         device.link.close()
-                    text = "" if rest.reached else rest.text
+                    text = "" if rest.reached else repr(rest)
                     break
                 except RunAborted:
                     raise

@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.control.procedure import Demands, Parameters, parameter
 from bench.control.session import Bench
-from bench.control.stations import GyroStation
+from bench.control.stream_stations import GyroStation
 
 _GATE_WINDOW_S = 600.0
 _SHOCK_LIMIT_C = -40.0
@@ -77,7 +77,12 @@ def wait_for_equilibrium(bench: Bench, p: ColdShockParameters, *, phase: str) ->
 
     timeout_s = 60.0 * p.equilibrium_timeout_min
     if not bench.wait_until(reached, timeout_s=timeout_s, what="waiting for equilibrium", every_s=60.0):
-        bench.invalidate(f"no thermal equilibrium within {p.equilibrium_timeout_min:g} min in phase {phase}")
+        bench.invalidate(
+            f"no thermal equilibrium within {p.equilibrium_timeout_min:g} min in phase {phase}",
+            "no_equilibrium",
+            phase=phase,
+            waited_s=timeout_s,
+        )
 
 
 def temperature_steady(gyro: GyroStation, now_s: float, drift_k: float) -> bool:
@@ -154,11 +159,19 @@ def verify_shock(bench: Bench, start_s: float, p: ColdShockParameters, arrived: 
     if not fast or not steep:
         bench.invalidate(
             f"shock rate {rate:.2f} K/min between 10 and 90 % (steepest 60 s {steepest:.2f} K/min), "
-            f"required {required:g} K/min"
+            f"required {required:g} K/min",
+            "shock_too_slow",
+            rate_k_per_min=rate,
+            steepest_k_per_min=steepest,
+            required_k_per_min=required,
         )
     if not deep or not arrived:
         bench.invalidate(
-            f"air reached {lowest:.1f} degC, asked for {p.cold_c:g} and required {_SHOCK_LIMIT_C:g} degC"
+            f"air reached {lowest:.1f} degC, asked for {p.cold_c:g} and required {_SHOCK_LIMIT_C:g} degC",
+            "shock_not_cold",
+            lowest_c=lowest,
+            demanded_c=p.cold_c,
+            required_c=_SHOCK_LIMIT_C,
         )
 
 

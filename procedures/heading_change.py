@@ -14,6 +14,7 @@ from pydantic import model_validator
 
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
+from bench.record.events.run import NavigationDemand
 
 _LEAST_STAY_H = 2.0
 
@@ -83,7 +84,7 @@ def run(bench: Bench, p: HeadingChangeParameters) -> None:
     with bench.step("H2", "Navigate, turn and stay"):
         for platform in bench.platforms.values():
             if not platform.gone:
-                bench.command(platform.name, "navigate")
+                bench.event(NavigationDemand(platform.name))
                 platform.device.navigate()
         for number, (heading, hours) in enumerate(plan):
             if number:
@@ -104,11 +105,15 @@ def judge_plan(bench: Bench, plan: list[tuple[float, float]]) -> None:
     others -= {round(reference[0] / 4.0) % 90}
     if len(others) < 3:
         bench.invalidate(
-            f"{len(others)} headings beside the reference: at least three are needed for a compensation"
+            f"{len(others)} headings beside the reference: at least three are needed for a compensation",
+            "too_few_headings",
+            headings=len(others),
         )
     if reference[1] < 24.0:
         bench.invalidate(
-            f"{reference[1]:g} h at the reference heading: a sidereal day is needed for its temperature"
+            f"{reference[1]:g} h at the reference heading: a sidereal day is needed for its temperature",
+            "short_reference",
+            stay_h=reference[1],
         )
 
 

@@ -47,9 +47,11 @@ def run(bench: Bench, p: KnownStateParameters) -> None:
         there = bench.table.history.last
         error_deg = (there["angle_deg"] - p.angle_deg + 180.0) % 360.0 - 180.0
         if not bench.measure("angle_error", error_deg, "deg", low=-_POSITION_DEG, high=_POSITION_DEG):
-            bench.invalidate(f"the table is {error_deg:+.4f} deg off the angle it was sent to")
+            text = f"the table is {error_deg:+.4f} deg off the angle it was sent to"
+            bench.invalidate(text, "table_off_angle", error_deg=error_deg)
         if not bench.measure("rate", there["rate_dps"], "deg/s", low=-_REST_DPS, high=_REST_DPS):
-            bench.invalidate(f"the table turns at {there['rate_dps']:+.4f} deg/s where it should rest")
+            text = f"the table turns at {there['rate_dps']:+.4f} deg/s where it should rest"
+            bench.invalidate(text, "table_turns", rate_dps=there["rate_dps"])
 
     with bench.step("K2", f"Chamber and units to {p.air_c:g} degC"):
         bench.phase("temperature")
@@ -69,7 +71,12 @@ def run(bench: Bench, p: KnownStateParameters) -> None:
         if not bench.wait_until(reached, timeout_s=60.0 * p.timeout_min, what=what, every_s=10.0):
             air = bench.chamber.history.last["air_temp_c"]
             bench.invalidate(
-                f"chamber and units were not at {p.air_c:g} degC within {p.timeout_min:g} min: air {air:.1f} degC"
+                f"chamber and units were not at {p.air_c:g} degC within {p.timeout_min:g} min: "
+                f"air {air:.1f} degC",
+                "not_at_temperature",
+                demanded_c=p.air_c,
+                air_temp_c=air,
+                waited_s=60.0 * p.timeout_min,
             )
         last = bench.chamber.history.last
         tolerance = p.air_tolerance_k

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from bench.control.procedure import Demands, Procedure, parameter
 from bench.control.session import Bench
+from bench.record.events.run import Section
 from procedures._cold_shock import (
     ColdShockParameters,
     go_to_room,
@@ -45,9 +46,7 @@ def run(bench: Bench, p: ScaleFactorParameters) -> None:
         for code, sense in _SECTIONS:
             rate_dps = sense * p.rate_dps
             with bench.step(code, f"Shock at {rate_dps:+g} deg/s, group {repeat} of {p.repeats}"):
-                bench.event(
-                    "section", group=repeat, rate_dps=rate_dps
-                )  # ends the last one before its rate goes
+                bench.event(Section(repeat, rate_dps))  # ends the last one before its rate goes
                 bench.table.spin(rate_dps)
                 wait_for_equilibrium(bench, p, phase="equilibrium")
                 reference_window(bench, p)

@@ -14,7 +14,8 @@ from typing import Literal
 
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
-from bench.control.stations import GyroStation
+from bench.control.stream_stations import GyroStation
+from bench.record.events.run import Interval
 from procedures.thermal_ramp import go_to_end
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 
@@ -140,8 +141,9 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
         _interval(bench, "warm_up", 60.0 * plan.warm_up_min)
         east = p.azimuth_deg
         if p.grade not in _EAST_BY_HAND:
-            find_east(bench, ZeroBiasParameters(azimuth_deg=p.azimuth_deg, east_dwell_s=plan.step_dwell_s))
-            east = bench.measurements[-1]["value"]
+            east = find_east(
+                bench, ZeroBiasParameters(azimuth_deg=p.azimuth_deg, east_dwell_s=plan.step_dwell_s)
+            )
 
     with bench.step("2", "Bias"):
         bench.phase("bias")
@@ -204,7 +206,10 @@ def power_cycle(bench: Bench, which: str, off_s: float) -> None:
             n for n, g in _living(bench).items() if bench.now_s - g.history.last["time_s"] >= _STREAMS_S
         ]
         bench.invalidate(
-            f"{', '.join(silent)} did not stream again within {bench.now_s - asked_s:.0f} s of {which}"
+            f"{', '.join(silent)} did not stream again within {bench.now_s - asked_s:.0f} s of {which}",
+            "unit_stays_off",
+            devices=silent,
+            waited_s=bench.now_s - asked_s,
         )
 
 
@@ -273,7 +278,7 @@ def _interval(bench: Bench, test: str, duration_s: float, **fields: float) -> No
     """Record for `duration_s`, then say from when to when and under what."""
     start_s = bench.now_s
     bench.wait(duration_s, test.replace("_", " "))
-    bench.event("interval", test=test, start_s=start_s, end_s=bench.now_s, **fields)
+    bench.event(Interval(test, start_s, bench.now_s, **fields))
 
 
 def expected_duration_s(p: StandardTestParameters) -> float:

@@ -24,6 +24,7 @@ from bench.analysis.calibration import (
 )
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
+from bench.record.events.run import Position, Scheme, Turn
 
 _SETTLING_S = 5.0
 _START_TURN_DEG = 180.0
@@ -77,7 +78,7 @@ def run(bench: Bench, p: SystemCalibrationParameters) -> None:
         _dwell(bench, p, 1, plan.schedule.positions)
         for number, turn in enumerate(plan.turns, 2):
             bench.phase("turn")
-            bench.event("turn", number=number - 1, axis=turn.axis, by_deg=turn.by_deg, to_deg=turn.to_deg)
+            bench.event(Turn(number - 1, turn.axis, turn.by_deg, turn.to_deg))
             timeout_s = 60.0 + 2.0 * abs(turn.by_deg) / p.rate_dps
             bench.table.point(
                 turn.to_deg,
@@ -95,7 +96,7 @@ def run(bench: Bench, p: SystemCalibrationParameters) -> None:
 
 def _dwell(bench: Bench, p: SystemCalibrationParameters, number: int, positions: int) -> None:
     bench.phase("dwell")
-    bench.event("position", number=number)
+    bench.event(Position(number))
     bench.wait(p.dwell_s, f"position {number} of {positions}")
 
 
@@ -103,14 +104,15 @@ def _describe(bench: Bench, plan: TurningPlan) -> None:
     """Write down what is really turned: the fit reads it from here."""
     schedule = plan.schedule
     bench.event(
-        "scheme",
-        name=schedule.name,
-        source=schedule.source,
-        home=home_text(schedule.home),
-        moves=moves_text(schedule.moves),
-        dwell_s=schedule.dwell_s,
-        rate_dps=schedule.rate_dps,
-        mounting=plan.mount_text,
+        Scheme(
+            schedule.name,
+            schedule.source,
+            home_text(schedule.home),
+            moves_text(schedule.moves),
+            schedule.dwell_s,
+            schedule.rate_dps,
+            plan.mount_text,
+        )
     )
 
 

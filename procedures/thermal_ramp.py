@@ -102,14 +102,24 @@ def go_to_end(bench: Bench, end_c: float, ramp_k_per_min: float) -> None:
             stalled.append(bench.now_s)
             bench.invalidate(
                 f"the ramp to {end_c:g} degC stalled at {air[-1]:.1f} degC, {bench.now_s - start_s:.0f} s after "
-                f"it began: {moved:.3f} of {ramp_k_per_min:.3f} K/min over the last {_WINDOW_S / 60:.0f} min"
+                f"it began: {moved:.3f} of {ramp_k_per_min:.3f} K/min over the last {_WINDOW_S / 60:.0f} min",
+                "ramp_stalled",
+                end_c=end_c,
+                air_temp_c=float(air[-1]),
+                rate_k_per_min=float(moved),
+                demanded_k_per_min=ramp_k_per_min,
             )
         return False
 
     allowed_s = 60.0 * 2.0 * abs(end_c - start_c) / ramp_k_per_min + 3600.0
     there = bench.wait_until(arrived, timeout_s=allowed_s, what=f"ramp to {end_c:g} degC", every_s=10.0)
     if not there and not stalled:
-        bench.invalidate(f"the air did not reach {end_c:g} degC within {allowed_s / 60:.0f} min")
+        bench.invalidate(
+            f"the air did not reach {end_c:g} degC within {allowed_s / 60:.0f} min",
+            "end_not_reached",
+            end_c=end_c,
+            waited_s=allowed_s,
+        )
 
 
 def expected_duration_s(p: ThermalRampParameters) -> float:

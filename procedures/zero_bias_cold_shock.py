@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.control.procedure import Demands, Procedure, parameter
 from bench.control.session import Bench
-from bench.control.stations import GyroStation
+from bench.control.stream_stations import GyroStation
 from procedures._cold_shock import (
     ColdShockParameters,
     go_to_room,
@@ -69,8 +69,10 @@ def run(bench: Bench, p: ZeroBiasParameters) -> None:
         bench.chamber.stop()
 
 
-def find_east(bench: Bench, p: ZeroBiasParameters) -> None:
+def find_east(bench: Bench, p: ZeroBiasParameters) -> float:
     """Measure the axis' azimuth from the Earth rate at two opposite table angles, then turn it to east.
+
+    Returns the table angle at which it points there.
 
     Positions in the order east, west, west, east, so that a linear warm-up drift cancels. With azimuth
     90 deg + e the output is b - W cos(L) sin(e) at east and b + W cos(L) sin(e) at west. All four means are of
@@ -91,7 +93,8 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> None:
     horizontal_dph = bench.file.bench.earth_rate_north_dph
     difference = (sum(means[west]) - sum(means[east])) / 4.0
     if math.isnan(difference):
-        bench.invalidate(f"east was not found: {gyro.name} had no valid output at one of the four positions")
+        text = f"east was not found: {gyro.name} had no valid output at one of the four positions"
+        bench.invalidate(text, "no_east", device=gyro.name)
         difference = 0.0
     error_deg = math.degrees(math.asin(max(-1.0, min(1.0, difference / horizontal_dph))))
     deviations = [_deviation_dph(gyro, *each) for stays in dwells.values() for each in stays]
@@ -108,10 +111,15 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> None:
         error_deg = 0.0
     elif not bench.measure("azimuth_error", error_deg, "deg", low=-limit, high=limit):
         bench.invalidate(
-            f"the axis is {error_deg:+.2f} deg off east, accepted are {limit:g} deg: mount it again"
+            f"the axis is {error_deg:+.2f} deg off east, accepted are {limit:g} deg: mount it again",
+            "off_east",
+            error_deg=error_deg,
+            limit_deg=limit,
         )
-    bench.table.point((p.azimuth_deg - error_deg) % 360.0)
-    bench.measure("east_table_angle", (p.azimuth_deg - error_deg) % 360.0, "deg")
+    east_deg = (p.azimuth_deg - error_deg) % 360.0
+    bench.table.point(east_deg)
+    bench.measure("east_table_angle", east_deg, "deg")
+    return east_deg
 
 
 def _deviation_dph(gyro: GyroStation, start_s: float, end_s: float) -> float:

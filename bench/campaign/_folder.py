@@ -15,6 +15,9 @@ from typing import Any, Literal
 from bench.campaign._file import Campaign, CampaignRun, load_campaign
 from bench.lab.emulated import Plant
 from bench.record.benchfile import BenchFile, bench_file_from
+from bench.record.events import Event, read_event
+from bench.record.events.campaign import CampaignBegun, Checked, RunStarted
+from bench.record.events.run import Demand
 from bench.record.recording import Manifest, checksum, read_events, read_manifest
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import BenchInUse, ConfigurationError, RecordError
@@ -88,13 +91,8 @@ class CampaignFolder:
                 "the campaign folder cannot be written", where=str(path), found=str(error)
             ) from error
         folder = cls(path)
-        folder.event(
-            "campaign",
-            title=campaign.title,
-            file_sha256=campaign.sha256,
-            bench_sha256=file.sha256,
-            runs=[run.name for run in campaign.runs],
-        )
+        names = [run.name for run in campaign.runs]
+        folder.event(CampaignBegun(campaign.title, campaign.sha256, file.sha256, names))
         return folder
 
     @property
@@ -123,12 +121,13 @@ class CampaignFolder:
         finally:
             os.close(descriptor)
 
-    def event(self, kind: str, **fields: Any) -> None:
+    def event(self, event: Event) -> None:
         """Add a line to the journal, on the disk when this returns; RecordError if it cannot be written.
 
         A line that a power cut tore is ended first, so that it does not spoil this one.
         """
-        line = {"time_s": round(epoch_seconds() - self.started_s, 3), "kind": kind, "utc": utc_now()} | fields
+        row = event.row(round(epoch_seconds() - self.started_s, 3))
+        line = {"time_s": row["time_s"], "kind": row["kind"], "utc": utc_now()} | row
         path = self.path / JOURNAL_FILE
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -147,22 +146,23 @@ class CampaignFolder:
                 "the campaign's journal cannot be written", where=str(path), found=str(error)
             ) from error
 
-    def events(self) -> list[dict[str, Any]]:
-        """Return the journal; a line torn by a power cut is left out."""
-        rows = []
+    def events(self) -> list[tuple[str, Event]]:
+        """Return the journal, each event with when it was (UTC); a line torn by a power cut is left out."""
+        events: list[tuple[str, Event]] = []
         with suppress(FileNotFoundError):
             for line in read_bounded(self.path / JOURNAL_FILE, RECORD_BYTES).splitlines():
                 with suppress(ValueError):
-                    rows.append(parse_json(line))
-        return rows
+                    row = parse_json(line)
+                    events.append((str(row.get("utc", "")), read_event(row)[1]))
+        return events
 
     def moved(self) -> bool:
         """Whether anything was told to move or to heat since the campaign began, or may have been.
 
-        Only a run that was sealed without one command in its events leaves the bench as it was found: one whose
+        Only a run that was sealed without one demand in its events leaves the bench as it was found: one whose
         devices did not answer, or that was refused.
         """
-        names = [str(row.get("folder")) for row in self.events() if row["kind"] in ("run_started", "checked")]
+        names = [event.folder for _, event in self.events() if isinstance(event, RunStarted | Checked)]
         return any(_moved(self.path / name) for name in dict.fromkeys(names))
 
     def states(self, *, thorough: bool = False) -> list[RunState]:
@@ -216,7 +216,7 @@ def _moved(folder: Path) -> bool:
     try:
         if not read_manifest(folder).complete:
             return True  # killed: its last events may be missing
-        return any(row["kind"] == "command" for row in read_events(folder).rows)
+        return bool(read_events(folder).of(Demand))
     except RecordError:
         return True
 

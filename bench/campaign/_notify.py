@@ -12,16 +12,17 @@ from typing import Any
 
 from bench.campaign._file import Notice
 from bench.control.questions import Operator, Question
+from bench.record.events.campaign import Notified
 from drivers.base.clock import utc_now
 
 _PATIENCE_S = 20.0
 
 
 class Notifier:
-    """Sends messages in the background; `sent` has what became of each, as fields of a `notified` event."""
+    """Sends messages in the background; `sent` has what became of each."""
 
     def __init__(self, notices: tuple[Notice, ...], title: str) -> None:
-        self.sent: deque[dict[str, str]] = deque()
+        self.sent: deque[Notified] = deque()
         self._notices = notices
         self._title = title
         self._threads: list[threading.Thread] = []
@@ -56,7 +57,7 @@ class Notifier:
         except (OSError, ValueError, subprocess.SubprocessError) as error:
             problem = f"{type(error).__name__}: {error}"
         to = notice.webhook or str(notice.file or (notice.command or ("",))[0])
-        self.sent.append({"on": str(message["on"]), "to": to, "problem": problem})
+        self.sent.append(Notified(str(message["on"]), to, problem))
 
 
 class Announcing:

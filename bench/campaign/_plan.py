@@ -14,6 +14,7 @@ from bench.control.disk import estimated_bytes
 from bench.control.procedure import Demands
 from bench.lab.emulated import Plant
 from bench.record.benchfile import BenchFile
+from bench.record.events.run import ConditioningDemand, Prompt, Step
 from bench.record.figure_limits import OVER_RUNS
 from bench.record.recording import read_events
 from drivers.base.errors import LimitExceeded
@@ -133,39 +134,34 @@ def _estimated(run: CampaignRun, file: BenchFile) -> PlannedRun:
 def _rehearsed(run: CampaignRun, file: BenchFile, plant: Plant) -> PlannedRun:
     with tempfile.TemporaryDirectory(prefix="gyrobench-plan-") as scratch:
         result = rehearse_run(run, file, plant, 0, Path(scratch))
-        rows = read_events(result.folder).rows
+        events = read_events(result.folder)
         size = sum(
             path.stat().st_size
             for path in result.folder.rglob("*")
             if path.is_file() and not path.name.startswith("truth_")
         )
-    begins = [
-        (float(row["time_s"]), f"{row['code']} {row['title']}") for row in rows if row["kind"] == "step"
-    ]
+    begins = [(time_s, f"{step.code} {step.title}") for time_s, step in events.of(Step)]
     ends = [*(start for start, _ in begins[1:]), result.duration_s]
     return PlannedRun(
         run,
         run.test.demands(run.values),
         0.0,
         result.duration_s,
-        _chamber_s(
-            [(float(row["time_s"]), str(row["text"])) for row in rows if row.get("device") == "chamber"],
-            ends[-1],
-        ),
+        _chamber_s(events.of(ConditioningDemand), ends[-1]),
         size,
         tuple(PlannedStep(title, start, end) for (start, title), end in zip(begins, ends, strict=True)),
-        tuple(str(row["question"]) for row in rows if row["kind"] == "prompt"),
+        tuple(prompt.question for _, prompt in events.of(Prompt)),
         result.outcome,
         result.reason,
     )
 
 
-def _chamber_s(commands: list[tuple[float, str]], end_s: float) -> float:
+def _chamber_s(demands: list[tuple[float, ConditioningDemand]], end_s: float) -> float:
     """Return how long the chamber was on, from what it was told."""
     total, since = 0.0, None
-    for time_s, text in commands:
-        if text == "start" and since is None:
+    for time_s, demand in demands:
+        if demand.on and since is None:
             since = time_s
-        elif text == "stop" and since is not None:
+        elif not demand.on and since is not None:
             total, since = total + time_s - since, None
     return total if since is None else total + end_s - since

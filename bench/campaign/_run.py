@@ -19,6 +19,8 @@ from bench.control.procedure import Procedure, find_procedure
 from bench.control.progress import Progress
 from bench.control.questions import Assisted, AssumeYes, EmulatedOperator, Operator, Prepared
 from bench.control.runner import RunRequest, RunResult, run_procedure
+from bench.record.events.campaign import Checked, Continued, RunEnded, RunStarted, SetAside, Started, Stopped
+from bench.record.events.run import Note, Paused, Requested, Resumed
 from drivers.base.errors import BenchError, RunAborted
 
 KNOWN_STATE = "known-state"
@@ -88,7 +90,7 @@ class CampaignRunner:
                 notifier.tell(occasion, reason or "all runs are recorded", outcome=outcome)
                 notifier.wait()
                 session.note_sent()
-                folder.event("stopped", outcome=outcome, reason=reason)
+                folder.event(Stopped(outcome, reason))
             return CampaignEnding(outcome, reason, tuple(folder.states()))
 
 
@@ -110,14 +112,15 @@ class _Session:
         """Do what is left; return the outcome and its reason."""
         folder, runs = self._folder, self._folder.campaign.runs
         states = folder.states(thorough=True)
-        before = [row for row in folder.events() if row["kind"] in ("started", "continued")]
+        before = [event for _, event in folder.events() if isinstance(event, Started | Continued)]
         moved = folder.moved()
         by = self._lease.holder.user if self._lease is not None else "emulated"
-        folder.event("continued" if before else "started", by=by, emulated=self._place.plant is not None)
+        begun = Continued if before else Started
+        folder.event(begun(by, self._place.plant is not None))
         for state in states:
             if state.state == "open" and state.folder is not None:
                 where = state.folder.relative_to(folder.path).as_posix()
-                folder.event("set_aside", run=state.run.name, folder=where, reason=state.reason)
+                folder.event(SetAside(state.run.name, where, state.reason))
         left = [(number, state.run) for number, state in enumerate(states) if state.state == "open"]
         if left and moved:
             self._check_known_state(len(before))
@@ -144,23 +147,18 @@ class _Session:
     def note_sent(self) -> None:
         """Write to the journal what became of the messages so far."""
         while self._notifier.sent:
-            self._folder.event("notified", **self._notifier.sent.popleft())
+            self._folder.event(self._notifier.sent.popleft())
 
     def _run_one(self, run: CampaignRun, number: int) -> RunResult:
         run_id = self._folder.next_id(run)
-        self._folder.event("run_started", run=run.name, folder=f"runs/{run_id}")
+        self._folder.event(RunStarted(run.name, f"runs/{run_id}"))
         with self._place.open(number) as placed:
             result = self._procedure(run.test, run.values, placed, self._folder.runs, run_id)
         damage, _ = self._folder.judge(run, result.folder)
         if damage and result.outcome != "aborted":
             result.outcome, result.reason = "aborted", f"the record is not sound: {damage}"
-        self._folder.event(
-            "run_ended",
-            run=run.name,
-            folder=f"runs/{result.folder.name}",
-            outcome=result.outcome,
-            reason=result.reason,
-        )
+        where = f"runs/{result.folder.name}"
+        self._folder.event(RunEnded(run.name, where, result.outcome, result.reason))
         if self._runner.say is not None:
             self._runner.say(result)
         self._notifier.tell("run_ended", f"{run.name}: {result.outcome}", reason=result.reason)
@@ -178,7 +176,7 @@ class _Session:
             values = values.model_copy(update={"ramp_k_per_min": ramp})
             result = self._procedure(procedure, values, placed, checks, f"{KNOWN_STATE}-{attempt}")
         where = result.folder.relative_to(self._folder.path).as_posix()
-        self._folder.event("checked", folder=where, outcome=result.outcome, reason=result.reason)
+        self._folder.event(Checked(where, result.outcome, result.reason))
         if self._runner.say is not None:
             self._runner.say(result)
         if result.outcome != "completed":
@@ -233,7 +231,8 @@ class _Session:
             if bool(live.pause_wanted) != paused:
                 paused = bool(live.pause_wanted)
                 live.between_paused(paused)
-                self._folder.event("paused" if paused else "resumed", by=live.pause_wanted or self._last_by)
+                by = live.pause_wanted or self._last_by
+                self._folder.event(Paused(by) if paused else Resumed(by))
             if not paused:
                 return
             live.wait_host()
@@ -242,6 +241,6 @@ class _Session:
         for request in self._live.take():
             if isinstance(request, Request):
                 self._last_by = request.by
-                self._folder.event("request", action=request.action, by=request.by)
+                self._folder.event(Requested(request.action, request.by, request.utc))
             else:
-                self._folder.event("note", text=str(request))
+                self._folder.event(Note(str(request)))

@@ -3,12 +3,31 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 WINDOW_S = 900.0
 FAR_K = 2.0
 _SLOWEST_K_PER_MIN = 1.0
 """What any chamber manages of a step or a fast ramp."""
 _SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class Stall:
+    """Air that stands away from its set point and came nearer by `nearer_k` only in `window_s`."""
+
+    air_temp_c: float
+    set_point_c: float
+    nearer_k: float
+    window_s: float
+
+    def __str__(self) -> str:
+        off_k = abs(self.air_temp_c - self.set_point_c)
+        return (
+            f"the air stands at {self.air_temp_c:.1f} degC, {off_k:.1f} K from its set point "
+            f"{self.set_point_c:g} degC, and came {self.nearer_k:.1f} K nearer in "
+            f"{self.window_s / 60.0:.0f} min: look at the chamber's panel, door and refrigeration"
+        )
 
 
 class Approach:
@@ -37,16 +56,12 @@ class Approach:
         """Return whether there is anything to judge yet."""
         return self._running and time_s - self._since_s >= WINDOW_S and math.isfinite(self._set_point_c)
 
-    def look(self, air_c: float, before_c: float) -> str:
-        """Return what is wrong with air now and `WINDOW_S` before, in words; empty if nothing is."""
+    def look(self, air_c: float, before_c: float) -> Stall | None:
+        """Judge the air now and `WINDOW_S` before; None if it comes nearer or is there."""
         off_k = abs(air_c - self._set_point_c)
         nearer_k = abs(before_c - self._set_point_c) - off_k
         wanted_k = min(self._ramp_k_per_min, _SLOWEST_K_PER_MIN) * WINDOW_S / 60.0
         if off_k <= FAR_K or nearer_k >= _SHARE * wanted_k:
-            return ""
+            return None
         self._since_s = math.inf
-        return (
-            f"the air stands at {air_c:.1f} degC, {off_k:.1f} K from its set point {self._set_point_c:g} degC, "
-            f"and came {max(nearer_k, 0.0):.1f} K nearer in {WINDOW_S / 60.0:.0f} min: look at the chamber's "
-            "panel, door and refrigeration"
-        )
+        return Stall(air_c, self._set_point_c, max(nearer_k, 0.0), WINDOW_S)

@@ -9,12 +9,13 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TYPE_CHECKING
 
+from bench.record.events.run import Alarm, Invalid
 from drivers.base.clock import Clock
 from drivers.base.errors import BenchError, DeviceSilent, LinkLost
 from drivers.kit.instruments import Gyro
 
 if TYPE_CHECKING:
-    from bench.control.stations import GyroStation, StreamStation
+    from bench.control.stream_stations import GyroStation, StreamStation
 
 SILENT_S = 10.0
 """A unit that has sent nothing for so long beyond its own interval is reported, and the run is invalid."""
@@ -24,7 +25,7 @@ _WAKES_S = 3.0
 
 
 class Attendance:
-    """Watches the streams of a run. `report(unit, text)` gets what happens; `invalidate(reason)` what it means.
+    """Watches the streams of a run. `report` gets what happens to a unit; `invalidate` what it means for the run.
 
     A run in which a unit is lost goes on, with the data of the others whole and with its own once its port is
     back, and is invalid with the unit and the time in its reason. When no unit of the role that the procedure
@@ -35,8 +36,8 @@ class Attendance:
     def __init__(
         self,
         tests: str,
-        report: Callable[[str, str], None],
-        invalidate: Callable[[str], None],
+        report: Callable[[Alarm], None],
+        invalidate: Callable[[Invalid], None],
         last_unit_s: float = 60.0,
     ) -> None:
         self._tests, self._last_unit_s = tests, last_unit_s
@@ -54,19 +55,20 @@ class Attendance:
     def lose(self, station: StreamStation, now_s: float, error: BenchError) -> None:
         """Take note that a unit's port went away: by intention while silence is excused."""
         station.gone = True
-        self._report(station.name, f"lost: {error}")
+        self._report(Alarm(station.name, f"lost: {error}", "unit_lost"))
         found = f": {error.found}" if error.found else ""
         self._lost.append(f"{station.name} was lost at {now_s:.1f} s ({error.what}{found})")
         if now_s >= self._excused_s and not self.units_off:
             self._told.add(station.name)
-            self._invalidate(self._lost[-1])
+            self._invalidate(Invalid("unit_lost", self._lost[-1], {"device": station.name, "at_s": now_s}))
 
     def back(self, station: StreamStation, now_s: float) -> None:
         """Take note that its port is open again."""
         station.gone = False
         self._told.discard(station.name)
         gap_s = now_s - station.heard_s
-        self._report(station.name, f"back: its port is open again, {gap_s:.1f} s after the last it sent")
+        text = f"back: its port is open again, {gap_s:.1f} s after the last it sent"
+        self._report(Alarm(station.name, text, "unit_back", {"gap_s": gap_s}))
 
     def excuse_until(self, until_s: float) -> None:
         """Take silence up to `until_s` for intended: units are being mounted."""
@@ -83,13 +85,17 @@ class Attendance:
             quiet_s = self._quiet_s(unit, now_s)
             if quiet_s >= SILENT_S and not unit.silent:
                 unit.silent = True
-                self._report(unit.name, f"silent: nothing has come since {unit.heard_s:.1f} s")
+                text = f"silent: nothing has come since {unit.heard_s:.1f} s"
+                self._report(Alarm(unit.name, text, "unit_silent", {"since_s": unit.heard_s}))
                 if unit.name not in self._were_silent:
                     self._were_silent.add(unit.name)
-                    self._invalidate(f"{unit.name} fell silent at {unit.heard_s:.1f} s")
+                    text = f"{unit.name} fell silent at {unit.heard_s:.1f} s"
+                    facts = {"device": unit.name, "at_s": unit.heard_s}
+                    self._invalidate(Invalid("unit_silent", text, facts))
             elif quiet_s < SILENT_S and unit.silent:
                 unit.silent = False
-                self._report(unit.name, f"speaks again at {unit.heard_s:.1f} s")
+                text = f"speaks again at {unit.heard_s:.1f} s"
+                self._report(Alarm(unit.name, text, "unit_speaks", {"at_s": unit.heard_s}))
         self.require_one(units, now_s)
 
     def require_one(self, units: Iterable[StreamStation], now_s: float) -> None:
@@ -120,9 +126,9 @@ class Attendance:
         if self._judge is None:
             self._judge = speaking[0]
         elif self._judge not in speaking:
-            text = f"is judged by from here on, in place of {self._judge.name}"
-            self._judge = speaking[0]
-            self._report(self._judge.name, text)
+            before, self._judge = self._judge.name, speaking[0]
+            text = f"is judged by from here on, in place of {before}"
+            self._report(Alarm(self._judge.name, text, "judge_changed", {"before": before}))
         return self._judge
 
     def _overdue(self, unit: StreamStation, now_s: float) -> bool:

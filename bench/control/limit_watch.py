@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bench.control.chamber_station import ChamberStation
 from bench.control.limits import (
     RAMP_WINDOW_S,
     Interval,
@@ -11,7 +12,6 @@ from bench.control.limits import (
     check_rules,
     check_telemetry,
 )
-from bench.control.stations import ChamberStation
 from bench.control.table_station import TableStation
 from bench.record.benchfile import LimitsSection
 from drivers.base.clock import Clock

@@ -6,6 +6,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from bench.control.history import History
+from bench.control.stream_stations import GyroStation
+
+_RATE_WINDOW_S = 60.0
+
 
 @dataclass(frozen=True)
 class GyroProgress:
@@ -42,10 +47,35 @@ class Progress:
     auxiliary_c: Mapping[str, float]
     angle_deg: float
     rate_dps: float
-    demand: str
+    demands: Mapping[str, Mapping[str, Any] | None]
+    """What was asked of each axis of the table last, as in its event; None: nothing yet, it is at rest."""
     gyros: Mapping[str, GyroProgress]
     paused: bool = False
     alarms: tuple[Mapping[str, Any], ...] = ()
-    """The last 20 alarms: time_s, device, text."""
+    """The last 20 events that an operator has to see at once, as in events.jsonl."""
     log: tuple[Mapping[str, Any], ...] = ()
     """The last 20 events, as in events.jsonl."""
+
+
+def air_rate_k_per_min(history: History, now_s: float) -> float:
+    """Return how fast the chamber's air moved over the last minute; NaN before there is half of one."""
+    rows = history.since(now_s - _RATE_WINDOW_S)
+    time_s, air_c = rows["time_s"], rows["air_temp_c"]
+    if len(time_s) < 2 or time_s[-1] - time_s[0] < 0.5 * _RATE_WINDOW_S:
+        return float("nan")
+    return float(60.0 * (air_c[-1] - air_c[0]) / (time_s[-1] - time_s[0]))
+
+
+def gyro_progress(station: GyroStation, now_s: float) -> GyroProgress:
+    """Return where a gyro is."""
+    rate_dps = station.mean_rate_dps(now_s - _RATE_WINDOW_S)  # decodes what has come
+    last, nan = station.history.last, float("nan")
+    return GyroProgress(
+        rate_dps=rate_dps,
+        latest_dps=last.get("rate_dps", nan),
+        temp_c=last.get("temp_c", nan),
+        frames=station.frames,
+        lost=station.lost,
+        rejected=station.rejected,
+        age_s=now_s - last.get("time_s", nan),
+    )

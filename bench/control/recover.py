@@ -6,13 +6,15 @@ import dataclasses
 import json
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bench.control.lease import lease_holder
 from bench.control.run_record import decode_run
 from bench.record.benchfile import bench_file_from
+from bench.record.events import Event
+from bench.record.events.run import Measured, Note, Outcome, Repeat
+from bench.record.events.safe import Takeover, TakeoverEnded
 from bench.record.recording import Manifest, local_run, read_events, read_manifest, seal
 from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.clock import utc_now
@@ -56,17 +58,17 @@ def recover(folder: Path) -> Manifest:
     torn = _cut_events(folder)
     for index in sorted((folder / "raw").glob("*.idx")):
         _cut(index, index.stat().st_size // _PAIR_BYTES * _PAIR_BYTES)
-    rows = read_events(folder).rows
-    duration_s = _last_s(folder, [float(row["time_s"]) for row in rows])
+    events = read_events(folder)
+    duration_s = _last_s(folder, [line.time_s for line in events.lines])
     reason = f"Recovered: the controller ended without closing the run. {_watchdog(folder)}".strip()
-    added: list[dict[str, Any]] = [{"kind": "note", "text": f"recovered {utc_now()}"}]
+    added: list[Event] = [Note(f"recovered {utc_now()}")]
     if torn:
-        added.append({"kind": "note", "text": f"an event was cut off: {torn}"})
-    added.append({"kind": "outcome", "outcome": "aborted", "reason": reason})
+        added.append(Note(f"an event was cut off: {torn}"))
+    added.append(Outcome("aborted", reason))
     try:
         with (folder / _EVENTS).open("a", encoding="utf-8") as file:
-            for row in added:
-                file.write(json.dumps({"time_s": duration_s, **row}, ensure_ascii=False) + "\n")
+            for event in added:
+                file.write(json.dumps(event.row(duration_s), ensure_ascii=False) + "\n")
     except OSError as error:
         raise RecordError("the run cannot be completed", where=str(folder), found=str(error)) from error
     streams = decode_run(folder)
@@ -78,16 +80,12 @@ def recover(folder: Path) -> Manifest:
                 "reason": reason,
                 "ended_utc": utc_now(),
                 "duration_s": duration_s,
-                "measurements": tuple(_measurement(row) for row in rows if row["kind"] == "measurement"),
-                "repeats": dict(Counter(str(row["device"]) for row in rows if row["kind"] == "repeat")),
+                "measurements": tuple(dict(vars(measured)) for _, measured in events.of(Measured)),
+                "repeats": dict(Counter(repeat.device for _, repeat in events.of(Repeat))),
                 "stream": {name: dataclasses.asdict(stream) for name, stream in streams.items()},
             }
         ),
     )
-
-
-def _measurement(row: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in row.items() if key not in ("time_s", "kind")}
 
 
 def _cut_events(folder: Path) -> str:
@@ -116,7 +114,9 @@ def _last_s(folder: Path, event_times_s: list[float]) -> float:
 
 def _watchdog(folder: Path) -> str:
     """Return in a sentence what a watchdog did."""
-    rows = read_events(folder / "watchdog").rows
-    if not rows:
+    events = read_events(folder / "watchdog")
+    begun = [takeover for _, takeover in events.of(Takeover)]
+    if not begun:
         return "No watchdog took over."
-    return f"The watchdog took over ({rows[0].get('cause')}): {rows[-1].get('outcome', 'it did not finish')}."
+    ended = [str(end) for _, end in events.of(TakeoverEnded)]
+    return f"The watchdog took over ({begun[0]}): {ended[-1] if ended else 'it did not finish'}."

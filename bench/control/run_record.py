@@ -21,6 +21,8 @@ from bench.control.devices import (
     table_kind,
 )
 from bench.record.benchfile import BenchFile, bench_file_from
+from bench.record.events import Event
+from bench.record.events.run import Answer, Measured, Outcome, Repeat
 from bench.record.recording import (
     DeviceEntry,
     EmulatedLab,
@@ -110,15 +112,15 @@ class RunRecord:
         """Return the journal of a port, for its link."""
         return self._journal.port(port)
 
-    def event(self, time_s: float, kind: str, **fields: Any) -> None:
+    def event(self, time_s: float, event: Event) -> None:
         """Write one line of events.jsonl."""
-        if kind == "measurement":
-            self._measurements.append(fields)
-        if kind == "repeat":
-            self._repeats[str(fields["device"])] += 1
-        if kind == "answer" and "mounting" in fields:
-            self._mounting = str(fields["mounting"])
-        self._events.event(time_s, kind, **fields)
+        if isinstance(event, Measured):
+            self._measurements.append(dict(vars(event)))
+        if isinstance(event, Repeat):
+            self._repeats[event.device] += 1
+        if isinstance(event, Answer) and event.mounting is not None:
+            self._mounting = event.mounting
+        self._events.event(time_s, event)
 
     def emulated(self, told: Mapping[str, Any]) -> None:
         """Note what the lab that serves the clock says it emulates."""
@@ -148,9 +150,12 @@ class RunRecord:
         self._stream_starts[name] = offset
         write_manifest(self.folder, self._with_sources())  # a run that is never closed can be decoded too
 
-    def close(self, outcome: str, reason: str, duration_s: float) -> Ending:
+    def close(
+        self, outcome: str, reason: str, duration_s: float, told: BaseException | None = None
+    ) -> Ending:
         """Close the raw files, decode them, write the outcome and seal the folder; return how it ended.
 
+        `told` is what `reason` tells already, and is not told twice if the journal met it too.
         A run that could not be recorded or decoded whole is sealed as aborted with what there is. RecordError
         only if not even the seal can be written.
         """
@@ -164,7 +169,7 @@ class RunRecord:
             problems.append(f"The record could not be decoded: {error}")
         if problems:
             outcome = "aborted"
-            reason = " ".join([reason, *(text for text in problems if text not in reason)]).strip()
+            reason = " ".join([reason, *(text for text in problems if text != str(told))]).strip()
         problems += self._close_events(duration_s, outcome, reason)
         manifest = manifest.model_copy(
             update={
@@ -203,7 +208,7 @@ class RunRecord:
 
     def _close_events(self, duration_s: float, outcome: str, reason: str) -> list[str]:
         try:
-            self._events.event(duration_s, "outcome", outcome=outcome, reason=reason)
+            self._events.event(duration_s, Outcome(outcome, reason))
             self._events.close()
         except BenchError as error:
             return [str(error)]
@@ -233,7 +238,7 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
     sources += [_platform_source(each, starts[each.name]) for each in file.platform if each.name in starts]
     off_s: list[tuple[float, float]] = []
     with suppress(RecordError):  # a damaged log is said when it is verified; without it more counts as lost
-        off_s = units_off_s(read_events(folder).rows)
+        off_s = units_off_s(read_events(folder).lines)
     return {source.name: decode_stream(folder, source, out, off_s) for source in sources}
 
 

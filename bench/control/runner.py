@@ -24,9 +24,10 @@ from bench.control.progress import Progress
 from bench.control.questions import Operator
 from bench.control.run_record import RunRecord
 from bench.control.session import Bench
-from bench.control.stations import GyroStation, PlatformStation, StreamStation, StreamTap
+from bench.control.stream_stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from bench.control.watchdog import Watchdog
 from bench.record.benchfile import BenchFile
+from bench.record.events.safe import SafeState
 from drivers.base.clock import Clock, WallClock
 from drivers.base.errors import (
     BenchError,
@@ -77,8 +78,8 @@ class RunResult:
     duration_s: float
     error: BaseException | None = None
     warnings: list[str] = field(default_factory=list)
-    safe: list[str] = field(default_factory=list)
-    """What table and chamber read back when they had been made safe; empty if nothing was opened yet."""
+    safe: tuple[SafeState, ...] = ()
+    """What became of table and chamber when they were made safe; empty if nothing was opened yet."""
 
 
 def run_procedure(request: RunRequest) -> RunResult:
@@ -115,8 +116,7 @@ def _run(request: RunRequest) -> RunResult:
         )
     outcome, reason, duration_s = "aborted", "", 0.0
     error: BaseException | None = None
-    unsafe: list[str] = []
-    safe: list[str] = []
+    safe: list[SafeState] = []
     try:
         with ExitStack() as stack:
             clock = open_clock(request.file.bench.clock)
@@ -128,11 +128,11 @@ def _run(request: RunRequest) -> RunResult:
                 paced = request.file.bench.clock is not None
                 stack.enter_context(request.live.steering(clock.interrupt, paced=paced))
             try:
-                bench = _drive(request, record, clock, stack, safe, unsafe)
+                bench = _drive(request, record, clock, stack, safe)
             finally:
                 duration_s = clock.now()
         outcome = "invalid" if bench.invalid_reasons else "completed"
-        reason = "; ".join(bench.invalid_reasons)
+        reason = "; ".join(invalid.text for invalid in bench.invalid_reasons)
         if request.before_close is not None:
             request.before_close(record.folder)
     except BenchError as problem:
@@ -144,27 +144,27 @@ def _run(request: RunRequest) -> RunResult:
         outcome, error, reason = "aborted", problem, f"{type(problem).__name__}: {problem}"
         raise
     finally:
-        if unsafe:
+        if unsafe := [str(state) for state in safe if not state.confirmed]:
             outcome = "aborted"
-            reason = f"{reason} NOT CONFIRMED SAFE, go and look: {' '.join(unsafe)}".strip()
+            reason = f"{reason} NOT CONFIRMED SAFE, go and look: {'; '.join(unsafe)}".strip()
         try:
-            ending = record.close(outcome, reason, duration_s)
+            ending = record.close(outcome, reason, duration_s, error)
         except RecordError as problem:
             if request.live is not None:
-                request.live.end("aborted", f"{reason} {problem}".strip())
+                request.live.end("aborted", f"{reason} {problem}".strip(), safe=safe)
             raise _unsealed(record.folder, problem, outcome, reason, safe) from problem
         if request.live is not None:
-            request.live.end(ending.outcome, ending.reason, ending.warnings)
+            request.live.end(ending.outcome, ending.reason, ending.warnings, error=error, safe=safe)
     return RunResult(
-        record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings), safe
+        record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings), tuple(safe)
     )
 
 
 def _unsealed(
-    folder: Path, problem: RecordError, outcome: str, reason: str, safe: Sequence[str]
+    folder: Path, problem: RecordError, outcome: str, reason: str, safe: Sequence[SafeState]
 ) -> RunUnsealed:
     """Say what became of the bench first, then of the record: nothing but this text tells the operator."""
-    bench = "; ".join(safe) or "nothing was told to move or to heat"
+    bench = "; ".join(map(str, safe)) or "nothing was told to move or to heat"
     ended = f"the run ended as {outcome}" + (f": {reason}" if reason else "")
     return RunUnsealed(
         f"the run folder could not be closed. Bench: {bench}",
@@ -185,10 +185,9 @@ def _drive(
     record: RunRecord,
     clock: Clock,
     stack: ExitStack,
-    safe: list[str],
-    unsafe: list[str],
+    safe: list[SafeState],
 ) -> Bench:
-    """Run the procedure; `safe` and `unsafe` take what did and did not confirm its safe state afterwards."""
+    """Run the procedure; `safe` takes what became of table and chamber afterwards."""
     file = request.file
     tests = request.procedure.tests
     bench = Bench(file, clock, record, request.operator, _display(request), request.live, tests)
@@ -205,8 +204,7 @@ def _drive(
     streams += [_open_platform(bench, record, clock, section, stack) for section in file.platform]
     if watchdog is not None:
         stack.callback(watchdog.dismiss)  # before the ports are closed, which may take its time
-    stack.callback(lambda: safe.extend(bench.confirmed))
-    stack.callback(lambda: unsafe.extend(bench.unconfirmed))
+    stack.callback(lambda: safe.extend(bench.safe))
     try:
         for device, station in streams:
             device.start()
@@ -220,7 +218,7 @@ def _drive(
     except BaseException as problem:
         bench.make_safe(str(problem) if isinstance(problem, BenchError) else type(problem).__name__)
         raise
-    bench.make_safe("end of the run")
+    bench.make_safe("end of the run", "end_of_run")
     for device, station in streams:
         if not station.gone:
             _stop(bench, device, station.name)

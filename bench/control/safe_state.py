@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import TypeVar
 
+from bench.record.events.safe import Cause, LastSeen, NotSafe, SafeState, read_back_words
 from drivers.base.clock import Clock
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, LinkLost, ProtocolError
 from drivers.kit.instruments import Instrument, Rest
@@ -22,113 +24,184 @@ _TELL_AGAIN_S = 5.0
 RETURN_S = 20.0
 """How long the port of a device that went away is looked for."""
 _LOOK_S = 0.5
-_GONE, _DEAF = "its port is gone", "it does not confirm its stop"
-
 
 _T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the way to the safe state found at one device: at rest when there is no `code` against it.
+
+    `rest` is what it read back last, if anything; `error` what it or its port answered instead.
+    """
+
+    rest: Rest | None = None
+    code: NotSafe | None = None
+    error: BenchError | None = None
+
+    @classmethod
+    def of(cls, error: BenchError) -> Reading:
+        """Return what an error says of a device."""
+        if isinstance(error, _NotAtRest):
+            return cls(error.rest, "not_at_rest", error)
+        if isinstance(error, LinkLost):
+            return cls(None, "port_gone", error)
+        if isinstance(error, DeviceSilent):
+            return cls(None, "silent", error)
+        return cls(None, "garbled" if isinstance(error, ProtocolError) else "refused", error)
+
+    def fact(self, device: str, cause: Cause, why: str, seen: LastSeen | None = None) -> SafeState:
+        """Return it as an event."""
+        rest = self.rest or Rest(False)
+        return SafeState(
+            device,
+            "not_confirmed" if self.code else "confirmed",
+            cause,
+            why,
+            code=self.code,
+            error=str(self.error) if self.error is not None else None,
+            rates_dps=dict(rest.rates_dps) or None,
+            running=rest.running,
+            set_point_c=rest.set_point_c,
+            last_seen=seen if self.code else None,
+        )
+
+
+class _NotAtRest(DeviceRefused):
+    """A device that took the command and does not come to rest; `rest` is what it said last, if anything."""
+
+    def __init__(self, rest: Rest | None, found: str) -> None:
+        super().__init__("it took the command and is not at rest", found=found, expected="a device at rest")
+        self.rest = rest
 
 
 def bring_to_rest(
     devices: Mapping[str, Instrument],
     clock: Clock,
-    say: Callable[[str, str], None],
     *,
-    away: Callable[[str, str], None] = lambda name, what: None,
+    away: Callable[[str, NotSafe], None] = lambda name, code: None,
     timeout_s: float = REST_TIMEOUT_S,
-) -> dict[str, str]:
-    """Stop every device, wait for its word, read back that it is at rest; return by name what was not confirmed.
+) -> dict[str, Reading]:
+    """Stop every device, wait for its word, read back that it is at rest; return what each one came to.
 
     The stop commands of all leave first, before any answer is awaited or anything written down. A device that
     does not answer, or a port that goes away meanwhile, does not keep the others from being told and read back.
     A device that is silent or refuses is told on when the others rest, for `timeout_s` in all. A port that is
     away is looked for then, for 20 s, and its device told when it is back.
-    `say(name, text)` gets what each one reads back; `away(name, what)` whose port is gone or who does not obey,
-    as soon as all others have been told and with every further try: somebody may stand beside it.
+    `away(name, code)` gets whose port is gone or who does not obey, as soon as all others have been told and
+    with every further try: somebody may stand beside it. The result is in the order in which they were read back,
+    those that are not at rest last.
     """
-    for device in devices.values():
-        with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
-            device.halt()
-    problems: dict[str, str] = {}
-    gone: list[str] = []
-    untold = list(devices)
-    for attempt in range(_TRIES):  # a refusal or a lost answer is no reason to leave a device
-        if attempt and untold:
-            _pause(clock, _AGAIN_S)
-        for name in list(untold):
-            try:
-                _in_spite_of_others(devices[name], devices[name].make_safe)
-                untold.remove(name)
-                problems.pop(name, None)
-            except BenchError as error:
-                problems[name] = str(error)
-                if isinstance(error, LinkLost):
-                    untold.remove(name)
-                    gone.append(name)
-    for name in gone:
-        away(name, _GONE)
-    for name in untold:
-        away(name, _DEAF)
-    deadline_s = clock.now() + timeout_s
+    return _Way(devices, clock, away, timeout_s).go()
 
-    def read_back(name: str) -> None:
+
+class _Way:
+    """The way to rest of some devices: who is still untold, whose port is gone, what each one read back."""
+
+    def __init__(
+        self,
+        devices: Mapping[str, Instrument],
+        clock: Clock,
+        away: Callable[[str, NotSafe], None],
+        timeout_s: float,
+    ) -> None:
+        self._devices, self._clock, self._away, self._timeout_s = devices, clock, away, timeout_s
+        self._untold = list(devices)
+        self._gone: list[str] = []
+        self._rests: dict[str, Reading] = {}
+        self._problems: dict[str, Reading] = {}
+        self._deadline_s = 0.0
+
+    def go(self) -> dict[str, Reading]:
+        """Go all of it."""
+        self._tell_all()
+        self._deadline_s = self._clock.now() + self._timeout_s
+        for name in self._devices:
+            if name not in self._problems:
+                self._read_back(name)
+        self._tell_on()
+        self._await_ports()
+        return {
+            name: found for name, found in self._rests.items() if name not in self._problems
+        } | self._problems
+
+    def _tell_all(self) -> None:
+        """Stop all at once, then await its word: one refusal or a lost answer is no reason to leave it."""
+        for device in self._devices.values():
+            with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
+                device.halt()
+        for attempt in range(_TRIES):
+            if attempt and self._untold:
+                _pause(self._clock, _AGAIN_S)
+            for name in list(self._untold):
+                self._tell(name)
+        for name in self._gone:
+            self._away(name, "port_gone")
+        for name in self._untold:
+            self._away(name, "not_confirming")
+
+    def _tell(self, name: str) -> bool:
+        """Tell one device to rest; return whether it confirmed that."""
         try:
-            text = f"at rest: {_await_rest(devices[name], clock, deadline_s).text}"
-            problems.pop(name, None)
-            say(name, text)
+            _in_spite_of_others(self._devices[name], self._devices[name].make_safe)
         except BenchError as error:
-            problems[name] = str(error)
-            if isinstance(error, LinkLost):
-                gone.append(name)
+            self._fail(name, error)
+            return False
+        self._untold = [other for other in self._untold if other != name]
+        self._problems.pop(name, None)
+        return True
 
-    for name in devices:
-        if name not in problems:
-            read_back(name)
-    while untold and clock.now() < deadline_s:  # the others rest: whoever was silent or refused is told on
-        before_s = clock.now()
-        _pause(clock, _LATER_S)
-        for name in list(untold):
-            try:
-                _in_spite_of_others(devices[name], devices[name].make_safe)
-            except BenchError as error:
-                problems[name] = str(error)
-                if isinstance(error, LinkLost):
-                    untold.remove(name)
-                    gone.append(name)
-                else:
-                    away(name, _DEAF)
-                continue
-            untold.remove(name)
-            del problems[name]
-            read_back(name)
-        if clock.now() <= before_s:  # it stands still: the lab behind a virtual clock is gone
-            break
-    until_s = clock.now() + RETURN_S
-    while gone:
-        for name in list(gone):
-            try:
-                devices[name].link.reopen()
-            except BenchError:  # not yet
-                away(name, _GONE)
-                continue
-            gone.remove(name)
-            try:
-                _in_spite_of_others(devices[name], devices[name].make_safe)
-            except BenchError as error:
-                problems[name] = str(error)
-                if isinstance(error, LinkLost):
-                    gone.append(name)
-                    continue
-            deadline_s = max(deadline_s, clock.now() + timeout_s)
-            read_back(name)
-        now_s = clock.now()
-        if not gone or now_s >= until_s:
-            break
-        _pause(clock, _LOOK_S)
-        if clock.now() <= now_s:  # it stands still: the lab behind a virtual clock is gone
-            break
-    for name in gone:
-        problems[name] = f"its port is gone and has not come back within {RETURN_S:g} s"
-    return problems
+    def _fail(self, name: str, error: BenchError) -> None:
+        self._problems[name] = Reading.of(error)
+        if isinstance(error, LinkLost):
+            self._untold = [other for other in self._untold if other != name]
+            if name not in self._gone:
+                self._gone.append(name)
+
+    def _read_back(self, name: str) -> None:
+        try:
+            self._rests[name] = Reading(_await_rest(self._devices[name], self._clock, self._deadline_s))
+        except BenchError as error:
+            self._fail(name, error)
+        else:
+            self._problems.pop(name, None)
+
+    def _tell_on(self) -> None:
+        """The others rest: tell whoever was silent or refused until it confirms, or time is over."""
+        while self._untold and self._clock.now() < self._deadline_s:
+            before_s = self._clock.now()
+            _pause(self._clock, _LATER_S)
+            for name in list(self._untold):
+                if self._tell(name):
+                    self._read_back(name)
+                elif name in self._untold:
+                    self._away(name, "not_confirming")
+            if self._clock.now() <= before_s:  # it stands still: the lab behind a virtual clock is gone
+                break
+
+    def _await_ports(self) -> None:
+        """Look for ports that went away; tell the device whose port is back."""
+        until_s = self._clock.now() + RETURN_S
+        while self._gone:
+            for name in list(self._gone):
+                self._look_for(name)
+            now_s = self._clock.now()
+            if not self._gone or now_s >= until_s:
+                break
+            _pause(self._clock, _LOOK_S)
+            if self._clock.now() <= now_s:  # it stands still: the lab behind a virtual clock is gone
+                break
+
+    def _look_for(self, name: str) -> None:
+        try:
+            self._devices[name].link.reopen()
+        except BenchError:  # not yet
+            self._away(name, "port_gone")
+            return
+        self._gone.remove(name)
+        if self._tell(name) or name not in self._gone:  # one that refuses may be at rest all the same
+            self._deadline_s = max(self._deadline_s, self._clock.now() + self._timeout_s)
+            self._read_back(name)
 
 
 def _in_spite_of_others(device: Instrument, work: Callable[[], _T]) -> _T:
@@ -168,21 +241,20 @@ def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
     One that still does not is told again: the stop that left first may have been refused or lost.
     """
     again_s = clock.now() + _TELL_AGAIN_S
+    rest: Rest | None = None
     while True:
         _pause(clock, _AGAIN_S)
         try:
             rest = _in_spite_of_others(device, device.read_rest)
             if rest.reached:
                 return rest
-            found = rest.text
+            found = read_back_words(rest.rates_dps, rest.running, rest.set_point_c)
         except (ProtocolError, DeviceSilent) as error:
-            found = error.found
+            rest, found = None, error.found
         if clock.now() >= again_s:
             again_s = clock.now() + _TELL_AGAIN_S
             with suppress(BenchError):
                 device.halt()
                 device.make_safe()
         if clock.now() >= deadline_s:
-            raise DeviceRefused(
-                "it took the command and is not at rest", found=found, expected="a device at rest"
-            )
+            raise _NotAtRest(rest, found)

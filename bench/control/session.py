@@ -9,17 +9,37 @@ from functools import partial
 from typing import Any, Literal, Protocol
 
 from bench.control.attendance import Attendance, Returns
+from bench.control.chamber_station import ChamberStation
 from bench.control.limit_watch import LimitWatch
 from bench.control.live import Request
-from bench.control.progress import GyroProgress, Progress
+from bench.control.progress import Progress, air_rate_k_per_min, gyro_progress
 from bench.control.questions import Operator, Question
-from bench.control.safe_state import bring_to_rest
-from bench.control.stations import ChamberStation, GyroStation, PlatformStation, StreamStation
+from bench.control.safe_state import Reading, bring_to_rest
+from bench.control.station import Station
+from bench.control.stream_stations import GyroStation, PlatformStation, StreamStation
 from bench.control.table_station import TableStation
 from bench.record.benchfile import BenchFile
+from bench.record.events import Event
+from bench.record.events.run import (
+    Alarm,
+    Answer,
+    Invalid,
+    Measured,
+    Note,
+    Paused,
+    PhaseBegun,
+    Prompt,
+    Repeat,
+    Requested,
+    Resumed,
+    Step,
+    UnitsOff,
+    UnitsOn,
+)
+from bench.record.events.safe import Cause, NotSafe, SafeState
 from drivers.base.clock import Clock, host_seconds
 from drivers.base.errors import BenchError, RunAborted
-from drivers.kit.instruments import Chamber, Gyro, Turntable
+from drivers.kit.instruments import Chamber, Gyro, Instrument, Turntable
 
 _POLL_S = 1.0
 _RESOLUTION_S = 1e-9
@@ -27,13 +47,12 @@ _RESOLUTION_S = 1e-9
 _ALARMS_S = 60.0
 _DISPLAY_S = 0.1
 _KEPT_LINES = 20
-_RATE_WINDOW_S = 60.0
 
 
 class Record(Protocol):
     """What the session writes to: the run's event log and journal."""
 
-    def event(self, time_s: float, kind: str, **fields: Any) -> None:
+    def event(self, time_s: float, event: Event) -> None:
         """Write one line of events.jsonl."""
         ...
 
@@ -75,29 +94,19 @@ class Bench:
         self.file = file
         self.clock = clock
         self.operator = operator
-        self.invalid_reasons: list[str] = []
-        self.unconfirmed: list[str] = []
-        """What did not confirm its safe state when it was last asked for."""
-        self.confirmed: list[str] = []
-        """What did, with what it read back."""
-        self.measurements: list[dict[str, Any]] = []
+        self.invalid_reasons: list[Invalid] = []
+        self.safe: tuple[SafeState, ...] = ()
+        """What became of table and chamber when they were last made safe."""
+        self.measurements: list[Measured] = []
         self.gyros: dict[str, GyroStation] = {}
         self.platforms: dict[str, PlatformStation] = {}
         self.table: TableStation
         self.chamber: ChamberStation
         self.limits: LimitWatch
         self.phase_name = ""
-        self._attendance = Attendance(
-            tests,
-            lambda unit, text: self.event("alarm", device=unit, text=text),
-            self.invalidate,
-            file.safe.last_unit_s,
-        )
+        self._attendance = Attendance(tests, self.event, self._invalid, file.safe.last_unit_s)
         self._returns = Returns(
-            clock,
-            self._lose,
-            lambda unit: self._attendance.back(unit, clock.now()),
-            self.note,
+            clock, self._lose, lambda unit: self._attendance.back(unit, clock.now()), self.note
         )
         self._record = record
         self._display = display
@@ -117,8 +126,8 @@ class Bench:
         self.table = TableStation(table, self, self.file.table.all_axes)
         self.chamber = ChamberStation(chamber, self, auxiliary)
         self.limits = LimitWatch(self.file.limits, self.clock, self.table, self.chamber)
-        for name, device in (("table", table), ("chamber", chamber)):
-            device.link.on_retry = partial(self.repeated, name)
+        for station in (self.table, self.chamber):
+            station.device.link.on_retry = partial(self._repeated, station.name)
 
     # What a procedure says
 
@@ -127,21 +136,17 @@ class Bench:
         """Name what follows after the test plan's own step; a pause that was asked for comes before it."""
         self._pause(title)
         self._step = f"{code} {title}"
-        self.event("step", code=code, title=title)
+        self.event(Step(code, title))
         yield
 
     def phase(self, name: str) -> None:
         """Begin a phase; it lasts until the next one."""
         self.phase_name = name
-        self.event("phase", phase=name)
+        self.event(PhaseBegun(name))
 
     def note(self, text: str) -> None:
         """Write a remark to the record."""
-        self.event("note", text=text)
-
-    def command(self, device: str, text: str) -> None:
-        """Write to the record what a device is told."""
-        self.event("command", device=device, text=text)
+        self.event(Note(text))
 
     def measure(
         self, name: str, value: float, unit: str, *, low: float | None = None, high: float | None = None
@@ -151,25 +156,32 @@ class Bench:
         Without limits nothing is judged: `passed` of the record is then None, never a pass.
         """
         inside = (low is None or value >= low) and (high is None or value <= high)
-        row = {"name": name, "value": value, "unit": unit, "low": low, "high": high}
-        row["passed"] = None if low is None and high is None else inside
-        self.measurements.append(row)
-        self.event("measurement", **row)
+        judged = None if low is None and high is None else inside
+        self.measurements.append(Measured(name, value, unit, low, high, judged))
+        self.event(self.measurements[-1])
         return inside
 
-    def invalidate(self, reason: str) -> None:
-        """Mark the run invalid for its purpose; it goes on and its data are kept."""
+    def invalidate(self, text: str, code: str = "procedure", **facts: Any) -> None:
+        """Mark the run invalid for its purpose; it goes on and its data are kept.
+
+        `text` says why to people; `code` and `facts`, numbers with units in their names, to programs.
+        """
+        self._invalid(Invalid(code, text, facts))
+
+    def _invalid(self, reason: Invalid) -> None:
         self.invalid_reasons.append(reason)
-        self.event("alarm", device="procedure", text=f"run invalid: {reason}")
+        self.event(reason)
 
     def ask(self, question: str, **act: Any) -> str:
         """Put a question to the operator and wait, telemetry running, for the answer."""
-        self.event("prompt", question=question)
+        self.event(Prompt(question))
         answered = self.operator.ask(Question(question, act))
         while (answer := answered()) is None:
             self._attendance.excuse_until(self.clock.now() + 1.0)
             self.wait(0.2, f"operator: {question}")
-        self.event("answer", question=question, answer=answer, by=self.operator.name, **act)
+        more = {key: value for key, value in act.items() if key not in ("act", "mounting")}
+        by = self.operator.name
+        self.event(Answer(question, answer, by, act.get("act"), act.get("mounting"), more))
         if answer.strip().lower() in ("no", "n", "abort"):
             raise RunAborted(f"the operator answered {answer!r} to: {question}")
         return answer
@@ -211,17 +223,18 @@ class Bench:
 
     # What happens meanwhile
 
-    def event(self, kind: str, **fields: Any) -> None:
+    def event(self, event: Event) -> None:
         """Write one line to the event log, at bench time now."""
         time_s = self.clock.now()
-        self._record.event(time_s, kind, **fields)
-        self._log.append({"time_s": round(time_s, 3), "kind": kind, **fields})
-        if kind == "alarm":
-            self._alarms.append({"time_s": round(time_s, 3), **fields})
+        self._record.event(time_s, event)
+        row = event.row(round(time_s, 3))
+        self._log.append(row)
+        if event.alarms:
+            self._alarms.append(row)
 
-    def repeated(self, device: str, why: object) -> None:
+    def _repeated(self, device: str, why: object) -> None:
         """Write down that an exchange with a device is tried again, and what was received of it."""
-        self.event("repeat", device=device, text=str(why))
+        self.event(Repeat(device, str(why)))
 
     def poll(self) -> None:
         """Ask both instruments, then collect: their answers travel at the same time."""
@@ -271,7 +284,7 @@ class Bench:
         units = self.units
         for unit in units:
             unit.power_off()
-        self.event("units_off")
+        self.event(UnitsOff())
         self._attendance.units_off = True
         try:
             yield
@@ -280,13 +293,13 @@ class Bench:
             self._attendance.excuse_until(self.clock.now())
             for unit in units:
                 unit.power_on()
-            self.event("units_on")
+            self.event(UnitsOn())
 
     def check_alarms(self) -> None:
         """Ask both instruments for alarms; any goes to the record and raises RunAborted."""
         for name, found in (("table", self.table.device.alarms()), ("chamber", self.chamber.alarms())):
             for text in found:
-                self.event("alarm", device=name, text=text)
+                self.event(Alarm(name, text, "device"))
             if found:
                 raise RunAborted(
                     f"the {name} reports a fault",
@@ -322,23 +335,19 @@ class Bench:
             phase=self.phase_name,
             air_temp_c=air.get("air_temp_c", nan),
             set_point_c=air.get("set_point_c", nan),
-            air_rate_k_per_min=self._air_rate_k_per_min(now),
+            air_rate_k_per_min=air_rate_k_per_min(self.chamber.history, now),
             auxiliary_c={str(n): air.get(f"aux_{n}_temp_c", nan) for n in self.chamber.auxiliary},
             angle_deg=turned.get("angle_deg", nan),
             rate_dps=turned.get("rate_dps", nan),
-            demand=self.table.demand_text,
-            gyros={name: _gyro_progress(station, now) for name, station in self.gyros.items()},
+            demands={
+                name: None if demand is None else demand.fields()
+                for name, demand in self.table.demands.items()
+            },
+            gyros={name: gyro_progress(station, now) for name, station in self.gyros.items()},
             paused=self._paused,
             alarms=tuple(self._alarms),
             log=tuple(self._log),
         )
-
-    def _air_rate_k_per_min(self, now_s: float) -> float:
-        rows = self.chamber.history.since(now_s - _RATE_WINDOW_S)
-        time_s, air_c = rows["time_s"], rows["air_temp_c"]
-        if len(time_s) < 2 or time_s[-1] - time_s[0] < 0.5 * _RATE_WINDOW_S:
-            return float("nan")
-        return float(60.0 * (air_c[-1] - air_c[0]) / (time_s[-1] - time_s[0]))
 
     def _pause(self, before: str) -> None:
         """Stand still, telemetry running, as long as somebody wants a pause."""
@@ -346,68 +355,53 @@ class Bench:
         if steering is None or not (by := steering.pause_wanted):
             return
         self._note_requests()
-        self.event("paused", by=by)
+        self.event(Paused(by))
         self._paused = True
         while steering.pause_wanted:
             steering.breathe()
             self.wait(0.2, f"paused by {by} before: {before}")
         self._paused = False
         self._note_requests()
-        self.event("resumed", by=self._resumed_by)
+        self.event(Resumed(self._resumed_by))
 
     def _note_requests(self) -> None:
         """Write to the record what has been asked of the session."""
         for request in self._steering.take() if self._steering is not None else ():
             if isinstance(request, Request):
-                self.event("request", action=request.action, by=request.by, utc=request.utc)
+                self.event(Requested(request.action, request.by, request.utc))
                 self._resumed_by = request.by
             else:
-                self.event("note", text=str(request))
+                self.event(Note(str(request)))
 
     # How it ends
 
-    def make_safe(self, reason: str) -> bool:
-        """Stop the table, send the chamber to its safe set point; return whether both read back at rest."""
-        read_back: list[tuple[str, str]] = []
-        devices = {"table": self.table.device, "chamber": self.chamber.device}
-        self.confirmed, self.unconfirmed = [], ["bench: the way to the safe state was cut off"]
-        seen = {"table": self.table.last_seen, "chamber": self.chamber.last_seen}
+    def make_safe(self, why: str, cause: Cause = "trouble") -> bool:
+        """Stop the table, send the chamber to its safe set point; return whether both read back at rest.
+
+        `why` is told to people.
+        """
+        stations: dict[str, Station] = {each.name: each for each in (self.table, self.chamber)}
+        self.safe = tuple(Reading(code="cut_off").fact(name, cause, why) for name in stations)
         told: set[str] = set()
 
-        def away(name: str, what: str) -> None:
+        def away(name: str, code: NotSafe) -> None:
             with suppress(BenchError, OSError):  # whatever is wrong with record or display, the way goes on
+                state = SafeState(
+                    name, "pending", cause, why, code=code, last_seen=stations[name].last_seen()
+                )
                 if name not in told:
                     told.add(name)
-                    text = f"{what}{seen[name]()}: STOP IT BY HAND. Being made safe: {reason}"
-                    self.event("alarm", device=name, text=f"not confirmed safe: {text}")
+                    self.event(state)
                 if self._display is not None:
-                    self._display(self.progress(f"making the bench safe, {name}: {what}"))
+                    self._display(self.progress(f"making the bench safe, {state}"))
 
         with self.clock.interrupt.ignored():
-            left = bring_to_rest(
-                devices, self.clock, lambda name, text: read_back.append((name, text)), away=away
+            devices: dict[str, Instrument] = {"table": self.table.device, "chamber": self.chamber.device}
+            found = bring_to_rest(devices, self.clock, away=away)
+            self.safe = tuple(
+                reading.fact(name, cause, why, stations[name].last_seen()) for name, reading in found.items()
             )
-            problems = self.unconfirmed = [f"{name}: {text}{seen[name]()}" for name, text in left.items()]
         self._note_requests()
-        self.event("note", text=f"{'not ' if problems else ''}made safe: {reason}")
-        self.confirmed = [f"{name} {text}" for name, text in read_back]
-        for text in self.confirmed:
-            self.event("note", text=text)
-        for problem in problems:
-            self.event("alarm", device="bench", text=f"not confirmed safe: {problem}")
-        return not problems
-
-
-def _gyro_progress(station: GyroStation, now_s: float) -> GyroProgress:
-    rate_dps = station.mean_rate_dps(now_s - 60.0)
-    last = station.history.last
-    nan = float("nan")
-    return GyroProgress(
-        rate_dps=rate_dps,
-        latest_dps=last.get("rate_dps", nan),
-        temp_c=last.get("temp_c", nan),
-        frames=station.frames,
-        lost=station.lost,
-        rejected=station.rejected,
-        age_s=now_s - last.get("time_s", nan),
-    )
+        for state in self.safe:
+            self.event(state)
+        return all(state.confirmed for state in self.safe)

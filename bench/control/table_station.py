@@ -4,60 +4,50 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal
 
 from bench.control.history import History
 from bench.control.limits import check_stops
+from bench.control.station import Session, Station
+from bench.record.events.run import AngleDemand, Demand, HomeDemand, RateDemand, Sense
+from bench.record.events.safe import LastSeen
 from drivers.base.errors import DeviceRefused, LimitExceeded, RunAborted
 from drivers.kit.config import AxisConfig
 from drivers.kit.instruments import TableState, Turntable, alarms_in_words
-
-if TYPE_CHECKING:
-    from bench.control.session import Bench
-
-Sense = Literal["shortest", "positive", "negative"]
 
 _SETTLED_POLLS = 3
 _STAYS = 10.0
 """A settled table may be off by this many times what counted as settled before it has left its demand."""
 
 
-class TableStation:
+class TableStation(Station):
     """The rate table. Verbs return when telemetry shows that the motion has settled.
 
     A verb's `axis` is a name of the bench file's `[[table.axes]]`; "" is the axis that carries the unit, whose
     telemetry is `angle_deg` and `rate_dps` in the history. The others' is `<name>_angle_deg`, `<name>_rate_dps`.
     """
 
-    def __init__(self, device: Turntable, bench: Bench, axes: Sequence[AxisConfig]) -> None:
+    name = "table"
+
+    def __init__(self, device: Turntable, session: Session, axes: Sequence[AxisConfig]) -> None:
         self.device = device
         self.axes = {axis.name: axis for axis in axes}
         self._carrier = axes[-1].name
         outer = [self._columns(axis.name) for axis in axes[:-1]]
-        self.history = History(("angle_deg", "rate_dps", *(name for pair in outer for name in pair)))
-        self._demands = dict.fromkeys(self.axes, "at rest")
+        super().__init__(
+            session, History(("angle_deg", "rate_dps", *(name for pair in outer for name in pair)))
+        )
+        self.demands: dict[str, Demand | None] = dict.fromkeys(self.axes)
+        """What was asked of each axis last; None: nothing yet, it is at rest."""
         self._turn_dps = dict.fromkeys(self.axes, math.inf)
-        self._bench = bench
         self._stays: dict[str, Callable[[dict[str, float]], bool]] = {}
-
-    @property
-    def demand_text(self) -> str:
-        """What was asked of the axes last, in words."""
-        if len(self.axes) == 1:
-            return self._demands[self._carrier]
-        return ", ".join(f"{name} {text}" for name, text in self._demands.items())
 
     @property
     def rates_dps(self) -> tuple[float, ...]:
         """The newest rate of every axis."""
         return tuple(self.history.last[self._columns(name)[1]] for name in self.axes)
 
-    def last_seen(self) -> str:
-        """Return in words what telemetry said last, empty before the first."""
-        if not (last := self.history.last):
-            return ""
-        rates = ", ".join(f"{rate:.3f} deg/s" for rate in self.rates_dps)
-        return f" ({self._bench.now_s - last['time_s']:.0f} s ago it turned at {rates})"
+    def _seen(self, row: dict[str, float], ago_s: float) -> LastSeen:
+        return LastSeen(ago_s, {name: row[self._columns(name)[1]] for name in self.axes})
 
     def take(self, time_s: float, state: TableState) -> None:
         """Keep telemetry."""
@@ -114,8 +104,7 @@ class TableStation:
         """Bring every axis to its reference position, outermost first, each settled before the next."""
         for name in self.axes:
             self._allow(name, "go home", self._turn_dps[name], 0.0)
-            self._bench.command(self._where(name), "go home")
-            self._begin(name, "home")
+            self._begin(name, HomeDemand(self.name, name))
             self.device.home(self._named(name))
             self._settle_angle(name, 0.0, 0.002, timeout_s)
 
@@ -136,9 +125,7 @@ class TableStation:
         name = axis or self._carrier
         self._require_between_stops(name, angle_deg)
         self._allow(name, f"point to {angle_deg:g} deg", self._turn_dps[name], angle_deg)
-        way = "" if sense == "shortest" else f", {sense} sense"
-        self._bench.command(self._where(name), f"point to {angle_deg:.4f} deg{way}")
-        self._begin(name, f"{angle_deg:.3f} deg")
+        self._begin(name, AngleDemand(self.name, name, angle_deg, sense))
         if sense == "shortest":
             self.device.point(angle_deg, self._named(name))
             self._settle_angle(name, angle_deg, tolerance_deg, timeout_s)
@@ -164,9 +151,7 @@ class TableStation:
         self.check(abs(rate_dps), name)
         if rate_dps != 0.0:  # coming to rest is always allowed
             self._allow(name, f"spin at {rate_dps:g} deg/s", rate_dps)
-        within = "" if acceleration_dps2 is None else f" within {acceleration_dps2:g} deg/s2"
-        self._bench.command(self._where(name), f"spin at {rate_dps:g} deg/s{within}")
-        self._begin(name, f"{rate_dps:g} deg/s")
+        self._begin(name, RateDemand(self.name, name, rate_dps, acceleration_dps2))
         self.device.spin(rate_dps, self._named(name), acceleration_dps2)
         tolerance, column = tolerance_share * abs(rate_dps) + 0.002, self._columns(name)[1]
         self._settle(
@@ -180,7 +165,6 @@ class TableStation:
     def stop(self, axis: str = "") -> None:
         """Come to rest."""
         self.spin(0.0, axis)
-        self._demands[axis or self._carrier] = "at rest"
 
     def watch(self) -> None:
         """Raise RunAborted if telemetry shows that the table has left what it had settled at, or its stops."""
@@ -199,7 +183,7 @@ class TableStation:
                 "the table has left its demand",
                 where=self._where(name),
                 found=f"{last[angle]:.3f} deg, {last[rate]:.4f} deg/s; " + alarms_in_words(self.device),
-                expected=self._demands[name],
+                expected=str(self.demands[name]),
                 remedy="check interlock, emergency stop and the controller's error queue",
             )
 
@@ -207,19 +191,23 @@ class TableStation:
         """Read telemetry once more, at once: on a line without a check value one digit of it may be damaged."""
         last = self.history.last
         seen = ", ".join(f"{last[column]:g}" for name in self.axes for column in self._columns(name))
-        self._bench.repeated("table", f"{seen} (deg, deg/s) though it had settled at {self.demand_text}")
+        named = len(self.axes) > 1
+        told = ", ".join(
+            f"{name} {demand}" if named else str(demand) for name, demand in self.demands.items()
+        )
+        self._doubts(f"{seen} (deg, deg/s) though it had settled at {told}")
         self.device.request_state()
         state = self.device.read_state()
-        self.take(self._bench.now_s, state)
+        self.take(self._session.now_s, state)
 
     def _allow(self, name: str, what: str, rate_dps: float, angle_deg: float | None = None) -> None:
         """Ask the rules of the bench file; other axes go on as they do."""
-        if not self._bench.file.limits.forbid:
+        if not self._session.file.limits.forbid:
             return
         others = [abs(rate) for axis, rate in zip(self.axes, self.rates_dps, strict=True) if axis != name]
         where = f"{self._where(name)}: {what}" if len(self.axes) > 1 else what
         fastest = max(abs(rate_dps), *others) if others else abs(rate_dps)
-        self._bench.limits.allow(
+        self._session.limits.allow(
             where, rate_dps=fastest, angle_deg=angle_deg if name == self._carrier else None
         )
 
@@ -237,7 +225,7 @@ class TableStation:
     def _max_rate_dps(self, name: str) -> float:
         own = self.axes[name].max_rate_dps or math.inf
         device = self.device.limits(self._named(name)).max_rate_dps
-        return min(self._bench.file.limits.max_rate_dps, own, device)
+        return min(self._session.file.limits.max_rate_dps, own, device)
 
     def _require_between_stops(self, name: str, angle_deg: float) -> None:
         low, high = self.axes[name].min_angle_deg, self.axes[name].max_angle_deg
@@ -251,7 +239,7 @@ class TableStation:
             )
 
     def _way_round(self, name: str, angle_deg: float, sense: Sense, tolerance_deg: float) -> float:
-        self._bench.poll()
+        self._session.poll()
         ahead = (angle_deg - self.angle_deg(name)) % 360.0
         if sense == "negative":
             ahead -= 360.0
@@ -259,8 +247,9 @@ class TableStation:
             ahead += math.copysign(360.0, 1.0 if sense == "positive" else -1.0)
         return ahead
 
-    def _begin(self, name: str, demand: str) -> None:
-        self._demands[name] = demand
+    def _begin(self, name: str, demand: Demand) -> None:
+        self._session.event(demand)
+        self.demands[name] = demand
         self._stays.pop(name, None)
 
     def _settle_angle(
@@ -304,12 +293,12 @@ class TableStation:
             in_a_row = in_a_row + 1 if close(self.history.last) else 0
             return in_a_row >= _SETTLED_POLLS
 
-        if not self._bench.wait_until(settled, timeout_s=timeout_s, what=what):
+        if not self._session.wait_until(settled, timeout_s=timeout_s, what=what):
             raise DeviceRefused(
                 f"the table did not settle within {timeout_s:g} s while {what}",
                 where=self._where(name),
                 found=f"{self.history.last}, {alarms_in_words(self.device)}",
-                expected=self._demands[name],
+                expected=str(self.demands[name]),
                 remedy="check interlock, load balance and the axis limits",
             )
         self._stays[name] = stays

@@ -228,9 +228,7 @@ class AcutrolTable:
         """Read the rates: at rest when that of every axis is below 0.01 deg/s."""
         state = self.state()
         rates = {**{name: axis.rate_dps for name, axis in state.outer.items()}, self.axes[-1]: state.rate_dps}
-        named = len(rates) > 1
-        text = ", ".join(f"{name + ' ' if named else ''}{rate:.4f} deg/s" for name, rate in rates.items())
-        return Rest(all(abs(rate) < _REST_DPS for rate in rates.values()), text)
+        return Rest(all(abs(rate) < _REST_DPS for rate in rates.values()), rates)
 
     def _demand(self, mode: str, value: float, number: int) -> None:
         """Demand before and after a change of mode: an old demand never runs, whichever the device keeps."""

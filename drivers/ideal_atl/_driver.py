@@ -161,7 +161,7 @@ class AtlTable:
     def read_rest(self) -> Rest:
         """Read the rate: at rest below 0.01 deg/s."""
         rate_dps = self._number(RATE)
-        return Rest(abs(rate_dps) < _REST_DPS, f"{rate_dps:.4f} deg/s")
+        return Rest(abs(rate_dps) < _REST_DPS, {self.axes[-1]: rate_dps})
 
     def _set_turn_limits(self) -> None:
         if self._turn_dps is not None:

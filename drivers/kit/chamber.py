@@ -139,8 +139,7 @@ class PolledChamber(ABC):
         running, set_point_c = self._is_running(), self._demanded_c()
         tolerance_c = 1.1 * max(_STEP_C, self.capabilities().temp_resolution_c)
         safe = math.isclose(set_point_c, self.safe_set_point_c, rel_tol=0.0, abs_tol=tolerance_c)
-        text = f"{'running' if running else 'stopped'}, set point {set_point_c:g} degC"
-        return Rest(safe and not running, text)
+        return Rest(safe and not running, running=running, set_point_c=set_point_c)
 
     def _seen(self, error: DeviceSilent) -> str:
         """Return what came of an answer that was not complete, empty if nothing."""

@@ -79,10 +79,15 @@ class ChamberState:
 
 @dataclass(frozen=True)
 class Rest:
-    """What a device says when it is asked whether it is at rest; `text` for the record."""
+    """What a device says when it is asked whether it is at rest.
+
+    Of a table the rate of every axis by name; of a chamber whether it conditions and its set point.
+    """
 
     reached: bool
-    text: str
+    rates_dps: Mapping[str, float] = field(default_factory=dict)
+    running: bool | None = None
+    set_point_c: float | None = None
 
 
 class Instrument(Protocol):

@@ -57,7 +57,7 @@ def test_program_address_and_file_each_get_the_message(server, tmp_path):
         ],
         outcome="failed",
     )
-    assert [row["problem"] for row in sent] == ["", "", ""]
+    assert [row.problem for row in sent] == ["", "", ""]
     messages = [odd.read_bytes(), got[0][1], (tmp_path / "notes.jsonl").read_bytes()]
     for message in map(json.loads, messages):
         assert message["text"] == TEXT and message["campaign"] == "Lot 12" and message["outcome"] == "failed"
@@ -75,12 +75,12 @@ def test_program_address_and_file_each_get_the_message(server, tmp_path):
 )
 def test_what_does_not_arrive_is_said_and_nothing_else_happens(notice, words):
     (row,) = told([Notice(**notice)])
-    assert words in row["problem"]
+    assert words in row.problem
 
 
 def test_a_server_that_refuses_is_a_problem(server):
     (row,) = told([Notice(webhook=f"{server[0]}/busy")])
-    assert "503" in row["problem"]
+    assert "503" in row.problem
 
 
 def test_only_those_who_want_to_know_are_told(tmp_path):

@@ -13,6 +13,7 @@ from bench.control.lease import take_lease
 from bench.control.live import drop_answer, drop_request, read_now
 from bench.lab.emulated import Plant
 from bench.record.benchfile import load_bench_file
+from bench.record.events.campaign import Continued
 from bench.record.recording import read_events, read_manifest
 from drivers.base.errors import BenchInUse, ConfigurationError
 
@@ -36,7 +37,7 @@ def answer(folder, now, text="yes"):
 
 
 def journal(folder, *kinds):
-    return [row for row in CampaignFolder(folder).events() if row["kind"] in kinds]
+    return [event for _, event in CampaignFolder(folder).events() if event.kind in kinds]
 
 
 def states(folder):
@@ -185,7 +186,7 @@ def test_abort_from_outside_makes_safe_and_pause_holds_between_steps(
     assert kinds == ["request", "paused", "request", "resumed"]
     rows = read_events(folder / "runs" / "turn-2").rows
     assert [(row["action"], row["by"]) for row in rows if row["kind"] == "request"] == [("abort", "Cem")]
-    assert any(row["kind"] == "note" and "made safe: " in row["text"] for row in rows)
+    assert [row["state"] for row in rows if row["kind"] == "safe_state"] == ["confirmed", "confirmed"]
     assert rows[-1]["outcome"] == "aborted" and read_now(folder)["outcome"] == "aborted"
 
 
@@ -225,8 +226,8 @@ def test_a_torn_journal_line_spoils_nothing(done, tmp_path):
     with (copy / "events.jsonl").open("ab") as file:
         file.write(b'{"time_s": 12.0, "ki')  # the power went
     assert folder.events() == before
-    folder.event("continued", by="Ann")
-    assert [row["kind"] for row in folder.events()] == [*(row["kind"] for row in before), "continued"]
+    folder.event(Continued("Ann"))
+    assert [event for _, event in folder.events()] == [*(event for _, event in before), Continued("Ann")]
 
 
 def test_a_campaign_whose_devices_did_not_answer_goes_on_without_a_check(campaign_path, bench_path, tmp_path):

@@ -11,9 +11,9 @@ def told(air_at, set_point_c, ramp_k_per_min=None, hours=4.0):
     approach.demand(0.0, set_point_c, ramp_k_per_min)
     approach.run(0.0, True)
     return [
-        (time_s, text)
+        (time_s, str(stall))
         for time_s in range(0, int(3600 * hours), 10)
-        if approach.due(time_s) and (text := approach.look(air_at(time_s), air_at(time_s - WINDOW_S)))
+        if approach.due(time_s) and (stall := approach.look(air_at(time_s), air_at(time_s - WINDOW_S)))
     ]
 
 

@@ -20,7 +20,12 @@ def unit(name, role="gyro", heard_s=0.0, interval_s=0.0):
 def watched():
     told, invalid = [], []
     return SimpleNamespace(
-        by=lambda tests, *last_s: Attendance(tests, lambda *what: told.append(what), invalid.append, *last_s),
+        by=lambda tests, *last_s: Attendance(
+            tests,
+            lambda alarm: told.append((alarm.device, alarm.text)),
+            lambda reason: invalid.append(reason.text),
+            *last_s,
+        ),
         told=told,
         invalid=invalid,
     )

@@ -9,6 +9,7 @@ from bench.control.live import Request
 from bench.control.questions import AssumeYes
 from bench.control.session import Bench
 from bench.record.benchfile import LimitsSection, SafeSection
+from bench.record.events.run import Invalid
 from drivers.base.clock import Interrupt
 from drivers.base.errors import ConfigurationError, DeviceSilent, LimitExceeded, LinkLost, RunAborted
 from drivers.kit.config import TableConfig
@@ -40,7 +41,9 @@ class Device:
         self.clock, self.log, self.name, self.state = clock, log, name, state
         self.faults, self.silent = [], False
         self.link = SimpleNamespace(reopen=self._reopen, on_retry=None)
-        self.rests = [Rest(True, "0 deg/s")]
+        self.rests = [
+            Rest(True, {"table": 0.0}) if name == "table" else Rest(True, running=False, set_point_c=25.0)
+        ]
 
     def _reopen(self):
         self.log.append(f"{self.name} looked for")
@@ -76,8 +79,8 @@ class Record:
     def __init__(self):
         self.rows, self.kept = [], []
 
-    def event(self, time_s, kind, **fields):
-        self.rows.append((round(time_s, 6), kind, fields))
+    def event(self, time_s, event):
+        self.rows.append((round(time_s, 6), event.kind, event.fields()))
 
     def check(self):
         self.kept.append(True)
@@ -153,8 +156,8 @@ def test_alarms_are_asked_once_a_minute_recorded_and_end_the_run(made):
     assert fault.value.found == "alarm: door open; alarm: fan"
     assert made.clock.now() < 62.0
     assert made.record.of("alarm") == [
-        {"device": "chamber", "text": "alarm: door open"},
-        {"device": "chamber", "text": "alarm: fan"},
+        {"device": "chamber", "text": "alarm: door open", "code": "device"},
+        {"device": "chamber", "text": "alarm: fan", "code": "device"},
     ]
 
 
@@ -167,27 +170,24 @@ def test_an_interrupt_ends_a_wait_and_does_not_stop_the_making_safe(made):
     assert made.bench.make_safe("stopped by Ctrl-C") is True
     assert made.log == [*TOLD, "table rest", "chamber rest"]
     made.clock.interrupt.check()
-    assert [row["text"] for row in made.record.of("note")[-3:]] == [
-        "made safe: stopped by Ctrl-C",
-        "table at rest: 0 deg/s",
-        "chamber at rest: 0 deg/s",
+    why = {"state": "confirmed", "cause": "trouble", "why": "stopped by Ctrl-C"}
+    assert made.record.of("safe_state") == [
+        {"device": "table", **why, "rates_dps": {"table": 0.0}},
+        {"device": "chamber", **why, "running": False, "set_point_c": 25.0},
     ]
 
 
 def test_safe_is_what_is_read_back_not_what_was_confirmed(made):
-    made.table.rests = [Rest(False, "9 deg/s"), Rest(False, "4 deg/s"), Rest(True, "0 deg/s")]
+    made.table.rests = [Rest(rate == 0.0, {"table": rate}) for rate in (9.0, 4.0, 0.0)]
     assert made.bench.make_safe("a test") is True
     assert made.log.count("table rest") == 3
-    made.chamber.rests = [Rest(False, "running, set point 25 degC")]
+    made.chamber.rests = [Rest(False, running=True, set_point_c=25.0)]
     assert made.bench.make_safe("a test") is False
-    assert made.bench.unconfirmed == [
-        "chamber: it took the command and is not at rest. Found: running, set point 25 degC. "
-        "Expected: a device at rest."
-    ]
-    assert made.record.of("note")[-2:] == [
-        {"text": "not made safe: a test"},
-        {"text": "table at rest: 0 deg/s"},
-    ]
+    table, chamber = made.bench.safe
+    assert table.confirmed and (chamber.state, chamber.code) == ("not_confirmed", "not_at_rest")
+    assert (chamber.running, chamber.set_point_c) == (True, 25.0)
+    assert str(chamber) == "chamber: it took the command and is not at rest: running, set point 25 degC"
+    assert made.record.of("safe_state")[-2:] == [table.fields(), chamber.fields()]
 
 
 @pytest.mark.parametrize("call", ["make_safe", "read_rest", "sleep"])
@@ -203,8 +203,11 @@ def test_a_port_lost_meanwhile_does_not_keep_the_instruments_from_being_stopped(
 
     monkeypatch.setattr(target, call, losing)
     assert made.bench.make_safe("a test") is True
-    assert losses == [] and made.bench.unconfirmed == []
-    assert made.bench.confirmed == ["table at rest: 0 deg/s", "chamber at rest: 0 deg/s"]
+    assert losses == [] and all(state.confirmed for state in made.bench.safe)
+    assert list(map(str, made.bench.safe)) == [
+        "table at rest: 0.0000 deg/s",
+        "chamber at rest: stopped, set point 25 degC",
+    ]
 
 
 def test_an_instrument_whose_own_port_is_gone_is_looked_for_when_the_others_rest(made, monkeypatch):
@@ -223,24 +226,27 @@ def test_an_instrument_whose_own_port_is_gone_is_looked_for_when_the_others_rest
     assert "chamber safe" in told  # a terminal that is slow keeps nobody from being told
     assert "chamber rest" not in told
     assert "table: its port is gone" in first.doing and len(shown) > 20
-    (alarm,) = (row for row in made.record.of("alarm") if row["device"] == "table")
-    assert alarm["text"] == (
-        "not confirmed safe: its port is gone (0 s ago it turned at 7.000 deg/s): STOP IT BY HAND. "
-        "Being made safe: a test"
+    pending, chamber, table = made.record.of("safe_state")
+    assert (pending["device"], pending["state"], pending["code"]) == ("table", "pending", "port_gone")
+    assert pending["why"] == "a test" and pending["last_seen"]["rates_dps"] == {"table": 7.0}
+    assert pending["last_seen"]["ago_s"] == pytest.approx(0.5, abs=0.1)
+    assert {"time_s": first.alarms[-1]["time_s"], "kind": "safe_state"} | pending == first.alarms[-1]
+    assert (table["device"], table["state"], table["code"]) == ("table", "not_confirmed", "port_gone")
+    assert table["last_seen"]["ago_s"] == pytest.approx(20.5, abs=0.5)
+    assert str(made.bench.safe[1]) == (
+        "table: its port is gone and has not come back (21 s ago it turned at 7.000 deg/s)"
     )
-    assert first.alarms[-1]["text"] == alarm["text"]
-    assert made.bench.unconfirmed == [
-        "table: its port is gone and has not come back within 20 s (21 s ago it turned at 7.000 deg/s)"
-    ]
+    assert (chamber["device"], chamber["state"]) == ("chamber", "confirmed")
     assert made.log.index("chamber rest") < made.log.index("table looked for")
-    assert made.clock.now() < 27.0 and made.bench.confirmed == ["chamber at rest: 0 deg/s"]
+    assert made.clock.now() < 27.0
 
 
 def test_a_way_to_the_safe_state_that_is_cut_off_is_not_confirmed(made, monkeypatch):
     monkeypatch.setattr(made.chamber, "make_safe", lambda: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         made.bench.make_safe("a test")
-    assert made.bench.unconfirmed and made.bench.confirmed == []
+    assert [state.code for state in made.bench.safe] == ["cut_off", "cut_off"]
+    assert not any(state.confirmed for state in made.bench.safe)
 
 
 @pytest.mark.parametrize("silent", ["table", "chamber"])
@@ -252,13 +258,10 @@ def test_a_device_that_does_not_answer_does_not_keep_the_other_from_being_told(m
     first = [*TOLD, *again, f"{other} rest"]
     assert made.log[: len(first)] == first
     assert set(made.log[len(first) :]) == {f"{silent} safe"} and 60.0 <= made.clock.now() < 65.0  # told on
-    assert made.record.of("alarm") == [
-        {
-            "device": silent,
-            "text": "not confirmed safe: it does not confirm its stop: STOP IT BY HAND. Being made safe: a test",
-        },
-        {"device": "bench", "text": f"not confirmed safe: {silent}: {silent} is silent."},
-    ]
+    pending, _, last = made.record.of("safe_state")
+    assert (pending["device"], pending["state"], pending["code"]) == (silent, "pending", "not_confirming")
+    assert (last["device"], last["state"], last["code"]) == (silent, "not_confirmed", "silent")
+    assert last["error"] == f"{silent} is silent."
 
 
 def test_a_question_is_recorded_with_its_answer_and_act_and_no_ends_the_run(made):
@@ -319,7 +322,7 @@ def test_measurements_are_judged_against_their_limits(made):
     assert made.bench.measure("c", 0.9, "K", low=1.0) is False
     assert made.bench.measure("d", float("nan"), "K", low=1.0) is False
     made.bench.measure("e", 1.0, "K")
-    assert [row["passed"] for row in made.bench.measurements] == [True, False, False, False, None]
-    made.bench.invalidate("too slow")
-    assert made.bench.invalid_reasons == ["too slow"]
-    assert made.record.of("alarm")[-1]["text"] == "run invalid: too slow"
+    assert [measured.passed for measured in made.bench.measurements] == [True, False, False, False, None]
+    made.bench.invalidate("too slow", "shock_too_slow", rate_k_per_min=8.25)
+    assert made.bench.invalid_reasons == [Invalid("shock_too_slow", "too slow", {"rate_k_per_min": 8.25})]
+    assert made.record.of("invalid")[-1] == made.bench.invalid_reasons[-1].fields()

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.control.stations import ChamberStation, GyroStation, StreamTap
+from bench.control.chamber_station import ChamberStation
+from bench.control.stream_stations import GyroStation, StreamTap
 from bench.control.table_station import TableStation
 from bench.record.benchfile import LimitsSection
 from drivers.base.errors import DeviceRefused, LimitExceeded, RunAborted
@@ -65,18 +66,15 @@ class Bench:
     def __init__(self, table):
         self.file = SimpleNamespace(limits=LIMITS, chamber=SimpleNamespace(door_message=None))
         self.limits = SimpleNamespace(allow=lambda what, **demand: None)
-        self.commands, self.time_s = [], 0.0
+        self.events, self.time_s = [], 0.0
         self.station = TableStation(table, self, (AxisConfig(name="table", number=1, direction="up"),))
 
     @property
     def now_s(self):
         return self.time_s
 
-    def repeated(self, device, why):
-        self.commands.append((device, why))
-
-    def command(self, device, text):
-        self.commands.append((device, text))
+    def event(self, event):
+        self.events.append(event)
 
     def poll(self):
         table = self.station.device
@@ -103,7 +101,7 @@ def test_a_demand_returns_after_three_polls_in_a_row_on_it(demand, value):
     getattr(bench.station, demand)(value)
     assert bench.time_s == 5.0 + 3.0
     assert bench.station.device.told == [(demand, value)]
-    assert len(bench.commands) == 1
+    assert len(bench.events) == 1
 
 
 @pytest.mark.parametrize(("demand", "value"), [("point", 90.0), ("spin", -20.0)])
@@ -157,7 +155,7 @@ def test_one_damaged_reading_of_a_settled_table_is_looked_at_again():
     bench.station.spin(10.0)
     bench.station.history.append(bench.time_s, 1.0, 30.0)  # "10" with one bit flipped
     bench.station.watch()
-    assert bench.station.device.looked == 1 and "settled at 10 deg/s" in bench.commands[-1][1]
+    assert bench.station.device.looked == 1 and "settled at 10 deg/s" in bench.events[-1].text
     assert bench.station.history.last["rate_dps"] == 10.0
 
 
@@ -173,8 +171,8 @@ def test_air_that_moves_as_no_air_does_is_asked_again_and_then_believed():
         seen.append(state.air_temp_c)
         bench.time_s += 1.0
         chamber.history.append(bench.time_s, state.air_temp_c, state.set_point_c)
-    assert seen == [24.5, 24.6, 94.6] and len(bench.commands) == 2
-    assert "94.5 degC" in bench.commands[0][1]
+    assert seen == [24.5, 24.6, 94.6] and len(bench.events) == 2
+    assert "94.5 degC" in bench.events[0].text
 
 
 @pytest.mark.parametrize(
@@ -196,7 +194,7 @@ def test_air_may_have_moved_as_far_as_a_fast_chamber_moves_it_while_none_asked(
         chamber.history.append(bench.time_s, state.air_temp_c, state.set_point_c, state.auxiliary_c[1])
         bench.time_s += silent_s
     assert state.air_temp_c == now_c
-    assert len(bench.commands) == looks and len(answers) == 1 - looks
+    assert len(bench.events) == looks and len(answers) == 1 - looks
 
 
 @pytest.mark.parametrize(("broken", "looks"), [(84.0, 1), (float("nan"), 0)])
@@ -210,8 +208,8 @@ def test_a_sensor_that_jumps_is_looked_at_again_and_one_that_is_broken_is_not(br
         state = chamber.read_state()
         bench.time_s += 1.0
         chamber.history.append(bench.time_s, state.air_temp_c, state.set_point_c, state.auxiliary_c[1])
-    assert len(bench.commands) == looks and len(answers) == 1 - looks
-    assert not looks or "sensor 1 84 degC" in bench.commands[0][1]
+    assert len(bench.events) == looks and len(answers) == 1 - looks
+    assert not looks or "sensor 1 84 degC" in bench.events[0].text
 
 
 def test_a_new_demand_is_not_taken_for_leaving_the_old_one():

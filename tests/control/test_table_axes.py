@@ -1,5 +1,6 @@
 """A table of several axes: bench file, driver bytes, emulator, telemetry and station together."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,12 +35,8 @@ class Record:
     def __init__(self):
         self.commands = []
 
-    def event(self, time_s, kind, **fields):
-        if kind == "command":
-            self.commands.append((fields["device"], fields["text"]))
-
-    def keep(self, now_s):
-        pass
+    def event(self, event):
+        self.commands.append(event)
 
 
 class TwoAxes:
@@ -62,8 +59,12 @@ class TwoAxes:
     def _answer(self, data, now_s):
         return [(reply.at_s, reply.data) for reply in self.emulator.receive(data, now_s)]
 
-    def command(self, device, text):
-        self.record.commands.append((device, text))
+    def event(self, event):
+        self.record.commands.append(event)
+
+    @property
+    def now_s(self):
+        return self.wire.clock.now()
 
     def poll(self):
         self.driver.request_state()
@@ -271,3 +272,21 @@ def test_a_demand_on_one_axis_is_asked_with_the_rates_of_all(two):
     two.station.point(80.0, "inner")
     with pytest.raises(LimitExceeded, match="spin aslant"):
         two.station.spin(-6.0, "outer")
+
+
+def test_a_demand_is_recorded_with_every_digit(two):
+    two.poll()
+    two.station.point(89.12345678)
+    two.station.point(-3.00000001, "outer", sense="negative")
+    two.station.spin(10.0000049)
+    two.station.stop()
+    rows = [json.loads(json.dumps(event.row(1.0))) for event in two.record.commands]
+    assert [(row["kind"], row["device"], row["axis"]) for row in rows] == [
+        ("demand_angle", "table", "inner"),
+        ("demand_angle", "table", "outer"),
+        ("demand_rate", "table", "inner"),
+        ("demand_rate", "table", "inner"),
+    ]
+    assert (rows[0]["angle_deg"], rows[0]["sense"]) == (89.12345678, "shortest")
+    assert (rows[1]["angle_deg"], rows[1]["sense"]) == (-3.00000001, "negative")
+    assert (rows[2]["rate_dps"], rows[3]["rate_dps"]) == (10.0000049, 0.0)

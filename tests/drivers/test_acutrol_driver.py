@@ -277,9 +277,9 @@ def test_make_safe_after_a_command_cut_in_half(bench):
     table.make_safe()
     assert plant.on and plant.rate == 0.0
     wire.clock.sleep(0.2)  # answers to what was cut pass by
-    assert table.read_rest() == Rest(True, "0.0000 deg/s")
+    assert table.read_rest() == Rest(True, {table.axes[-1]: 0.0})
     plant.rate = -0.5
-    assert table.read_rest() == Rest(False, "-0.5000 deg/s")
+    assert table.read_rest() == Rest(False, {table.axes[-1]: -0.5})
 
 
 def test_an_unread_state_does_not_shift_later_answers(bench):

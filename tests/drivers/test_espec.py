@@ -76,7 +76,7 @@ def test_a_day_of_a_chamber():
     chamber.halt()
     chamber.make_safe()
     assert plant.demands[-1] == (23.0, 0.0, 0.0, False)
-    assert chamber.read_rest() == Rest(True, "stopped, set point 23 degC")
+    assert chamber.read_rest() == Rest(True, running=False, set_point_c=23.0)
     assert wire.sent.count(b"MODE,STANDBY") == 1  # what halt sent was confirmed
 
 

@@ -131,7 +131,7 @@ def test_made_safe_from_any_state_it_rests():
     table.make_safe()
     assert not table.read_rest().reached
     wire.clock.sleep(5.0)
-    assert table.read_rest() == Rest(True, "0.0000 deg/s")
+    assert table.read_rest() == Rest(True, {table.axes[0]: 0.0})
 
 
 def test_other_devices_and_silence_are_named():

@@ -87,7 +87,7 @@ def test_a_day_of_a_chamber(make):
     chamber.halt()
     chamber.make_safe()
     assert plant.demands[-1] == (23.0, 0.0, 0.0, False)
-    assert chamber.read_rest() == Rest(True, "stopped, set point 23 degC")
+    assert chamber.read_rest() == Rest(True, running=False, set_point_c=23.0)
 
 
 def test_telemetry_has_the_resolution_that_is_declared():

@@ -200,12 +200,12 @@ def test_make_safe_after_a_command_cut_in_half(simserv):
     chamber.make_safe()
     assert plant.demands[-1] == (25.0, 0.0, 0.0, False)
     wire.clock.sleep(0.2)  # answers to what was cut pass by
-    assert chamber.read_rest() == Rest(True, "stopped, set point 25 degC")
+    assert chamber.read_rest() == Rest(True, running=False, set_point_c=25.0)
     chamber.start()
-    assert chamber.read_rest() == Rest(False, "running, set point 25 degC")
+    assert chamber.read_rest() == Rest(False, running=True, set_point_c=25.0)
     chamber.stop()
     chamber.set_temperature(24.0)
-    assert chamber.read_rest() == Rest(False, "stopped, set point 24 degC")
+    assert chamber.read_rest() == Rest(False, running=False, set_point_c=24.0)
 
 
 SAFE = [b"", b"14001|1|1|0", b"11001|1|1|23.0", b"11068|1|1|0", b"11072|1|1|0"]

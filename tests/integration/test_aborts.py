@@ -86,7 +86,7 @@ def test_ctrl_c_at_any_moment_leaves_a_safe_bench_and_a_whole_record(bench, fog_
     assert result.reason == f"stopped by {'Ctrl-C' if number == signal.SIGINT else number.name}."
     assert signal.getsignal(number) is before
     signal.signal(signal.SIGHUP, ours)
-    if any(row["kind"] == "command" for row in events(result.folder)):
+    if any(row["kind"].startswith("demand_") for row in events(result.folder)):
         assert_safe_and_readable(bench, result.folder)
         received = (result.folder / "raw" / "fog_1.bin").read_bytes()
         assert Run.open(result.folder).manifest.stream["fog_1"]["bytes_received"] == len(received)
@@ -106,8 +106,8 @@ def test_stop_commands_leave_on_both_ports_before_any_answer_is_awaited(bench, f
     confirmed_ns = next(t for t, way, _ in table if way == "received" and t > stopped_ns)
     assert stopped_ns <= cut_ns + 1000 < confirmed_ns
     assert any(t > cut_ns and way == "received" and data == b"1\r\n" for t, way, data in chamber)
-    made_safe = [row for row in events(result.folder) if row.get("text", "").startswith("made safe")]
-    assert made_safe[0]["text"] == "made safe: stopped by Ctrl-C."
+    made_safe = [row for row in events(result.folder) if row["kind"] == "safe_state"]
+    assert made_safe[0]["why"] == "stopped by Ctrl-C."
 
 
 @pytest.mark.concurrent
@@ -125,8 +125,8 @@ def test_a_killed_lab_ends_the_run_with_one_clear_paragraph(bench, fog_file, tmp
     assert "\n" not in result.reason and "Remedy" in result.reason
     assert "NOT CONFIRMED SAFE" in result.reason and "table" in result.reason and "chamber" in result.reason
     assert Run.open(result.folder).manifest.reason == result.reason
-    alarms = [row["text"] for row in events(result.folder) if row["kind"] == "alarm"]
-    assert len(alarms) == 4 and all(text.startswith("not confirmed safe: ") for text in alarms)
+    states = [row["state"] for row in events(result.folder) if row["kind"] == "safe_state"]
+    assert sorted(states) == ["not_confirmed", "not_confirmed", "pending", "pending"]
     table = Run.open(result.folder).gyro("fog_1", ("time_ns",))
     assert len(table["time_ns"]) > 100 * 25
     assert bench.problems(result.folder) == []

@@ -11,6 +11,7 @@ from bench.control.runner import RunResult
 from bench.control.watchdog._process import _words
 from bench.lab.emulated import Plant
 from bench.present.cli._shown_run import say_result
+from bench.record.events.safe import Takeover, TakeoverEnded
 from simulators.faults import Fault
 
 
@@ -46,12 +47,9 @@ def test_a_run_that_never_opened_anything_does_not_claim_to_have_stopped_it(tmp_
     assert "bench: nothing was told to move" in said(RunResult(tmp_path, "aborted", "no such port", 0.0))
 
 
-@pytest.mark.parametrize(
-    ("outcome", "wanted"), [("made safe", "made safe. What"), ("not confirmed safe", "go and look")]
-)
-def test_the_watchdog_speaks_in_words_and_names_the_command_for_the_run(tmp_path, outcome, wanted):
-    text = _words("outcome", {"outcome": outcome, "reason": "r"}, tmp_path)
+@pytest.mark.parametrize(("confirmed", "wanted"), [(True, "made safe. What"), (False, "go and look")])
+def test_the_watchdog_speaks_in_words_and_names_the_command_for_the_run(tmp_path, confirmed, wanted):
+    text = _words(TakeoverEnded(confirmed), tmp_path)
     assert wanted in text and f"`gyrobench runs recover {tmp_path}`" in text
-    assert _words("takeover", {"cause": "the runner's process has ended", "runner": 1}, tmp_path).startswith(
-        "the runner's process has ended"
-    )
+    takeover = Takeover("runner_ended", "2026-11-22T10:00:00+00:00", 1)
+    assert _words(takeover, tmp_path).startswith("the runner's process has ended: ")

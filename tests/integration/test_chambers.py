@@ -61,7 +61,7 @@ def test_the_chamber_ramps_as_told_and_is_left_safe(bench, fog_text, tmp_path, k
     assert half == pytest.approx(15.0, abs=1.5)
     assert table["air_temp_c"].iloc[-20:].mean() == pytest.approx(5.0, abs=0.5)
     events = (result.folder / "events.jsonl").read_text()
-    assert "at rest: st" in events and "set point 25 degC" in events
+    assert '"running": false' in events and '"set_point_c": 25.0' in events
     manifest = json.loads((result.folder / "manifest.json").read_text())
     assert manifest["devices"]["chamber"]["maker"] in ("ESPEC", "Watlow")
 

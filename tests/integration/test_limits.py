@@ -71,9 +71,11 @@ def test_a_door_that_opens_on_a_spinning_table_ends_the_run_at_the_next_poll(ben
 
         result = bench.drive(lab.file, tmp_path, acting(bench, run))
     assert isinstance(result.error, LimitExceeded) and "spin with the door open" in result.reason
-    safe = next(row for row in events(result, "note") if row["text"].startswith("made safe"))
+    safe = next(iter(events(result, "safe_state")))
     assert safe["time_s"] - opened_s[0] < 10.0
-    assert any(row["text"].startswith("table at rest") for row in events(result, "note"))
+    assert any(
+        row["device"] == "table" and row["state"] == "confirmed" for row in events(result, "safe_state")
+    )
 
 
 def test_air_on_its_way_to_where_spinning_is_forbidden_forbids_it_now(bench, fog_file, tmp_path):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import tomllib
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from bench.analysis.gap import load_channels
 from bench.campaign import check_limits, load_campaign
 from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
 from bench.control.questions import EmulatedOperator
@@ -80,3 +82,25 @@ def test_a_campaign_for_another_table_is_refused_when_it_is_planned(tmp_path):
     file = bench_on("up", "north")
     with pytest.raises(ConfigurationError, match="inner points north"):
         check_limits(load_campaign(path, file), file)
+
+
+def _rest(bench, p):
+    bench.table.engage()
+    bench.table.point(89.12345678)
+    bench.wait(200.0, "at rest")
+    bench.table.point(ELSEWHERE_DEG, "outer")  # the inner axis stays where it is meanwhile
+    bench.wait(200.0, "at rest")
+
+
+def test_after_400_s_of_rest_the_diagnosis_sees_the_table_held_at_its_angle(tmp_path):
+    rest = Procedure("rest", "", "", Parameters, _rest, lambda _: 0.0, lambda _: Demands(), upright=False)
+    with EmulatedLab(bench_on("east", "up"), Plant(seed=3)) as lab:
+        result = _drive(lab, tmp_path, rest)
+    series, missing = load_channels(result.folder)
+    assert "table_angle" not in missing
+    (held,) = [each for each in series if each.channel == "table_angle"]
+    assert np.all(held.inputs.angle_deg == 89.12345678)
+    assert 380.0 < held.inputs.time_s[-1] - held.inputs.time_s[0] < 420.0
+    angle_deg = pq.read_table(result.folder / "turntable.parquet")["angle_deg"].to_numpy()[-100:]
+    off_arcsec = 3600.0 * (np.mean(angle_deg) - 89.12345678)  # of the demand to its last digit
+    assert held.values[-10:] == pytest.approx(off_arcsec, abs=1e-3) and abs(off_arcsec) < 3.6

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.control.attendance import Returns
-from bench.control.stations import GyroStation, StreamTap
+from bench.control.stream_stations import GyroStation, StreamTap
 from bench.lab.emulated import Plant
 from bench.record.benchfile import load_bench_file
 from bench.record.recording import read_manifest
@@ -56,7 +56,7 @@ def test_a_gyro_unplugged_for_four_seconds(bench, both_file, tmp_path, name):
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "invalid" and result.reason.startswith(f"{name} was lost at 25.")
     lost, back = [row for row in events(result.folder, "alarm") if row["device"] == name]
-    assert lost["text"].startswith("lost: ") and back["text"].startswith("back: its port is open again")
+    assert (lost["code"], back["code"]) == ("unit_lost", "unit_back")
     assert 29.2 <= back["time_s"] < 31.5
     check_gap(result.folder, name, 100.0, 25.2, 29.2)
     stream = read_manifest(result.folder).stream[name]
@@ -105,7 +105,7 @@ def test_table_or_chamber_vanishes_while_it_works_and_is_made_safe_when_it_is_ba
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "aborted" and isinstance(result.error, LinkLost)
     assert "NOT CONFIRMED" not in result.reason and len(result.safe) == 2
-    others = [row["time_s"] for row in events(result.folder, "note") if "at rest" in row["text"]]
+    others = [row["time_s"] for row in events(result.folder, "safe_state") if row["state"] == "confirmed"]
     assert len(others) == 2 and 31.0 < result.duration_s < 45.0
     assert bench.problems(result.folder) == []
 
@@ -125,7 +125,10 @@ def test_one_that_stays_away_is_said_to_be_not_confirmed(bench, fog_file, tmp_pa
     with bench.thread_lab(fog_file, vanishing("chamber", 25.2, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "aborted" and "NOT CONFIRMED SAFE" in result.reason
-    assert [text.split()[0] for text in result.safe] == ["table"] and result.duration_s < 60.0
+    assert [(state.device, state.confirmed) for state in result.safe] == [
+        ("table", True),
+        ("chamber", False),
+    ] and result.duration_s < 60.0
 
 
 @pytest.mark.concurrent

@@ -60,8 +60,8 @@ class Record:
         self.rows[name] = value
         return (low is None or value >= low) and (high is None or value <= high)
 
-    def invalidate(self, reason):
-        self.reasons.append(reason)
+    def invalidate(self, text, code, **facts):
+        self.reasons.append(text)
 
 
 @pytest.mark.parametrize(

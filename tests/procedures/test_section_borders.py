@@ -31,8 +31,8 @@ class Bench:
     def ask(self, question, **act):
         self.order.append("ask")
 
-    def event(self, kind, **fields):
-        self.order.append(f"{kind} {fields['rate_dps']}")
+    def event(self, event):
+        self.order.append(f"{event.kind} {event.rate_dps}")
 
     def step(self, code, title):
         return contextlib.nullcontext()

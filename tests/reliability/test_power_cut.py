@@ -11,6 +11,7 @@ import pytest
 from bench.control.recover import recover
 from bench.control.run_record import RunRecord, decode_run
 from bench.record.benchfile import bench_file_from
+from bench.record.events.run import Note
 from bench.record.recording import Run, verify
 from drivers.base.errors import RecordError
 
@@ -51,7 +52,7 @@ def cut(tmp_path_factory):
             for port in ports:
                 port.received(STREAM[400 * block : 400 * (block + 1)], 0.01 * block)
                 port.sent(b"?\r\n", 0.01 * block)
-            record.event(0.01 * block, "note", text=f"block {block}")
+            record.event(0.01 * block, Note(f"block {block}"))
             if block % 30 == 10:
                 record._journal._write()
             if block == 40:

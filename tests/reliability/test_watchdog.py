@@ -70,7 +70,7 @@ def lab():
 
 @pytest.mark.parametrize(
     ("number", "cause"),
-    [(signal.SIGKILL, "the runner's process has ended"), (signal.SIGSTOP, "no sign of life")],
+    [(signal.SIGKILL, "runner_ended"), (signal.SIGSTOP, "runner_silent")],
 )
 def test_the_watchdog_takes_over_from_a_runner_that_is_gone_or_hangs(lab, tmp_path, number, cause):
     with turning(lab, tmp_path) as process:
@@ -90,11 +90,12 @@ def test_the_watchdog_takes_over_from_a_runner_that_is_gone_or_hangs(lab, tmp_pa
         assert process.wait() == -signal.SIGKILL
     folder = tmp_path / "run"
     rows = watchdog_events(folder)
-    assert rows[0]["kind"] == "takeover" and rows[0]["cause"].startswith(cause)
-    notes = [row["text"] for row in rows if row["kind"] == "note"]
-    assert any(text.startswith("table at rest") for text in notes)
-    assert any(text.startswith("chamber at rest: stopped, set point 25") for text in notes)
-    assert rows[-1]["kind"] == "outcome" and rows[-1]["outcome"] == "made safe"
+    assert rows[0]["kind"] == "takeover" and rows[0]["cause"] == cause
+    safe = {row["device"]: row for row in rows if row["kind"] == "safe_state"}
+    assert {row["state"] for row in safe.values()} == {"confirmed"}
+    assert abs(safe["table"]["rates_dps"]["table"]) < 0.01
+    assert (safe["chamber"]["running"], safe["chamber"]["set_point_c"]) == (False, 25.0)
+    assert (rows[-1]["kind"], rows[-1]["confirmed"]) == ("takeover_ended", True)
     for port, stop in (("table", STOP_TABLE), ("chamber", STOP_CHAMBER)):
         assert stop in b"".join(
             data for _, way, data in read_exchanges(folder / "watchdog", port) if way == "sent"

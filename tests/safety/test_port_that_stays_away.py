@@ -8,7 +8,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from bench.control.safe_state import bring_to_rest
+from bench.control.safe_state import Reading, bring_to_rest
 from drivers.base.errors import ConfigurationError, DeviceSilent, LinkLost
 from drivers.kit.instruments import Rest
 
@@ -34,8 +34,8 @@ def test_a_port_that_stays_away_is_given_up_and_named():
     device.halt.side_effect = device.make_safe.side_effect = LinkLost("the port is gone")
     device.link.reopen.side_effect = ConfigurationError("the port cannot be opened")
     clock = RunningClock()
-    left = bring_to_rest({"table": device}, clock, lambda name, text: None)
-    assert [text.partition(":")[0] for text in left] == ["table"]
+    found = bring_to_rest({"table": device}, clock)
+    assert [(name, reading.code) for name, reading in found.items()] == [("table", "port_gone")]
     assert clock.time_s < 120.0 and device.link.reopen.call_count > 3
 
 
@@ -49,21 +49,19 @@ def test_a_device_that_is_silent_for_half_a_minute_is_told_until_it_listens():
                 raise DeviceSilent("no complete reply within 2 s")
 
         def read_rest(self):
-            return Rest(True, "0 deg/s")
+            rests.append(("table", clock.time_s))
+            return Rest(True, {"table": 0.0})
 
-    chamber = MagicMock()
-    chamber.read_rest.return_value = Rest(True, "stopped")
-    devices, rests = {"table": Deaf(), "chamber": chamber}, []
-    left = bring_to_rest(
-        devices,
-        clock,
-        lambda name, text: rests.append((name, clock.time_s)),
-        away=lambda *what: told.append(what),
+    chamber, rests = MagicMock(), []
+    chamber.read_rest.side_effect = lambda: (
+        rests.append(("chamber", clock.time_s)) or Rest(True, running=False)
     )
-    assert left == {}
+    devices = {"table": Deaf(), "chamber": chamber}
+    found = bring_to_rest(devices, clock, away=lambda *what: told.append(what))
+    assert [reading.code for reading in found.values()] == [None, None]
     assert [name for name, _ in rests] == ["chamber", "table"]
     assert rests[0][1] < 10.0 and 30.0 < rests[1][1] < 40.0
-    assert set(told) == {("table", "it does not confirm its stop")}
+    assert set(told) == {("table", "not_confirming")}
 
 
 def test_a_device_that_stays_silent_is_given_up_after_a_minute():
@@ -74,8 +72,8 @@ def test_a_device_that_stays_silent_is_given_up_after_a_minute():
         raise DeviceSilent("no complete reply within 2 s")
 
     device.make_safe.side_effect = silent
-    left = bring_to_rest({"table": device}, clock, lambda name, text: None)
-    assert left == {"table": "no complete reply within 2 s."}
+    reading = bring_to_rest({"table": device}, clock)["table"]
+    assert reading.code == "silent" and str(reading.error) == "no complete reply within 2 s."
     assert 60.0 < clock.time_s < 75.0
 
 
@@ -103,16 +101,16 @@ class Braking:
     def read_rest(self):
         since_s = 0.0 if self.stopped_s is None else self.clock.time_s - self.stopped_s
         rate_dps = max(100.0 - 2.0 * since_s, 0.0)
-        return Rest(rate_dps == 0.0, f"{rate_dps:.1f} deg/s")
+        return Rest(rate_dps == 0.0, {"table": rate_dps})
 
 
 @pytest.mark.parametrize("lost", [1, 2])
 def test_a_device_whose_stop_was_lost_though_confirmed_is_told_again_and_comes_to_rest(lost):
     clock = RunningClock()
-    table, rests = Braking(clock, deaf_to=lost), []
+    table = Braking(clock, deaf_to=lost)
     # 50 s of braking fit into the 60 s only if it is told again soon
-    assert bring_to_rest({"table": table}, clock, lambda *what: rests.append(what), timeout_s=61.0) == {}
-    assert rests == [("table", "at rest: 0.0 deg/s")]
+    found = bring_to_rest({"table": table}, clock, timeout_s=61.0)
+    assert found == {"table": Reading(Rest(True, {"table": 0.0}))}
     assert len(table.told_s) > lost
     assert (
         min(after - before for before, after in pairwise(table.told_s)) > 4.0
@@ -122,14 +120,14 @@ def test_a_device_whose_stop_was_lost_though_confirmed_is_told_again_and_comes_t
 def test_a_table_whose_port_comes_back_has_the_whole_time_to_brake_from_then_on():
     """Told 15 s late it needs 50 s more: beyond the minute that began when all were told."""
     clock = RunningClock()
-    table, rests = Braking(clock, port_back_s=15.0), []
-    assert bring_to_rest({"table": table}, clock, lambda *what: rests.append(what)) == {}
-    assert rests == [("table", "at rest: 0.0 deg/s")]
+    table = Braking(clock, port_back_s=15.0)
+    assert bring_to_rest({"table": table}, clock) == {"table": Reading(Rest(True, {"table": 0.0}))}
     assert clock.time_s > 60.0
 
 
 def test_a_table_that_does_not_stop_after_its_port_came_back_is_given_up_a_minute_later():
     clock = RunningClock()
     table = Braking(clock, deaf_to=1000, port_back_s=15.0)
-    assert "not at rest" in bring_to_rest({"table": table}, clock, lambda *what: None)["table"]
+    reading = bring_to_rest({"table": table}, clock)["table"]
+    assert reading.code == "not_at_rest" and reading.rest == Rest(False, {"table": 100.0})
     assert 15.0 + 60.0 < clock.time_s < 15.0 + 62.0

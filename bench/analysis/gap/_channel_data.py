@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -14,6 +13,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from bench.control.run_record import gyro_source
+from bench.record.benchfile import bench_file_from
+from bench.record.events import Event
+from bench.record.events.run import AirDemand, AngleDemand, ConditioningDemand, HomeDemand, RateDemand
+from bench.record.events.safe import SafeState
 from bench.record.recording import Arrivals, Phase, Run, read_arrivals, seconds
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
@@ -22,9 +25,6 @@ from simulators.effects import CHANNEL_UNITS, Channel, ChannelInputs, Demand
 _STEP_S = 10.0
 _SETTLED_S = 1800.0
 """Time after the demand's end from which a temperature counts as quiet."""
-_GO = re.compile(r"go to (\S+) degC (?:at (\S+) K/min|as fast as possible)")
-_POINT = re.compile(r"point to (\S+) deg")
-_SPIN = re.compile(r"spin at (\S+) deg/s")
 _AT_REST_DPS = 0.01
 _LEAST_SPIN_S = 30.0
 _SHORT = 8
@@ -124,19 +124,19 @@ def _chamber_demands(run: Run) -> tuple[list[Demand], tuple[float, float] | None
     demands: list[Demand] = []
     start_s: float | None = None
     end_s = _end_s(run)
-    for event in run.events:
-        if event["kind"] != "command" or event.get("device") != "chamber":
-            continue
-        time_s, text = float(event["time_s"]), str(event["text"])
-        if match := _GO.match(text):
-            target = float(match[1]), float(match[2]) / 60.0 if match[2] else math.inf
-        elif text == "stop" and start_s is not None:
-            end_s = min(end_s, time_s)
-            break
-        elif text == "start" and start_s is None:
-            start_s = time_s
-        if start_s is not None and target is not None and (not demands or match):
-            demands.append(Demand(time_s, *target))
+    for time_s, event in run.lines:
+        if isinstance(event, AirDemand):
+            ramp = event.ramp_k_per_min
+            target = event.set_point_c, math.inf if ramp is None else ramp / 60.0
+            if start_s is not None:
+                demands.append(Demand(time_s, *target))
+        elif isinstance(event, ConditioningDemand):
+            if not event.on and start_s is not None:
+                end_s = min(end_s, time_s)
+                break
+            if event.on and start_s is None:
+                start_s = time_s
+                demands += [] if target is None else [Demand(time_s, *target)]
     return demands, None if start_s is None else (start_s, end_s)
 
 
@@ -197,27 +197,28 @@ def _inside(run: Run, gyro: str) -> ChannelSeries | str:
     )
 
 
-def _table_commands(run: Run) -> Iterator[tuple[float, float, str]]:
-    """Yield (from, until, text) of the commands to the axis that carries the unit."""
-    ends = [
-        float(event["time_s"])
-        for event in run.events
-        if (event["kind"] == "command" and event.get("device") == "table")
-        or (event["kind"] == "note" and str(event.get("text", "")).startswith("made safe"))
-    ] + [_end_s(run)]
-    for event in run.events:
-        if event["kind"] == "command" and event.get("device") == "table":
-            start = float(event["time_s"])
-            yield start, min(end for end in ends if end > start), str(event["text"])
+def _table_demands(run: Run) -> Iterator[tuple[float, float, Event]]:
+    """Yield (from, until, demand) of the axis that carries the unit; it ends when that axis is told another.
+
+    Making the table safe ends every demand.
+    """
+    carrier = bench_file_from(run.manifest.bench).table.all_axes[-1].name
+    told: list[tuple[float, Event]] = [
+        (time_s, event)
+        for time_s, event in run.lines
+        if (isinstance(event, AngleDemand | RateDemand | HomeDemand) and event.axis == carrier)
+        or (isinstance(event, SafeState) and event.device == "table")
+    ]
+    for (start_s, event), end_s in zip(told, [*(at for at, _ in told[1:]), _end_s(run)], strict=True):
+        yield start_s, end_s, event
 
 
 def _angle(run: Run) -> ChannelSeries | str:
     if not (run.folder / "turntable.parquet").exists():
         return "the run has no table"
     parts, demands = [], []
-    for start, end, text in _table_commands(run):
-        match = _POINT.match(text)
-        if match is None or end - start < _LEAST_SPIN_S:
+    for start, end, demand in _table_demands(run):
+        if not isinstance(demand, AngleDemand) or end - start < _LEAST_SPIN_S:
             continue
         table = run.turntable(("time_ns", "angle_deg", "rate_dps"), start, end)
         moving = np.flatnonzero(np.abs(table["rate_dps"]) > _AT_REST_DPS)
@@ -225,8 +226,9 @@ def _angle(run: Run) -> ChannelSeries | str:
         at_s, angle = seconds(table)[first:], table["angle_deg"][first:].astype(np.float64)
         if len(at_s) < 2 * _SHORT:
             continue
-        off = 3600.0 * np.remainder(angle - float(match[1]) + 180.0, 360.0) - 648000.0
-        parts.append(np.stack((*_stepped(at_s, off), np.full(len(_stepped(at_s, off)[0]), float(match[1])))))
+        off = 3600.0 * np.remainder(angle - demand.angle_deg + 180.0, 360.0) - 648000.0
+        middle_s, means = _stepped(at_s, off)
+        parts.append(np.stack((middle_s, means, np.full(len(means), demand.angle_deg))))
         demands.append(Demand(float(at_s[0]), 0.0, math.inf))
     if not parts:
         return "the table was not held at any angle for half a minute"
@@ -240,17 +242,16 @@ def _rate(run: Run) -> ChannelSeries | str:
     if not (run.folder / "turntable.parquet").exists():
         return "the run has no table"
     parts = []
-    for start, end, text in _table_commands(run):
-        match = _SPIN.match(text)
-        if match is None or end - start < _LEAST_SPIN_S or float(match[1]) == 0.0:
+    for start, end, told in _table_demands(run):
+        if not isinstance(told, RateDemand) or end - start < _LEAST_SPIN_S or told.rate_dps == 0.0:
             continue
         table = run.turntable(("time_ns", "angle_deg", "rate_dps"), start, end)
         rate = table["rate_dps"].astype(np.float64)
-        steady = np.abs(np.diff(rate, prepend=0.0)) < 0.01 * abs(float(match[1]))
+        steady = np.abs(np.diff(rate, prepend=0.0)) < 0.01 * abs(told.rate_dps)
         first = int(np.argmax(steady)) + 3
         kept = slice(first, len(rate) - 1)
         if len(rate[kept]) >= 2 * _SHORT:
-            demand = np.full(len(rate[kept]), float(match[1]))
+            demand = np.full(len(rate[kept]), told.rate_dps)
             parts.append(np.stack((seconds(table)[kept], rate[kept], demand, table["angle_deg"][kept])))
     if not parts:
         return "the table was not turned at a steady rate for half a minute"
@@ -310,7 +311,7 @@ def _stepped(time_s: Array, values: Array, step_s: float = _STEP_S) -> tuple[Arr
 
 
 def _end_s(run: Run) -> float:
-    return max(float(event["time_s"]) for event in run.events)
+    return max(line.time_s for line in run.lines)
 
 
 def _series(

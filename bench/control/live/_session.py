@@ -25,6 +25,7 @@ from bench.control.live._files import (
 )
 from bench.control.progress import Progress
 from bench.control.questions import Operator, Question
+from bench.record.events.safe import SafeState
 from drivers.base.clock import Interrupt, epoch_seconds, host_seconds, utc_now
 from drivers.base.errors import BenchError
 from drivers.base.files import replace_file
@@ -32,6 +33,10 @@ from drivers.base.files import replace_file
 _EVERY_S = 0.1
 _HISTORY_S = 1.0
 _BREATH_S = 0.05
+
+
+_ERROR_PARTS = ("what", "where", "found", "expected", "remedy")
+_NO_END: dict[str, Any] = {"outcome": "", "reason": "", "error": None, "safe": [], "warnings": []}
 
 
 class Live:
@@ -57,7 +62,7 @@ class Live:
         self._prompts: dict[int, dict[str, Any]] = {}
         self._next_id = int(epoch_seconds() * 1000.0)
         self._taken: deque[Request | BenchError] = deque()
-        self._ending: tuple[str, str, list[str]] = ("", "", [])
+        self._ending: dict[str, Any] = _NO_END
         self._ended = self._between_paused = False
         self._interrupt: Interrupt | None = None
         self._paced = False
@@ -93,14 +98,32 @@ class Live:
         self._history_from_s = -math.inf
         self._run_started = host_seconds()
         self._run = {"folder": str(folder.absolute())} | fields
-        self._ending = ("", "", [])
+        self._ending = _NO_END
         if self._session is None:
             self._session = folder.absolute()
         self._start()
 
-    def end(self, outcome: str, reason: str, warnings: Sequence[str] = ()) -> None:
-        """Say how the run, or with the last word the session, ended."""
-        self._ending = (outcome, reason, list(warnings))
+    def end(
+        self,
+        outcome: str,
+        reason: str,
+        warnings: Sequence[str] = (),
+        *,
+        error: BaseException | None = None,
+        safe: Sequence[SafeState] = (),
+    ) -> None:
+        """Say how the run, or with the last word the session, ended.
+
+        `error` is what ended it early, `safe` what became of the devices.
+        """
+        told = {key: getattr(error, key) for key in _ERROR_PARTS} if isinstance(error, BenchError) else None
+        self._ending = {
+            "outcome": outcome,
+            "reason": reason,
+            "error": told,
+            "safe": [state.fields() for state in safe],
+            "warnings": list(warnings),
+        }
 
     def between_paused(self, paused: bool) -> None:
         """Say that the session stands still between two runs, or goes on."""
@@ -263,15 +286,12 @@ class Live:
 
     def _now(self) -> dict[str, Any]:
         progress, run = self._progress, self._run
-        outcome, reason, warnings = self._ending
         now: dict[str, Any] = {
             "format": 1,
             "utc": utc_now(),
             "pid": os.getpid(),
             "state": self._state(progress),
-            "outcome": outcome,
-            "reason": reason,
-            "warnings": warnings,
+            **self._ending,
             "pause_wanted": bool(self.pause_wanted),
             "campaign": self._campaign,
             "run": run,
@@ -297,7 +317,7 @@ class Live:
             "table": {
                 "angle_deg": progress.angle_deg,
                 "rate_dps": progress.rate_dps,
-                "demand": progress.demand,
+                "demands": dict(progress.demands),
             },
             "gyros": {name: gyro.as_dict() for name, gyro in progress.gyros.items()},
             "alarms": list(progress.alarms),

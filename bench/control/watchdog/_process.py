@@ -12,16 +12,18 @@ import select
 import signal
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from bench.control.devices import open_chamber, open_table
 from bench.control.lease import device_at
-from bench.control.safe_state import bring_to_rest
+from bench.control.safe_state import Reading, bring_to_rest
 from bench.control.watchdog import ARMED, DISMISSED, FOLDER, HUNG_S, STARVED_S
 from bench.record.benchfile import bench_file_from
+from bench.record.events import Event
+from bench.record.events.safe import SafeState, Takeover, TakeoverEnded
 from bench.record.recording import EventLog, Journal
 from drivers.base.clock import Clock, WallClock, utc_now
 from drivers.base.errors import BenchError, RecordError
@@ -84,20 +86,20 @@ def main() -> int:
         if DISMISSED in said or (ready and not said and not armed):
             return 0
         if ready and not said:
-            cause = "the runner's process has ended"
+            silent_s = None  # the runner's process has ended
             break
         now_s, waited_s = clock.now(), runqueue_wait_s(order.runner)
         if said:
             armed = armed or ARMED in said
             patience = Patience(now_s, waited_s)
         elif not patience.left_s(now_s, waited_s):
-            cause = f"no sign of life for {now_s - patience.heard_s:.1f} s"
+            silent_s = now_s - patience.heard_s
             break
-    unconfirmed = _take_over(order, runner, cause)
+    confirmed = _take_over(order, runner, silent_s)
     for descriptor in order.lease:
         with suppress(OSError):
             Path(f"/proc/self/fd/{descriptor}").readlink().unlink()
-    return 1 if unconfirmed else 0
+    return 0 if confirmed else 1
 
 
 @dataclass(frozen=True)
@@ -161,55 +163,74 @@ def _of(port: str, opener: _Opener) -> _Opener:
     return opened
 
 
-def _take_over(order: Order, runner: int, cause: str) -> list[str]:
-    """End the runner and bring the bench to rest; return what was not confirmed."""
+def _take_over(order: Order, runner: int, silent_s: float | None) -> bool:
+    """End the runner and bring the bench to rest; return whether all of it confirmed that.
+
+    `silent_s`: for how long the runner gave no sign of life; None: its process has ended.
+    """
     with suppress(ProcessLookupError):
         signal.pidfd_send_signal(runner, signal.SIGKILL)  # it must not come to and command the table again
     select.select([runner], [], [], 1.0)
     clock = WallClock()
     notes = _Notes(order.run_folder / FOLDER, clock)
-    notes.say("takeover", cause=cause, utc=utc_now(), runner=order.runner)
-    closed = dict(order.openers)
-    problems: dict[str, str] = {}
-    confirmed: list[str] = []
-    told: set[str] = set()
-    deadline_s = clock.now() + _FIRST_TRY_S
-    while closed:
-        opened: dict[str, Instrument] = {}
-        while closed and not (opened and clock.now() >= deadline_s):
-            for name in list(closed):
-                try:
-                    opened[name] = closed[name](clock, notes.tap(name))
-                    del closed[name]
-                except _Replaced as error:
-                    problems[name] = str(error)
-                    del closed[name]
-                except BenchError as error:
-                    problems[name] = str(error)
-            if closed:
-                if clock.now() >= _PORTS_TIMEOUT_S:
-                    break
-                for name in closed if clock.now() >= deadline_s else ():
-                    if name not in told:
-                        told.add(name)
-                        text = (
-                            f"not stopped yet, STOP IT BY HAND; its port is tried for 60 s: {problems[name]}"
-                        )
-                        notes.say("alarm", device=name, text=text)
-                clock.sleep(_AGAIN_S)
-        if not opened:
-            break
-        problems |= bring_to_rest(opened, clock, lambda name, text: confirmed.append(f"{name} {text}"))
-        for line in confirmed:
-            problems.pop(line.partition(" ")[0], None)
-            notes.say("note", text=line)
-        confirmed.clear()
-    unconfirmed = [f"{name}: {text}" for name, text in problems.items()]
-    for problem in unconfirmed:
-        notes.say("alarm", device="bench", text=f"not confirmed safe: {problem}")
-    notes.say("outcome", outcome="not confirmed safe" if unconfirmed else "made safe", reason=cause)
+    cause: Literal["runner_ended", "runner_silent"] = "runner_ended" if silent_s is None else "runner_silent"
+    takeover = Takeover(cause, utc_now(), order.runner, silent_s)
+    notes.say(takeover)
+    found = _Ports(order, clock, notes, str(takeover)).stop()
+    for state in found.values():
+        if not state.confirmed:
+            notes.say(state)
+    ended = TakeoverEnded(all(state.confirmed for state in found.values()))
+    notes.say(ended)
     notes.close()
-    return unconfirmed
+    return ended.confirmed
+
+
+class _Ports:
+    """Table and chamber, taken over port by port as these can be opened."""
+
+    def __init__(self, order: Order, clock: Clock, notes: _Notes, why: str) -> None:
+        self._closed = dict(order.openers)
+        self._clock, self._notes, self._why = clock, notes, why
+        self._found: dict[str, SafeState] = {}
+        self._told: set[str] = set()
+        self._first_until_s = clock.now() + _FIRST_TRY_S
+
+    def stop(self) -> dict[str, SafeState]:
+        """Bring to rest what can be opened, all that is there first; return what became of each device."""
+        while self._closed and (opened := self._open()):
+            for name, reading in bring_to_rest(opened, self._clock).items():
+                state = self._found[name] = reading.fact(name, "takeover", self._why)
+                if state.confirmed:
+                    self._notes.say(state)
+        return self._found
+
+    def _open(self) -> dict[str, Instrument]:
+        """Return what is open: all, or after a second what is there; nothing once the ports were tried enough."""
+        opened: dict[str, Instrument] = {}
+        while self._closed and not (opened and self._clock.now() >= self._first_until_s):
+            for name in list(self._closed):
+                try:
+                    opened[name] = self._closed[name](self._clock, self._notes.tap(name))
+                    del self._closed[name]
+                except _Replaced as error:
+                    self._found[name] = Reading(None, "replaced", error).fact(name, "takeover", self._why)
+                    del self._closed[name]
+                except BenchError as error:
+                    self._found[name] = Reading.of(error).fact(name, "takeover", self._why)
+            if self._closed:
+                if self._clock.now() >= _PORTS_TIMEOUT_S:
+                    break
+                if self._clock.now() >= self._first_until_s:
+                    self._tell_of_closed()
+                self._clock.sleep(_AGAIN_S)
+        return opened
+
+    def _tell_of_closed(self) -> None:
+        """Say once of each port that it cannot be opened so far."""
+        for name in self._closed.keys() - self._told:
+            self._told.add(name)
+            self._notes.say(replace(self._found[name], state="pending"))
 
 
 class _Notes:
@@ -235,10 +256,10 @@ class _Notes:
                     self._taps[port] = self._journal.port(port)
         return self._taps[port]
 
-    def say(self, kind: str, **fields: Any) -> None:
+    def say(self, event: Event) -> None:
         if self._events is not None:
-            self._events.event(self._clock.now(), kind, **fields)
-        _tell(_words(kind, fields, self._run))
+            self._events.event(self._clock.now(), event)
+        _tell(_words(event, self._run))
 
     def close(self) -> None:
         for part in (self._journal, self._events):
@@ -247,16 +268,18 @@ class _Notes:
                     part.close()
 
 
-def _words(kind: str, fields: dict[str, Any], run: Path) -> str:
-    """Return an event in words for whoever sits at the terminal."""
-    if kind == "takeover":
-        return f"{fields['cause']}: the table and the chamber are being stopped"
-    if kind == "outcome":
-        after = "" if fields["outcome"] == "made safe" else ", go and look before anything else"
-        return (
-            f"{fields['outcome']}{after}. What had come is kept: `gyrobench runs recover {run}` completes it"
-        )
-    return f"{fields['device']}: {fields['text']}" if kind == "alarm" else str(fields["text"])
+def _words(event: Event, run: Path) -> str:
+    """Return an event in words for whoever sits at the terminal, where the runner says nothing any more."""
+    if isinstance(event, Takeover):
+        return f"{event}: the table and the chamber are being stopped"
+    if isinstance(event, TakeoverEnded):
+        after = "" if event.confirmed else ", go and look before anything else"
+        return f"{event}{after}. What had come is kept: `gyrobench runs recover {run}` completes it"
+    if isinstance(event, SafeState) and event.state == "pending":
+        tried = f"its port is tried for {_PORTS_TIMEOUT_S:.0f} s"
+        return f"not stopped yet, STOP IT BY HAND; {tried}: {event}"
+    confirmed = isinstance(event, SafeState) and event.confirmed
+    return str(event) if confirmed else f"not confirmed safe: {event}"
 
 
 def _tell(text: str) -> None:

@@ -28,8 +28,10 @@ from bench.present.cli._campaign_rehearse import fit_campaign
 from bench.present.cli._console import Terminal, console_for
 from bench.present.cli._display import RunDisplay
 from bench.present.cli._shown_run import console_operator, say_result
-from bench.present.cli._texts import duration, event_text, say_json
+from bench.present.cli._texts import duration, say_json
+from bench.present.sentences import event_of, sentence
 from bench.record.benchfile import load_bench_file
+from bench.record.events.campaign import CertificateMade, Fitted, Fitting, Stopped
 from drivers.base.errors import BenchError, ConfigurationError, RecordError
 
 
@@ -79,7 +81,7 @@ def status_command(path: Path, as_json: bool) -> int:
     console = console_for(as_json)
     folder = CampaignFolder(path)
     now, states = read_now(path), folder.states()
-    stopped = [row for row in folder.events() if row["kind"] == "stopped"]
+    stopped = [(utc, event) for utc, event in folder.events() if isinstance(event, Stopped)]
     if as_json:
         for each in states:
             where = None if each.folder is None else str(each.folder)
@@ -110,7 +112,7 @@ def status_command(path: Path, as_json: bool) -> int:
 
 
 def _print_now(
-    console: Console, now: dict[str, Any] | None, stopped: dict[str, Any] | None, path: Path
+    console: Console, now: dict[str, Any] | None, stopped: tuple[str, Stopped] | None, path: Path
 ) -> None:
     if now is None or not now["alive"]:
         died = now is not None and now["state"] != "ended"
@@ -119,9 +121,10 @@ def _print_now(
                 f"the process {now['pid']} ended without a word, last seen {now['utc']}", style="red"
             )
         elif stopped is not None:
-            text = f"{stopped['outcome']} at {stopped['utc']}"
-            console.print(f"{text}: {stopped['reason']}" if stopped["reason"] else text)
-        if died or stopped is None or stopped["outcome"] != "completed":
+            utc, how = stopped
+            text = f"{how.outcome} at {utc}"
+            console.print(f"{text}: {how.reason}" if how.reason else text)
+        if died or stopped is None or stopped[1].outcome != "completed":
             console.print(f"`gyrobench campaign resume {path}` goes on", highlight=False)
         return
     console.print(
@@ -133,7 +136,9 @@ def _print_now(
         console.print(f"waits for an answer: {prompt['question']}", style="bold yellow")
         console.print(f"`gyrobench steer {path} answer yes` answers it", highlight=False)
     for row in now["log"][-5:]:
-        console.print("  " + event_text(row), style="dim", highlight=False)
+        console.print(
+            f"  {duration(float(row['time_s']))} {sentence(event_of(row))}", style="dim", highlight=False
+        )
 
 
 def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
@@ -170,9 +175,9 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
         operator = None if as_json else console_operator(console)
         ending = CampaignRunner(folder, operator, yes, display, say).run()
     if ending.outcome == "completed" and campaign.gyro is not None:
-        folder.event("fitting", gyro=campaign.gyro)
+        folder.event(Fitting(campaign.gyro))
         fit_campaign(campaign, ending.folders, folder.path, fan=ALONE, console=console, quiet=as_json)
-        folder.event("fitted", gyro=campaign.gyro, folder=".")
+        folder.event(Fitted(campaign.gyro, "."))
     verdict = _certify(folder, console, quiet=as_json or ending.outcome != "completed")
     return _say_ending(console, folder, ending, verdict, as_json, said=reasons[-1])
 
@@ -207,7 +212,7 @@ def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
     verdict = certificate.verdict
     say_certificate(shown, certificate)
     passed = {"passed": True, "not passed": False, "not judged": None}[verdict]
-    folder.event("certificate", file=CERTIFICATE_FILE, passed=passed)
+    folder.event(CertificateMade(CERTIFICATE_FILE, passed))
     if not quiet:
         path = folder.path / CERTIFICATE_FILE
         console.print(f"certificate: {path}", highlight=False, soft_wrap=True)

@@ -14,7 +14,8 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.control.progress import GyroProgress, Progress
-from bench.present.cli._texts import duration, event_text, say_json
+from bench.present.cli._texts import duration, say_json
+from bench.present.sentences import demands_words, event_of, sentence
 from drivers.base.clock import host_seconds
 
 _PLAIN_EVERY_S = 5.0
@@ -119,8 +120,8 @@ def rows(progress: Progress, left: str) -> Iterable[tuple[str, str, str]]:
         f"{progress.air_temp_c:7.2f} degC, set point {progress.set_point_c:.2f} degC{moving}",
         "",
     )
-    table = f"{progress.angle_deg:8.3f} deg, {progress.rate_dps:+.4f} deg/s, demand {progress.demand}"
-    yield "table", table, ""
+    table = f"{progress.angle_deg:8.3f} deg, {progress.rate_dps:+.4f} deg/s"
+    yield "table", f"{table}, demand {demands_words(progress.demands)}", ""
     for name, gyro in progress.gyros.items():
         text = f"{gyro.rate_dps * 3600.0:+12.3f} deg/h (last minute), {gyro.temp_c:.2f} degC"
         counts = f"{gyro.frames:,} frames, {_trouble(gyro) or 'none lost or rejected'}"
@@ -128,7 +129,7 @@ def rows(progress: Progress, left: str) -> Iterable[tuple[str, str, str]]:
     for alarm in progress.alarms[-3:]:
         yield "ALARM", _alarm(alarm), "bold red"
     for row in progress.log[-_LOG_LINES:]:
-        yield "", event_text(row), "dim"
+        yield "", f"{duration(float(row['time_s']))} {sentence(event_of(row))}", "dim"
 
 
 def _trouble(gyro: GyroProgress) -> str:
@@ -140,4 +141,4 @@ def _trouble(gyro: GyroProgress) -> str:
 
 
 def _alarm(alarm: Any) -> str:
-    return f"{duration(float(alarm['time_s']))} {alarm['device']}: {alarm['text']}"
+    return f"{duration(float(alarm['time_s']))} {sentence(event_of(alarm))}"

@@ -18,6 +18,7 @@ from bench.lab.emulated import Plant
 from bench.lab.rehearsal import rehearse_procedure
 from bench.present.cli._display import RunDisplay
 from bench.present.cli._texts import duration, say_json
+from bench.present.sentences import safe_sentence
 from bench.record.benchfile import BenchFile
 from bench.record.recording import read_manifest
 
@@ -78,7 +79,8 @@ def say_result(
             "reason": result.reason,
             "folder": str(result.folder),
         }
-        said |= {"duration_s": result.duration_s, "warnings": result.warnings, "safe": result.safe}
+        safe = [state.fields() for state in result.safe]
+        said |= {"duration_s": result.duration_s, "warnings": result.warnings, "safe": safe}
         measured = read_manifest(result.folder).measurements
         say_json(console, kind, **said, measurements=list(measured), **fields)
         return
@@ -95,9 +97,10 @@ def say_result(
 
 def _aftermath(result: RunResult, *, alone: bool) -> list[str]:
     """Say what the bench has done after a run that ended early, what is kept, and (`alone`) what is next."""
-    bench = "; ".join(result.safe) or "nothing was told to move or to heat"
-    if "NOT CONFIRMED SAFE" in result.reason:
-        bench = "; ".join([*result.safe, "the rest NOT CONFIRMED: go and look, stop it by hand"])
+    confirmed = [safe_sentence(state) for state in result.safe if state.confirmed]
+    bench = "; ".join(confirmed) or "nothing was told to move or to heat"
+    if len(confirmed) < len(result.safe):
+        bench = "; ".join([*confirmed, "the rest NOT CONFIRMED: go and look, stop it by hand"])
     said = [
         f"bench: {bench}",
         f"kept: all that came in {duration(result.duration_s)}; `gyrobench report {result.folder}` shows it",

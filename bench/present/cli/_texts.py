@@ -12,15 +12,6 @@ if TYPE_CHECKING:
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
 
 
-def event_text(row: Any) -> str:
-    """Return a line of events.jsonl for reading."""
-    hidden = ("time_s", "kind", "utc")
-    said = ", ".join(
-        str(value) for key, value in row.items() if key not in hidden and value not in (None, "")
-    )
-    return f"{duration(float(row['time_s']))} {row['kind']}: {said}"
-
-
 def say_json(console: Console, kind: str, **fields: Any) -> None:
     """Print one JSON object on a line; numbers that are not finite become null."""
     import json

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from bench.present.sentences import demands_words
+
 DASH = "–"
 _SMALL_DPS = 0.05
 """A gyro rate below this reads better in deg/h."""
@@ -41,7 +43,7 @@ def texts(now: Mapping[str, Any] | None, age_s: float) -> dict[str, str]:
         "air_rate": number(chamber.get("rate_k_per_min"), 2, sign=True),
         "angle": number(table.get("angle_deg"), 4),
         "rate": number(table.get("rate_dps"), 4, sign=True),
-        "demand": str(table.get("demand") or DASH),
+        "demand": demands_words(table.get("demands") or {}) or DASH,
     }
     for name, value in (chamber.get("auxiliary_c") or {}).items():
         found[f"aux.{name}"] = number(value, 2)

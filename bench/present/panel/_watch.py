@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.control.live import read_now
-from bench.present.panel._advice import NOT_HERE, banner, sentence
+from bench.present.panel._advice import NOT_HERE, banner
 from bench.present.panel._folders import NOW, Entry, RunsFolder
 from bench.present.panel._series import MinMax, Row
 from bench.present.panel._tails import EventTail, HistoryTail
 from bench.present.panel._texts import texts
+from bench.present.sentences import event_of, sentence
 from drivers.base.clock import epoch_seconds, host_seconds
 from drivers.base.errors import BenchError
 
@@ -110,13 +111,13 @@ class Watch:
         """Return what changes seldom: banner, log, alarms."""
         lines = list(self._events.lines) if self._events is not None else []
         now = self.now or {}
-        head = banner(self.now, lines, self.age_s if self.steerable else 0.0)
+        head = banner(self.now, [event_of(line) for line in lines], self.age_s if self.steerable else 0.0)
         if self.name and self.session is None:
             head = NOT_HERE
         return {
             "banner": head.as_dict(),
             "log": [_shown(line) for line in lines[-_LINES_SHOWN:]][::-1],
-            "alarms": [_shown({"kind": "alarm", **line}) for line in now.get("alarms") or ()][::-1],
+            "alarms": [_shown(line) for line in now.get("alarms") or ()][::-1],
             "gyros": sorted(now.get("gyros") or {}),
             "auxiliary": sorted((now.get("chamber") or {}).get("auxiliary_c") or {}),
             "problem": self.problem,
@@ -266,7 +267,11 @@ def _of_history(row: Mapping[str, Any], gyros: tuple[str, ...]) -> list[Any]:
 
 def _shown(line: Mapping[str, Any]) -> list[Any]:
     time_s = line.get("time_s")
-    return [time_s if isinstance(time_s, int | float) else None, str(line.get("kind", "")), sentence(line)]
+    return [
+        time_s if isinstance(time_s, int | float) else None,
+        str(line.get("kind", "")),
+        sentence(event_of(line)),
+    ]
 
 
 def _seconds_since(utc: str) -> float:

@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.present.report._content import Device, Measurement, RunContent, RunSummary, StreamStatistics, Trace
+from bench.present.sentences import safe_sentence, sentence
+from bench.record.events import Event
+from bench.record.events.run import Alarm, Answer
+from bench.record.events.safe import SafeState
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
 
@@ -18,8 +22,6 @@ if TYPE_CHECKING:
 
 _BLOCK_S = 100.0
 _TURNING_DPS = 0.05
-_INVALID_MARK = "run invalid:"
-_UNSAFE_MARK = "not confirmed safe: "
 
 Table = Mapping[str, Any]
 
@@ -43,7 +45,7 @@ def run_content(run: Run, *, created_utc: str = "") -> RunContent:
 
 def _summary(run: Run, missing: list[str]) -> RunSummary:
     manifest = run.manifest
-    answers = [str(row["by"]) for row in run.events if row["kind"] == "answer" and row.get("by")]
+    answers = [answer.by for _, answer in run.of(Answer) if answer.by]
     emulated = manifest.emulated
     return RunSummary(
         run_id=manifest.run_id,
@@ -71,19 +73,12 @@ def _summary(run: Run, missing: list[str]) -> RunSummary:
     )
 
 
-def _told_by_reason(alarm: str, reason: str) -> bool:
-    """Whether the run's reason, which stands at the head of the report, says the same."""
-    mark, _, rest = alarm.partition(_UNSAFE_MARK)
-    return alarm.startswith(_INVALID_MARK) or (not mark and rest in reason)
-
-
 def _left_at_rest(run: Run) -> str:
     """Return what table and chamber read back when a run that was not completed was made safe."""
     if run.manifest.outcome != "aborted":
         return ""
-    notes = [str(row["text"]) for row in run.events if row["kind"] == "note"]
-    ends = [at for at, text in enumerate(notes) if text.startswith(("made safe", "not made safe"))]
-    read_back = [text for text in notes[ends[-1] + 1 :] if " at rest" in text] if ends else []
+    last = {state.device: state for _, state in run.of(SafeState)}
+    read_back = [safe_sentence(state) for state in last.values() if state.confirmed]
     return f"Read back then: {'; '.join(read_back)}." if read_back else ""
 
 
@@ -112,11 +107,10 @@ def _stream(name: str, row: Mapping[str, Any]) -> StreamStatistics:
 
 
 def _warnings(run: Run, missing: list[str]) -> tuple[str, ...]:
-    alarms = [
-        f"{row.get('device', 'bench')}: {row['text']}"
-        for row in run.events
-        if row["kind"] == "alarm" and not _told_by_reason(str(row["text"]), run.manifest.reason)
-    ]
+    # why it is invalid and what is not confirmed safe in the end stands in the run's reason
+    told: list[Event] = [event for _, event in run.of(Alarm)]
+    told += [state for _, state in run.of(SafeState) if state.state == "pending"]
+    alarms = [sentence(event) for event in told]
     streams = [
         f"{name}: {text}" for name, row in run.manifest.stream.items() for text in row.get("warnings") or ()
     ]

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.record.events.run import Note, Outcome, PhaseBegun
 from bench.record.exchange._log import Log, read_log
 from bench.record.exchange._mapping import LogEntry, Mapping, read_mapping
 from bench.record.recording import (
@@ -91,10 +92,10 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
     duration_s = float(data.time_s[-1] - data.time_s[0])
     streams = _write_tables(folder, mapping, entry, data)
     events = EventLog(folder)
-    events.event(0.0, "note", text=f"imported from {log}")
+    events.event(0.0, Note(f"imported from {log}"))
     for phase in entry.phases:
-        events.event(phase.start_s, "phase", phase=phase.name)
-    events.event(duration_s, "outcome", outcome="completed", reason="imported")
+        events.event(phase.start_s, PhaseBegun(phase.name))
+    events.event(duration_s, Outcome("completed", "imported"))
     events.close()
     upright = abs(entry.elevation_deg) > 45.0
     azimuth = {"name": "azimuth_error", "value": entry.azimuth_error_deg, "unit": "deg"}

@@ -11,7 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record.recording._events import Event
+from bench.record.events.run import UnitsOff, UnitsOn
+from bench.record.recording._events import Line
 from bench.record.recording._raw import raw_path, read_blocks, read_exchanges, read_marks
 from bench.record.recording._tables import table_writer
 from bench.record.recording._timing import StreamTimer, StreamTiming, Unwrapper
@@ -215,14 +216,14 @@ def decode_stream(
     return _write_table(path, source, timing, report, target, off_s)
 
 
-def units_off_s(events: Sequence[Event]) -> list[tuple[float, float]]:
+def units_off_s(lines: Iterable[Line]) -> list[tuple[float, float]]:
     """Return the spans of bench time in which a procedure had its units switched off and on, from its events."""
     spans: list[tuple[float, float]] = []
-    for row in events:
-        if row["kind"] == "units_off":
-            spans.append((float(row["time_s"]), math.inf))
-        elif row["kind"] == "units_on" and spans:
-            spans[-1] = (spans[-1][0], float(row["time_s"]))
+    for time_s, event in lines:
+        if isinstance(event, UnitsOff):
+            spans.append((time_s, math.inf))
+        elif isinstance(event, UnitsOn) and spans:
+            spans[-1] = (spans[-1][0], time_s)
     return spans
 
 

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import json
-import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple, TypeVar
 
+from bench.record.events import Event, Row, read_event
 from bench.record.recording._append import AppendFile, record_error
-from bench.record.recording._shapes import check_line
 from drivers.base.errors import RecordError
 from drivers.base.files import RECORD_BYTES, parse_json, read_bounded
 
 EVENTS_FILE = "events.jsonl"
 
-Event = dict[str, Any]
+_E = TypeVar("_E", bound=Event)
+
+
+class Line(NamedTuple):
+    """A line of an event log: bench time in s, and what happened."""
+
+    time_s: float
+    event: Event
 
 
 class EventLog:
@@ -36,10 +42,9 @@ class EventLog:
         """Have somebody else call `write` soon after `wake` is called for a line; None: nobody else."""
         self._wake = wake
 
-    def event(self, time_s: float, kind: str, **fields: Any) -> None:
-        """Write one line: bench time in s, kind and fields (numbers that are not finite become null)."""
-        line = {"time_s": round(time_s, 9), "kind": kind} | fields
-        text = json.dumps(_plain(line), ensure_ascii=False, allow_nan=False)
+    def event(self, time_s: float, event: Event) -> None:
+        """Write one line: what happened at bench time `time_s`."""
+        text = json.dumps(event.row(time_s), ensure_ascii=False, allow_nan=False)
         with self._lock:
             self._lines += text.encode("utf-8") + b"\n"
         if self._wake is None:
@@ -69,10 +74,18 @@ class EventLog:
 
 @dataclass(frozen=True)
 class Events:
-    """Events as read; `torn` is the text of an incomplete last line, empty if there was none."""
+    """Events as read: `rows` as they are written, `lines` what they say.
 
-    rows: tuple[Event, ...]
+    `torn` is the text of an incomplete last line, empty if there was none.
+    """
+
+    rows: tuple[Row, ...]
     torn: str = ""
+    lines: tuple[Line, ...] = ()
+
+    def of(self, kind: type[_E]) -> list[tuple[float, _E]]:
+        """Return the events of a class, subclasses included, each with its bench time in s."""
+        return [(line.time_s, line.event) for line in self.lines if isinstance(line.event, kind)]
 
 
 def read_events(folder: Path) -> Events:
@@ -83,10 +96,12 @@ def read_events(folder: Path) -> Events:
     except FileNotFoundError:
         return Events(())
     whole, _, torn = content.rpartition(b"\n")
-    rows: list[Event] = []
+    rows: list[Row] = []
+    lines: list[Line] = []
     for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
         try:
-            row = check_line(parse_json(line))
+            row = parse_json(line)
+            lines.append(Line(*read_event(row)))
         except (ValueError, OverflowError) as error:
             raise RecordError(
                 "the event log is damaged",
@@ -96,15 +111,4 @@ def read_events(folder: Path) -> Events:
                 remedy="restore the file from a copy; raw bytes and tables are not affected",
             ) from error
         rows.append(row)
-    return Events(tuple(rows), torn.decode("utf-8", "replace"))
-
-
-def _plain(value: Any) -> Any:
-    """Return `value` as JSON types: numpy scalars unwrapped, NaN and infinities as None."""
-    if isinstance(value, dict):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return Events(tuple(rows), torn.decode("utf-8", "replace"), tuple(lines))

@@ -7,22 +7,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from bench.record.events import Event, Row
+from bench.record.events.run import PhaseBegun
 from bench.record.recording._arrow import from_arrow
 from bench.record.recording._decode import gyro_table
-from bench.record.recording._events import Event, Events, read_events
+from bench.record.recording._events import Events, Line, read_events
 from bench.record.recording._manifest import Manifest, checksum, read_manifest
 from bench.record.recording._remote import local_run, remote_file
 from bench.record.run_folder import MANIFEST_FILE, url_of
 from drivers.base.errors import RecordError
 
 Table = dict[str, NDArray[Any]]
+_E = TypeVar("_E", bound=Event)
 
 
 @dataclass(frozen=True)
@@ -67,9 +70,18 @@ class Run:
         return read_events(self.folder)
 
     @property
-    def events(self) -> tuple[Event, ...]:
+    def events(self) -> tuple[Row, ...]:
         """The event log, one dictionary a line."""
         return self._event_log.rows
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """The event log as typed events, each with its bench time."""
+        return self._event_log.lines
+
+    def of(self, kind: type[_E]) -> list[tuple[float, _E]]:
+        """Return the events of a class, each with its bench time in s; see `bench.record.events`."""
+        return self._event_log.of(kind)
 
     @property
     def torn_event(self) -> str:
@@ -78,11 +90,11 @@ class Run:
 
     def phases(self) -> tuple[Phase, ...]:
         """Return the phases in order; a phase that was entered twice is there twice."""
-        marks = [(str(row["phase"]), float(row["time_s"])) for row in self.events if row["kind"] == "phase"]
+        marks = self.of(PhaseBegun)
         if not marks:
             return ()
-        ends = [start for _, start in marks[1:]] + [max(float(row["time_s"]) for row in self.events)]
-        return tuple(Phase(name, start, end) for (name, start), end in zip(marks, ends, strict=True))
+        ends = [start for start, _ in marks[1:]] + [max(line.time_s for line in self.lines)]
+        return tuple(Phase(mark.phase, start, end) for (start, mark), end in zip(marks, ends, strict=True))
 
     @property
     def gyros(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What the free parts of a manifest and the lines of an event log must be made of.
+"""What the free parts of a manifest must be made of.
 
 Readers count on a number where a number is said, so text in its place is found here, once, and not by whoever
 computes with it. A key that is not named here may hold anything.
@@ -6,15 +6,11 @@ computes with it. A key that is not named here may hold anything.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from datetime import datetime
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter
-
-_MOST_S = 3.2e7
-"""A year of bench time; what is computed second by second of more would not fit in memory."""
 
 Number = Annotated[float, Field(ge=-1e300, le=1e300)]
 Count = Annotated[int, Field(ge=0, lt=1 << 63)]
@@ -89,44 +85,3 @@ def check_free_parts(parts: Mapping[str, Any]) -> None:
     started = datetime.fromisoformat(parts["started_utc"])
     if not 1970 <= started.year < 3000:
         raise ValueError(f"started_utc: {parts['started_utc']} is no time of a run")
-
-
-_FIELDS: dict[str, dict[str, type]] = {
-    "phase": {"phase": str},
-    "step": {"code": str, "title": str},
-    "command": {"device": str, "text": str},
-    "prompt": {"question": str},
-    "alarm": {"device": str, "text": str},
-    "repeat": {"device": str, "text": str},
-    "measurement": {"name": str},
-    "interval": {"test": str, "start_s": float, "end_s": float},
-    "section": {"rate_dps": float},
-    "scheme": {"name": str, "moves": str, "home": str, "dwell_s": float, "rate_dps": float},
-}
-_NUMBERS = ("step", "sequence", "rate_dps", "temp_c", "input_dph")
-"""Of an interval, where its test has them."""
-
-
-def check_line(row: object) -> dict[str, Any]:
-    """Return a line of the event log; ValueError names the field that is missing or of another type."""
-    if not (isinstance(row, dict) and "time_s" in row and "kind" in row):
-        raise ValueError("no object with time_s and kind")
-    wanted: dict[str, type] = {"time_s": float, "kind": str}
-    kind = row["kind"]
-    if isinstance(kind, str):
-        wanted |= _FIELDS.get(kind, {})
-        wanted |= {name: float for name in _NUMBERS if kind == "interval" and name in row}
-    wanted |= {name: str for name in ("device", "text") if name in row}
-    for name, form in wanted.items():
-        _check_field(name, row.get(name), form)
-    return row
-
-
-def _check_field(name: str, value: object, form: type) -> None:
-    if form is str and not isinstance(value, str):
-        raise ValueError(f"{name} is no text")
-    if form is float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"{name} is no number")
-        if name in ("time_s", "start_s", "end_s") and abs(value) > _MOST_S:
-            raise ValueError(f"{name} is no time of a run")

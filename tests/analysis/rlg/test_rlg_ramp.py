@@ -33,8 +33,8 @@ class FakeBench:
     def go_to(self, target: float, ramp: float) -> None:
         self.target, self.ramp = target, ramp
 
-    def invalidate(self, reason: str) -> None:
-        self.invalid.append(reason)
+    def invalidate(self, text: str, code: str, **facts: object) -> None:
+        self.invalid.append(text)
 
     def wait_until(self, reached: Callable[[], bool], *, timeout_s: float, what: str, every_s: float) -> bool:
         end = self.now_s + timeout_s
@@ -90,7 +90,7 @@ def folder(
         with table_writer(path / f"{name}.parquet", name) as writer:
             writer.write(content)
     events = [{"time_s": 1000.0 * n, "kind": "phase", "phase": name} for n, name in enumerate(phases)]
-    events.append({"time_s": 4000.0, "kind": "outcome", "outcome": "completed"})
+    events.append({"time_s": 4000.0, "kind": "outcome", "outcome": "completed", "reason": ""})
     (path / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
     gyro = DeviceEntry(kind="x", role="gyro", axis="x", case_sensor=None if in_frame else 1)
     manifest = Manifest(

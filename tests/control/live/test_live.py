@@ -22,7 +22,12 @@ def progress(time_s, **changes):
     gyro = GyroProgress(1.0, 1.5, 24.0, frames=100, lost=2, rejected={"checksum": 1}, age_s=0.2)
     fields = {"time_s": time_s, "step": "S1 Warm up", "doing": "waiting", "phase": "warm_up"}
     fields |= {"air_temp_c": 25.0, "set_point_c": 25.0, "air_rate_k_per_min": NAN, "auxiliary_c": {"1": 24.0}}
-    fields |= {"angle_deg": 90.0, "rate_dps": 0.0, "demand": "90 deg", "gyros": {"fog_1": gyro}}
+    fields |= {
+        "angle_deg": 90.0,
+        "rate_dps": 0.0,
+        "demands": {"table": {"angle_deg": 90.0}},
+        "gyros": {"fog_1": gyro},
+    }
     return Progress(**(fields | changes))
 
 

@@ -25,9 +25,9 @@ def progress(**changes):
         "auxiliary_c": {"1": NAN},
         "angle_deg": 89.7,
         "rate_dps": 0.0,
-        "demand": "89.7 deg",
+        "demands": {"table": {"angle_deg": 89.7}},
         "gyros": {"fog_1": gyro},
-        "alarms": ({"time_s": 3500.0, "device": "chamber", "text": "door [open]"},),
+        "alarms": ({"time_s": 3500.0, "kind": "alarm", "device": "chamber", "text": "door [open]"},),
         "log": ({"time_s": 3400.0, "kind": "phase", "phase": "soak"},),
     }
     return Progress(**(fields | changes))
@@ -60,7 +60,7 @@ def test_everything_is_shown_on_a_terminal_and_in_a_plain_line(terminal):
     for word in [*EVERYTHING, "checksum", "door [open]"]:
         assert word in text, word
     if terminal:
-        assert "-1.25 K/min" in text and "1,200 frames" in text and "0:56:40 phase: soak" in text
+        assert "-1.25 K/min" in text and "1,200 frames" in text and "0:56:40 phase soak" in text
     else:
         assert text.count("\n") == 1
 
@@ -84,5 +84,9 @@ def test_an_alarm_is_said_at_once_though_the_same_goes_on():
         display(progress())
         display(progress())
         said = output.getvalue().count("\n")
-        display(progress(alarms=({"time_s": 3501.0, "device": "table", "text": "its port is gone"},)))
+        display(
+            progress(
+                alarms=({"time_s": 3501.0, "kind": "alarm", "device": "table", "text": "its port is gone"},)
+            )
+        )
     assert said == 1 and output.getvalue().count("\n") == 2 and "its port is gone" in output.getvalue()

@@ -4,6 +4,7 @@ import asyncio
 import json
 import math
 import os
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,12 +15,24 @@ from hypothesis import strategies as st
 from bench.control.live import read_now
 from bench.present.panel import PanelSettings
 from bench.present.panel._access import COOKIE, Access
-from bench.present.panel._advice import banner, sentence
+from bench.present.panel._advice import banner
 from bench.present.panel._folders import RunsFolder
 from bench.present.panel._series import MinMax
 from bench.present.panel._tails import EventTail, HistoryTail
 from bench.present.panel._texts import count, duration, number, texts
 from bench.present.panel._watch import Watch
+from bench.present.sentences import event_of, sentence
+from bench.record.events.run import (
+    AirDemand,
+    Alarm,
+    AngleDemand,
+    Answer,
+    Invalid,
+    Measured,
+    Outcome,
+    RateDemand,
+)
+from bench.record.events.safe import LastSeen, SafeState
 from drivers.base.errors import ConfigurationError
 
 # Curves
@@ -285,69 +298,69 @@ def test_idle_running_gone_silent() -> None:
     assert silent.tone == "bad" and "31 s" in silent.happened and "emergency stop" in silent.press
 
 
-SAFE = [
-    {"kind": "alarm", "device": "table", "text": "interlock open"},
-    {"kind": "note", "text": "made safe: the table reports a fault: interlock open. Remedy: x."},
-    {"kind": "note", "text": "table at rest: 0.0 deg/s"},
-    {"kind": "note", "text": "chamber at rest: stopped, set point 25 degC"},
-]
+WHY = "the table reports a fault: interlock open."
+TABLE = SafeState("table", "confirmed", "trouble", WHY, rates_dps={"table": 0.0})
+CHAMBER = SafeState("chamber", "confirmed", "trouble", WHY, running=False, set_point_c=25.0)
+SAFE = [Alarm("table", "interlock open"), TABLE, CHAMBER]
+GONE = SafeState(
+    "table", "not_confirmed", "trouble", WHY, code="port_gone", last_seen=LastSeen(21.0, {"table": 7.0})
+)
 
 
 def test_an_abort_says_why_what_was_done_and_that_nothing_is_urgent() -> None:
     now = {"state": "ended", "alive": False, "outcome": "aborted", "reason": "interlock open"}
-    told = banner(now, [*SAFE, {"kind": "outcome", "outcome": "aborted"}], 0.0)
+    told = banner(now, [*SAFE, Outcome("aborted", "interlock open")], 0.0)
     assert (told.word, told.happened) == ("Aborted", "interlock open")
-    assert "made safe" in told.done and "table at rest" in told.done and "chamber at rest" in told.done
+    assert told.done == (
+        "bench made safe; table at rest: 0.0000 deg/s; chamber at rest: stopped, set point 25 degC"
+    )
     assert told.press.startswith("Nothing is urgent")
     closing = banner({"state": "running", "alive": True}, SAFE, 0.0)
-    assert closing.word == "Closing" and "fault" in closing.happened
+    assert (closing.word, closing.tone) == ("Closing", "bad") and "fault" in closing.happened
+    end = [replace(state, cause="end_of_run", why="end of the run") for state in (TABLE, CHAMBER)]
+    assert banner({"state": "running", "alive": True}, end, 0.0).tone == "good"
 
 
 def test_what_is_not_confirmed_safe_sends_the_operator_there() -> None:
-    lines = [SAFE[0], {"kind": "note", "text": "not made safe: x"},
-             {"kind": "alarm", "device": "bench", "text": "not confirmed safe: chamber: silent"}]  # fmt: skip
+    silent = SafeState("chamber", "not_confirmed", "trouble", "x", code="silent", error="it is silent.")
     for now in (
         {"state": "running", "alive": True},
-        {
-            "state": "ended",
-            "alive": False,
-            "outcome": "aborted",
-            "reason": "x NOT CONFIRMED SAFE, go and look",
-        },
+        {"state": "ended", "alive": False, "outcome": "aborted", "reason": "x"},
     ):
-        told = banner(now, lines, 0.0)
-        assert (
-            told.tone == "bad" and told.press.startswith("GO AND LOOK") and "not confirmed safe" in told.done
-        )
+        told = banner(now, [SAFE[0], TABLE, silent], 0.0)
+        assert told.tone == "bad" and told.press.startswith("GO AND LOOK")
+        assert told.done == "not confirmed safe: chamber: it is silent; table at rest: 0.0000 deg/s"
+    lost = {"state": "ended", "outcome": "aborted", "reason": "disk full", "safe": [silent.fields()]}
+    assert "chamber: it is silent" in banner(lost, [], 0.0).done  # the record could not be written
 
 
 def test_a_port_that_is_gone_is_told_while_it_is_looked_for_and_forgotten_when_it_came_back() -> None:
-    gone = {"kind": "alarm", "device": "table",
-            "text": "not confirmed safe: its port is gone (1 s ago it turned at 7 deg/s): STOP IT BY HAND. "
-                    "Being made safe: the port is gone."}  # fmt: skip
-    told = banner({"state": "running", "alive": True, "alarms": [gone]}, [gone], 0.0)
+    gone = replace(GONE, state="pending", why="the port is gone.")
+    told = banner({"state": "running", "alive": True, "alarms": [gone.row(1.0)]}, [gone], 0.0)
     assert (told.word, told.press[:11], told.happened) == (
         "Not confirmed safe",
         "GO AND LOOK",
         "The port is gone.",
     )
-    assert "turned at 7 deg/s" in told.done
+    assert "turned at 7.000 deg/s" in told.done and told.done.endswith("STOP IT BY HAND")
     back = banner({"state": "ended", "outcome": "aborted", "reason": "x"}, [gone, *SAFE[1:]], 0.0)
     assert back.press.startswith("Nothing is urgent") and "gone" not in back.done
+    moved = banner({"state": "running", "alive": True}, [gone, AngleDemand("table", "table", 1.0)], 0.0)
+    assert moved.word == "Running"  # it was told to go on since
 
 
 def test_an_alarm_while_the_run_goes_on_says_that_nothing_was_stopped() -> None:
-    now = {"state": "running", "alive": True, "alarms": [{"device": "chamber", "text": "door open"}]}
-    told = banner(now, [{"kind": "alarm", "device": "chamber", "text": "door open"}], 0.0)
+    now = {"state": "running", "alive": True, "alarms": [Alarm("chamber", "door open").row(1.0)]}
+    told = banner(now, [Alarm("chamber", "door open")], 0.0)
     assert told.word == "Alarm" and told.happened == "chamber: door open" and "goes on" in told.done
 
 
 def test_a_run_already_invalid_does_not_look_well() -> None:
-    alarms = [{"device": "procedure", "text": "run invalid: fog_1 fell silent at 1499.9 s"}]
+    alarms = [Invalid("unit_silent", "fog_1 fell silent at 1499.9 s", {"device": "fog_1"}).row(1.0)]
     told = banner({"state": "running", "alive": True, "alarms": alarms}, [], 0.0)
     assert (told.tone, told.word) == ("doubt", "Running, invalid")
     assert told.happened == "fog_1 fell silent at 1499.9 s" and told.press.startswith("Nothing is urgent")
-    air = {"device": "chamber", "text": "the air stands at 25 degC: look at the chamber's panel"}
+    air = Alarm("chamber", "the air stands at 25 degC: look at the chamber's panel", "air_stalled").row(2.0)
     running = banner({"state": "running", "alive": True, "alarms": [*alarms, air]}, [], 0.0)
     assert running.word == "Alarm"
     ended = {"state": "ended", "outcome": "invalid", "reason": "too slow", "alarms": [air, *alarms]}
@@ -368,29 +381,37 @@ def test_a_completed_run_shows_what_its_record_warns_of() -> None:
 
 
 def test_an_unplugged_table_is_said_once_and_before_what_is_safe() -> None:
-    gone = "table: its port is gone and has not come back within 20 s (21 s ago it turned at 7 deg/s)"
-    why = "table (/dev/ttyUSB0): the port is gone. Found: end of stream. Expected: an open port."
-    reason = f"{why} Remedy: check cable, adapter and the device's power."
-    lines = [
-        {"kind": "note", "text": f"not made safe: {reason}"},
-        {"kind": "note", "text": "chamber at rest: stopped, set point 25 degC"},
-        {"kind": "alarm", "device": "bench", "text": f"not confirmed safe: {gone}"},
-    ]
-    now = {"state": "ended", "outcome": "aborted"}
-    told = banner(now | {"reason": f"{reason} NOT CONFIRMED SAFE, go and look: {gone}"}, lines, 0.0)
-    assert (told.word, told.happened) == ("Not confirmed safe", why)
-    assert told.done == f"not confirmed safe: {gone}; chamber at rest: stopped, set point 25 degC"
+    error = {
+        "what": "the port is gone",
+        "where": "table (/dev/ttyUSB0)",
+        "found": "end of stream",
+        "expected": "an open port",
+        "remedy": "check cable, adapter and the device's power",
+    }
+    now = {"state": "ended", "outcome": "aborted", "reason": "all of it", "error": error}
+    told = banner(now, [CHAMBER, GONE], 0.0)
+    assert (told.word, told.happened) == (
+        "Not confirmed safe",
+        "table (/dev/ttyUSB0): the port is gone. Found: end of stream. Expected: an open port.",
+    )
+    assert told.done == (
+        "not confirmed safe: table: its port is gone and has not come back (21 s ago it turned at 7.000 deg/s); "
+        "chamber at rest: stopped, set point 25 degC"
+    )
     assert told.press.startswith("GO AND LOOK NOW: emergency stop")
     assert told.press.endswith("Check cable, adapter and the device's power.")
 
 
 def test_every_kind_of_event_has_a_sentence_and_unknown_ones_too() -> None:
-    assert sentence({"kind": "answer", "by": "Ada", "answer": "yes"}) == "Ada answered yes"
-    assert "OUTSIDE" in sentence(
-        {"kind": "measurement", "name": "x", "value": 2, "unit": "K", "high": 1, "passed": False}
+    assert sentence(Answer("Ready?", "yes", "Ada")) == "Ada answered yes"
+    assert sentence(Measured("a_b", 2.0, "K", None, 1.0, False)) == "a b = 2 K, OUTSIDE"
+    assert (
+        sentence(AngleDemand("table", "outer", 89.12345678)) == "table, outer axis: point to 89.12345678 deg"
     )
-    assert sentence({"kind": "step"}) == ""
-    assert sentence({"kind": "novel", "time_s": 1, "a": 2}) == "a 2"
+    assert sentence(RateDemand("table", "table", 10.0000049)) == "table: spin at 10.0000049 deg/s"
+    assert sentence(AirDemand("chamber", -45.0)) == "chamber: go to -45 degC as fast as possible"
+    assert sentence(event_of({"kind": "novel", "time_s": 1, "a": 2})) == "a 2"
+    assert sentence(event_of({"kind": "step", "code": 7})) == "code 7"
 
 
 def test_numbers_keep_their_width_and_say_when_they_are_not_known() -> None:

@@ -6,7 +6,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bench.record.events.run import Note, UnitsOff, UnitsOn
 from bench.record.recording import PortJournal, decode_instrument, decode_stream, read_exchanges, units_off_s
+from bench.record.recording._events import Line
 from drivers.base.errors import RecordError
 
 FIXTURES = [HealthCheck.function_scoped_fixture]
@@ -206,8 +208,8 @@ def test_what_is_not_sent_while_switched_off_is_not_lost(tmp_path, fake):
     # on to 10 s, off to 40 s, six frames lost at 45 s, cable out from 50 s to 60 s
     samples = [*range(1000), *range(4000, 4500), *range(4506, 5000), *range(6000, 7000)]
     fake.record(tmp_path, samples, 0.01, start_s=0.0)
-    events = [{"time_s": 9.0, "kind": "units_off"}, {"time_s": 9.5, "kind": "answer"}]
-    off_s = units_off_s([*events, {"time_s": 46.0, "kind": "units_on"}])
+    events = [Line(9.0, UnitsOff()), Line(9.5, Note("an answer"))]
+    off_s = units_off_s([*events, Line(46.0, UnitsOn())])
     report = decode_stream(tmp_path, fake.source(), off_s=off_s)
     assert (report.off, report.lost) == (3000, 1006)
     assert int(table(tmp_path)["lost_before"].sum()) == 4006

@@ -7,20 +7,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bench.record.events.run import Measured, Note, PhaseBegun
 from bench.record.recording import EventLog, read_events
 from drivers.base.errors import RecordError
 
 
 def test_every_line_is_on_disk_at_once(tmp_path):
     log = EventLog(tmp_path)
-    log.event(1.5, "phase", phase="shock")
-    log.event(
-        2.0, "measurement", name="a", value=float("nan"), unit="degC", passed=np.bool_(True), n=np.int64(3)
-    )
+    log.event(1.5, PhaseBegun("shock"))
+    log.event(2.0, Measured("a", float("nan"), "degC", np.float64(1.5), None, np.bool_(True)))
     lines = (tmp_path / "events.jsonl").read_text("utf-8").splitlines()
     assert json.loads(lines[0]) == {"time_s": 1.5, "kind": "phase", "phase": "shock"}
     assert json.loads(lines[1]) == {
-        "time_s": 2.0, "kind": "measurement", "name": "a", "value": None, "unit": "degC", "passed": True, "n": 3,
+        "time_s": 2.0, "kind": "measurement", "name": "a", "value": None, "unit": "degC", "low": 1.5,
+        "high": None, "passed": True,
     }  # fmt: skip
     log.close()
 
@@ -31,7 +31,7 @@ def test_a_log_cut_anywhere_reads_up_to_the_cut(tmp_path_factory, cut, texts):
     folder = tmp_path_factory.mktemp("run")
     log = EventLog(folder)
     for number, text in enumerate(texts):
-        log.event(float(number), "note", text=text)
+        log.event(float(number), Note(text))
     log.close()
     content = (folder / "events.jsonl").read_bytes()
     (folder / "events.jsonl").write_bytes(content[:cut])

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.record.events.run import Note
 from bench.record.recording import EventLog, Journal, PortJournal
 from drivers.base.errors import RecordError
 
@@ -96,7 +97,7 @@ def test_a_disk_that_stalls_stalls_nobody_until_memory_would_run_out(journal, mo
     journal.adopt(log)
     for second in range(3):
         port.received(b"x" * (1 << 20), float(second))
-        log.event(float(second), "note", text="a stall")
+        log.event(float(second), Note("a stall"))
         journal.check()
     assert (journal.folder / "events.jsonl").read_bytes() == b""
     port.received(b"x", 4.0)

@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bench.present.cli._app import app
+from bench.record.events.run import Outcome, PhaseBegun
 from bench.record.recording import (
     EventLog,
     Manifest,
@@ -70,8 +71,8 @@ def kept(tmp_path: Path, fake: Any) -> Path:
     }
     write_manifest(folder, Manifest(**facts))
     log = EventLog(folder)
-    log.event(0.0, "phase", phase="warm_up")
-    log.event(20.0, "outcome", outcome="completed", reason="")
+    log.event(0.0, PhaseBegun("warm_up"))
+    log.event(20.0, Outcome("completed", ""))
     log.close()
     fake.record(folder, range(2000), 0.01)
     decode_stream(folder, fake.source())

@@ -8,6 +8,8 @@ from bench.control.lease import take_lease
 from bench.control.recover import recover
 from bench.control.run_record import RunRecord, decode_run
 from bench.record.benchfile import load_bench_file
+from bench.record.events.run import Measured, PhaseBegun
+from bench.record.events.safe import Takeover, TakeoverEnded
 from bench.record.recording import Run, read_manifest, verify
 from drivers.base.errors import BenchInUse
 
@@ -41,8 +43,8 @@ def crashed(tmp_path):
     record.tap("chamber")
     record.stream_starts("fog_1", 4)
     port.received(b"idle" + bytes(36), 3.0)
-    record.event(1.0, "phase", phase="a")
-    record.event(2.0, "measurement", name="m", value=1.0, unit="K", low=None, high=None, passed=True)
+    record.event(1.0, PhaseBegun("a"))
+    record.event(2.0, Measured("m", 1.0, "K", None, None, True))
     record._journal.close()
     record._events.close()
     with (record.folder / "events.jsonl").open("ab") as log:
@@ -79,9 +81,7 @@ def test_a_run_whose_bench_is_in_use_is_left_alone(crashed):
 def test_what_the_watchdog_did_is_told(crashed):
     _, folder = crashed
     (folder / "watchdog").mkdir()
-    rows = [
-        {"time_s": 0, "kind": "takeover", "cause": "ended"},
-        {"time_s": 1, "kind": "outcome", "outcome": "made safe"},
-    ]
-    (folder / "watchdog" / "events.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    assert "took over (ended): made safe" in recover(folder).reason
+    events = (Takeover("runner_silent", "2026-11-22T10:00:00+00:00", 7, 2.13), TakeoverEnded(True))
+    rows = "".join(json.dumps(event.row(time_s)) + "\n" for time_s, event in enumerate(events))
+    (folder / "watchdog" / "events.jsonl").write_text(rows)
+    assert "took over (no sign of life for 2.1 s): made safe" in recover(folder).reason

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bench.record.events.run import Outcome, PhaseBegun
 from bench.record.recording import (
     EventLog,
     Manifest,
@@ -41,8 +42,8 @@ def make_run(folder, fake, samples=range(2000), outcome="completed"):
     write_manifest(folder, manifest())
     log = EventLog(folder)
     for time_s, phase in ((0.0, "warm_up"), (3.5, "shock"), (12.0, "return")):
-        log.event(time_s, "phase", phase=phase)
-    log.event(20.0, "outcome", outcome=outcome, reason="")
+        log.event(time_s, PhaseBegun(phase))
+    log.event(20.0, Outcome(outcome, ""))
     log.close()
     fake.record(folder, samples, 0.01)
     decode_stream(folder, fake.source())

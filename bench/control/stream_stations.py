@@ -1,4 +1,4 @@
-"""The places a procedure works at: chamber and gyros - devices plus limits, telemetry and the record."""
+"""The streaming units a procedure works with: their bytes go to the record, recent means to the procedure."""
 
 from __future__ import annotations
 
@@ -6,159 +6,23 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.control.approach import WINDOW_S, Approach
 from bench.control.history import History
 from bench.control.stream_loss import StreamLoss
-from drivers.base.errors import LimitExceeded
 from drivers.kit.config import GyroConfig, PlatformConfig
 from drivers.kit.instruments import (
-    Chamber,
-    ChamberState,
     Platform,
     StreamDecoder,
-    require_ramp,
 )
 from drivers.kit.kinds import GyroKind, PlatformKind
 from drivers.kit.link import Tap
 
-if TYPE_CHECKING:
-    from bench.control.session import Bench
-
-_JUMP_C, _FASTEST_C_PER_S = 5.0, 1.0
-"""Air, and what is in it, never moves by more than so much and so much a second: fast chambers reach 30 K/min."""
-
 Columns = Mapping[str, NDArray[Any]]
 Values = Callable[[Columns], tuple[NDArray[Any], ...]]
-
-
-class ChamberStation:
-    """The thermal chamber. Demands return at once; procedures wait on telemetry."""
-
-    def __init__(self, device: Chamber, bench: Bench, auxiliary: tuple[int, ...]) -> None:
-        self.device = device
-        self.history = History(("air_temp_c", "set_point_c", *(f"aux_{n}_temp_c" for n in auxiliary)))
-        self.auxiliary = auxiliary
-        self.set_point_c: float | None = None
-        self._approach = Approach()
-        self._bench = bench
-
-    def check(self, min_temp_c: float, max_temp_c: float, max_ramp_k_per_min: float = 0.0) -> None:
-        """Raise LimitExceeded if the demands are beyond the bench file's or the chamber's own limits."""
-        limits, own, can = self._bench.file.limits, self.device.limits(), self.device.capabilities()
-        low, high = max(limits.min_temp_c, own.min_temp_c), min(limits.max_temp_c, own.max_temp_c)
-        if min_temp_c < low or max_temp_c > high:
-            raise LimitExceeded(
-                "a chamber set point outside the allowed range",
-                where="chamber",
-                found=f"{min_temp_c:g} .. {max_temp_c:g} degC",
-                expected=f"{low:g} .. {high:g} degC (bench file and chamber limits)",
-                remedy="change the temperature parameters, or the limits if chamber and unit really allow it",
-            )
-        if max_ramp_k_per_min:
-            require_ramp(can, max_temp_c, max_ramp_k_per_min, "chamber")
-        if max_ramp_k_per_min > limits.max_ramp_k_per_min:
-            raise LimitExceeded(
-                "a chamber ramp faster than allowed",
-                where="chamber",
-                found=f"{max_ramp_k_per_min:g} K/min",
-                expected=f"at most {limits.max_ramp_k_per_min:g} K/min (bench file)",
-                remedy="lower the ramp parameter, or raise limits.max_ramp_k_per_min if the unit allows it",
-            )
-
-    def read_state(self) -> ChamberState:
-        """Read telemetry; once more if air or a sensor seems to have moved as none does: a digit was damaged.
-
-        Few chamber protocols have a check value. The second answer is believed, whatever it says.
-        """
-        state, last = self.device.read_state(), self.history.last
-        if not last:
-            return state
-        elapsed_s = self._bench.now_s - last["time_s"]
-        read = {"air": (last["air_temp_c"], state.air_temp_c)}
-        read |= {f"sensor {n}": (last[f"aux_{n}_temp_c"], state.auxiliary_c[n]) for n in self.auxiliary}
-        jumps = [
-            f"{name} {now_c:g} degC {elapsed_s:.1f} s after {before_c:g} degC"
-            for name, (before_c, now_c) in read.items()
-            if abs(now_c - before_c) > _JUMP_C + _FASTEST_C_PER_S * elapsed_s
-        ]
-        if not jumps:
-            return state
-        self._bench.repeated("chamber", f"{', '.join(jumps)}, which none does")
-        self.device.request_state()
-        return self.device.read_state()
-
-    def watch(self) -> None:
-        """Write an alarm, once a demand, when the air gets no nearer to its set point."""
-        now_s = self._bench.now_s
-        if not self._approach.due(now_s) or not (before := self.history.row_at(now_s - WINDOW_S)):
-            return
-        if wrong := self._approach.look(self.history.last["air_temp_c"], before["air_temp_c"]):
-            self._bench.event("alarm", device="chamber", text=wrong)
-
-    def last_seen(self) -> str:
-        """Return in words what telemetry said last, empty before the first."""
-        if not (last := self.history.last):
-            return ""
-        ago_s = self._bench.now_s - last["time_s"]
-        air, target = last["air_temp_c"], last["set_point_c"]
-        return f" ({ago_s:.0f} s ago its air was at {air:.1f} degC, the set point {target:.1f} degC)"
-
-    @property
-    def auxiliary_c(self) -> list[float]:
-        """What the auxiliary sensors said last, degC."""
-        return [self.history.last[f"aux_{number}_temp_c"] for number in self.auxiliary]
-
-    def alarms(self) -> list[str]:
-        """Return the chamber's alarms and warnings but for the one that says that its door is open."""
-        return [text for text in self.device.alarms() if not self._tells_door(text)]
-
-    def look_at_door(self) -> bool:
-        """Ask whether the door is open, as `chamber.door_message` of the bench file tells it."""
-        return any(self._tells_door(text) for text in self.device.alarms())
-
-    def _tells_door(self, text: str) -> bool:
-        words = self._bench.file.chamber.door_message
-        return words is not None and words.casefold() in text.casefold()
-
-    def check_sensors(self) -> None:
-        """Raise LimitExceeded if the bench file names a sensor that the chamber does not have."""
-        have = self.device.capabilities().auxiliary
-        missing = [] if have is None else [number for number in self.auxiliary if number not in have]
-        if missing:
-            raise LimitExceeded(
-                "the chamber has no such auxiliary sensor",
-                where="chamber",
-                found=", ".join(str(number) for number in missing),
-                expected="one of " + ", ".join(str(number) for number in have or ()) if have else "none",
-                remedy="correct auxiliary in the bench file, and case_sensor of the gyros with it",
-            )
-
-    def go_to(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
-        """Demand a set point, approached at `ramp_k_per_min` (None: as fast as the chamber can)."""
-        self.check(set_point_c, set_point_c, ramp_k_per_min or 0.0)
-        self._bench.limits.allow(f"go to {set_point_c:g} degC", set_point_c=set_point_c)
-        ramp = "as fast as possible" if ramp_k_per_min is None else f"at {ramp_k_per_min:g} K/min"
-        self._bench.command("chamber", f"go to {set_point_c:g} degC {ramp}")
-        self.set_point_c = set_point_c
-        self._approach.demand(self._bench.now_s, set_point_c, ramp_k_per_min)
-        self.device.set_temperature(set_point_c, ramp_k_per_min)
-
-    def start(self) -> None:
-        """Start conditioning."""
-        self._bench.command("chamber", "start")
-        self.device.start()
-        self._approach.run(self._bench.now_s, True)
-
-    def stop(self) -> None:
-        """Stop conditioning."""
-        self._bench.command("chamber", "stop")
-        self._approach.run(self._bench.now_s, False)
-        self.device.stop()
 
 
 class StreamStation:

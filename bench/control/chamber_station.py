@@ -1,0 +1,137 @@
+"""The thermal chamber as a procedure works at it: limits, demands that return at once, a watch over its air."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from bench.control.approach import WINDOW_S, Approach
+from bench.control.history import History
+from bench.control.station import Session, Station
+from bench.record.events.run import AirDemand, Alarm, ConditioningDemand
+from bench.record.events.safe import LastSeen
+from drivers.base.errors import LimitExceeded
+from drivers.kit.instruments import Chamber, ChamberState, require_ramp
+
+_JUMP_C, _FASTEST_C_PER_S = 5.0, 1.0
+"""Air, and what is in it, never moves by more than so much and so much a second: fast chambers reach 30 K/min."""
+
+
+class ChamberStation(Station):
+    """The thermal chamber. Demands return at once; procedures wait on telemetry."""
+
+    name = "chamber"
+
+    def __init__(self, device: Chamber, session: Session, auxiliary: tuple[int, ...]) -> None:
+        columns = ("air_temp_c", "set_point_c", *(f"aux_{n}_temp_c" for n in auxiliary))
+        super().__init__(session, History(columns))
+        self.device = device
+        self.auxiliary = auxiliary
+        self.set_point_c: float | None = None
+        self._approach = Approach()
+
+    def check(self, min_temp_c: float, max_temp_c: float, max_ramp_k_per_min: float = 0.0) -> None:
+        """Raise LimitExceeded if the demands are beyond the bench file's or the chamber's own limits."""
+        limits, own, can = self._session.file.limits, self.device.limits(), self.device.capabilities()
+        low, high = max(limits.min_temp_c, own.min_temp_c), min(limits.max_temp_c, own.max_temp_c)
+        if min_temp_c < low or max_temp_c > high:
+            raise LimitExceeded(
+                "a chamber set point outside the allowed range",
+                where="chamber",
+                found=f"{min_temp_c:g} .. {max_temp_c:g} degC",
+                expected=f"{low:g} .. {high:g} degC (bench file and chamber limits)",
+                remedy="change the temperature parameters, or the limits if chamber and unit really allow it",
+            )
+        if max_ramp_k_per_min:
+            require_ramp(can, max_temp_c, max_ramp_k_per_min, "chamber")
+        if max_ramp_k_per_min > limits.max_ramp_k_per_min:
+            raise LimitExceeded(
+                "a chamber ramp faster than allowed",
+                where="chamber",
+                found=f"{max_ramp_k_per_min:g} K/min",
+                expected=f"at most {limits.max_ramp_k_per_min:g} K/min (bench file)",
+                remedy="lower the ramp parameter, or raise limits.max_ramp_k_per_min if the unit allows it",
+            )
+
+    def read_state(self) -> ChamberState:
+        """Read telemetry; once more if air or a sensor seems to have moved as none does: a digit was damaged.
+
+        Few chamber protocols have a check value. The second answer is believed, whatever it says.
+        """
+        state, last = self.device.read_state(), self.history.last
+        if not last:
+            return state
+        elapsed_s = self._session.now_s - last["time_s"]
+        read = {"air": (last["air_temp_c"], state.air_temp_c)}
+        read |= {f"sensor {n}": (last[f"aux_{n}_temp_c"], state.auxiliary_c[n]) for n in self.auxiliary}
+        jumps = [
+            f"{name} {now_c:g} degC {elapsed_s:.1f} s after {before_c:g} degC"
+            for name, (before_c, now_c) in read.items()
+            if abs(now_c - before_c) > _JUMP_C + _FASTEST_C_PER_S * elapsed_s
+        ]
+        if not jumps:
+            return state
+        self._doubts(f"{', '.join(jumps)}, which none does")
+        self.device.request_state()
+        return self.device.read_state()
+
+    def watch(self) -> None:
+        """Write an alarm, once a demand, when the air gets no nearer to its set point."""
+        now_s = self._session.now_s
+        if not self._approach.due(now_s) or not (before := self.history.row_at(now_s - WINDOW_S)):
+            return
+        if stall := self._approach.look(self.history.last["air_temp_c"], before["air_temp_c"]):
+            self._session.event(Alarm(self.name, str(stall), "air_stalled", asdict(stall)))
+
+    def _seen(self, row: dict[str, float], ago_s: float) -> LastSeen:
+        return LastSeen(ago_s, air_temp_c=row["air_temp_c"], set_point_c=row["set_point_c"])
+
+    @property
+    def auxiliary_c(self) -> list[float]:
+        """What the auxiliary sensors said last, degC."""
+        return [self.history.last[f"aux_{number}_temp_c"] for number in self.auxiliary]
+
+    def alarms(self) -> list[str]:
+        """Return the chamber's alarms and warnings but for the one that says that its door is open."""
+        return [text for text in self.device.alarms() if not self._tells_door(text)]
+
+    def look_at_door(self) -> bool:
+        """Ask whether the door is open, as `chamber.door_message` of the bench file tells it."""
+        return any(self._tells_door(text) for text in self.device.alarms())
+
+    def _tells_door(self, text: str) -> bool:
+        words = self._session.file.chamber.door_message
+        return words is not None and words.casefold() in text.casefold()
+
+    def check_sensors(self) -> None:
+        """Raise LimitExceeded if the bench file names a sensor that the chamber does not have."""
+        have = self.device.capabilities().auxiliary
+        missing = [] if have is None else [number for number in self.auxiliary if number not in have]
+        if missing:
+            raise LimitExceeded(
+                "the chamber has no such auxiliary sensor",
+                where="chamber",
+                found=", ".join(str(number) for number in missing),
+                expected="one of " + ", ".join(str(number) for number in have or ()) if have else "none",
+                remedy="correct auxiliary in the bench file, and case_sensor of the gyros with it",
+            )
+
+    def go_to(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
+        """Demand a set point, approached at `ramp_k_per_min` (None: as fast as the chamber can)."""
+        self.check(set_point_c, set_point_c, ramp_k_per_min or 0.0)
+        self._session.limits.allow(f"go to {set_point_c:g} degC", set_point_c=set_point_c)
+        self._session.event(AirDemand(self.name, set_point_c, ramp_k_per_min))
+        self.set_point_c = set_point_c
+        self._approach.demand(self._session.now_s, set_point_c, ramp_k_per_min)
+        self.device.set_temperature(set_point_c, ramp_k_per_min)
+
+    def start(self) -> None:
+        """Start conditioning."""
+        self._session.event(ConditioningDemand(self.name, True))
+        self.device.start()
+        self._approach.run(self._session.now_s, True)
+
+    def stop(self) -> None:
+        """Stop conditioning."""
+        self._session.event(ConditioningDemand(self.name, False))
+        self._approach.run(self._session.now_s, False)
+        self.device.stop()

@@ -1,0 +1,83 @@
+"""What table and chamber have in common as places a procedure works at, and what they ask of their session."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Protocol
+
+from bench.control.history import History
+from bench.record.benchfile import BenchFile
+from bench.record.events import Event
+from bench.record.events.run import Repeat
+from bench.record.events.safe import LastSeen
+
+
+class Rules(Protocol):
+    """The limits that demands are held against; `bench.control.limit_watch.LimitWatch`."""
+
+    def allow(
+        self,
+        what: str,
+        *,
+        rate_dps: float | None = None,
+        angle_deg: float | None = None,
+        set_point_c: float | None = None,
+    ) -> None:
+        """Raise LimitExceeded if a demand may break a rule of the bench file."""
+        ...
+
+
+class Session(Protocol):
+    """What a station asks of the session it belongs to; `bench.control.session.Bench` is one."""
+
+    @property
+    def file(self) -> BenchFile:
+        """The bench."""
+        ...
+
+    @property
+    def limits(self) -> Rules:
+        """The limits in force."""
+        ...
+
+    @property
+    def now_s(self) -> float:
+        """Bench time in s."""
+        ...
+
+    def event(self, event: Event) -> None:
+        """Write a line to the event log."""
+        ...
+
+    def poll(self) -> None:
+        """Take telemetry of both instruments."""
+        ...
+
+    def wait_until(self, condition: Callable[[], bool], *, timeout_s: float, what: str) -> bool:
+        """Wait until `condition` holds after a poll (True) or `timeout_s` passed (False)."""
+        ...
+
+
+class Station(ABC):
+    """A polled instrument with its recent telemetry, its limits and the record."""
+
+    name: str
+    """What the record and the operator call it."""
+
+    def __init__(self, session: Session, history: History) -> None:
+        self._session = session
+        self.history = history
+
+    @abstractmethod
+    def _seen(self, row: dict[str, float], ago_s: float) -> LastSeen:
+        """Return a row of telemetry as a fact."""
+
+    def last_seen(self) -> LastSeen | None:
+        """Return what telemetry said last; None before the first."""
+        last = self.history.last
+        return self._seen(last, self._session.now_s - last["time_s"]) if last else None
+
+    def _doubts(self, text: str) -> None:
+        """Write down that telemetry is read once more, and why."""
+        self._session.event(Repeat(self.name, text))
