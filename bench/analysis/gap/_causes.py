@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis.gap._evidence import SetPosterior
 from bench.analysis.gap._findings import Cause, rivals_of
 from bench.analysis.gap._fit import Solution
 from bench.analysis.gap._generic import PREFIX, absorbed
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._unknown import CREDIBLE, credibility
-from bench.analysis.gap._which import Found, Judged, set_weights
+from bench.analysis.gap._which import Found, set_weights
 from simulators.effects import Variant
 
 _MIMICRY = 0.05
@@ -29,8 +28,8 @@ def causes_of(
     found: Found, variants: Sequence[Variant], model: Model
 ) -> tuple[tuple[Cause[Term], ...], tuple[Cause[Term], ...]]:
     """Return the best set's effects as causes, and those that only resemble a part of something unknown."""
-    best, judged, posterior = found.best, found.judged, found.posterior
-    weights = set_weights(judged)
+    best, posterior = found.best, found.posterior
+    weights = set_weights(found.judged)
     q = len(model.sigmas)
     unknown = sum(both[1] for both in weights.values())
     curves = [
@@ -49,9 +48,9 @@ def causes_of(
             candidate.effect,
             variants[member].effect.meaning,
             sum(sum(both) for names, both in weights.items() if candidate.effect in names),
-            _fitted(member, best.solution, posterior, variants, q),
+            _fitted(member, best.solution, found, variants, q),
             alternatives,
-            _fitted_rivals(candidate.effect, alternatives, best, judged, posterior, variants, q),
+            {rival: _instead(candidate.effect, rival, found, variants, q) for rival in alternatives},
             trust,
         )
         # a curve in the set competes for the effect's place; what nothing in the set describes does not
@@ -62,7 +61,7 @@ def causes_of(
         stated = replace(cause, probability=(1.0 - _MIMICRY) * cause.probability)
         if doubt or absorbed(variants[member].effect, curves):
             # fitted beside a curve it would not stand alone
-            alone = _fitted(member, best.without_curves, posterior, variants, q)
+            alone = _fitted(member, best.without_curves, found, variants, q)
             doubtful.append(replace(stated, term=alone))
         else:
             named.append(stated)
@@ -74,33 +73,20 @@ def _of_any(weights: Mapping[frozenset[str], tuple[float, float]], names: Set[st
     return sum(sum(both) for own, both in weights.items() if own & names)
 
 
-def _fitted(
-    member: int, solution: Solution, posterior: SetPosterior, variants: Sequence[Variant], q: int
-) -> Term:
+def _fitted(member: int, solution: Solution, found: Found, variants: Sequence[Variant], q: int) -> Term:
     """Return a member of a judged set as a term with its values in a solution."""
-    columns = [column + q for column in posterior.candidates[member].columns]
+    columns = [column + q for column in found.posterior.candidates[member].columns]
     at = [int(np.flatnonzero(solution.indices == column)[0]) for column in columns]
     deviations = np.sqrt(np.diag(solution.covariance)[at])
     return Term(variants[member], tuple(solution.values[at].tolist()), tuple(deviations.tolist()))
 
 
-def _fitted_rivals(
-    name: str,
-    rivals: Mapping[str, float],
-    best: Judged,
-    judged: Sequence[Judged],
-    posterior: SetPosterior,
-    variants: Sequence[Variant],
-    q: int,
-) -> dict[str, Term]:
-    """Return the alternatives to an effect, each fitted in its place."""
-    terms = {}
-    for rival in rivals:
-        wanted = (best.names - {name}) | {rival}
-        instead = next(each for each in judged if each.names == wanted)
-        member = next(each for each in instead.members if posterior.candidates[each].effect == rival)
-        terms[rival] = _fitted(member, instead.solution, posterior, variants, q)
-    return terms
+def _instead(name: str, rival: str, found: Found, variants: Sequence[Variant], q: int) -> Term:
+    """Return a rival fitted in an effect's place."""
+    wanted = (found.best.names - {name}) | {rival}
+    judged = next(each for each in found.judged if each.names == wanted)
+    member = next(each for each in judged.members if variants[each].effect.name == rival)
+    return _fitted(member, judged.solution, found, variants, q)
 
 
 def _rivals(

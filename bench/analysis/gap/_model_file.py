@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,11 +64,12 @@ class Term:
         return ", ".join(parts)
 
 
-@dataclass(frozen=True)
-class ChannelTerm:
-    """An effect of another channel in a model: values of its parameters and their uncertainties (1 sigma)."""
+OtherT = TypeVar("OtherT", ChannelEffect, Disturbance)
 
-    effect: ChannelEffect
+
+@dataclass(frozen=True)
+class _OtherTerm(Generic[OtherT]):
+    effect: OtherT
     values: tuple[float, ...]
     sigmas: tuple[float, ...]
 
@@ -78,18 +79,12 @@ class ChannelTerm:
         return self.effect.name
 
 
-@dataclass(frozen=True)
-class DisturbanceTerm:
+class ChannelTerm(_OtherTerm[ChannelEffect]):
+    """An effect of another channel in a model: values of its parameters and their uncertainties (1 sigma)."""
+
+
+class DisturbanceTerm(_OtherTerm[Disturbance]):
     """A disturbance in a model: values of its parameters and their uncertainties (1 sigma)."""
-
-    effect: Disturbance
-    values: tuple[float, ...]
-    sigmas: tuple[float, ...]
-
-    @property
-    def name(self) -> str:
-        """The disturbance's name."""
-        return self.effect.name
 
 
 AnyTerm = Term | ChannelTerm | DisturbanceTerm

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,7 @@ def phase_map(groups: Sequence[Group], residuals: Sequence[Array], floor: Floor,
 
     Whitening in the DCT domain shifts nothing in time, so a band's inverse transform shows when its energy comes.
     """
-    rows: list[tuple[str, str, str, float, float, float, float]] = []
+    found: list[Place] = []
     degrees = []
     for group, residual in zip(groups, residuals, strict=True):
         run = group.runs[0][0]
@@ -95,24 +95,17 @@ def phase_map(groups: Sequence[Group], residuals: Sequence[Array], floor: Floor,
                 own = float(energy[at].sum()) / (1.0 + 2.0 * floor.sigma[band])
                 excess = max(own - floor_energy, 0.0)
                 rms = np.sqrt(excess * float(power[part].mean()) * floor.ratio[band] / (len(kept) * at.sum()))
-                rows.append(
-                    (
-                        group.profile,
-                        phase,
-                        BANDS[band],
-                        float(own / floor_energy),
-                        excess,
-                        float(rms),
-                        float(np.argmax(at)),
-                    )
+                ratio, start_s = float(own / floor_energy), float(np.argmax(at))
+                found.append(
+                    Place(group.profile, phase, BANDS[band], float(rms), excess, ratio, 1.0, start_s)
                 )
                 degrees.append((own, max(floor_energy, 1.0)))
     p_values = holm(chi2.sf(*np.array(degrees).T))
-    shares = np.array([row[4] for row in rows]) * (p_values < SIGNIFICANT)
+    shares = np.array([place.share for place in found]) * (p_values < SIGNIFICANT)
     shares /= max(float(shares.sum()), 1e-300)
     found = [
-        Place(*row[:3], row[5], float(share), row[3], float(p), row[6])
-        for row, share, p in zip(rows, shares, p_values, strict=True)
+        replace(place, share=float(share), p_value=float(p))
+        for place, share, p in zip(found, shares, p_values, strict=True)
     ]
     return sorted(found, key=lambda place: -place.share)
 
