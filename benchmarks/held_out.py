@@ -15,8 +15,8 @@ from pathlib import Path
 from bench.analysis.common.fan_out import fan_out
 from bench.analysis.thermal import Study
 from bench.campaign import load_campaign, rehearse_campaign
+from bench.campaign.study import study_of
 from bench.lab.emulated import Plant
-from bench.present.campaign_study import study_of
 from bench.record.benchfile import load_bench_file
 from drivers.base.clock import host_seconds
 

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 
 from bench.analysis.calibration import (
     ImuCompensation,
-    Noise,
     Options,
     Task,
     estimate,
@@ -24,7 +23,7 @@ from bench.analysis.calibration import (
 )
 from bench.analysis.gap._run_folder import load_gap_runs
 from bench.present.cli._app import app
-from bench.present.cli._calibration import calibrate_command
+from bench.present.cli.fit._calibration import calibration
 from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -80,7 +79,7 @@ def test_a_gap_diagnosis_sees_each_position_at_its_attitude(run):
 
 
 def test_the_fit_finds_the_units_errors_within_their_sigma(run, tmp_path, capsys):
-    calibrate_command(run, None, tmp_path, noise=Noise())
+    calibration(run, out=tmp_path)
     printed = capsys.readouterr().out
     assert "truth" in printed and "innovations rms" in printed
     saved = ImuCompensation.load(tmp_path / "compensation.gyrocomp")
@@ -96,7 +95,7 @@ def test_the_fit_finds_the_units_errors_within_their_sigma(run, tmp_path, capsys
 
 def test_the_file_takes_the_errors_out_of_the_run(run, tmp_path):
     """At rest a corrected unit reads gravity and Earth rate whichever way up; the raw one does not."""
-    calibrate_command(run, None, tmp_path, noise=Noise())
+    calibration(run, out=tmp_path)
     saved = ImuCompensation.load(tmp_path / "compensation.gyrocomp")
     recorded = load_calibration_run(run)
     data = recorded.increments
@@ -182,7 +181,7 @@ def test_a_run_that_stopped_or_of_another_procedure_is_refused(run, tmp_path):
 
 def test_a_wrong_latitude_is_named_before_a_number(run, tmp_path):
     with pytest.raises(RecordError, match="as at latitude 45"):
-        calibrate_command(run, None, tmp_path / "out", noise=Noise(), latitude_deg=46.5)
+        calibration(run, out=tmp_path / "out", latitude_deg=46.5)
     assert not (tmp_path / "out").exists()
 
 

@@ -1,5 +1,6 @@
 """System-level calibration of an IMU: error model, observability, schedules, their covariance and search."""
 
+from bench.analysis.calibration._calibrate import Calibration, calibrate, load_record
 from bench.analysis.calibration._closed_loop import estimate_closed_loop
 from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import (
@@ -74,6 +75,7 @@ __all__ = [
     "UG_PER_G2",
     "UNIT_SIZE",
     "BiasWander",
+    "Calibration",
     "CalibrationRun",
     "Combination",
     "Effort",
@@ -97,6 +99,7 @@ __all__ = [
     "Track",
     "TurningPlan",
     "align",
+    "calibrate",
     "chain_segments",
     "compensate",
     "compose",
@@ -110,6 +113,7 @@ __all__ = [
     "home_attitude",
     "home_text",
     "load_calibration_run",
+    "load_record",
     "load_scheme",
     "merit_of",
     "missed_targets",

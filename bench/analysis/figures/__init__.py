@@ -8,7 +8,13 @@ from bench.analysis.figures._bias import (
     temperature_sensitivity,
     warm_up_time_s,
 )
-from bench.analysis.figures._from_run import Figure, StandardFigures, figures_over_runs, standard_figures
+from bench.analysis.figures._from_run import (
+    Figure,
+    StandardFigures,
+    figures_of_unit,
+    figures_over_runs,
+    standard_figures,
+)
 from bench.analysis.figures._scale_factor import (
     ScaleFactorFigures,
     ScaleFactorFit,
@@ -28,6 +34,7 @@ __all__ = [
     "StandardFigures",
     "averaged_stability",
     "bias_figures",
+    "figures_of_unit",
     "figures_over_runs",
     "fit_rate_sequence",
     "input_axis_misalignment",

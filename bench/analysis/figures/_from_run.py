@@ -140,6 +140,23 @@ class _Record:
         return float(interval["start_s"]), float(interval["end_s"])
 
 
+def figures_of_unit(
+    folders: Sequence[Path], gyro: str | None = None
+) -> tuple[list[StandardFigures], Sequence[Figure]]:
+    """Return the figures of one unit's `standard-test` runs, and those over several runs, which are power-ons."""
+    results = [standard_figures(folder, gyro) for folder in folders]
+    units = sorted({result.unit_id for result in results})
+    if len(units) != 1:
+        raise ConfigurationError(
+            "one report is of one unit",
+            where="standard test",
+            found=", ".join(units) or "no run",
+            expected="runs of one unit",
+            remedy="name a gyro, or report each unit on its own",
+        )
+    return results, figures_over_runs(results) if len(results) > 1 else ()
+
+
 def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
     """Return every figure that a `standard-test` run folder gives; what is missing is named, not guessed."""
     run = Run.open(folder)

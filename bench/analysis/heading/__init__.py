@@ -23,6 +23,7 @@ from bench.analysis.heading._frames import (
 )
 from bench.analysis.heading._lagged import Evidence, Form, LaggedModel, fit_lagged, regressors
 from bench.analysis.heading._log import PlatformLog, Stay, log_from_positions, settled, stays
+from bench.analysis.heading._logs import study_heading_logs
 from bench.analysis.heading._nine import (
     HeadingPoint,
     NineCoefficients,
@@ -93,5 +94,6 @@ __all__ = [
     "solve_nine",
     "stays",
     "study_heading",
+    "study_heading_logs",
     "without_start",
 ]

@@ -6,6 +6,7 @@ from bench.analysis.rlg._dataset import load_ramp_runs
 from bench.analysis.rlg._profile import RampProfile, how_it_differs, hysteresis_dph, profile_of
 from bench.analysis.rlg._rows import RampRun, ramp_run
 from bench.analysis.rlg._study import BeforeAfter, RlgStudy, StepwiseVariant, judge, run_rlg_study
+from bench.analysis.rlg._units import study_units
 from bench.analysis.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix
 
 __all__ = [
@@ -29,4 +30,5 @@ __all__ = [
     "ramp_run",
     "run_rlg_study",
     "study_chamber_cycle",
+    "study_units",
 ]

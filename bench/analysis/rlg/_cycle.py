@@ -120,6 +120,12 @@ def study_chamber_cycle(temp_c: Array, rates: dict[str, Array]) -> CycleStudy:
 
 def load_chamber_cycle(path: Path) -> tuple[Array, dict[str, Array]]:
     """Read a tab-separated table with columns imu.gyro.x|y|z and imu.temperature; RecordError if it has none."""
+    if not path.is_file():
+        raise RecordError(
+            "no such recording",
+            where=str(path),
+            expected="a tab-separated table with imu.gyro.x|y|z and imu.temperature",
+        )
     with path.open(encoding="utf-8") as file:
         names = file.readline().rstrip("\n").split("\t")
     wanted = ["imu.temperature", *(f"imu.gyro.{axis}" for axis in "xyz")]

@@ -26,7 +26,7 @@ COMMANDS = {
     "import": "_import",
     "runs": "_runs",
     "campaign": "_campaigns",
-    "fit": "_fits",
+    "fit": "fit",
     "scheme": "_scheme",
     "gap": "_gaps",
     "frames": "_frames",

@@ -101,8 +101,9 @@ def fit_campaign(
     campaign: Campaign, folders: dict[str, Path], out: Path, *, fan: FanOut, console: Console, quiet: bool
 ) -> None:
     """Fit on the training runs, choose on the validation runs, judge on the tests; write everything to `out`."""
-    from bench.present.campaign_study import study_of
-    from bench.present.cli._fit import score_table, write_study
+    from bench.campaign.study import study_of
+    from bench.present.cli.fit._cold_shock import score_table
+    from bench.present.report import write_study
 
     shown = Terminal(quiet=True) if quiet else console
     with shown.status("fitting models"):

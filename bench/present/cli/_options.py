@@ -24,6 +24,12 @@ JsonLines = Annotated[
     bool, typer.Option("--json", help="for machines: one JSON object a line, the last one the result")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print JSON")]
+FittedRuns = Annotated[list[Path], typer.Argument(help="run folders to fit on")]
+TestRuns = Annotated[
+    list[Path] | None, typer.Option("--test", help="run folder that judges; repeat for several")
+]
+GyroToFit = Annotated[str | None, typer.Option(help="gyro to fit; default the first of the runs")]
+FitFolder = Annotated[Path, typer.Option(help="folder for the compensation and the report")]
 Jobs = Annotated[
     int | None,
     typer.Option("--jobs", help="processes at work; default 1, with --cluster local one a processor"),

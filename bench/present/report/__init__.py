@@ -38,8 +38,8 @@ from bench.present.report._rlg import render_rlg_study
 from bench.present.report._run import render_run, report_run
 from bench.present.report._run_content import run_content
 from bench.present.report._standard import allan_figure, render_standard_test
+from bench.present.report._study import write_study
 from bench.present.report._whirl import render_whirl
-from bench.present.report._whirl_content import WhirlContent, WhirlJudgement, WhirlLine
 
 __all__ = [
     "CAMPAIGN_FILE",
@@ -62,9 +62,6 @@ __all__ = [
     "UnitCertificate",
     "UnitVerdict",
     "ValidRange",
-    "WhirlContent",
-    "WhirlJudgement",
-    "WhirlLine",
     "allan_figure",
     "calibration_content",
     "certify",
@@ -87,4 +84,5 @@ __all__ = [
     "scheme_content",
     "write_pdf",
     "write_report",
+    "write_study",
 ]

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
+from bench.present.report._content import RunSummary
 from bench.present.report._decimation import decimate
 from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._layout import render_page
@@ -28,106 +34,135 @@ from bench.present.report._page import (
 from bench.present.report._palette import AFTER, BEFORE, GREEN, MUTED, PURPLE, Paint
 from bench.present.report._parts import BEFORE_AFTER, before_after, made, named, warnings
 from bench.present.report._plotting import drawing, place, svg
+from bench.present.report._run_content import run_content
 from bench.present.report._tables import checksum_table, runs_table, software_facts
-from bench.present.report._whirl_content import WhirlContent, WhirlJudgement
+from bench.record.recording import Run, checksum
 from drivers.base.arrays import Array
+from drivers.base.clock import utc_now
+
+if TYPE_CHECKING:
+    from bench.analysis.whirl import Estimate, Judgement, WhirlStudy
 
 TARGET = 100.0
 """By how many times the part locked to the rotation is to fall."""
+_PLOT_STEP_S = 0.5
+_SPECTRUM = np.arange(-8.0, 8.0 + 1e-9, 0.02)
 
 
-def render_whirl(content: WhirlContent) -> str:
-    """Return the report of a whirl fit as a self-contained HTML file."""
-    first = content.runs[0] if content.runs else None
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """A run before and after: carrier tilt about x + j y less its two-turn mean, (n,) arcsec."""
+
+    run_id: str
+    time_s: Array
+    angle_rad: Array
+    before: NDArray[np.complex128]
+    after: NDArray[np.complex128]
+
+
+def render_whirl(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path) -> str:
+    """Return the report of a whirl fit as HTML; `runs` were fitted or judged, `compensation_file` was written."""
+    from bench.analysis.whirl import FREE_PART, MEANING  # scipy behind it is slow to import
+
+    summaries = [_summary(study, run) for run in runs]
+    unit_id, gauge = study.compensation.unit_id, study.compensation.gauge
+    first = summaries[0]
     facts = [
-        Fact("Unit under test", content.unit_id),
-        Fact("Bench", (first.bench_name if first else "") or DASH),
-        Fact("Runs", ", ".join(run.run_id for run in content.runs) or DASH),
-        Fact("Rotation", duration(sum(run.duration_s or 0.0 for run in content.runs))),
+        Fact("Unit under test", unit_id),
+        Fact("Bench", first.bench_name or DASH),
+        Fact("Runs", ", ".join(run.run_id for run in summaries)),
+        Fact("Rotation", duration(sum(run.duration_s or 0.0 for run in summaries))),
     ]
-    if first and first.emulated:
+    if first.emulated:
         facts.append(Fact("Emulated devices", first.emulated))
+    courses = [_course(judged) for judged in study.judgements]
+    sections = [
+        warnings([finding.text for finding in study.findings]),
+        Section("Judgement", _judgement_table(study.judgements)),
+        Section("Attitude before and after", [_attitude(course, n) for n, course in enumerate(courses, 1)]),
+        Section("Integrated residual and its fit", [_residual(study)]),
+        Section("Orbit", [_orbit(study)]),
+        Section("Spectrum of the remainder", [_spectrum(courses[0])]),
+        Section("Lines", [*_line_table(study), Facts(_fit_facts(study))]),
+        Section(
+            "What is free, and what could not be told",
+            [Notes([FREE_PART, f"gauge {gauge}: {MEANING[gauge]}", *study.fit.declared])],
+        ),
+        Section("Runs", runs_table(summaries)),
+        Section("Provenance", _provenance(study, summaries, compensation_file)),
+    ]
     page = Page(
-        title=f"Whirl of unit {content.unit_id}",
+        title=f"Whirl of unit {unit_id}",
         kind="Whirl compensation report",
         facts=facts,
-        verdict=_verdict(content),
-        sections=_sections(content),
-        colophon=made(content.created_utc),
+        verdict=_verdict(study),
+        sections=sections,
+        colophon=made(utc_now()),
     )
     return render_page(page)
 
 
-def _verdict(content: WhirlContent) -> Verdict:
-    factors = [_factor(judged) for judged in content.judgements]
-    if not factors:
-        return Verdict("Not judged", "doubt", ["There was no run to judge the compensation on."])
-    least = min(factors)
+def _summary(study: WhirlStudy, run: Run) -> RunSummary:
+    role = "fitted" if run.manifest.run_id in study.compensation.runs else "held out"
+    return replace(run_content(run).summary, checksum=run.checksum, role=role)
+
+
+def _course(judged: Judgement) -> _Course:
+    from bench.analysis.whirl import remove_slow
+
+    record = judged.record
+    step = max(1, round(_PLOT_STEP_S / record.period_s))
+    before, where = remove_slow(judged.tilt_before, record.time_s, record.angle_rad)
+    after, _ = remove_slow(judged.tilt_after, record.time_s, record.angle_rad)
+    time_s, angle_rad = record.time_s[where][::step], record.angle_rad[where][::step]
+    return _Course(record.run_id, time_s, angle_rad, before[::step], after[::step])
+
+
+def _verdict(study: WhirlStudy) -> Verdict:
+    least = min(_factor(judged) for judged in study.judgements)
     reached = least >= TARGET
     word = "Whirl removed" if reached else "Whirl reduced"
-    where = "the run it was fitted on" if content.judged_on_fitted else "runs it was not fitted on"
+    where = "the run it was fitted on" if study.judged_on_fitted else "runs it was not fitted on"
     sentences = [
         f"On {where}, the part of the carrier's roll and pitch that is locked to the rotation angle falls by "
         f"{fixed(least, 0)} times or more; {fixed(TARGET, 0)} times is the target."
     ]
-    if content.judged_on_fitted:
+    if study.judged_on_fitted:
         sentences.append("Judge it on another run before it is used.")
-    first = content.judgements[0]
+    first = study.judgements[0]
     headlines = [
         Headline(
             "Locked to the angle, rms",
-            significant(first.locked_after_arcsec),
+            significant(first.after.locked_arcsec),
             "arcsec",
-            significant(first.locked_before_arcsec),
-            first.run_id,
+            significant(first.before.locked_arcsec),
+            first.record.run_id,
         ),
         Headline(
             "All oscillation, rms",
-            significant(first.total_after_arcsec),
+            significant(first.after.total_arcsec),
             "arcsec",
-            significant(first.total_before_arcsec),
+            significant(first.before.total_arcsec),
             "about a mean of two turns",
         ),
     ]
-    good = reached and not content.judged_on_fitted
+    good = reached and not study.judged_on_fitted
     return Verdict(word, "good" if good else "doubt", sentences, headlines)
 
 
-def _factor(judged: WhirlJudgement) -> float:
-    return (
-        judged.locked_before_arcsec / judged.locked_after_arcsec if judged.locked_after_arcsec else math.inf
-    )
+def _factor(judged: Judgement) -> float:
+    before, after = judged.before.locked_arcsec, judged.after.locked_arcsec
+    return before / after if after else math.inf
 
 
-def _sections(content: WhirlContent) -> list[Section]:
-    return [
-        warnings(content.findings),
-        Section("Judgement", _judgement_table(content)),
-        Section(
-            "Attitude before and after",
-            [_attitude(judged, at) for at, judged in enumerate(content.judgements)],
-        ),
-        Section("Integrated residual and its fit", [_residual(content)]),
-        Section("Orbit", [_orbit(content)]),
-        Section("Spectrum of the remainder", [_spectrum(content)]),
-        Section("Lines", [*_line_table(content), Facts([Fact(*pair) for pair in content.facts])]),
-        Section(
-            "What is free, and what could not be told",
-            [Notes([content.free, content.gauge, *content.declared])],
-        ),
-        Section("Runs", runs_table(content.runs)),
-        Section("Provenance", _provenance(content)),
-    ]
-
-
-def _judgement_table(content: WhirlContent) -> list[Block]:
+def _judgement_table(judgements: Sequence[Judgement]) -> list[Block]:
     rows = []
-    for judged in content.judgements:
-        patent = judged.locked_patent_arcsec
-        values = [judged.locked_before_arcsec, patent, judged.locked_after_arcsec, _factor(judged)]
-        values += [judged.locked_before_arcsec / patent if patent else None]
-        values += [judged.total_before_arcsec, judged.total_after_arcsec]
-        rows.append(named(judged.run_id, *(significant(value) for value in values)))
+    for judged in judgements:
+        before, after = judged.before, judged.after
+        patent = None if judged.patent is None else judged.patent.locked_arcsec
+        values = [before.locked_arcsec, patent, after.locked_arcsec, _factor(judged)]
+        values += [before.locked_arcsec / patent if patent else None, before.total_arcsec, after.total_arcsec]
+        rows.append(named(judged.record.run_id, *(significant(value) for value in values)))
     heads = [
         Column("Run"),
         Column("Locked, before", "arcsec", True),
@@ -143,38 +178,41 @@ def _judgement_table(content: WhirlContent) -> list[Block]:
         "angle, lines −6 to 6. The second-order integral fit is the patent's own form; it cannot hold lines +1 "
         "and −2."
     )
-    return [Table(heads, rows, caption)] if rows else []
+    return [Table(heads, rows, caption)]
 
 
-def _attitude(judged: WhirlJudgement, at: int) -> Figures:
-    minutes = judged.time_s / 60.0
+def _attitude(course: _Course, number: int) -> Figures:
+    run_id, minutes = course.run_id, course.time_s / 60.0
     plots = [
-        before_after("arcsec", minutes, judged.before_x, judged.after_x, height=150.0, of="about x"),
-        before_after("arcsec", minutes, judged.before_y, judged.after_y, height=150.0, of="about y"),
+        before_after("arcsec", minutes, course.before.real, course.after.real, height=150.0, of="about x"),
+        before_after("arcsec", minutes, course.before.imag, course.after.imag, height=150.0, of="about y"),
         Lane(
             "arcsec",
             [
-                Curve("about x after", minutes, judged.after_x, AFTER),
-                Curve("about y", minutes, judged.after_y, GREEN),
+                Curve("about x after", minutes, course.after.real, AFTER),
+                Curve("about y", minutes, course.after.imag, GREEN),
             ],
             110.0,
         ),
     ]
     figure = lanes(
-        f"attitude-{at + 1}",
+        f"attitude-{number}",
         plots,
         "time, min",
-        description=f"carrier tilt of run {judged.run_id} before and after compensation",
+        description=f"carrier tilt of run {run_id} before and after compensation",
     )
     return Figures(
         [figure],
-        f"Run {judged.run_id}: carrier tilt about the body's axes less its two-turn mean; below, the rest.",
+        f"Run {run_id}: carrier tilt about the body's axes less its two-turn mean; below, the rest.",
         BEFORE_AFTER,
     )
 
 
-def _residual(content: WhirlContent) -> Figures:
-    minutes = content.residual_time_s / 60.0
+def _residual(study: WhirlStudy) -> Figures:
+    from bench.analysis.whirl import integrated_residual
+
+    time_s, tilt, fitted_tilt = integrated_residual(study.fit)
+    minutes = time_s / 60.0
     plots = [
         Lane(
             f"about {axis}, arcsec",
@@ -184,8 +222,8 @@ def _residual(content: WhirlContent) -> Figures:
             ],
         )
         for axis, measured, fitted in (
-            ("x", content.residual_x, content.residual_fit_x),
-            ("y", content.residual_y, content.residual_fit_y),
+            ("x", tilt.real, fitted_tilt.real),
+            ("y", tilt.imag, fitted_tilt.imag),
         )
     ]
     figure = lanes(
@@ -198,8 +236,10 @@ def _residual(content: WhirlContent) -> Figures:
     )
 
 
-def _orbit(content: WhirlContent) -> Figures:
-    x, y = content.orbit_x, content.orbit_y
+def _orbit(study: WhirlStudy) -> Figures:
+    angle = np.linspace(0.0, 2.0 * np.pi, 361)
+    orbit = study.compensation.tilt_arcsec(angle) * np.exp(-1j * angle)
+    x, y = orbit.imag, orbit.real  # theta_y is the tilt about x_s, theta_x about y_s
     size = 330.0
     reach = 1.08 * float(max(np.abs(x).max(), np.abs(y).max(), 1e-9))
     with drawing(size, size) as figure:
@@ -218,12 +258,17 @@ def _orbit(content: WhirlContent) -> Figures:
     )
 
 
-def _spectrum(content: WhirlContent) -> Figures:
+def _spectrum(course: _Course) -> Figures:
+    from bench.analysis.whirl import tilt_spectrum
+
+    before, after = (
+        tilt_spectrum(tilt, course.angle_rad, _SPECTRUM) for tilt in (course.before, course.after)
+    )
     figure = lanes(
         "spectrum",
         [
-            _decades("before", content.spectrum_lines, content.spectrum_before, BEFORE),
-            _decades("after", content.spectrum_lines, content.spectrum_after, AFTER),
+            _decades("before", before, BEFORE),
+            _decades("after", after, AFTER),
         ],
         "line m, turns of the tilt a turn of the table",
         description="amplitude of the carrier tilt against line, before and after",
@@ -235,25 +280,28 @@ def _spectrum(content: WhirlContent) -> Figures:
     )
 
 
-def _decades(label: str, lines: Array, amplitude: Array, paint: Paint) -> Lane:
+def _decades(label: str, amplitude: Array, paint: Paint) -> Lane:
     with np.errstate(divide="ignore"):
         level = np.log10(amplitude)
-    x, y = decimate(lines, np.where(np.isfinite(level), level, np.nan), 450)
+    x, y = decimate(_SPECTRUM, np.where(np.isfinite(level), level, np.nan), 450)
     return Lane("log₁₀ arcsec", [Curve(label, x, y, paint)], 130.0)
 
 
-def _line_table(content: WhirlContent) -> list[Block]:
-    sd = column((row.sd_arcsec for row in content.lines), 2)
+def _line_table(study: WhirlStudy) -> list[Block]:
+    fit = study.fit
+    sd = column((float(value) for value in fit.sd_arcsec), 2)
     rows = [
         named(
-            f"{line.line:+g}".replace("-", "−"),
-            fixed(line.x_arcsec, 3),
-            fixed(line.y_arcsec, 3),
-            fixed(math.hypot(line.x_arcsec, line.y_arcsec), 3),
+            f"{line:+g}".replace("-", "−"),
+            fixed(amplitude.real, 3),
+            fixed(amplitude.imag, 3),
+            fixed(abs(amplitude), 3),
             spread,
-            significant(line.statistic),
+            significant(float(evidence)),
         )
-        for line, spread in zip(content.lines, sd, strict=True)
+        for line, amplitude, spread, evidence in zip(
+            fit.lines, fit.amplitudes_arcsec.tolist(), sd, fit.statistic, strict=True
+        )
     ]
     heads = [
         Column("Line m"),
@@ -274,11 +322,30 @@ def _line_table(content: WhirlContent) -> list[Block]:
     return [Table(heads, rows, caption), meaning]
 
 
-def _provenance(content: WhirlContent) -> list[Block]:
-    blocks = software_facts(content.software, content.runs[0].bench_file_sha256 if content.runs else "")
-    files = {content.file_name: content.file_sha256} if content.file_name else {}
-    checks = {run.run_id: run.checksum for run in content.runs}
+def _fit_facts(study: WhirlStudy) -> list[Fact]:
+    fit = study.fit
+    rate = fit.body_rate_dph[0]
+    facts = [
+        ("Rate that stands still in the body", _with_sd(rate, "°/h")),
+        ("Azimuth of y from Earth rate", f"{study.heading_deg:.3f}°"),
+        ("Angle random walk an axis", f"{fit.noise_arcsec_per_sqrt_s / 60.0:.5f} °/√h"),
+        ("Drift", _with_sd(fit.drift_dph[0], "°/h") if fit.drift_dph else "not separable from line +1"),
+        ("Separation of drift and line +1", f"condition number {fit.separation:.3g}"),
+    ]
+    if fit.play_arcsec is not None:
+        facts.append(("Jump of tilt with the sense of rotation", _with_sd(fit.play_arcsec, "arcsec")))
+    return [Fact(*pair) for pair in facts]
+
+
+def _with_sd(estimate: Estimate, unit: str) -> str:
+    x, y = estimate.value.real, estimate.value.imag
+    return f"{x:.4f} about x, {y:.4f} about y, ± {estimate.sd:.4f} {unit}"
+
+
+def _provenance(study: WhirlStudy, runs: Sequence[RunSummary], compensation_file: Path) -> list[Block]:
+    checksums = {compensation_file.name: checksum(compensation_file).sha256}
+    checksums |= {run.run_id: run.checksum for run in runs}
     return [
-        *blocks,
-        *checksum_table(files | checks, "Checksums of the compensation file and of the runs' manifests."),
+        *software_facts(study.compensation.software, runs[0].bench_file_sha256),
+        *checksum_table(checksums, "Checksums of the compensation file and of the runs' manifests."),
     ]

@@ -20,8 +20,9 @@ from bench.analysis.calibration import (
     load_scheme,
     unpack,
 )
+from bench.analysis.calibration._calibrate import read_increments
 from bench.present.cli import _scheme as commands
-from bench.present.cli._calibration import calibrate_command, read_increments
+from bench.present.cli.fit._calibration import calibration
 from bench.present.report import render_calibration, scheme_content
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.imu import ImuErrors, ImuNoise, ImuRecord, Rest, Turn, measure_motion
@@ -66,12 +67,11 @@ def test_a_record_becomes_a_calibration_file_and_a_page(
     schedule = load_scheme("o8").with_(dwell_s=60.0)
     truth = np.random.default_rng(3).standard_normal(24) * TASK.prior_sigma[PARAMETERS]
     path = written(tmp_path / "record.csv", simulated(schedule, ImuErrors(*unpack(truth)), 50.0))
-    calibrate_command(
+    calibration(
         path,
         "o8",
-        tmp_path / "out",
+        out=tmp_path / "out",
         dwell_s=60.0,
-        noise=TASK.noise,
         latitude_deg=TASK.site.latitude_deg,
     )
     assert "eps_x" in capsys.readouterr().out
@@ -94,7 +94,7 @@ def test_a_record_becomes_a_calibration_file_and_a_page(
 
 def test_a_csv_record_needs_scheme_and_latitude(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="--scheme and --latitude-deg"):
-        calibrate_command(tmp_path / "record.csv", None, tmp_path / "out", noise=TASK.noise)
+        calibration(tmp_path / "record.csv", out=tmp_path / "out")
 
 
 def test_unreadable_records_are_named(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""From a log on disk to compensation and report: `heading_command` on CSV and Parquet."""
+"""From a log on disk to compensation and report: `fit heading-effect` on CSV and Parquet."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 from bench.analysis.compensations import load_compensation
 from bench.analysis.heading import HeadingCompensator, PlatformLog, Site, load_log, load_model, study_heading
-from bench.present.cli._heading import heading_command
+from bench.present.cli.fit._heading_effect import heading_effect
 from drivers.base.clock import host_seconds
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
@@ -55,8 +55,7 @@ def logs(fly: Fly, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path
 
 def test_fit_judge_and_report(logs: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "fit"
-    code = heading_command(logs[0], LATITUDE, LONGITUDE, [logs[1]], out, ["temp_c=coil_c"])
-    assert code == 0
+    heading_effect(logs[0], LATITUDE, LONGITUDE, [logs[1]], out, ["temp_c=coil_c"])
     model = load_compensation(out / "heading.gyrocomp")
     assert model.headings == 5
     page = (out / "report.html").read_text(encoding="utf-8")
@@ -90,7 +89,9 @@ def test_no_compensation_where_friction_rules(fly: Fly, tmp_path: Path) -> None:
     six = tuple((60.0 * k, 48.0) for k in range(6))
     path = write(tmp_path / "log.csv", fly(parameters, 1, six)[1])
     out = tmp_path / "fit"
-    assert heading_command(path, LATITUDE, LONGITUDE, (), out, ["temp_c=coil_c"]) == 4
+    with pytest.raises(SystemExit) as ended:
+        heading_effect(path, LATITUDE, LONGITUDE, [], out, ["temp_c=coil_c"])
+    assert ended.value.code == 4
     assert not (out / "heading.gyrocomp").exists()
     assert "Not driven by temperature" in (out / "report.html").read_text(encoding="utf-8")
 
@@ -113,9 +114,9 @@ def test_wrong_files_are_named(logs: tuple[Path, Path], tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="not a readable compensation"):
         load_model(short)
     with pytest.raises(ConfigurationError, match="quantity=column"):
-        heading_command(logs[0], 0.0, 0.0, columns=["coil_c"])
+        heading_effect(logs[0], 0.0, 0.0, column=["coil_c"])
     with pytest.raises(ConfigurationError, match="no model 'lag8'"):
-        heading_command(logs[0], 0.0, 0.0, form="lag8")
+        heading_effect(logs[0], 0.0, 0.0, form="lag8")
 
 
 def test_a_held_out_log_with_a_wrong_clock_is_refused(logs: tuple[Path, Path]) -> None:

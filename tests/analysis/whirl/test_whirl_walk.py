@@ -12,7 +12,7 @@ from bench.control.procedure import Parameters
 from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant, load_plant, unit_seed
-from bench.present.cli._whirl import COMPENSATION_FILE, REPORT_FILE, whirl_command
+from bench.present.cli.fit._whirl import COMPENSATION_FILE, REPORT_FILE, whirl
 from bench.record.benchfile import bench_file_from
 from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError
@@ -131,7 +131,7 @@ def test_a_bearing_that_is_none_is_refused(text: str, tmp_path: Path) -> None:
 def test_command_writes_compensation_and_report(
     runs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    whirl_command([runs[0]], None, tmp_path, [runs[1]])
+    whirl([runs[0]], [runs[1]], out=tmp_path)
     said = re.sub(r"\s+", " ", capsys.readouterr().out)
     assert "free: the constant tilt a_0 of the spin axis in body axes" in said
     assert "gauge mean: mean spin axis" in said
@@ -152,7 +152,7 @@ def test_command_writes_compensation_and_report(
     assert "Whirl removed" in page
     assert json.loads((runs[0] / "manifest.json").read_text())["procedure"] == "constant-rotation"
     with pytest.raises(ConfigurationError, match="no such gauge"):
-        whirl_command([runs[0]], None, tmp_path, gauge="external")
+        whirl([runs[0]], out=tmp_path, gauge="external")
 
 
 def test_a_gyro_without_three_axes_is_refused(runs: tuple[Path, Path]) -> None:

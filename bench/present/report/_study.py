@@ -1,17 +1,16 @@
-"""From a study and its runs to what the campaign report shows."""
+"""From a study of cold shocks to the report: runs, compensation, and what it does on runs it never saw."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis.common.statistics import block_means
-from bench.analysis.thermal import Scores, Study, ThermalRun, prepare
-from bench.present.report import (
+from bench.present.report._campaign import render_campaign
+from bench.present.report._content import (
     CampaignContent,
     Comparison,
     CompensationSummary,
@@ -19,16 +18,32 @@ from bench.present.report import (
     RunSummary,
     Trace,
     ValidRange,
-    run_content,
 )
-from bench.record.recording import Run
+from bench.present.report._file import REPORT_FILE, write_report
+from bench.present.report._run_content import run_content
+from bench.record.recording import Run, checksum
+from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
+
+if TYPE_CHECKING:
+    from bench.analysis.thermal import Scores, Study, ThermalRun
 
 _UNITS = {"t_in": "degC", "t_out": "degC", "dt_60": "degC/min", "gradient": "degC"}
 _BLOCK_S = 100
 
 
-def study_content(study: Study, runs: Sequence[Run], compensation_file: Path, title: str) -> CampaignContent:
+def write_study(study: Study, folders: Sequence[Path], out: Path, *, title: str) -> None:
+    """Write the compensation, what is exported of it and the report of the runs to `out`, all or nothing."""
+    from bench.analysis.common.state_file import saved_together
+    from bench.analysis.export import NETWORK_FILE, export_study  # torch behind it is slow to import
+
+    with saved_together(out, NETWORK_FILE) as part:
+        path = export_study(study, part)
+        content = _study_content(study, [Run.open(folder) for folder in folders], path, title)
+        write_report(part / REPORT_FILE, render_campaign(content))
+
+
+def _study_content(study: Study, runs: Sequence[Run], compensation_file: Path, title: str) -> CampaignContent:
     """Return what the report shows: runs with roles, traces and comparisons of the test runs, scores."""
     roles = {run.checksum: "training" for run in study.train}
     roles |= {run.checksum: "validation" for run in study.validation}
@@ -47,26 +62,16 @@ def study_content(study: Study, runs: Sequence[Run], compensation_file: Path, ti
         bench_name=first.bench_name,
         created_utc=utc_now(),
         runs=summaries,
-        traces=_traces(study, contents_by_run(summaries, contents)),
-        scores=_scores(study),
+        traces=_traces(study, dict(zip(checksums, (content.traces for content in contents), strict=True))),
+        scores=_model_scores(study),
         comparisons=[_comparison(study, index) for index in range(len(study.tests))],
-        compensation=_compensation(study, compensation_file),
+        compensation=_compensation_summary(study, compensation_file),
         software=study.compensation.software,
-        warnings=_warnings(study, summaries),
+        warnings=_study_warnings(study, summaries),
         noise_floor_dph=float(np.median(floors)) if floors else None,
         bench_file_sha256=first.bench_file_sha256,
         subject=f"Unit {study.compensation.unit_id}",
     )
-
-
-def contents_by_run(
-    summaries: Sequence[RunSummary], contents: Sequence[object]
-) -> dict[str, Sequence[Trace]]:
-    """Return the traces of every run by its checksum."""
-    return {
-        summary.checksum: list(getattr(content, "traces", ()))
-        for summary, content in zip(summaries, contents, strict=True)
-    }
 
 
 def _traces(study: Study, traces: dict[str, Sequence[Trace]]) -> list[Trace]:
@@ -77,12 +82,12 @@ def _traces(study: Study, traces: dict[str, Sequence[Trace]]) -> list[Trace]:
     return shown
 
 
-def _scores(study: Study) -> list[ModelScore]:
+def _model_scores(study: Study) -> list[ModelScore]:
     ordered = [score.name for score in study.selection]
-    return [_score(name, row) for name in ordered for row in study.scores[name]]
+    return [_model_score(name, row) for name in ordered for row in study.scores[name]]
 
 
-def _score(name: str, row: Scores) -> ModelScore:
+def _model_score(name: str, row: Scores) -> ModelScore:
     return ModelScore(
         model=name,
         run_id=row.run_id,
@@ -98,6 +103,8 @@ def _score(name: str, row: Scores) -> ModelScore:
 
 
 def _comparison(study: Study, index: int) -> Comparison:
+    from bench.analysis.common.statistics import block_means
+
     run = study.tests[index]
     bias, sf = _drift(study, run)
     used = run.time_s >= run.reference[0]
@@ -116,8 +123,10 @@ def _comparison(study: Study, index: int) -> Comparison:
     )
 
 
-def _drift(study: Study, run: ThermalRun) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...]:
+def _drift(study: Study, run: ThermalRun) -> tuple[Array, ...]:
     """Return the chosen model's bias and scale-factor drift every second, counted from the reference window."""
+    from bench.analysis.thermal import prepare
+
     step = study.compensation.step_s
     prediction = study.models[study.chosen].predict(prepare(run, step_s=step))
     count = len(run.time_s)
@@ -127,17 +136,15 @@ def _drift(study: Study, run: ThermalRun) -> tuple[np.ndarray[tuple[int], np.dty
     )
 
 
-def _from_reference(
-    run: ThermalRun, values: np.ndarray[tuple[int], np.dtype[np.float64]]
-) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _from_reference(run: ThermalRun, values: Array) -> Array:
     inside = (run.time_s > run.reference[0]) & (run.time_s <= run.reference[1])
     return np.asarray(values - np.nanmean(values[inside]))
 
 
-def _compensation(study: Study, path: Path) -> CompensationSummary:
-    best, *rest = study.selection
+def _compensation_summary(study: Study, path: Path) -> CompensationSummary:
+    best, *others = study.selection
     reason = f"smallest error on the validation runs (left over / raw {best.score:.3f}"
-    reason += f"; next {rest[0].name} {rest[0].score:.3f})" if rest else ")"
+    reason += f"; next {others[0].name} {others[0].score:.3f})" if others else ")"
     limits = study.compensation.limits
     return CompensationSummary(
         unit_id=study.compensation.unit_id,
@@ -150,11 +157,11 @@ def _compensation(study: Study, path: Path) -> CompensationSummary:
             for name, (low, high) in limits.inputs.items()
         ],
         file_name=path.name,
-        file_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+        file_sha256=checksum(path).sha256,
     )
 
 
-def _warnings(study: Study, summaries: Sequence[RunSummary]) -> list[str]:
+def _study_warnings(study: Study, summaries: Sequence[RunSummary]) -> list[str]:
     warnings = [f"{summary.run_id}: {text}" for summary in summaries for text in summary.warnings]
     if study.judged_on_chosen:
         warnings.append(

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
+from typing import Annotated
 
-from rich.table import Table
-
-from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
-from bench.present.cli._console import Terminal
-from bench.present.report import render_chamber_cycle, write_report
-from drivers.base.clock import utc_now
-from drivers.base.errors import RecordError
+import typer
 
 
-def cycle_command(log: Path, out: Path) -> None:
-    """Fit on all legs but the last, judge on the last, axis by axis; write the report to `out`."""
-    if not log.is_file():
-        raise RecordError(
-            "no such recording",
-            where=str(log),
-            expected="a tab-separated table with imu.gyro.x|y|z and imu.temperature",
-        )
+def chamber_cycle(
+    log: Annotated[Path, typer.Argument(help="tab-separated table: imu.gyro.x|y|z, imu.temperature")],
+    out: Annotated[Path, typer.Option(help="HTML report")] = Path("chamber-cycle.html"),
+) -> None:
+    """Regression over temperature on a recorded chamber cycle, judged axis by axis on its last leg."""
+    from rich.table import Table
+
+    from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
+    from bench.present.cli._console import Terminal
+    from bench.present.report import render_chamber_cycle, write_report
+    from bench.record.recording import checksum
+    from drivers.base.clock import utc_now
+
     study = study_chamber_cycle(*load_chamber_cycle(log))
-    checksum = hashlib.sha256(log.read_bytes()).hexdigest()
-    page = render_chamber_cycle(study, source=log.name, checksum=checksum, created_utc=utc_now())
+    page = render_chamber_cycle(study, source=log.name, checksum=checksum(log).sha256, created_utc=utc_now())
     write_report(out, page)
     table = Table("axis", "before", "T only", "gain %", "T, rate, past", "gain %",
                   title=f"1 sigma of {log.name} on its last leg")  # fmt: skip

@@ -1,0 +1,135 @@
+"""From a run folder or a CSV record to the estimated parameters and their compensation."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.analysis.calibration._compensation import ImuCompensation
+from bench.analysis.calibration._conventions import Noise, Site, Task
+from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
+from bench.analysis.calibration._navigation import Increments
+from bench.analysis.calibration._result import Evaluation, evaluate
+from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
+from bench.analysis.calibration._schedule import load_scheme
+from drivers.base.errors import ConfigurationError, RecordError
+
+_COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]
+_PERIOD_TOLERANCE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a record gave: the estimate, and what its scheme promised."""
+
+    run: CalibrationRun
+    estimate: Estimate
+    evaluation: Evaluation
+    wander: BiasWander | None
+
+    def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
+        """Return the compensation; `declared`: what its user has to know of it."""
+        return ImuCompensation.from_estimate(
+            self.estimate,
+            unit_id=self.run.unit_id,
+            scheme=self.run.schedule.name,
+            runs={self.run.run_id: self.run.checksum},
+            declared=tuple(declared),
+        )
+
+
+def load_record(
+    record: Path,
+    *,
+    scheme: str | None = None,
+    gyro: str | None = None,
+    dwell_s: float = 180.0,
+    latitude_deg: float | None = None,
+) -> CalibrationRun:
+    """Return what a run folder holds, or a CSV record with what is told of it.
+
+    A CSV record has columns time_s, gyro_x_dps .. and accelerometer_x_mps2 .., means over each sample at a
+    constant rate, and needs `scheme` and `latitude_deg`. RecordError says what makes a record unusable.
+    """
+    if record.is_dir():
+        run = load_calibration_run(record, gyro)
+        return run if latitude_deg is None else replace(run, latitude_deg=latitude_deg)
+    if scheme is None or latitude_deg is None:
+        raise ConfigurationError(
+            "a CSV record does not say what was turned where",
+            where=str(record),
+            found="--scheme " + (scheme or "left out"),
+            expected="--scheme and --latitude-deg, and --dwell-s if it was not 180",
+            remedy="a run folder of `gyrobench run system-calibration` says it itself",
+        )
+    return CalibrationRun(
+        run_id=record.stem,
+        checksum=hashlib.sha256(record.read_bytes()).hexdigest() if record.is_file() else "",
+        gyro=gyro or record.stem,
+        unit_id=gyro or record.stem,
+        latitude_deg=latitude_deg,
+        increments=read_increments(record),
+        schedule=load_scheme(scheme).with_(dwell_s=dwell_s),
+        table="by-hand",
+        mounting="",
+        turn_s=(),
+        truth=None,
+    )
+
+
+def calibrate(
+    run: CalibrationRun,
+    noise: Noise,
+    *,
+    gravity_mps2: float | None = None,
+    wander: BiasWander | None = None,
+    lever_arms: bool = False,
+    range_dps: float | None = None,
+) -> Calibration:
+    """Estimate the parameters of an IMU from the record of a scheme; `range_dps`: the measuring range."""
+    task = Task(site=Site(latitude_deg=run.latitude_deg, gravity=gravity_mps2), noise=noise)
+    options = Options(
+        wander=wander,
+        lever_arms=lever_arms,
+        alignment_s=min(60.0, 0.8 * run.schedule.dwell_s),
+        gyro_range_dps=range_dps,
+    )
+    estimated = estimate(run.increments, task, options, run.schedule)
+    return Calibration(run, estimated, evaluate(task, run.schedule, run.table), wander)
+
+
+def read_increments(path: Path) -> Increments:
+    """Read a CSV record; RecordError names missing columns, text that is no number, and gaps in time."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            header = [name.strip() for name in next(csv.reader(file), [])]
+            missing = [name for name in ("time_s", *_COLUMNS) if name not in header]
+            if missing:
+                raise RecordError(
+                    "columns are missing", where=str(path), found=", ".join(missing) + " not there"
+                )
+            columns = [header.index(name) for name in ("time_s", *_COLUMNS)]
+            lines = file.readlines()
+        values = np.loadtxt(lines, delimiter=",", usecols=columns, ndmin=2) if lines else np.empty((0, 7))
+    except (OSError, ValueError) as error:
+        raise RecordError("the record cannot be read", where=str(path), found=str(error)) from error
+    if len(values) < 2:
+        raise RecordError("the record is empty", where=str(path))
+    steps = np.diff(values[:, 0])
+    period = float((values[-1, 0] - values[0, 0]) / (len(values) - 1))
+    late = np.flatnonzero(np.abs(steps - np.median(steps)) > _PERIOD_TOLERANCE * np.median(steps))
+    if len(late):
+        raise RecordError(
+            "samples are missing",
+            where=f"{path}, {values[late[0], 0]:.3f} s",
+            found=f"{len(late)} irregular steps of time, the first of {steps[late[0]]:.4g} s",
+            expected=f"{np.median(steps):.4g} s: a lost increment of a turn cannot be made up",
+            remedy="run the schedule again",
+        )
+    return Increments(period, values[:, 1:4] * math.radians(period), values[:, 4:7] * period)
