@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.present.cli._can_check import can_check_command, can_list_command
+from bench.present.cli._can import check, list_
 from drivers.base.errors import ConfigurationError
 from drivers.can_dbc import shipped_layouts
 
@@ -50,7 +50,7 @@ def small(folder: Path, start: int = 8) -> Path:
 
 
 def test_list_shows_every_layout(capsys: pytest.CaptureFixture[str]) -> None:
-    can_list_command()
+    list_()
     shown = capsys.readouterr().out
     assert all(name in shown for name in shipped_layouts())
 
@@ -59,7 +59,7 @@ def test_list_shows_every_layout(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_real_log_becomes_a_table_and_a_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     dbc = (CANMOD / "canmod-gps.dbc").absolute()
     (tmp_path / "canmod.toml").write_text(MAPPING.format(dbc=dbc.as_posix()))
-    can_check_command(str(tmp_path / "canmod.toml"), CANMOD / "00000005-60FEB5A8.log", tmp_path, False)
+    check(str(tmp_path / "canmod.toml"), CANMOD / "00000005-60FEB5A8.log", tmp_path, False)
     shown = capsys.readouterr().out
     table = pd.read_csv(tmp_path / "00000005-60FEB5A8_canmod.csv")
     # candump's own lines, by cantools: (time) channel 009#payload
@@ -79,7 +79,7 @@ def test_slcan_text_shows_rate_and_losses(tmp_path: Path, capsys: pytest.Capture
     numbers = [number for number in range(300) if number % 100 != 50]
     lines = [b"t0103%02X%04X\r" % (n % 256, int.from_bytes(n.to_bytes(2, "little"), "big")) for n in numbers]
     (tmp_path / "line.bin").write_bytes(b"\xff9\r" + lines[0] + b"\xff9\r" + b"".join(lines[1:]))
-    can_check_command(str(layout), tmp_path / "line.bin", tmp_path, True)
+    check(str(layout), tmp_path / "line.bin", tmp_path, True)
     table = pd.read_parquet(tmp_path / "line_small.parquet")
     np.testing.assert_allclose(table["rate_z_dps"], np.array(numbers) * 0.01, atol=1e-6)
     assert table["end_offset"].iloc[-1] == (tmp_path / "line.bin").stat().st_size
@@ -101,11 +101,11 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
         ("none.log", "No such file"),
     ):
         with pytest.raises(ConfigurationError, match=found):
-            can_check_command(layout, tmp_path / name, tmp_path, False)
+            check(layout, tmp_path / name, tmp_path, False)
     (tmp_path / "overlapping").mkdir()
     layout = str(small(tmp_path / "overlapping", start=4))
     with pytest.raises(ConfigurationError, match="overlap") as refused:
-        can_check_command(layout, None, tmp_path, False)
+        check(layout, None, tmp_path, False)
     assert "N" in str(refused.value) and "W" in str(refused.value) and "IMU" in str(refused.value)
     with pytest.raises(ConfigurationError, match="sbg_ellipse"):
-        can_check_command("sbg_elipse", None, tmp_path, False)
+        check("sbg_elipse", None, tmp_path, False)

@@ -1,11 +1,18 @@
-"""The commands `gyrobench can ...`."""
+"""The commands `gyrobench can ...`: gyros on CAN, and whether a DBC file and its mapping are right."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from drivers.base.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from drivers.can_dbc import CanLayout
 
 app = typer.Typer(
     name="can",
@@ -15,15 +22,23 @@ app = typer.Typer(
 
 
 @app.command("list")
-def can_list() -> None:
+def list_() -> None:
     """List the layouts that come with gyrobench."""
-    from bench.present.cli._can_check import can_list_command
+    from rich.table import Table
 
-    can_list_command()
+    from bench.present.cli._console import Terminal
+    from drivers.can_dbc import load_layout, shipped_layouts
+
+    grid = Table("name", "unit", "messages of a sample", "axes")
+    for name in shipped_layouts():
+        layout = load_layout(name)
+        slots = ", ".join(slot.message for slot in layout.sample)
+        grid.add_row(name, f"{layout.maker} {layout.model}".strip(), slots, "".join(layout.rates()))
+    Terminal().print(grid)
 
 
-@app.command("check")
-def can_check(
+@app.command()
+def check(
     layout: Annotated[str, typer.Argument(help="a mapping file (TOML), or a name that `can list` shows")],
     capture: Annotated[
         Path | None,
@@ -36,6 +51,85 @@ def can_check(
     ] = None,
 ) -> None:
     """Check a mapping against its DBC file, and decode a capture into a table and a plot."""
-    from bench.present.cli._can_check import can_check_command
+    from bench.present.cli._console import Terminal
+    from drivers.can_dbc import load_layout
 
-    can_check_command(layout, capture, out, parquet, source_address)
+    console, loaded = Terminal(), load_layout(layout)
+    _show(console, loaded)
+    if capture is not None:
+        _decode(console, loaded, capture, out, parquet, source_address)
+
+
+def _show(console: Console, layout: CanLayout) -> None:
+    from rich.table import Table
+
+    from drivers.can_dbc import identifier_names
+
+    unit = f"{layout.maker} {layout.model}".strip()
+    console.print(f"{layout.name}: {unit}, {layout.dbc}", highlight=False)
+    grid = Table("message", "identifier", "bytes", "signal", "is", "type", "resolution")
+    for use in layout.uses:
+        message, signal = layout.messages[use.message], layout.signal(use)
+        kind = "f" if signal.is_float else "i" if signal.signed else "u"
+        held = "" if layout.slot_of(use) is not None else " (held)"
+        scale = f"{signal.scale * use.factor:.6g}"
+        unit = {"rate": " deg/s", "delta_angle": " deg", "accel": " m/s2", "time": " s"}.get(use.role, "")
+        unit = " K" if "temperature" in use.role else unit
+        grid.add_row(
+            use.message,
+            identifier_names({(message.identifier, message.extended)}),
+            str(message.length),
+            use.signal,
+            f"{use.role} {use.axis}".strip().replace("_", " ") + held,
+            f"{kind}{signal.bits} {'big' if signal.big_endian else 'little'}",
+            "-" if use.role == "status" else scale + unit,
+        )
+    console.print(grid)
+    for rule in layout.valid:
+        axis = f" for {rule.axis}" if rule.axis else ""
+        console.print(
+            f"valid{axis}: {rule.message}.{rule.signal} & {rule.mask:#x} = {rule.equals:#x}", highlight=False
+        )
+    if layout.use("time", "counter") is None:
+        console.print("note: without time or counter lost samples cannot be told", highlight=False)
+
+
+def _decode(
+    console: Console, layout: CanLayout, path: Path, out: Path, parquet: bool, source_address: int | None
+) -> None:
+    from bench.record.can_capture import others_on_the_bus, read_can_capture, write_can_plot
+    from bench.record.capture import write_table
+    from drivers.can_dbc import identifier_names
+
+    capture = read_can_capture(layout, path, source_address)
+    others = others_on_the_bus(layout, capture)
+    if not capture.columns or not len(capture.columns["counter"]):
+        wanted = {
+            (layout.messages[slot.message].identifier, layout.messages[slot.message].extended)
+            for slot in layout.sample
+        }
+        seen = identifier_names(set(sorted(capture.identifiers)[:12]))
+        raise ConfigurationError(
+            "there is no sample of this layout in the capture",
+            where=str(path),
+            found=f"{capture.frames} CAN frames with identifiers {seen}" if seen else "no CAN frame",
+            expected=f"frames {identifier_names(wanted)}, one behind the other",
+            remedy="check that the capture is of this unit, and `sample` in the mapping",
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    target = out / f"{path.stem}_{layout.name}.{'parquet' if parquet else 'csv'}"
+    write_table(target, capture.columns)
+    valid = capture.columns["valid"]
+    console.print(f"{len(valid)} samples, {int((~valid).sum())} not valid: {target}", highlight=False)
+    rejected = (
+        ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in capture.rejected.items()) or "none"
+    )
+    left_out = "".join(f", {count} {kind} left out" for kind, count in capture.left_out.items())
+    console.print(f"{capture.frames} CAN frames{left_out}; rejected: {rejected}", highlight=False)
+    for text in capture.notes:
+        console.print(text, highlight=False)
+    if others:
+        console.print(f"identifiers that the DBC file does not have: {others}", highlight=False)
+    plot = out / f"{path.stem}.png"
+    write_can_plot(plot, layout, capture.columns)
+    console.print(f"plot: {plot}", highlight=False)

@@ -1,11 +1,20 @@
-"""The commands `gyrobench frames ...`."""
+"""The commands `gyrobench frames ...`: gyros described by a file, and whether a description is right."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from drivers.base.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bench.record.capture import Capture
+    from drivers.frames import Form, FrameFamily
 
 app = typer.Typer(
     name="frames",
@@ -13,17 +22,31 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
+_RANDOM_BYTES = 1e9
+_TRIED = 1 << 17
+"""Bytes of a capture in which the other descriptions look for their messages."""
+_ENOUGH = 5
+
 
 @app.command("list")
-def frames_list() -> None:
+def list_() -> None:
     """List the descriptions that come with gyrobench."""
-    from bench.present.cli._frame import frames_list_command
+    from rich.table import Table
 
-    frames_list_command()
+    from bench.present.cli._console import Terminal
+    from drivers.frames import load_family, shipped
+
+    grid = Table("name", "gyro", "messages with rates", "source")
+    for name in shipped():
+        family = load_family(name)
+        forms = [form.name for form in family.forms if form.measures]
+        shown = ", ".join(forms[:4]) + (f" and {len(forms) - 4} more" if len(forms) > 4 else "")
+        grid.add_row(name, family.description.title, shown, family.description.source)
+    Terminal().print(grid)
 
 
-@app.command("check")
-def frames_check(
+@app.command()
+def check(
     description: Annotated[str, typer.Argument(help="a TOML file, or a name that `frames list` shows")],
     capture: Annotated[
         Path | None, typer.Argument(help="bytes of such a gyro, as recorded: raw/<gyro>.bin, or any file")
@@ -36,7 +59,125 @@ def frames_check(
     ] = None,
 ) -> None:
     """Check a description, run its vectors, and decode a capture into tables and a plot."""
-    from bench.present.cli._frame import frames_check_command
+    from bench.present.cli._console import Terminal
     from bench.present.cli._settings import parse_settings
+    from drivers.frames import choices_of, load_family, refusal, vector_mistakes
 
-    frames_check_command(description, capture, out, parquet, parse_settings(settings or []))
+    console, chosen = Terminal(), parse_settings(settings or [])
+    family = load_family(description, chosen)
+    if mistakes := list(vector_mistakes(family)):
+        raise refusal(family.where, mistakes)
+    for choices in choices_of(family.description):
+        family.set_up(choices)
+    _show(console, family, chosen)
+    if capture is not None:
+        _decode(console, family, capture, out, parquet)
+
+
+def _show(console: Console, family: FrameFamily, settings: Mapping[str, str]) -> None:
+    from rich.table import Table
+
+    from drivers.frames import LineDescription
+
+    about = family.description
+    console.print(f"{about.name}: {about.title}", highlight=False)
+    grid = Table(
+        "message", "begins with", "bytes", "check", "gyro channels", "false frames in 1e9 random bytes"
+    )
+    for form in family.forms:
+        if isinstance(about, LineDescription):
+            check = about.line.checksum
+            head, size = about.line.start or "-", f"{about.line.columns} columns"
+            sort = check.kind if check else "none"
+            grid.add_row(form.name, head, size, sort, _channels(form), _false_frames(form))
+            continue
+        size = str(form.length) if form.length is not None else f"{form.shortest} to {form.longest}"
+        kinds = ", ".join(check.kind for check in form.checksums) or "none"
+        heads = " or ".join(sync.hex(" ") for sync in form.syncs)
+        grid.add_row(form.name, heads, size, kinds, _channels(form), _false_frames(form))
+    console.print(grid)
+    for name, setting in about.setting.items():
+        chosen = settings.get(name, setting.default)
+        others = ", ".join(choice for choice in setting.choice if choice != chosen)
+        console.print(f"setting {name} = {chosen} (or {others}): {setting.what}", highlight=False)
+    weak = sum(form.false_per_byte for form in family.forms if form.measures)
+    if _RANDOM_BYTES * weak > 1.0:
+        console.print(
+            f"note: head and check together let {_RANDOM_BYTES * weak:.3g} frames with rates pass in 1e9 random "
+            "bytes; on a noisy line name the message (frame_format) or use a longer check",
+            highlight=False,
+        )
+    console.print(
+        f"vectors: {len(about.vector)} right, and every single-bit flip of them that a check covers noticed"
+        if about.vector
+        else "no vectors: nothing says that this description fits a real unit",
+        highlight=False,
+    )
+
+
+def _false_frames(form: Form) -> str:
+    return f"{_RANDOM_BYTES * form.false_per_byte:.2g}"
+
+
+def _channels(form: Form) -> str:
+    from drivers.frames import GYRO_ROLES
+
+    axes_of: dict[tuple[str, str], str] = {}
+    for spec in form.fields:
+        if spec.role in GYRO_ROLES:
+            kind = (spec.role.replace("_", " "), spec.unit)
+            axes_of[kind] = axes_of.get(kind, "") + (spec.axis or "")
+    return "; ".join(f"{role} {axes}, {unit}" for (role, unit), axes in axes_of.items())
+
+
+def _decode(console: Console, family: FrameFamily, path: Path, out: Path, parquet: bool) -> None:
+    from bench.record.capture import read_capture, write_plot, write_table
+
+    capture = read_capture(family, path)
+    if not capture.tables:
+        raise ConfigurationError(
+            "there is no message of this description in the capture",
+            where=str(path),
+            found=_beginning(capture),
+            expected=f"messages of {family.description.title}",
+            remedy=_remedy(path),
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    for name, columns in capture.tables.items():
+        target = out / f"{path.stem}_{name}.{'parquet' if parquet else 'csv'}"
+        write_table(target, columns)
+        console.print(f"{len(next(iter(columns.values()), ()))} {name}: {target}", highlight=False)
+    rejected = ", ".join(f"{n} by {why}" for why, n in capture.counts.rejected.items()) or "none"
+    console.print(
+        f"{capture.size} bytes: {capture.counts.bytes_skipped} skipped, {capture.pending} left of an unfinished "
+        f"message, candidates rejected: {rejected}",
+        highlight=False,
+    )
+    for text in capture.counter_notes:
+        console.print(text, highlight=False)
+    plot = out / f"{path.stem}.png"
+    if write_plot(plot, family, capture):
+        console.print(f"plot: {plot}", highlight=False)
+
+
+def _remedy(path: Path) -> str:
+    """Return what to do about a capture of another device; if one of ours fits, which."""
+    from drivers.frames import load_family, reader_of, shipped
+
+    with path.open("rb") as file:
+        data = file.read(_TRIED)
+    fits: dict[str, int] = {}
+    for name in shipped():
+        reader = reader_of(load_family(name))
+        reader.feed(data)
+        if reader.counts.frames >= _ENOUGH:
+            fits[name] = len(data) - reader.counts.bytes_skipped
+    if fits and 2 * max(fits.values()) > len(data):
+        return f"`gyrobench frames check {max(fits, key=lambda name: fits[name])}` fits it"
+    return "check that the capture is of this device, and that it was taken at the right baud rate"
+
+
+def _beginning(capture: Capture) -> str:
+    if not capture.size:
+        return "an empty file"
+    return f"{capture.size} bytes that begin with {capture.head.hex(' ')}"

@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.present.cli._frame import frames_check_command, frames_list_command
+from bench.present.cli._frames import check, list_
 from drivers.base.errors import ConfigurationError
 from drivers.frames import FrameEncoder, load_family, shipped
 
 
 def test_list_shows_every_description(capsys: pytest.CaptureFixture[str]) -> None:
-    frames_list_command()
+    list_()
     shown = capsys.readouterr().out
     assert all(name in shown for name in shipped())
 
@@ -25,7 +25,7 @@ def test_a_capture_becomes_a_table_and_a_plot(tmp_path: Path, parquet: bool) -> 
         50, {"rate_z": np.arange(50.0), "counter": np.arange(50)}
     )
     (tmp_path / "line.bin").write_bytes(b"\xeb" + data[:-3])
-    frames_check_command("fg333", tmp_path / "line.bin", tmp_path, parquet)
+    check("fg333", tmp_path / "line.bin", tmp_path, parquet)
     path = tmp_path / f"line_fg333.{'parquet' if parquet else 'csv'}"
     table = pd.read_parquet(path) if parquet else pd.read_csv(path)
     assert table["rate_z"].tolist() == pytest.approx(list(range(49)), rel=1e-12)
@@ -42,14 +42,14 @@ def test_a_capture_of_another_device_and_an_empty_one_are_named(tmp_path: Path) 
         ("no.bin", "No such file"),
     ):
         with pytest.raises(ConfigurationError, match=found):
-            frames_check_command("stim300", tmp_path / name, tmp_path, False)
+            check("stim300", tmp_path / name, tmp_path, False)
 
 
 def test_the_description_that_fits_is_named(tmp_path: Path) -> None:
     data = FrameEncoder(load_family("openimu")).encode(20, {"time": np.arange(20)})
     (tmp_path / "other.bin").write_bytes(data[30:])
     with pytest.raises(ConfigurationError, match="frames check openimu` fits"):
-        frames_check_command("stim300", tmp_path / "other.bin", tmp_path, False)
+        check("stim300", tmp_path / "other.bin", tmp_path, False)
 
 
 FIELD = '[[field]]\nname = "rate_z"\naxis = "z"\nat = 2'
@@ -81,7 +81,7 @@ def test_a_mistake_in_a_description_is_named_by_its_key(tmp_path: Path, change, 
     path = tmp_path / "mine.toml"
     path.write_text(text.replace(*change, 1))
     with pytest.raises(ConfigurationError) as caught:
-        frames_check_command(str(path), None, tmp_path, False)
+        check(str(path), None, tmp_path, False)
     shown = str(caught.value)
     assert (
         words.split(": found ")[0] in shown and words.split(": found ")[-1] in shown and "mine.toml" in shown
