@@ -25,7 +25,7 @@ COMMANDS = {
     "ports": "_ports",
     "import": "_import",
     "runs": "_runs",
-    "campaign": "_campaigns",
+    "campaign": "campaign",
     "fit": "fit",
     "scheme": "_scheme",
     "gap": "_gaps",

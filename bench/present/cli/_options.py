@@ -14,6 +14,7 @@ DEFAULT_BENCH = Path("lab.toml")
 DEFAULT_RUNS = Path("runs")
 
 Bench = Annotated[Path, typer.Option("--bench", help="bench file (TOML)", show_default=True)]
+CampaignFile = Annotated[Path, typer.Argument(help="campaign file (TOML)", metavar="FILE")]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="folder that holds the runs")]
 PlantFile = Annotated[
     Path | None, typer.Option("--plant", help="plant file (TOML): physics behind the emulated devices")

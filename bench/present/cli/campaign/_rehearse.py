@@ -3,42 +3,48 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.text import Text
+import typer
 
-from bench.analysis.common.fan_out import FanOut, fan_out
-from bench.campaign import (
-    Campaign,
-    bench_of,
-    check_limits,
-    load_campaign,
-    rehearse_campaign,
-)
-from bench.control.disk import check_disk, estimated_bytes
-from bench.control.runner import RunResult
-from bench.lab.emulated import load_plant
-from bench.present.cli._console import Terminal, console_for
-from bench.present.cli._shown_run import say_result
+from bench.present.cli._options import DEFAULT_BENCH, Bench, CampaignFile, Cluster, JsonLines, PlantFile, Seed
 from bench.present.cli._texts import duration, say_json
-from bench.record.benchfile import load_bench_file
-from drivers.base.clock import host_seconds
 from drivers.base.errors import ConfigurationError
 
+if TYPE_CHECKING:
+    from rich.console import Console
 
-def rehearse_command(
-    campaign_file: Path,
-    bench: Path,
-    out: Path,
-    plant_file: Path | None,
-    seed: int | None,
-    jobs: int | None,
-    as_json: bool = False,
-    cluster: str | None = None,
-) -> int:
-    """Rehearse a campaign, fit, report; exit code 0 if every run completed or is invalid for a stated reason."""
+    from bench.analysis.common.fan_out import FanOut
+    from bench.campaign import Campaign
+    from bench.control.runner import RunResult
+
+
+def rehearse(
+    campaign_file: CampaignFile,
+    bench: Bench = DEFAULT_BENCH,
+    out: Annotated[Path, typer.Option(help="new folder for runs, compensation and report")] = Path(
+        "campaign"
+    ),
+    plant_file: PlantFile = None,
+    seed: Seed = None,
+    jobs: Annotated[int | None, typer.Option(help="runs at the same time; default one a processor")] = None,
+    cluster: Cluster = None,
+    as_json: JsonLines = False,
+) -> None:
+    """Run a whole campaign on emulated labs, fit the compensation and write the report."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from bench.analysis.common.fan_out import fan_out
+    from bench.campaign import bench_of, check_limits, load_campaign, rehearse_campaign
+    from bench.control.disk import check_disk, estimated_bytes
+    from bench.lab.emulated import load_plant
+    from bench.present.cli._console import Terminal, console_for
+    from bench.present.cli._shown_run import say_result
+    from bench.record.benchfile import load_bench_file
+    from drivers.base.clock import host_seconds
+
     console = console_for(as_json)
     file = load_bench_file(bench)
     plant = load_plant(plant_file, seed)
@@ -94,14 +100,17 @@ def rehearse_command(
             wall_s=wall,
             folder=str(out),
         )
-    return 3 if aborted else 0
+    sys.exit(3 if aborted else 0)
 
 
 def fit_campaign(
     campaign: Campaign, folders: dict[str, Path], out: Path, *, fan: FanOut, console: Console, quiet: bool
 ) -> None:
     """Fit on the training runs, choose on the validation runs, judge on the tests; write everything to `out`."""
+    from rich.text import Text
+
     from bench.campaign.study import study_of
+    from bench.present.cli._console import Terminal
     from bench.present.cli.fit._cold_shock import score_table
     from bench.present.report import write_study
 

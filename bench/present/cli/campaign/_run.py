@@ -2,52 +2,51 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rich.console import Console
-from rich.table import Table
+import typer
 
-from bench.analysis.common.fan_out import ALONE
-from bench.campaign import (
-    CampaignEnding,
-    CampaignFolder,
-    CampaignRunner,
-    bench_of,
-    check_limits,
-    load_campaign,
-)
-from bench.control.disk import check_disk, estimated_bytes
-from bench.control.lease import take_lease
-from bench.control.live import read_now
-from bench.control.runner import RunResult
-from bench.lab.emulated import load_plant
-from bench.present.cli._campaign_plan import plan_warnings, say_warnings
-from bench.present.cli._campaign_rehearse import fit_campaign
-from bench.present.cli._console import Terminal, console_for
-from bench.present.cli._display import RunDisplay
-from bench.present.cli._shown_run import console_operator, say_result
+from bench.present.cli._options import DEFAULT_BENCH, Bench, CampaignFile, JsonLines, PlantFile, Seed, Yes
 from bench.present.cli._texts import duration, say_json
-from bench.present.sentences import event_of, sentence
-from bench.record.benchfile import load_bench_file
-from bench.record.events.campaign import CertificateMade, Fitted, Fitting, Stopped
 from drivers.base.errors import BenchError, ConfigurationError, RecordError
 
+if TYPE_CHECKING:
+    from rich.console import Console
 
-def run_command(
-    campaign_file: Path,
-    bench: Path,
-    out: Path,
-    *,
-    emulated: bool,
-    plant_file: Path | None,
-    seed: int | None,
-    ask: bool,
-    yes: bool,
-    as_json: bool,
-) -> int:
-    """Begin a campaign in a new folder and work until it is done or stopped."""
+    from bench.campaign import CampaignEnding, CampaignFolder
+    from bench.control.runner import RunResult
+    from bench.present.cli._display import RunDisplay
+    from bench.record.events.campaign import Stopped
+
+
+Folder = Annotated[Path, typer.Argument(help="the campaign's folder", metavar="folder")]
+
+
+def run(
+    campaign_file: CampaignFile,
+    bench: Bench = DEFAULT_BENCH,
+    out: Annotated[Path, typer.Option(help="new folder for the campaign")] = Path("campaign"),
+    emulated: Annotated[
+        bool, typer.Option("--emulated", help="on emulated labs that match the bench file")
+    ] = False,
+    plant_file: PlantFile = None,
+    seed: Seed = None,
+    ask: Annotated[
+        bool, typer.Option("--ask", help="with --emulated: put the questions to a human all the same")
+    ] = False,
+    yes: Yes = False,
+    as_json: JsonLines = False,
+) -> None:
+    """Run a campaign on the bench, one run after the other; `resume` goes on after a stop."""
+    from bench.campaign import CampaignFolder, bench_of, check_limits, load_campaign
+    from bench.control.disk import check_disk, estimated_bytes
+    from bench.control.lease import take_lease
+    from bench.lab.emulated import load_plant
+    from bench.record.benchfile import load_bench_file
+
     file = load_bench_file(bench)
     campaign = load_campaign(campaign_file, file)
     check_limits(campaign, bench_of(campaign, file))
@@ -63,21 +62,31 @@ def run_command(
             bench_of(campaign, file), f"campaign {campaign.title}"
         ).release()  # taken: nothing is begun
     folder = CampaignFolder.create(out, campaign_file, campaign, file, plant, ask)
-    return _work(folder, yes=yes, as_json=as_json)
+    sys.exit(_work(folder, yes=yes, as_json=as_json))
 
 
-def resume_command(path: Path, *, yes: bool, as_json: bool) -> int:
-    """Go on with a campaign at its first run that is not complete."""
+def resume(path: Folder, yes: Yes = False, as_json: JsonLines = False) -> None:
+    """Go on at the first run that is not complete, after a check that the bench is in a known state."""
+    from bench.campaign import CampaignFolder, bench_of
+    from bench.control.disk import check_disk, estimated_bytes
+
     folder = CampaignFolder(path)
-    left = [each.run for each in folder.states() if each.state == "open"]
-    left_s = sum(run.test.expected_duration_s(run.values) for run in left)
+    open_runs = [state.run for state in folder.states() if state.state == "open"]
+    left_s = sum(run.test.expected_duration_s(run.values) for run in open_runs)
     needed = estimated_bytes(left_s, bench_of(folder.campaign, folder.file))
     check_disk(needed, path, "what is left of the campaign", "--out of a new campaign")
-    return _work(folder, yes=yes, as_json=as_json)
+    sys.exit(_work(folder, yes=yes, as_json=as_json))
 
 
-def status_command(path: Path, as_json: bool) -> int:
-    """Print how far a campaign is, from its files alone."""
+def status(path: Folder, as_json: JsonLines = False) -> None:
+    """Show how far a campaign is, from any shell; reads files only."""
+    from rich.table import Table
+
+    from bench.campaign import CampaignFolder
+    from bench.control.live import read_now
+    from bench.present.cli._console import console_for
+    from bench.record.events.campaign import Stopped
+
     console = console_for(as_json)
     folder = CampaignFolder(path)
     now, states = read_now(path), folder.states()
@@ -97,7 +106,7 @@ def status_command(path: Path, as_json: bool) -> int:
             )
         done = sum(each.state == "done" for each in states)
         say_json(console, "result", title=folder.campaign.title, done=done, count=len(states), now=now)
-        return 0
+        return
     table = Table("run", "procedure", "state", "bench time", "attempts", "", title=folder.campaign.title)
     going = str(((now or {}).get("run") or {}).get("run_id", "")) if now and now["alive"] else ""
     for each in states:
@@ -108,12 +117,13 @@ def status_command(path: Path, as_json: bool) -> int:
         table.add_row(each.run.name, each.run.procedure, state, length, str(each.attempts), reason)
     console.print(table)
     _print_now(console, now, stopped[-1] if stopped else None, path)
-    return 0
 
 
 def _print_now(
     console: Console, now: dict[str, Any] | None, stopped: tuple[str, Stopped] | None, path: Path
 ) -> None:
+    from bench.present.sentences import event_of, sentence
+
     if now is None or not now["alive"]:
         died = now is not None and now["state"] != "ended"
         if died and now is not None:
@@ -142,6 +152,15 @@ def _print_now(
 
 
 def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
+    from bench.analysis.common.fan_out import ALONE
+    from bench.campaign import CampaignRunner
+    from bench.present.cli._console import console_for
+    from bench.present.cli._display import RunDisplay
+    from bench.present.cli._shown_run import console_operator, say_result
+    from bench.present.cli.campaign._plan import plan_warnings, say_warnings
+    from bench.present.cli.campaign._rehearse import fit_campaign
+    from bench.record.events.campaign import Fitted, Fitting
+
     console = console_for(as_json)
     campaign = folder.campaign
     if not as_json:
@@ -197,8 +216,10 @@ def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
 
 def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
     """Write the campaign's certificate, whatever became of it; return its verdict, if there is one."""
+    from bench.present.cli._console import Terminal
     from bench.present.cli._report import say_certificate
     from bench.present.report import CERTIFICATE_FILE, certify_campaign
+    from bench.record.events.campaign import CertificateMade
 
     shown = Terminal(quiet=True) if quiet else console
     try:

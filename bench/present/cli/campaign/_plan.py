@@ -4,40 +4,42 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
-from rich.text import Text
+import typer
 
-from bench.campaign import (
-    Campaign,
-    PlannedRun,
-    bench_of,
-    load_campaign,
-    not_measured,
-    plan_campaign,
-)
-from bench.control.disk import check_disk
-from bench.lab.emulated import Plant, load_plant
-from bench.present.cli._console import Terminal, console_for
+from bench.present.cli._options import DEFAULT_BENCH, Bench, CampaignFile, JsonLines, PlantFile, Seed
 from bench.present.cli._texts import duration, say_json, size
-from bench.record.benchfile import BenchFile, load_bench_file
-from drivers.base.clock import utc_now
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bench.campaign import Campaign, PlannedRun
+    from bench.lab.emulated import Plant
+    from bench.record.benchfile import BenchFile
 
 
-def plan_command(
-    campaign_file: Path,
-    bench: Path,
-    out: Path,
-    plant_file: Path | None,
-    seed: int | None,
-    quick: bool,
-    as_json: bool,
-) -> int:
-    """Print the schedule and what it takes; LimitExceeded or ConfigurationError for what cannot be done."""
+def plan(
+    campaign_file: CampaignFile,
+    bench: Bench = DEFAULT_BENCH,
+    out: Annotated[Path, typer.Option(help="folder that the campaign will have; its disk is checked")] = Path(
+        "campaign"
+    ),
+    plant_file: PlantFile = None,
+    seed: Seed = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="the procedures' own estimates, without a rehearsal")
+    ] = False,
+    as_json: JsonLines = False,
+) -> None:
+    """Print the schedule, chamber hours and bytes on disk; refuse what a limit forbids. Nothing moves."""
+    from bench.campaign import bench_of, load_campaign
+    from bench.control.disk import check_disk
+    from bench.lab.emulated import load_plant
+    from bench.present.cli._console import console_for
+    from bench.record.benchfile import load_bench_file
+    from drivers.base.clock import utc_now
+
     console = console_for(as_json)
     file = load_bench_file(bench)
     campaign = load_campaign(campaign_file, file)
@@ -65,11 +67,12 @@ def plan_command(
         )
     else:
         say_warnings(console, warnings)
-    return 0
 
 
 def plan_warnings(campaign: Campaign) -> list[str]:
     """Return what lets a campaign run whose certificate cannot say "passed"."""
+    from bench.campaign import not_measured
+
     missing = not_measured(campaign)
     if not missing:
         return []
@@ -91,6 +94,11 @@ def say_warnings(console: Console, warnings: list[str], *, as_json: bool = False
 def _planned(
     campaign: Campaign, file: BenchFile, plant: Plant | None, console: Console, as_json: bool
 ) -> list[PlannedRun]:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from bench.campaign import plan_campaign
+    from bench.present.cli._console import Terminal
+
     with Progress(
         TextColumn("rehearsing"),
         BarColumn(),
@@ -108,6 +116,10 @@ def _planned(
 def _print_plan(
     console: Console, campaign: Campaign, file: BenchFile, planned: list[PlannedRun], begin: datetime
 ) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
     console.print(campaign.title, style="bold", highlight=False)
     table = Table("from", "to", "length", "what", box=SIMPLE_HEAD, pad_edge=False)
     for column in table.columns[:3]:
