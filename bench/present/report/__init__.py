@@ -2,42 +2,22 @@
 
 from bench.present.report._calibration import render_calibration
 from bench.present.report._calibration_content import CalibrationContent, calibration_content, scheme_content
-from bench.present.report._campaign import render_campaign
-from bench.present.report._certificate import (
-    CertificateContent,
-    CertifiedFigure,
-    UnitCertificate,
-    UnitVerdict,
-    render_certificate,
-)
+from bench.present.report._certificate import CertificateContent
 from bench.present.report._certificate_of_runs import (
     CAMPAIGN_FILE,
     CERTIFICATE_FILE,
     certify,
     certify_campaign,
 )
-from bench.present.report._content import (
-    CampaignContent,
-    Comparison,
-    CompensationSummary,
-    Device,
-    Measurement,
-    ModelScore,
-    RunContent,
-    RunSummary,
-    StreamStatistics,
-    Trace,
-    ValidRange,
-)
 from bench.present.report._cycle import render_chamber_cycle
-from bench.present.report._file import find_browser, write_pdf, write_report
+from bench.present.report._file import write_pdf, write_report
 from bench.present.report._gap import GapContent, render_gap
 from bench.present.report._gap_rehearsal import render_log_gaps
 from bench.present.report._heading import HeadingContent, mixed_text, render_heading
 from bench.present.report._rlg import render_rlg_study
 from bench.present.report._run import render_run, report_run
 from bench.present.report._run_content import run_content
-from bench.present.report._standard import allan_figure, render_standard_test
+from bench.present.report._standard import render_standard_test
 from bench.present.report._study import write_study
 from bench.present.report._whirl import render_whirl
 
@@ -45,32 +25,14 @@ __all__ = [
     "CAMPAIGN_FILE",
     "CERTIFICATE_FILE",
     "CalibrationContent",
-    "CampaignContent",
     "CertificateContent",
-    "CertifiedFigure",
-    "Comparison",
-    "CompensationSummary",
-    "Device",
     "GapContent",
     "HeadingContent",
-    "Measurement",
-    "ModelScore",
-    "RunContent",
-    "RunSummary",
-    "StreamStatistics",
-    "Trace",
-    "UnitCertificate",
-    "UnitVerdict",
-    "ValidRange",
-    "allan_figure",
     "calibration_content",
     "certify",
     "certify_campaign",
-    "find_browser",
     "mixed_text",
     "render_calibration",
-    "render_campaign",
-    "render_certificate",
     "render_chamber_cycle",
     "render_gap",
     "render_heading",

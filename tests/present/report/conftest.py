@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.present.report import (
+from bench.present.report._campaign import render_campaign
+from bench.present.report._content import (
     CampaignContent,
     Comparison,
     CompensationSummary,
@@ -21,7 +22,6 @@ from bench.present.report import (
     StreamStatistics,
     Trace,
     ValidRange,
-    render_campaign,
 )
 
 FLOOR_DPH = 0.0241

@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from bench.analysis.common.allan_noise import NoiseCoefficients
-from bench.present.report import (
-    CertificateContent,
-    CertifiedFigure,
-    UnitCertificate,
-    find_browser,
-    render_certificate,
-    write_pdf,
-    write_report,
-)
+from bench.present.report import CertificateContent, write_pdf, write_report
+from bench.present.report._certificate import CertifiedFigure, UnitCertificate, render_certificate
 from bench.present.report._certificate_of_runs import certificate_content, check_record
+from bench.present.report._file import find_browser
 from bench.record.figure_limits import FIGURES, FURTHER, Limits, load_limits
 from bench.record.recording import Manifest, read_manifest, write_manifest
 from bench.record.recording._tables import table_writer

@@ -14,7 +14,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from bench.present.report import (
+from bench.present.report import render_run
+from bench.present.report._campaign import render_campaign
+from bench.present.report._content import (
     CampaignContent,
     Comparison,
     Device,
@@ -24,8 +26,6 @@ from bench.present.report import (
     RunSummary,
     StreamStatistics,
     Trace,
-    render_campaign,
-    render_run,
 )
 from bench.present.report._numbers import DASH
 
