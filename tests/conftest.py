@@ -5,6 +5,8 @@ One thread a process, as the Makefile has it: BLAS threads of two workers on two
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -33,3 +35,35 @@ def state_folder(tmp_path_factory) -> Iterator[None]:
         del os.environ["XDG_STATE_HOME"]
     else:
         os.environ["XDG_STATE_HOME"] = before
+
+
+@pytest.fixture(scope="session")
+def s3_endpoint() -> Iterator[str]:
+    """A server that talks S3 over HTTP."""
+    server = pytest.importorskip("moto.server", reason="no moto[server]")
+    storage = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    storage.start()
+    host, port = storage.get_host_and_port()
+    yield f"http://{host}:{port}"
+    storage.stop()
+
+
+@pytest.fixture
+def bucket(s3_endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Any, str]]:
+    """The storage and the name of a bucket of the test's own."""
+    fsspec = pytest.importorskip("fsspec")
+    pytest.importorskip("s3fs", reason="no s3fs: pip install 'gyrobench[scale]'")
+    for name, value in (
+        ("AWS_ENDPOINT_URL", s3_endpoint),
+        ("AWS_ACCESS_KEY_ID", "x"),
+        ("AWS_SECRET_ACCESS_KEY", "x"),
+        ("AWS_DEFAULT_REGION", "us-east-1"),
+        ("GYROBENCH_CACHE", str(tmp_path / "cache")),
+    ):
+        monkeypatch.setenv(name, value)
+    storage = fsspec.filesystem("s3", skip_instance_cache=True)
+    name = f"bench-{abs(hash(tmp_path)):x}"
+    storage.mkdir(name)
+    fsspec.filesystem("s3").invalidate_cache()
+    yield storage, name
+    type(storage).clear_instance_cache()

@@ -10,6 +10,11 @@ MANIFEST_FILE = "manifest.json"
 _URL = re.compile(r"^([a-z][a-z0-9+.-]+):/{1,2}(?=[^/])", re.IGNORECASE)
 
 
+def is_run(place: Path | str) -> bool:
+    """Return whether `place` may be a run: it has a manifest, or is a URL."""
+    return bool(url_of(place)) or (Path(place) / MANIFEST_FILE).is_file()
+
+
 def url_of(place: Path | str) -> str:
     """Return the URL if `place` is one, also after a Path took one of its slashes; empty for a local path."""
     found = _URL.match(str(place))

@@ -18,7 +18,7 @@ def test_the_second_run_begins_at_zero_where_the_first_left_the_bench(bench, fog
         for table in (run.turntable(), run.chamber(), run.gyro("fog_1")):
             assert 0 <= table["time_ns"][0] < 10e9
         assert 0.0 <= run.events[0]["time_s"] < 10.0
-        assert bench.problems(run.folder) == []
+        assert bench.problems(run.place) == []
     ends, begins = runs[0].turntable()["angle_deg"][-1], runs[1].turntable()["angle_deg"][0]
     assert (begins - ends + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=0.01)
     assert ends == pytest.approx(5.0 * 40.0, abs=20.0)

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import bench.present.cli
-from bench.analysis.common.state_file import read_arrays, read_state, write_state
+from bench.analysis.common.state_file import read_state, write_state
 from bench.control.live import read_history
 from bench.control.recover import recover
 from bench.control.run_record import _new_folder, decode_run
@@ -29,6 +29,7 @@ from bench.record.benchfile import load_bench_file
 from bench.record.catalogue import read_row
 from bench.record.exchange import export_run, read_mapping
 from bench.record.recording import Run, read_events, read_manifest, read_table, verify
+from bench.record.recording._truth import read_truth
 from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import parse_json, parse_toml, read_bounded
 from drivers.can_dbc import load_layout
@@ -263,7 +264,7 @@ def test_the_catalogue_lists_a_hostile_folder_as_unreadable(tmp_path):
 def test_a_truth_file_cannot_unpack_to_more_than_the_bound_or_run_code(tmp_path):
     honest, bomb, pickled = (tmp_path / f"{name}.npz" for name in ("honest", "bomb", "pickled"))
     np.savez_compressed(honest, bias_dph=np.arange(5.0))
-    assert read_arrays(honest)["bias_dph"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert read_truth(honest)["bias_dph"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     with (
         zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive,
         archive.open("bias_dph.npy", "w") as file,
@@ -273,9 +274,9 @@ def test_a_truth_file_cannot_unpack_to_more_than_the_bound_or_run_code(tmp_path)
     assert bomb.stat().st_size < 1 << 20
     np.savez(pickled, bias_dph=np.array([{"a": 1}], dtype=object))
     with pytest.raises(RecordError, match="unpacked"):
-        read_arrays(bomb)
+        read_truth(bomb)
     with pytest.raises(RecordError, match=r"object|array"):
-        read_arrays(pickled)
+        read_truth(pickled)
 
 
 MAPPING = """format = 1

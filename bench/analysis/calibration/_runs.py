@@ -14,7 +14,6 @@ from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._schedule import Schedule, home_attitude, parse_moves
 from bench.analysis.calibration._table import Table
 from bench.analysis.calibration._turning import TableAxis, table_type
-from bench.analysis.common.state_file import read_arrays
 from bench.record.benchfile import bench_file_from
 from bench.record.recording import Run
 from drivers.base.arrays import Array
@@ -44,7 +43,7 @@ class CalibrationRun:
     truth: Array | None
 
 
-def load_calibration_run(folder: Path, gyro: str | None = None) -> CalibrationRun:
+def load_calibration_run(folder: Path | str, gyro: str | None = None) -> CalibrationRun:
     """Read a run; RecordError says what keeps it from being one: procedure, outcome, axes, gaps, positions."""
     run = Run.open(folder)
     manifest = run.manifest
@@ -84,7 +83,7 @@ def load_calibration_run(folder: Path, gyro: str | None = None) -> CalibrationRu
         table=table_type(axes),
         mounting=manifest.mounting,
         turn_s=turn_s,
-        truth=_truth(folder / f"truth_{name}.npz"),
+        truth=_truth(run, name),
     )
 
 
@@ -93,7 +92,7 @@ def _schedule(run: Run) -> Schedule:
     if not rows:
         raise RecordError(
             "the run does not say which scheme it turned",
-            where=str(run.folder),
+            where=str(run.place),
             expected="an event `scheme` in events.jsonl",
         )
     row = rows[-1]
@@ -115,7 +114,7 @@ def _span(run: Run, schedule: Schedule) -> tuple[float, float, tuple[float, ...]
     if len(dwells) != schedule.positions:
         raise RecordError(
             "positions are missing from the run",
-            where=str(run.folder),
+            where=str(run.place),
             found=f"{len(dwells)} dwells",
             expected=f"{schedule.positions} ({schedule.name})",
             remedy="run the scheme again: what a missing position shows stays at its prior",
@@ -154,11 +153,9 @@ def _increments(table: Mapping[str, Any], name: str, axis: str, rate_hz: float) 
     return Increments(period, np.radians(values[:, :3]) * period, values[:, 3:] * period)
 
 
-def _truth(path: Path) -> Array | None:
+def _truth(run: Run, gyro: str) -> Array | None:
     """Return the emulated unit's parameters in state order; its K_a is lower triangular."""
-    if not path.exists():
-        return None
-    saved = read_arrays(path)
+    saved = run.truth(gyro)
     if "kg" not in saved:
         return None
     parts = (saved[key] for key in ("eps_rad_s", "nabla_mps2", "kg", "ka", "k2_s2pm"))

@@ -9,7 +9,6 @@ import json
 import platform
 import shutil
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -19,14 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from drivers.base.arrays import ARCHIVE_DAMAGE, array_of, read_archive
 from drivers.base.errors import RecordError
 from drivers.base.files import parse_json, replace_file
 
 _JSON = "compensation.json"
 THERMAL_DRIFT = "thermal drift"
 _MARK = "array"
-_MOST_BYTES = 256 << 20
-_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, RecursionError)
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -92,13 +90,13 @@ def saved_together(folder: Path, *others: str) -> Iterator[Path]:
 def read_state(path: Path) -> dict[str, Any]:
     """Read what `write_state` wrote; RecordError for a file that is not one or is damaged."""
     try:
-        content = _unzipped(path)
+        content = read_archive(path)
         state = parse_json(content.pop(_JSON))
-        arrays = {name: _array(data) for name, data in content.items()}
+        arrays = {name: array_of(data) for name, data in content.items()}
         restored: dict[str, Any] = _with_arrays(state, arrays)
     except FileNotFoundError:
         raise
-    except _DAMAGE as error:
+    except ARCHIVE_DAMAGE as error:
         raise RecordError(
             "this is not a readable compensation file",
             where=str(path),
@@ -131,50 +129,6 @@ def versions(*names: str) -> dict[str, str]:
     """Return the versions of Python, gyrobench, numpy, scipy and of the packages `names`: papers of a fit."""
     packages = {name: version(name) for name in ("gyrobench", "numpy", "scipy", *names)}
     return {**packages, "python": platform.python_version()}
-
-
-def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the arrays of an .npz file of plain numbers by name; RecordError for one that is none, is damaged or
-    unpacks to more than 256 MiB.
-    """
-    try:
-        return {name.removesuffix(".npy"): _array(data) for name, data in _unzipped(path).items()}
-    except _DAMAGE as error:
-        raise RecordError(
-            "this is not a readable file of arrays",
-            where=str(path),
-            found=f"{type(error).__name__}: {error}",
-            expected="a zip of .npy arrays of numbers",
-            remedy="copy the file again; a truth file may also be deleted, nothing but comparisons needs it",
-        ) from error
-
-
-def _unzipped(path: Path) -> dict[str, bytes]:
-    with zipfile.ZipFile(path) as archive:
-        sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
-        if sum(sizes.values()) > _MOST_BYTES:
-            raise ValueError(f"more than {_MOST_BYTES >> 20} MiB unpacked")
-        return {name: _unpacked(archive, name, size) for name, size in sizes.items()}
-
-
-def _unpacked(archive: zipfile.ZipFile, name: str, size: int) -> bytes:
-    """Return an entry, and never more than the directory says: a damaged one may unpack to gigabytes."""
-    with archive.open(name) as file:
-        return file.read(size)
-
-
-def _array(data: bytes) -> np.ndarray[Any, Any]:
-    """Return the array of an .npy text.
-
-    Made from the bytes that are there, never with room for what the header claims: numpy refuses objects, and a
-    shape that does not fit.
-    """
-    buffer = BytesIO(data)
-    if np.lib.format.read_magic(buffer) != (1, 0):
-        raise ValueError("an array of another format than 1.0")
-    shape, column_order, kind = np.lib.format.read_array_header_1_0(buffer)
-    array = np.frombuffer(data[buffer.tell() :], kind).reshape(shape, order="F" if column_order else "C")
-    return array.copy()
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

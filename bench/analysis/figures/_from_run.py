@@ -20,9 +20,9 @@ from bench.analysis.figures._scale_factor import (
     scale_factor_sensitivity_ppm_per_k,
 )
 from bench.analysis.figures._small_rates import RateStep, resolution, threshold
-from bench.record.recording import Run, seconds
+from bench.record.recording import Run, row_means, seconds
 from drivers.base.arrays import Array
-from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
+from drivers.base.constants import DPH_PER_DPS, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import BenchError, ConfigurationError
 
 
@@ -94,19 +94,19 @@ class _Record:
         """Means over whole seconds, the few empty ones interpolated."""
         table = self._table(interval, ("time_ns", "rate_dps", "valid"))
         row = np.floor(seconds(table) - float(interval["start_s"])).astype(np.int64)
-        use = table["valid"].astype(np.bool_) & (row >= 0)
         count = math.floor(float(interval["end_s"]) - float(interval["start_s"]))
-        total = np.bincount(row[use], 3600.0 * table["rate_dps"][use].astype(np.float64), count)[:count]
-        number = np.bincount(row[use], minlength=count)[:count]
-        if (number == 0).mean() > 0.01:
+        rates = DPH_PER_DPS * table["rate_dps"].astype(np.float64)
+        means = row_means(rates, row, count, table["valid"].astype(np.bool_))
+        empty = np.isnan(means)
+        if empty.mean() > 0.01:
             raise ConfigurationError(
                 "the record has gaps",
                 where=f"{interval['test']}, {self.gyro}",
-                found=f"{int((number == 0).sum())} of {count} seconds without a valid sample",
+                found=f"{int(empty.sum())} of {count} seconds without a valid sample",
                 expected="fewer than 1 %",
             )
-        known = np.flatnonzero(number)
-        return np.asarray(np.interp(np.arange(count), known, total[known] / number[known]))
+        known = np.flatnonzero(~empty)
+        return np.asarray(np.interp(np.arange(count), known, means[known]))
 
     def true_rate_dps(self, interval: dict[str, Any]) -> float:
         """Mean table rate by its encoder: angle turned over time."""
@@ -168,7 +168,7 @@ def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
             found=f"{run.manifest.procedure}, gyros {', '.join(run.manifest.units)}",
             expected=f"a standard-test run with gyro {name}",
         )
-    record = _Record(run, name, run.manifest.measured("azimuth_error") or 0.0)
+    record = _Record(run, name, run.azimuth_error_deg)
     figures: list[Figure] = []
     missing: list[tuple[str, str]] = []
     for what, part in (

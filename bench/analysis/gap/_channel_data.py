@@ -17,7 +17,7 @@ from bench.record.benchfile import bench_file_from
 from bench.record.events import Event
 from bench.record.events.run import AirDemand, AngleDemand, ConditioningDemand, HomeDemand, RateDemand
 from bench.record.events.safe import SafeState
-from bench.record.recording import Arrivals, Phase, Run, read_arrivals, seconds
+from bench.record.recording import Arrivals, Run, row_means, seconds
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects import CHANNEL_UNITS, Channel, ChannelInputs, Demand
@@ -92,7 +92,7 @@ def load_channels(folder: Path, gyro: str | None = None) -> tuple[list[ChannelSe
 
 
 def _air(run: Run) -> ChannelSeries | str:
-    if not (run.folder / "chamber.parquet").exists():
+    if "chamber" not in run.tables:
         return "the run has no chamber"
     demands, running_s = _chamber_demands(run)
     if not demands or running_s is None:
@@ -161,7 +161,7 @@ def _quiet_from(demands: list[Demand], time_s: Array) -> Array:
 
 def _case(run: Run, gyro: str) -> ChannelSeries | str:
     sensor = run.manifest.device(gyro).case_sensor if gyro else None
-    if sensor is None or not (run.folder / "chamber.parquet").exists():
+    if sensor is None or "chamber" not in run.tables:
         return "no sensor on the unit's case (case_sensor in the bench file)"
     table = run.chamber()
     if "air_temp_c" not in table:
@@ -180,7 +180,7 @@ def _case(run: Run, gyro: str) -> ChannelSeries | str:
 
 def _inside(run: Run, gyro: str) -> ChannelSeries | str:
     sensor = run.manifest.device(gyro).case_sensor if gyro else None
-    if sensor is None or not (run.folder / "chamber.parquet").exists():
+    if sensor is None or "chamber" not in run.tables:
         return "no sensor on the unit's case that the gyro's temperature could follow"
     around = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))
     table = run.gyro(gyro, ("time_ns", "temp_c"))
@@ -214,7 +214,7 @@ def _table_demands(run: Run) -> Iterator[tuple[float, float, Event]]:
 
 
 def _angle(run: Run) -> ChannelSeries | str:
-    if not (run.folder / "turntable.parquet").exists():
+    if "turntable" not in run.tables:
         return "the run has no table"
     parts, demands = [], []
     for start, end, demand in _table_demands(run):
@@ -239,7 +239,7 @@ def _angle(run: Run) -> ChannelSeries | str:
 
 
 def _rate(run: Run) -> ChannelSeries | str:
-    if not (run.folder / "turntable.parquet").exists():
+    if "turntable" not in run.tables:
         return "the run has no table"
     parts = []
     for start, end, told in _table_demands(run):
@@ -261,13 +261,13 @@ def _rate(run: Run) -> ChannelSeries | str:
 
 
 def _stamps(run: Run, gyro: str) -> ChannelSeries | str:
-    if gyro not in run.manifest.stream or not (run.folder / "raw" / f"{gyro}.idx").exists():
+    if gyro not in run.manifest.stream or not run.has_arrivals(gyro):
         return "no arrival times of the gyro's stream"
     try:
         source = gyro_source(run.manifest, gyro)
     except ConfigurationError as error:
         return f"the stream cannot be decoded again: {error}"
-    seen = read_arrivals(run.folder, source)
+    seen = run.arrivals(source)
     if len(seen.count) < 4 * _SHORT:
         return "no arrival times of the gyro's stream"
     late_ms = 1e3 * (seen.arrival_s - seen.count_s * seen.count)
@@ -302,12 +302,10 @@ def _stepped(time_s: Array, values: Array, step_s: float = _STEP_S) -> tuple[Arr
     """Return means over equal steps: their middles (m,) and values (m,), empty steps interpolated."""
     row = np.floor((time_s - time_s[0]) / step_s).astype(np.int64)
     count = int(row[-1])
-    row, values = row[row < count], values[row < count]
-    samples = np.bincount(row, minlength=count)
-    sums = np.asarray(np.bincount(row, values, count), dtype=np.float64)
+    means = row_means(values, row, count)
     middle = time_s[0] + (np.arange(count) + 0.5) * step_s
-    full = samples > 0
-    return middle, np.interp(middle, middle[full], sums[full] / samples[full]) if full.any() else sums
+    full = ~np.isnan(means)
+    return middle, np.interp(middle, middle[full], means[full]) if full.any() else np.zeros(count)
 
 
 def _end_s(run: Run) -> float:
@@ -329,15 +327,8 @@ def _series(
         run.manifest.run_id,
         inputs,
         values,
-        phase_at(run.phases(), inputs.time_s),
+        run.phase_at(inputs.time_s),
         quiet,
         resolution,
         run.checksum,
     )
-
-
-def phase_at(phases: tuple[Phase, ...], times_s: Array) -> NDArray[np.str_]:
-    """Return the name of the phase at every time, (n,)."""
-    names = np.array([phase.name for phase in phases] or ["run"])
-    starts = np.array([phase.start_s for phase in phases] or [0.0])
-    return np.asarray(names[np.maximum(np.searchsorted(starts, times_s, side="right") - 1, 0)])

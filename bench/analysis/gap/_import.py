@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 
 from bench.analysis.gap._data import GapRun, stand_ins
 from bench.record.exchange import LogEntry, Mapping, read_log, read_mapping
-from bench.record.recording import checksum, read_manifest
-from bench.record.run_folder import MANIFEST_FILE
+from bench.record.recording import Run, names_at, row_means
 from drivers.base.arrays import Array
+from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
-
-_DPH = 3600.0
 
 
 def read_mapped_runs(path: Path) -> list[GapRun]:
@@ -30,15 +28,14 @@ def read_mapped_runs(path: Path) -> list[GapRun]:
     return [_run(entry, mapping, path.parent / entry.file) for entry in mapping.run]
 
 
-def read_imported_run(folder: Path) -> GapRun:
-    """Return a run folder made by `gyrobench import`, from the log and the mapping that it keeps."""
-    manifest = read_manifest(folder)
-    if manifest.imported is None:
-        raise ConfigurationError("this run was not imported", where=str(folder))
-    mapping = read_mapping(folder / manifest.imported.mapping)
-    log = folder / manifest.imported.log
-    run = _run(mapping.entry_for(log, log), mapping, log)
-    return replace(run, run_id=manifest.run_id, checksum=checksum(folder / MANIFEST_FILE).sha256)
+def read_imported_run(run: Run) -> GapRun:
+    """Return a run made by `gyrobench import`, from the log and the mapping that it keeps."""
+    imported = run.manifest.imported
+    if imported is None:
+        raise ConfigurationError("this run was not imported", where=str(run.place))
+    mapping, log = read_mapping(run.file(imported.mapping)), run.file(imported.log)
+    made = _run(mapping.entry_for(log, log), mapping, log)
+    return replace(made, run_id=run.manifest.run_id, checksum=run.checksum)
 
 
 def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
@@ -48,7 +45,7 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
     row = np.ceil(time_s).astype(np.int64) - 1
 
     def means(key: str) -> Array:
-        return _second_means(log.columns[key], row, count)
+        return row_means(log.columns[key], row, count)
 
     t_in, t_out = (_bridged(means(key)) if key in log.columns else None for key in ("t_in", "t_out"))
     t_in, t_out = stand_ins(t_in, t_out, count)
@@ -73,17 +70,9 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         entry.profile or file.stem,
         entry.condition,
         stimulus,
-        _DPH * means("output"),
+        DPH_PER_DPS * means("output"),
         _phases(entry, edges[1:]),
     )
-
-
-def _second_means(values: Array, row: NDArray[np.int64], count: int) -> Array:
-    """Return means over each second, (count,), NaN where there is no value."""
-    use = (row >= 0) & (row < count) & ~np.isnan(values)
-    sums = np.bincount(row[use], values[use], count)
-    samples = np.bincount(row[use], minlength=count)
-    return np.where(samples > 0, sums / np.maximum(samples, 1), np.nan)
 
 
 def _bridged(values: Array) -> Array:
@@ -94,6 +83,5 @@ def _bridged(values: Array) -> Array:
 
 
 def _phases(entry: LogEntry, times_s: Array) -> NDArray[np.str_]:
-    starts = np.array([phase.start_s for phase in entry.phases] or [0.0])
-    names = np.array([phase.name for phase in entry.phases] or ["run"])
-    return np.asarray(names[np.maximum(np.searchsorted(starts, times_s - 0.5, side="right") - 1, 0)])
+    starts, names = [phase.start_s for phase in entry.phases], [phase.name for phase in entry.phases]
+    return names_at(starts or [0.0], names or ["run"], times_s - 0.5)

@@ -31,8 +31,8 @@ from bench.analysis.heading import (
     study_heading,
     without_start,
 )
-from bench.record.recording import Run, checksum
-from bench.record.run_folder import MANIFEST_FILE
+from bench.record.recording import Run
+from bench.record.run_folder import is_run
 from simulators.effects import ChannelEffect, catalogue
 
 _SURE = 0.95
@@ -80,7 +80,7 @@ class PositionFinding(Finding[ChannelTerm | None]):
 
 def is_platform_run(folder: Path) -> bool:
     """Return whether a run folder is of a platform INS and has no gyro."""
-    if not (folder / MANIFEST_FILE).exists():
+    if not is_run(folder):
         return False
     roles = {device.role for device in Run.open(folder).manifest.devices.values()}
     return "platform" in roles and "gyro" not in roles
@@ -88,10 +88,9 @@ def is_platform_run(folder: Path) -> bool:
 
 def load_platform_run(folder: Path) -> PositionRun:
     """Return a platform's run folder as the diagnosis sees it."""
-    manifest = Run.open(folder).manifest
-    unit = next(iter(manifest.units.values()), "")
-    log = load_log(folder, site_of_run(folder))[0]
-    return PositionRun(manifest.run_id, unit, log, checksum(folder / MANIFEST_FILE).sha256)
+    run = Run.open(folder)
+    unit = next(iter(run.manifest.units.values()), "")
+    return PositionRun(run.manifest.run_id, unit, load_log(folder, site_of_run(folder))[0], run.checksum)
 
 
 @dataclass(frozen=True, eq=False)

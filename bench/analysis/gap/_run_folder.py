@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis.calibration import load_calibration_run
 from bench.analysis.gap._data import GapRun, stand_ins
 from bench.analysis.gap._import import read_imported_run
 from bench.control.procedure import load_procedures
-from bench.record.recording import Phase, Run, second_rows, seconds
+from bench.record.recording import Run
 from drivers.base.arrays import Array
+from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
 
-_HOUR_S = 3600.0
 _TURNING_DPS = 0.05
 _SETTLING_S = 5
 AXES = "xyz"
@@ -52,7 +50,7 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
             expected=", ".join(units),
         )
     if run.manifest.imported is not None:
-        return [read_imported_run(run.folder)]
+        return [read_imported_run(run)]
     if run.manifest.procedure == CALIBRATION:
         return [_positions(run, name)]
     sections = [float(event["time_s"]) for event in run.events if event["kind"] == "section"]
@@ -85,13 +83,13 @@ def _stretch(
     run: Run, gyro: str, start_s: float, end_s: float, suffix: str, *, upright: bool = False
 ) -> GapRun:
     start, end = math.ceil(start_s), math.floor(end_s)
-    output, temp_c, lost = _second_means(run, gyro, start, end)
+    means = run.second_means(gyro, start, end, from_start=True)
     edges = np.arange(float(start), end + 1.0)
-    angle = _table_angle(run, edges) + _azimuth_error_deg(run)
+    angle = run.table_angle_deg(edges) + run.azimuth_error_deg
     turning = float(np.median(np.diff(angle)))
     upright = upright or _upright(run, gyro, abs(turning) > _TURNING_DPS)
     elevation = np.full(end - start, 90.0 if upright else 0.0)
-    t_in, t_out = _temperatures(run, temp_c, _case_temp(run, gyro, edges[:-1] + 0.5))
+    t_in, t_out = _temperatures(run, means.temp_c, _case_temp(run, gyro, edges[:-1] + 0.5))
     stimulus = Stimulus(
         edges[1:],
         t_in,
@@ -100,7 +98,6 @@ def _stretch(
         elevation,
         run.manifest.latitude_deg,
     )
-    phases = [phase for phase in run.phases() if phase.end_s > start and phase.start_s < end]
     condition = f"{round(float(np.median(angle))) % 360} deg"
     if upright or abs(turning) > _TURNING_DPS:
         condition = f"{round(turning):+d}"
@@ -110,10 +107,10 @@ def _stretch(
         _profile(run),
         condition,
         stimulus,
-        3600.0 * output,
-        _phase_names(phases, edges[1:]),
+        DPH_PER_DPS * means.rate_dps,
+        run.phase_at(edges[1:] - 0.5),
         run.checksum,
-        lost,
+        means.lost,
     )
 
 
@@ -141,26 +138,26 @@ def _upright(run: Run, gyro: str, turning: bool) -> bool:
 
 def _positions(run: Run, gyro: str) -> GapRun:
     """Return the dwells of a system calibration, one behind the other, each at its attitude, without turns."""
-    schedule = load_calibration_run(run.folder, gyro).schedule
+    schedule = load_calibration_run(run.place, gyro).schedule
     axis = AXES.index(str(run.manifest.device(gyro).axis or "x"))
     parts = []
     dwells = [phase for phase in run.phases() if phase.name == "dwell"]
     for number, (phase, attitude) in enumerate(zip(dwells, schedule.attitudes(), strict=True), 1):
         start, end = math.ceil(phase.start_s) + _SETTLING_S, math.floor(phase.end_s)
-        output, temp_c, lost = _second_means(run, gyro, start, end)
-        output[-1] = np.nan  # in it the angle jumps to that of the next position
+        means = run.second_means(gyro, start, end, from_start=True)
+        means.rate_dps[-1] = np.nan  # in it the angle jumps to that of the next position
         east, north, up = attitude[:, axis]
         full = np.full(end - start, 1.0)
         parts.append(
             (
                 np.arange(start + 1.0, end + 1.0),
-                output,
-                temp_c,
+                means.rate_dps,
+                means.temp_c,
                 _case_temp(run, gyro, np.arange(float(start), float(end)) + 0.5),
                 math.degrees(math.atan2(-east, north)) * full,
                 math.degrees(math.asin(max(min(up, 1.0), -1.0))) * full,
                 np.full(end - start, f"position {number}"),
-                lost * full,
+                means.lost * full,
             )
         )
     times, output, temp_c, case_c, angle, elevation, phases, losses = (
@@ -181,31 +178,11 @@ def _positions(run: Run, gyro: str) -> GapRun:
         run.manifest.procedure,
         schedule.name,
         stimulus,
-        3600.0 * output,
+        DPH_PER_DPS * output,
         phases,
         run.checksum,
         float(losses.mean()),
     )
-
-
-def _second_means(run: Run, gyro: str, start: int, end: int) -> tuple[Array, Array, float]:
-    """Return 1 s means of rate (deg/s) and temperature, (2 of n,), NaN where empty, and the lost fraction."""
-    count = end - start
-    sums, samples = np.zeros((2, count)), np.zeros((2, count))
-    lost = frames = 0
-    edges = np.append(np.arange(float(start), float(end), _HOUR_S), float(end))
-    for low, high in pairwise(edges):
-        table = run.gyro(gyro, ("time_ns", "rate_dps", "temp_c", "valid", "lost_before"), low, high)
-        row = np.clip(second_rows(table, start), 0, count - 1)
-        frames += len(row)
-        lost += int(table["lost_before"].sum())
-        for index, column in enumerate(("rate_dps", "temp_c")):
-            values = table[column].astype(np.float64)
-            use = ~np.isnan(values) & (table["valid"].astype(bool) | (index == 1))
-            sums[index] += np.bincount(row[use], values[use], count)
-            samples[index] += np.bincount(row[use], minlength=count)
-    means = np.where(samples > 0.0, sums / np.maximum(samples, 1.0), np.nan)
-    return means[0], means[1], lost / max(frames + lost, 1)
 
 
 def _filled(values: Array, run: Run, what: str) -> Array | None:
@@ -216,7 +193,7 @@ def _filled(values: Array, run: Run, what: str) -> Array | None:
     if known.mean() < 0.8:
         raise ConfigurationError(
             f"{what} is missing",
-            where=str(run.folder),
+            where=str(run.place),
             found=f"{100 * (1 - known.mean()):.0f} % of the seconds without a value",
             expected="a temperature for every second",
             remedy="without it no effect of temperature can be told",
@@ -225,30 +202,12 @@ def _filled(values: Array, run: Run, what: str) -> Array | None:
     return np.asarray(np.interp(at, at[known], values[known]))
 
 
-def _table_angle(run: Run, times_s: Array) -> Array:
-    table = run.turntable(("time_ns", "angle_deg"), float(times_s[0]) - 2.0, float(times_s[-1]) + 2.0)
-    return np.asarray(np.interp(times_s, seconds(table), np.unwrap(table["angle_deg"], period=360.0)))
-
-
-def _azimuth_error_deg(run: Run) -> float:
-    return run.manifest.measured("azimuth_error") or 0.0
-
-
 def _temperatures(run: Run, temp_c: Array, case_c: Array) -> tuple[Array, Array]:
     inside = _filled(temp_c, run, "the gyro's temperature")
     return stand_ins(inside, _filled(case_c, run, "the case's temperature"), len(temp_c))
 
 
 def _case_temp(run: Run, gyro: str, times_s: Array) -> Array:
-    """Return the case temperature, NaN without a sensor on it."""
-    sensor = run.manifest.device(gyro).case_sensor
-    if sensor is None or not (run.folder / "chamber.parquet").exists():
-        return np.full(len(times_s), np.nan)
-    table = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))
-    return np.asarray(np.interp(times_s, seconds(table), table[f"aux_{sensor}_temp_c"]))
-
-
-def _phase_names(phases: list[Phase], times_s: Array) -> NDArray[np.str_]:
-    names = np.array([phase.name for phase in phases])
-    starts = np.array([phase.start_s for phase in phases])
-    return np.asarray(names[np.maximum(np.searchsorted(starts, times_s - 0.5, side="right") - 1, 0)])
+    """Return the case temperature, NaN without a record of it."""
+    case_c = run.case_temp_c(gyro, times_s) if "chamber" in run.tables else None
+    return np.full(len(times_s), np.nan) if case_c is None else case_c

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -18,13 +19,15 @@ from bench.analysis.heading._lagged import Evidence, LaggedModel
 from bench.analysis.heading._log import PlatformLog, log_from_positions
 from bench.analysis.heading._temperature import ReferenceTemperature
 from bench.record.benchfile import bench_file_from
-from bench.record.recording import platform_table_name, read_manifest
+from bench.record.recording import Run, Table, checksum, platform_table_name, read_table
+from bench.record.run_folder import url_of
 from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
 
 KIND = "gyrobench heading compensation"
 FORMAT = 1
+_ANGLE = ("time_ns", "angle_deg")
 COLUMNS = {
     "time_s": "time_s",
     "latitude_deg": "latitude_deg",
@@ -49,33 +52,42 @@ class Site:
     damping: float = 0.0
 
 
-def site_of_run(folder: Path, damping: float = 0.0) -> Site:
+def site_of_run(place: Path, damping: float = 0.0) -> Site:
     """Return where the platform of a run stood: latitude and longitude of its bench file, time by its start.
 
     An emulated lab's stars stand at its longitude when its time begins, whatever the date. RecordError for a
-    folder that is no run of a platform INS.
+    run that is not of one platform INS.
     """
-    manifest = read_manifest(folder)
-    path = platform_table(folder)
-    sections = bench_file_from(manifest.bench).platform
-    section = next(each for each in sections if path.name == platform_table_name(each.name))
-    started_s = datetime.fromisoformat(manifest.started_utc).timestamp()
-    zero_deg = None if manifest.emulated is not None else earth_rotation_deg(started_s)
-    return Site(manifest.latitude_deg, section.longitude_deg, zero_deg, damping)
+    run = Run.open(place)
+    name = platform_of(run)
+    section = next(each for each in bench_file_from(run.manifest.bench).platform if each.name == name)
+    started_s = datetime.fromisoformat(run.manifest.started_utc).timestamp()
+    zero_deg = None if run.manifest.emulated is not None else earth_rotation_deg(started_s)
+    return Site(run.manifest.latitude_deg, section.longitude_deg, zero_deg, damping)
 
 
-def platform_table(folder: Path) -> Path:
-    """Return the decoded table of a run's platform INS; RecordError if there is none, or more than one."""
-    found = sorted(folder.glob(platform_table_name("*")))
+def platform_of(run: Run) -> str:
+    """Return the name of a run's platform INS; RecordError if there is none, or more than one."""
+    found = run.platforms
     if len(found) != 1:
         raise RecordError(
             "a run folder with one platform INS is needed",
-            where=str(folder),
-            found=", ".join(path.name for path in found) or "no table of a platform INS",
+            where=str(run.place),
+            found=", ".join(found) or "no table of a platform INS",
             expected=f"one {platform_table_name('<name>')}",
             remedy="name the table itself instead of the run folder" if found else "",
         )
     return found[0]
+
+
+def checksum_of_log(path: Path) -> tuple[str, str]:
+    """Return the name of a log (of a run: of its table) and its SHA-256."""
+    if not (path.is_dir() or url_of(path)):
+        return f"{path.parent.name}/{path.name}", checksum(path).sha256
+    run = Run.open(path)
+    table = platform_table_name(platform_of(run))
+    sealed = run.manifest.files.get(table) or checksum(run.file(table))
+    return f"{path.name}/{table}", sealed.sha256
 
 
 def load_log(
@@ -95,18 +107,23 @@ def load_log(
             found=", ".join(sorted(unknown)),
             expected=", ".join([*COLUMNS, "other_temp_c"]),
         )
-    if not path.exists():
+    table: Mapping[str, NDArray[Any]]
+    if path.is_dir() or url_of(path):
+        run = Run.open(path)
+        table = run.platform(platform_of(run))
+        wanted = {"other_temp_c": "cabinet_temp_c", **wanted}
+        turned = run.turntable(_ANGLE) if "turntable" in run.tables else None
+    elif path.exists():
+        table = _parquet(path) if path.suffix == ".parquet" else _csv(path)
+        beside = path.with_name("turntable.parquet")
+        turned = read_table(beside, _ANGLE) if beside.exists() else None
+    else:
         raise RecordError(
             "there is no such log", where=str(path), expected="a .csv or .parquet file, or a run"
         )
-    if path.is_dir():
-        path = platform_table(path)
-        wanted = {"other_temp_c": "cabinet_temp_c", **wanted}
-    table = _parquet(path) if path.suffix == ".parquet" else _csv(path)
     if "time_ns" in table and wanted["time_s"] not in table:
         table = {**table, wanted["time_s"]: table["time_ns"] * 1e-9}
-    turned = path.parent / "turntable.parquet"
-    if wanted["heading_deg"] not in table and "time_ns" in table and turned.exists():
+    if wanted["heading_deg"] not in table and "time_ns" in table and turned:
         table = {**table, wanted["heading_deg"]: _table_angle(turned, table["time_ns"])}
     if missing := [name for name in wanted.values() if name not in table]:
         raise RecordError(
@@ -191,12 +208,10 @@ def _navigating(values: Mapping[str, Array], valid: NDArray[np.bool_]) -> dict[s
     return kept
 
 
-def _table_angle(path: Path, time_ns: Array) -> Array:
+def _table_angle(turntable: Table, time_ns: NDArray[Any]) -> Array:
     """Return the table's angle at the last telemetry before each time, deg."""
-    turntable = _parquet(path)
     at = np.searchsorted(turntable["time_ns"], time_ns, side="right") - 1
-    angle: Array = turntable["angle_deg"][np.clip(at, 0, None)]
-    return angle
+    return np.asarray(turntable["angle_deg"][np.clip(at, 0, None)], dtype=np.float64)
 
 
 def _parquet(path: Path) -> dict[str, Array]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bench.analysis.heading._files import Site, load_log, platform_table, site_of_run
+from bench.analysis.heading._files import Site, checksum_of_log, load_log, site_of_run
 from bench.analysis.heading._frames import earth_rotation_deg
 from bench.analysis.heading._lagged import Form
 from bench.analysis.heading._study import HeadingStudy, study_heading
-from bench.record.recording import checksum
+from bench.record.run_folder import url_of
 from drivers.base.errors import ConfigurationError
 
 
@@ -36,8 +36,7 @@ def study_heading_logs(
     calibration, other_temp_c = load_log(log, site(log), columns)
     held_out = {path.stem: load_log(path, site(path), columns)[0] for path in tests}
     study = study_heading(calibration, held_out, form=form, window_s=window_s, other_temp_c=other_temp_c)
-    tables = [platform_table(path) if path.is_dir() else path for path in (log, *tests)]
-    return study, {f"{path.parent.name}/{path.name}": checksum(path).sha256 for path in tables}
+    return study, dict(checksum_of_log(path) for path in (log, *tests))
 
 
 def _site(
@@ -47,7 +46,7 @@ def _site(
     zero_deg = None if epoch_s is None else earth_rotation_deg(epoch_s)
     if latitude_deg is not None and longitude_deg is not None:
         return Site(latitude_deg, longitude_deg, zero_deg, damping)
-    if not log.is_dir():
+    if not (log.is_dir() or url_of(log)):
         raise ConfigurationError(
             "where the platform stood is not known",
             where=str(log),

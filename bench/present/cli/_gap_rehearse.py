@@ -99,7 +99,7 @@ def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, as_json
     if not manifest.bench:
         raise ConfigurationError(
             "the run does not say on which bench it was made",
-            where=str(recorded.folder),
+            where=str(recorded.place),
             expected="a run folder of this project; an imported recording has no procedure to repeat",
         )
     procedure = find_procedure(manifest.procedure)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -64,7 +63,7 @@ def _summary(run: Run, missing: list[str]) -> RunSummary:
         measurements=tuple(_measurement(row) for row in manifest.measurements),
         streams=tuple(_stream(name, row) for name, row in manifest.stream.items()),
         warnings=_warnings(run, missing),
-        checksum=hashlib.sha256((run.folder / "manifest.json").read_bytes()).hexdigest(),
+        checksum=run.checksum,
         bench_name=manifest.bench_name,
         bench_file_sha256=manifest.bench_file_sha256,
         mounting=manifest.mounting,

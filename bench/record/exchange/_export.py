@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from bench.record.recording import Run, can_frames, unit_of
+from bench.record.recording import Run, unit_of
 from drivers.base.errors import ConfigurationError, RecordError
 
 FORMATS = ("csv", "mdf4", "blf", "parquet")
@@ -51,14 +51,13 @@ def export_run(folder: Path, kind: str, out: Path | None = None) -> Path:
 
 
 def _tables(run: Run) -> list[Path]:
-    found = sorted(run.folder.glob("*.parquet"))
-    if not found:
+    if not run.tables:
         raise ConfigurationError(
             "the run has no decoded tables to export",
-            where=str(run.folder),
+            where=str(run.place),
             remedy="`gyrobench runs verify` says what its raw bytes give",
         )
-    return found
+    return [run.file(f"{name}.parquet") for name in run.tables]
 
 
 def _events(run: Run) -> pa.Table:
@@ -158,7 +157,7 @@ def _blf(run: Run, part: Path) -> None:
     if not on_can:
         raise ConfigurationError(
             "the run has no gyro on CAN",
-            where=str(run.folder),
+            where=str(run.place),
             found=", ".join(run.manifest.units),
             expected="a gyro with interface and channel in the bench file",
             remedy="export csv, parquet or mdf4",
@@ -166,17 +165,17 @@ def _blf(run: Run, part: Path) -> None:
     started_s = datetime.fromisoformat(run.manifest.started_utc).timestamp()
     written = part.with_suffix(".blf")
     with can.BLFWriter(written) as writer:
-        streams = [_messages(run.folder, name, number, started_s) for number, name in enumerate(on_can)]
+        streams = [_messages(run, name, number, started_s) for number, name in enumerate(on_can)]
         for message in _in_time_order(streams):
             writer.on_message_received(message)
     if written != part:
         written.rename(part)
 
 
-def _messages(folder: Path, port: str, channel: int, started_s: float) -> Iterator[Any]:
+def _messages(run: Run, port: str, channel: int, started_s: float) -> Iterator[Any]:
     from drivers.slcan import to_messages
 
-    for frames, time_s in can_frames(folder, port):
+    for frames, time_s in run.can_frames(port):
         for message in to_messages(frames, time_s + started_s):
             message.channel = channel
             yield message

@@ -26,8 +26,9 @@ from bench.record.recording._manifest import (
     write_manifest,
 )
 from bench.record.recording._raw import can_frames, read_exchanges
-from bench.record.recording._read import Phase, Run, check_room, read_table, second_rows, seconds
+from bench.record.recording._read import Phase, Run, Table, check_room, read_table
 from bench.record.recording._remote import local_manifests, local_run
+from bench.record.recording._seconds import names_at, row_means, second_rows, seconds
 from bench.record.recording._tables import table_writer, unit_of
 from bench.record.recording._timing import StreamTimer, StreamTiming
 from bench.record.recording._verify import FileProblem, VerifyReport, verify
@@ -52,6 +53,7 @@ __all__ = [
     "StreamSource",
     "StreamTimer",
     "StreamTiming",
+    "Table",
     "VerifyReport",
     "can_frames",
     "check_room",
@@ -60,12 +62,14 @@ __all__ = [
     "decode_stream",
     "local_manifests",
     "local_run",
+    "names_at",
     "platform_table_name",
     "read_arrivals",
     "read_events",
     "read_exchanges",
     "read_manifest",
     "read_table",
+    "row_means",
     "seal",
     "second_rows",
     "seconds",

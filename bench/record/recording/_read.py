@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,15 +18,29 @@ from numpy.typing import NDArray
 from bench.record.events import Event, Row
 from bench.record.events.run import PhaseBegun
 from bench.record.recording._arrow import from_arrow
-from bench.record.recording._decode import gyro_table
+from bench.record.recording._decode import (
+    Arrivals,
+    StreamSource,
+    gyro_table,
+    platform_table_name,
+    read_arrivals,
+)
 from bench.record.recording._events import Events, Line, read_events
+from bench.record.recording._journal import RAW_FOLDER
 from bench.record.recording._manifest import Manifest, checksum, read_manifest
-from bench.record.recording._remote import local_run, remote_file
+from bench.record.recording._raw import can_frames
+from bench.record.recording._remote import fetch_file, local_run, remote_file
+from bench.record.recording._seconds import SecondMeans, names_at, row_means, second_rows, seconds
+from bench.record.recording._truth import read_truth, truth_file
 from bench.record.run_folder import MANIFEST_FILE, url_of
+from drivers.base.arrays import Array
+from drivers.base.constants import earth_rate_north_dph
 from drivers.base.errors import RecordError
 
 Table = dict[str, NDArray[Any]]
 _E = TypeVar("_E", bound=Event)
+_AT_ONCE_S = 3600
+"""Seconds of a gyro's samples in memory at a time."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +54,13 @@ class Phase:
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder, read as asked for."""
+    """A run on disk or on object storage, read as asked for: the one way to what a run holds."""
 
-    folder: Path
+    _folder: Path
+    """On this machine: the run itself, or the cache of what was fetched."""
     manifest: Manifest
-    url: str = ""
-    """Where the tables are, if not in the folder."""
+    _url: str = ""
+    """Of a run on object storage."""
 
     @classmethod
     def open(cls, folder: Path | str) -> Run:
@@ -56,6 +72,11 @@ class Run:
         return cls(here, read_manifest(here), url_of(folder))
 
     @property
+    def place(self) -> Path | str:
+        """The run's folder, or its URL."""
+        return self._url or self._folder
+
+    @property
     def complete(self) -> bool:
         """Whether the run was closed; one that was not can still be read as far as it was written."""
         return self.manifest.complete
@@ -63,11 +84,11 @@ class Run:
     @property
     def checksum(self) -> str:
         """SHA-256 of the run's manifest, which holds those of its files."""
-        return checksum(self.folder / MANIFEST_FILE).sha256
+        return checksum(self._folder / MANIFEST_FILE).sha256
 
     @cached_property
     def _event_log(self) -> Events:
-        return read_events(self.folder)
+        return read_events(self._folder)
 
     @property
     def events(self) -> tuple[Row, ...]:
@@ -96,19 +117,30 @@ class Run:
         ends = [start for start, _ in marks[1:]] + [max(line.time_s for line in self.lines)]
         return tuple(Phase(mark.phase, start, end) for (start, mark), end in zip(marks, ends, strict=True))
 
+    def phase_at(self, times_s: Array) -> NDArray[np.str_]:
+        """Return the name of the phase at every time, (n,); `run` in a run without phases."""
+        phases = self.phases() or (Phase("run", 0.0, 0.0),)
+        return names_at([phase.start_s for phase in phases], [phase.name for phase in phases], times_s)
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the decoded tables, in order: `chamber`, `gyro_<name>`, `turntable` and others."""
+        held = self.manifest.files if self._url else (path.name for path in self._folder.glob("*.parquet"))
+        return tuple(sorted(name.removesuffix(".parquet") for name in held if name.endswith(".parquet")))
+
     @property
     def gyros(self) -> tuple[str, ...]:
         """Names of the gyros with a decoded table."""
-        prefix, suffix = gyro_table("*").split("*")
-        if self.url:
-            names = [name for name in self.manifest.files if name.startswith(prefix)]
-            return tuple(sorted(name.removeprefix(prefix).removesuffix(suffix) for name in names))
-        return tuple(
-            sorted(
-                path.name.removeprefix(prefix).removesuffix(suffix)
-                for path in self.folder.glob(gyro_table("*"))
-            )
-        )
+        return self._named(gyro_table)
+
+    @property
+    def platforms(self) -> tuple[str, ...]:
+        """Names of the platform INSs with a decoded table."""
+        return self._named(platform_table_name)
+
+    def _named(self, table: Callable[[str], str]) -> tuple[str, ...]:
+        prefix = table("*").split("*")[0]
+        return tuple(name.removeprefix(prefix) for name in self.tables if name.startswith(prefix))
 
     def gyro(
         self,
@@ -132,13 +164,102 @@ class Run:
         """Return the chamber's telemetry: time_ns, air_temp_c, set_point_c, aux_<n>_temp_c."""
         return self._table("chamber.parquet", columns, start_s, end_s)
 
+    def platform(self, name: str) -> Table:
+        """Return all columns of a platform INS."""
+        return self._table(platform_table_name(name), None, None, None)
+
+    def second_means(self, gyro: str, start_s: int, end_s: int, *, from_start: bool = False) -> SecondMeans:
+        """Return 1 s means of a gyro, (end_s - start_s,): row k is of start_s + k < time <= start_s + k + 1.
+
+        `from_start`: a sample at start_s itself counts into the first second, one at end_s is left out.
+        """
+        rates, temps, lost, frames = [np.zeros(0)], [np.zeros(0)], 0, 0
+        for low in range(start_s, end_s, _AT_ONCE_S):
+            high = min(low + _AT_ONCE_S, end_s)
+            columns = ("time_ns", "rate_dps", "temp_c", "valid", "lost_before")
+            first_s = low if from_start and low == start_s else low + 1e-9
+            last_s = high if from_start and high == end_s else high + 1e-9
+            table = self.gyro(gyro, columns, first_s, last_s)
+            row = np.maximum(second_rows(table, low), 0)
+            rates.append(row_means(table["rate_dps"], row, high - low, table["valid"].astype(np.bool_)))
+            temps.append(row_means(table["temp_c"], row, high - low))
+            lost += int(table["lost_before"].sum())
+            frames += len(row)
+        return SecondMeans(np.concatenate(rates), np.concatenate(temps), lost / max(frames + lost, 1))
+
+    def case_temp_c(self, gyro: str, times_s: Array) -> Array | None:
+        """Return the temperature on a unit's case at times (n,); None for a unit without a sensor on it."""
+        sensor = self.manifest.device(gyro).case_sensor
+        if sensor is None:
+            return None
+        table = self.chamber(("time_ns", f"aux_{sensor}_temp_c"))
+        return np.asarray(np.interp(times_s, seconds(table), table[f"aux_{sensor}_temp_c"]))
+
+    def table_angle_deg(self, times_s: Array) -> Array:
+        """Return the angle of the table at times (n,), turns counted."""
+        start_s, end_s = math.floor(times_s[0]) - 2.0, math.ceil(times_s[-1]) + 2.0
+        table = self.turntable(("time_ns", "angle_deg"), start_s, end_s)
+        return np.asarray(np.interp(times_s, seconds(table), np.unwrap(table["angle_deg"], period=360.0)))
+
+    @property
+    def azimuth_error_deg(self) -> float:
+        """How far the axis under test was found beside the table's zero; 0 where that was not measured."""
+        return self.manifest.measured("azimuth_error") or 0.0
+
+    def earth_rate_dph(self, times_s: Array) -> Array:
+        """Return the Earth's rate along a horizontal axis under test at times (n,), from the table's angle."""
+        north = earth_rate_north_dph(self.manifest.latitude_deg)
+        angle = self.table_angle_deg(times_s) + self.azimuth_error_deg
+        return np.asarray(north * np.cos(np.radians(angle)))
+
+    def truth(self, gyro: str) -> dict[str, NDArray[Any]]:
+        """Return what is known of an emulated unit, arrays by name; empty on a real one."""
+        return read_truth(self._folder / truth_file(gyro))
+
+    def true_means(self, gyro: str, name: str, start_s: int, end_s: int) -> Array | None:
+        """Return 1 s means, (end_s - start_s,), of a drift known at whole seconds; None where it is not."""
+        ticks = self.truth(gyro).get(name)
+        if ticks is None or ticks.ndim != 1 or len(ticks) <= end_s:
+            return None
+        return np.asarray(0.5 * (ticks[start_s:end_s] + ticks[start_s + 1 : end_s + 1]))
+
+    def has_arrivals(self, port: str) -> bool:
+        """Return whether it is known when the bytes of a port came in."""
+        name = f"{RAW_FOLDER}/{port}.idx"
+        return name in self.manifest.files if self._url else (self._folder / name).exists()
+
+    def arrivals(self, source: StreamSource) -> Arrivals:
+        """Return when the frames of a stream arrived."""
+        self._fetch_raw(source.name)
+        return read_arrivals(self._folder, source)
+
+    def can_frames(self, port: str) -> Iterator[tuple[NDArray[np.void], NDArray[np.float64]]]:
+        """Yield the frames of a CAN port and their bench times in s, (n,); see `drivers.kit.slcan_codec`."""
+        self._fetch_raw(port)
+        return can_frames(self._folder, port)
+
+    def file(self, name: str) -> Path:
+        """Return a file of the run on this machine, fetched if need be; `name` relative to the run."""
+        path = self._folder / name
+        if self._url and not self._is_here(name):
+            fetch_file(self._url, name, path)
+        return path
+
+    def _fetch_raw(self, port: str) -> None:
+        for suffix in (".bin", ".idx"):
+            self.file(f"{RAW_FOLDER}/{port}{suffix}")
+
+    def _is_here(self, name: str) -> bool:
+        entry, path = self.manifest.files.get(name), self._folder / name
+        return path.is_file() and entry is not None and checksum(path) == entry
+
     def _table(
         self, name: str, columns: Sequence[str] | None, start_s: float | None, end_s: float | None
     ) -> Table:
-        if not self.url or (self.folder / name).exists() or name not in self.manifest.files:
-            return read_table(self.folder / name, columns, start_s, end_s)
-        with remote_file(f"{self.url}/{name}") as file, pq.ParquetFile(file, pre_buffer=True) as table:
-            return _stretch(table, f"{self.url}/{name}", columns, start_s, end_s)
+        if not self._url or name not in self.manifest.files:
+            return read_table(self._folder / name, columns, start_s, end_s)
+        with remote_file(f"{self._url}/{name}") as file, pq.ParquetFile(file, pre_buffer=True) as table:
+            return _stretch(table, f"{self._url}/{name}", columns, start_s, end_s)
 
 
 def read_table(
@@ -228,16 +349,3 @@ def _overlapping(file: pq.ParquetFile, low: int, high: int) -> tuple[list[int], 
             groups.append(group)
             inside &= statistics is not None and low <= statistics.min and statistics.max < high
     return groups, inside
-
-
-def seconds(table: Table) -> NDArray[np.float64]:
-    """Return the time column of a table in s of bench time, shape (n,)."""
-    return np.asarray(table["time_ns"] * 1e-9, dtype=np.float64)
-
-
-def second_rows(table: Table, start_s: int) -> NDArray[np.int64]:
-    """Return the row of each sample's second, shape (n,): row k holds start_s + k < time <= start_s + k + 1.
-
-    In integers: 15_000_000_000 ns times 1e-9 is more than 15 s.
-    """
-    return np.asarray(-(-table["time_ns"] // 1_000_000_000) - start_s - 1, dtype=np.int64)

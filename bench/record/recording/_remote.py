@@ -122,6 +122,13 @@ def remote_file(url: str) -> Iterator[Any]:
         yield file
 
 
+def fetch_file(url: str, name: str, path: Path) -> None:
+    """Copy a file of the run at `url` to `path`; RecordError if it is not there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with _storage(url) as (storage, root):
+        _fetch(storage, f"{root}/{name}", path)
+
+
 @contextlib.contextmanager
 def _storage(url: str) -> Iterator[tuple[Any, str]]:
     """Give the file system and the path of `url`; what it answers instead of data becomes a RecordError."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,37 +24,7 @@ from bench.record.recording import (
 from bench.record.run_folder import url_of
 from drivers.base.errors import RecordError
 
-fsspec = pytest.importorskip("fsspec")
-pytest.importorskip("s3fs", reason="no s3fs: pip install 'gyrobench[scale]'")
-server = pytest.importorskip("moto.server", reason="no moto[server]")
 START = "2026-11-21T00:00:00.000+00:00"
-
-
-@pytest.fixture(scope="module")
-def endpoint() -> Iterator[str]:
-    storage = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    storage.start()
-    host, port = storage.get_host_and_port()
-    yield f"http://{host}:{port}"
-    storage.stop()
-
-
-@pytest.fixture
-def bucket(endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    for name, value in (
-        ("AWS_ENDPOINT_URL", endpoint),
-        ("AWS_ACCESS_KEY_ID", "x"),
-        ("AWS_SECRET_ACCESS_KEY", "x"),
-        ("AWS_DEFAULT_REGION", "us-east-1"),
-        ("GYROBENCH_CACHE", str(tmp_path / "cache")),
-    ):
-        monkeypatch.setenv(name, value)
-    storage = fsspec.filesystem("s3", skip_instance_cache=True)
-    name = f"bench-{abs(hash(tmp_path)):x}"
-    storage.mkdir(name)
-    fsspec.filesystem("s3").invalidate_cache()
-    yield storage, name
-    type(storage).clear_instance_cache()
 
 
 @pytest.fixture
