@@ -24,7 +24,7 @@ from bench.present.report._tables import (
     streams_table,
 )
 from bench.record.recording import Run
-from bench.record.run_folder import MANIFEST_FILE, url_of
+from bench.record.run_folder import MANIFEST_FILE, is_run, url_of
 from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError
 
@@ -53,8 +53,7 @@ def render_run(content: RunContent) -> str:
 
 def report_run(folder: Path, out: Path | None = None) -> Path:
     """Write the report of a run folder, beside it unless `out` says where, and return its path."""
-    stored = url_of(folder)
-    if not stored and not (folder / MANIFEST_FILE).exists():
+    if not is_run(folder):
         raise ConfigurationError(
             "no run to report on",
             where=str(folder),
@@ -63,7 +62,7 @@ def report_run(folder: Path, out: Path | None = None) -> Path:
             remedy="`gyrobench fit` writes the report of a fit into its own folder",
         )
     page = render_run(run_content(Run.open(folder), created_utc=utc_now()))
-    return write_report(out or (Path(folder.name) if stored else folder) / REPORT_FILE, page)
+    return write_report(out or (Path(folder.name) if url_of(folder) else folder) / REPORT_FILE, page)
 
 
 def units_text(units: dict[str, str]) -> str:
