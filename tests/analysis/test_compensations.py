@@ -1,38 +1,199 @@
-"""One reader for every kind of compensation file."""
+"""Compensation files of every kind: read back as written, also those of earlier versions; others are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from bench.analysis.calibration import ImuCompensation
-from bench.analysis.common.state_file import write_state
-from bench.analysis.compensations import load_compensation
+from bench.analysis.common.compensation import FittedCompensation, UnitMismatch
+from bench.analysis.common.state_file import read_state, write_state
+from bench.analysis.compensations import KINDS, load_compensation
+from bench.analysis.heading import HeadingCompensation
+from bench.analysis.heading._lagged import Evidence, LaggedModel
+from bench.analysis.heading._temperature import ReferenceTemperature
 from bench.analysis.rlg import RlgCompensation
 from bench.analysis.thermal import Compensation
+from bench.analysis.thermal._linear_models import LaggedRidgeModel
+from bench.analysis.thermal._stream import Limits
 from bench.analysis.whirl import WhirlCompensation
-from drivers.base.errors import RecordError
+from drivers.base.errors import ConfigurationError, RecordError
+
+OLD = Path(__file__).parent / "old_files"
+"""Written by the version before all kinds had one base (a2c2287)."""
+NUMBERS = st.floats(-1e6, 1e6)
+NAMES = st.text("abcXYZ-019", min_size=1, max_size=8)
+SUMS = st.dictionaries(NAMES, st.text("0123456789abcdef", min_size=64, max_size=64), max_size=3)
 
 
-def imu() -> ImuCompensation:
-    return ImuCompensation(
-        "IMU-7", np.arange(24.0), np.ones(24), np.eye(24), np.zeros((2, 3)), 0.0, "t22", 1.0
+def made(*shape: int) -> st.SearchStrategy[np.ndarray]:
+    return arrays(np.float64, shape, elements=NUMBERS)
+
+
+@st.composite
+def imu(draw: st.DrawFn) -> ImuCompensation:
+    parts = draw(st.tuples(made(24), made(24), made(24, 24), made(2, 3), NUMBERS, NAMES, NUMBERS))
+    return ImuCompensation(draw(NAMES), *parts, runs=draw(SUMS), declared=("a doubt",))
+
+
+@st.composite
+def whirl(draw: st.DrawFn) -> WhirlCompensation:
+    count = draw(st.integers(0, 4))
+    lines, sigmas = tuple(draw(made(count)).tolist()), draw(made(count))
+    amplitudes = draw(made(count)) + 1j * draw(made(count))
+    return WhirlCompensation(draw(NAMES), lines, amplitudes, sigmas, "mean", 1j, 0.5j, 10.0, runs=draw(SUMS))
+
+
+@st.composite
+def ring_laser(draw: st.DrawFn) -> RlgCompensation:
+    count = draw(st.integers(0, 3))
+    names, values = ("T", "dT/dt", "T2")[:count], tuple(draw(made(count)).tolist())
+    return RlgCompensation(
+        draw(NAMES), names, values, draw(NUMBERS), (0.0, 40.0), (-1.0, 1.0), runs=draw(SUMS)
     )
 
 
-def whirl() -> WhirlCompensation:
-    return WhirlCompensation("INS-1", (1,), np.array([1.0 + 2.0j]), np.ones(1), "mean", 0j, 0j, 10.0)
+@st.composite
+def heading(draw: st.DrawFn) -> HeadingCompensation:
+    terms = draw(st.sampled_from([("lag9", 3), ("lag15", 5)]))
+    reference = ReferenceTemperature(draw(made(17)), 0.1, 0.2)
+    model = LaggedModel(
+        terms[0],
+        draw(made(3, terms[1])),
+        draw(made(3, terms[1])),
+        draw(NUMBERS),
+        reference,
+        0.0,
+        40.0,
+        draw(made(terms[1])),
+        draw(made(3, 4)),
+        Evidence(3.0, 1.0, 2.0, 0.1, 0.9),
+        4,
+        100.0,
+    )
+    return HeadingCompensation.from_fit(model, draw(NAMES), draw(SUMS))
 
 
-def ring_laser() -> RlgCompensation:
-    return RlgCompensation("RLG-3", ("T",), (0.5,), 0.1, (0.0, 40.0), (-1.0, 1.0), {"run": "ab"})
+@st.composite
+def thermal(draw: st.DrawFn) -> Compensation:
+    model = LaggedRidgeModel.from_state(read_state(OLD / "thermal.gyrocomp")["state"])
+    limits = Limits(dict.fromkeys(("t_in", "t_out", "dt_60", "gradient"), (0.0, 1.0)), (-1, 1), (0, 0), 60.0)
+    return Compensation(draw(NAMES), model, 10, limits, draw(NUMBERS), 1.0, (), created_utc="2026-11-22")
 
 
-@pytest.mark.parametrize("made", [imu, whirl, ring_laser])
-def test_the_file_says_what_it_is(made, tmp_path):
-    saved = made()
-    saved.save(tmp_path / "any.name")
-    found = load_compensation(tmp_path / "any.name")
-    assert type(found) is type(saved)
-    assert found.unit_id == saved.unit_id
+EVERY = {"imu": imu, "whirl": whirl, "ring_laser": ring_laser, "heading": heading, "thermal": thermal}
+
+
+def same(one: object, two: object) -> bool:
+    """Return whether two contents of files are equal, arrays bit by bit."""
+    if isinstance(one, dict) and isinstance(two, dict):
+        return one.keys() == two.keys() and all(same(one[key], two[key]) for key in one)
+    if isinstance(one, np.ndarray) and isinstance(two, np.ndarray):
+        return one.dtype == two.dtype and one.shape == two.shape and one.tobytes() == two.tobytes()
+    return type(one) is type(two) and one == two
+
+
+@pytest.mark.parametrize("kind", EVERY)
+@given(data=st.data())
+def test_what_is_saved_is_read_back(kind: str, data: st.DataObject, tmp_path_factory) -> None:
+    compensation = data.draw(EVERY[kind]())
+    first, second = (tmp_path_factory.mktemp("kinds") / name for name in ("any.name", "again"))
+    compensation.save(first)
+    found = load_compensation(first)
+    assert type(found) is type(compensation)
+    assert found.describe() == compensation.describe()
+    found.save(second)
+    assert same(read_state(second), read_state(first))
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_files_of_the_version_before_are_read(name: str, tmp_path: Path) -> None:
+    found, old = load_compensation(OLD / f"{name}.gyrocomp"), read_state(OLD / f"{name}.gyrocomp")
+    assert found.unit_id == old.get("unit_id", "")
+    runs = old.get("runs") or old.get("training_runs") or {}
+    expected = runs if isinstance(runs, dict) else {run["run_id"]: run["checksum"] for run in runs}
+    assert dict(found.runs) == expected
+    found.save(tmp_path / "new")
+    written = read_state(tmp_path / "new")
+    moved = {"training_runs"} if name == "ring_laser" else set()
+    assert all(same(written[key], old[key]) for key in old.keys() - moved)
+    assert written.keys() >= {"unit_id", "runs", "software", "created_utc"}
+
+
+def test_old_numbers_are_what_they_were() -> None:
+    whirl_file = load_compensation(OLD / "whirl.gyrocomp")
+    assert isinstance(whirl_file, WhirlCompensation)
+    assert whirl_file.amplitudes_arcsec.tolist() == [1 + 2j, -0.5j, 0.25] and whirl_file.play_arcsec == 0.125j
+    assert len({type(load_compensation(path)) for path in OLD.iterdir()}) == len(KINDS)
+
+
+@pytest.mark.parametrize("name", ["thermal", "imu", "whirl", "ring_laser"])
+def test_another_unit_is_refused_in_one_way(name: str) -> None:
+    compensation = load_compensation(OLD / f"{name}.gyrocomp")
+    compensation.require_unit(compensation.unit_id)
+    compensation.require_unit("other", force=True)
+    with pytest.raises(UnitMismatch, match=f"unit {compensation.unit_id}.*Found: unit other") as refused:
+        compensation.require_unit("other")
+    assert isinstance(refused.value, ConfigurationError)
+
+
+def test_a_heading_effect_is_refused_to_another_platform_too() -> None:
+    model = load_compensation(OLD / "heading.gyrocomp")
+    assert isinstance(model, HeadingCompensation)
+    own = HeadingCompensation.from_fit(model.model, "PINS-1", {"log.csv": "ab"})
+    assert own.stream("PINS-1").model is model.model
+    with pytest.raises(UnitMismatch, match="unit PINS-2"):
+        own.stream("PINS-2")
+    assert own.software.keys() >= {"gyrobench", "numpy", "python"} and own.created_utc
+
+
+def changed(value: object, place: tuple[str, ...], to: object) -> object:
+    if not place:
+        return to
+    assert isinstance(value, dict)
+    return {**value, place[0]: changed(value[place[0]], place[1:], to)}
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "to", "words"),
+    [
+        ("imu", ("parameters_si",), np.zeros(23), "parameters of shape"),
+        ("imu", ("covariance_si",), np.full((24, 24), np.nan), "covariance_si: not all of it numbers"),
+        ("imu", ("lever_arm_m",), [[0.0, 0.0, 0.0]], "lever_m of shape"),
+        ("whirl", ("sd_arcsec",), [1.0], "sd_arcsec of shape"),
+        ("ring_laser", ("coefficients",), [], "coefficients of shape"),
+        ("ring_laser", ("temp_range_c",), [1.0, 2.0, 3.0], "temp_range_c of shape"),
+        ("heading", ("gain_dph_per_k",), np.zeros((3, 4)), "of shape"),
+        ("heading", ("swing",), np.full((3, 4), np.inf), "swing: not all of it numbers"),
+        ("heading", ("reference", "coefficients"), np.zeros((2, 2)), "coefficients of shape"),
+        ("thermal", ("unit_id",), None, "KeyError.*unit_id"),
+        ("thermal", ("state", "centre"), np.zeros(1), "not a readable"),
+        ("thermal", ("inputs", "t_in", "valid_range"), [1.0], "not a readable"),
+    ],
+)
+def test_wrong_shapes_and_what_is_no_number_are_refused(name, place, to, words, tmp_path) -> None:
+    state = read_state(OLD / f"{name}.gyrocomp")
+    if to is None:
+        del state[place[0]]
+    else:
+        state = changed(state, place, to)
+    write_state(tmp_path / "x", state)
+    with pytest.raises(RecordError, match=words):
+        load_compensation(tmp_path / "x")
+
+
+def test_what_is_no_number_is_not_written(tmp_path: Path) -> None:
+    bad = ImuCompensation(
+        "I", np.full(24, np.nan), np.ones(24), np.eye(24), np.zeros((2, 3)), 0.0, "t22", 1.0
+    )
+    with pytest.raises(RecordError, match="not all of it numbers"):
+        bad.save(tmp_path / "x")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -43,20 +204,25 @@ def test_the_file_says_what_it_is(made, tmp_path):
         (b"PK\x03\x04 cut short", "not a readable compensation file"),
     ],
 )
-def test_a_file_that_is_none_is_refused(content, words, tmp_path):
+def test_a_file_that_is_none_is_refused(content, words, tmp_path) -> None:
     path = tmp_path / "x.gyrocomp"
     path.write_bytes(content)
     with pytest.raises(RecordError, match=words):
         load_compensation(path)
 
 
-def test_a_kind_of_a_later_version_is_refused(tmp_path):
+def test_a_kind_of_a_later_version_is_refused(tmp_path) -> None:
     write_state(tmp_path / "x", {"kind": "odometer", "format": 1})
     with pytest.raises(RecordError, match="kind odometer"):
         load_compensation(tmp_path / "x")
 
 
-def test_the_loader_of_one_kind_names_the_other(tmp_path):
-    imu().save(tmp_path / "x")
+def test_the_loader_of_one_kind_names_the_other() -> None:
     with pytest.raises(RecordError, match=r"imu-calibration.*load_compensation"):
-        Compensation.load(tmp_path / "x")
+        Compensation.load(OLD / "imu.gyrocomp")
+
+
+def test_every_kind_of_the_table_is_on_the_base() -> None:
+    found = {type(load_compensation(path)): path for path in OLD.iterdir()}
+    assert all(issubclass(kind, FittedCompensation) for kind in found)
+    assert {kind.KIND for kind in found} == set(KINDS)

@@ -169,7 +169,7 @@ def test_the_equation_of_one_run_takes_the_drift_off_another(
     page = (fitted / unit / "report.html").read_text()
     assert f"{before:.5f}" in page and f"{after:.5f}" in page
     other = UNITS[1 - UNITS.index(unit)]
-    with pytest.raises(ConfigurationError, match="another gyro"):
+    with pytest.raises(ConfigurationError, match="another unit"):
         compensation.drift_dph(by_unit(ramps[kind])[other])
 
 

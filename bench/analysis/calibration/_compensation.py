@@ -3,34 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from bench.analysis.calibration._conventions import PARAMETER_NAMES, PARAMETERS, STATE_UNITS, UNIT_SIZE
 from bench.analysis.calibration._estimator import Estimate
 from bench.analysis.calibration._navigation import Increments, compensate
-from bench.analysis.common.state_file import read_compensation, versions, write_state
+from bench.analysis.common.compensation import FittedCompensation, software_versions
 from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
-from drivers.base.errors import ConfigurationError, RecordError
+from drivers.base.errors import RecordError
 
-FORMAT = 1
-KIND = "imu-calibration"
 MODEL = "gyro w~ = (I + K_g) w + eps; accelerometer f~ = (I + K_a) f + nabla + K_2 (f * f)"
 GAUGE = "K_a lower triangular: x along accelerometer x, y in the plane of accelerometers x and y"
 
 
 @dataclass(frozen=True, eq=False)
-class ImuCompensation:
-    """The calibration of one unit and its papers. SI: `parameters`, `sigma` (24,), `covariance` (24, 24),
-    `lever_m` (2, 3) and `lag_s`. `runs`: run id -> checksum of its recording. `declared`: what the scheme
-    could not see and other doubts.
+class ImuCompensation(FittedCompensation):
+    """The calibration of one unit. SI: `parameters`, `sigma` (24,), `covariance` (24, 24), `lever_m` (2, 3) and
+    `lag_s`. `declared`: what the scheme could not see and other doubts.
     """
 
-    unit_id: str
+    KIND = "imu-calibration"
+    WHAT = "calibration of an IMU"
+    SHAPES: ClassVar = {
+        "parameters": (24,),
+        "sigma": (24,),
+        "covariance": (24, 24),
+        "lever_m": (2, 3),
+    }
+
     parameters: Array
     sigma: Array
     covariance: Array
@@ -38,10 +42,7 @@ class ImuCompensation:
     lag_s: float
     scheme: str
     innovation_rms: float
-    runs: Mapping[str, str] = field(default_factory=dict)
     declared: tuple[str, ...] = ()
-    software: Mapping[str, str] = field(default_factory=dict)
-    created_utc: str = ""
 
     @classmethod
     def from_estimate(
@@ -53,7 +54,7 @@ class ImuCompensation:
         runs: Mapping[str, str] | None = None,
         declared: tuple[str, ...] = (),
     ) -> Self:
-        """Put the papers to an estimate."""
+        """Attach unit, runs, software and date to an estimate."""
         return cls(
             unit_id=unit_id,
             parameters=found.parameters,
@@ -65,7 +66,7 @@ class ImuCompensation:
             innovation_rms=found.innovation_rms,
             runs=dict(runs or {}),
             declared=declared,
-            software=versions(),
+            software=software_versions(),
             created_utc=utc_now(),
         )
 
@@ -81,16 +82,9 @@ class ImuCompensation:
         """Return corrected rates (deg/s) and specific forces (m/s^2), (n, 3) each, of consecutive samples.
 
         Samples are means over `period_s`, axes x, y, z; the corrected axes are those of the gauge. RecordError
-        for samples that are no numbers, ConfigurationError for another unit unless `force_unit` is set.
+        for samples that are no numbers, UnitMismatch for another unit unless `force_unit` is set.
         """
-        if unit_id != self.unit_id and not force_unit:
-            raise ConfigurationError(
-                "this calibration is of another unit",
-                where=f"calibration of unit {self.unit_id}",
-                found=f"unit {unit_id}",
-                expected=f"unit {self.unit_id}",
-                remedy="use this unit's own calibration: on another unit the errors grow instead of shrink",
-            )
+        self.require_unit(unit_id, force=force_unit)
         rate, force = np.asarray(rate_dps, dtype=np.float64), np.asarray(force_mps2, dtype=np.float64)
         if rate.ndim != 2 or rate.shape[1] != 3 or rate.shape != force.shape:
             raise RecordError(
@@ -103,13 +97,10 @@ class ImuCompensation:
         clean = compensate(moved, every)
         return np.degrees(clean.angle_rad) / period_s, clean.velocity_mps / period_s
 
-    def describe(self) -> dict[str, Any]:
-        """Return the papers as JSON-able values, parameters in printed units."""
+    def _described(self) -> dict[str, Any]:
+        """Return parameters in printed units."""
         units, sizes = STATE_UNITS[PARAMETERS], UNIT_SIZE[PARAMETERS]
         return {
-            "format": FORMAT,
-            "kind": KIND,
-            "unit_id": self.unit_id,
             "model": MODEL,
             "gauge": GAUGE,
             "scheme": self.scheme,
@@ -124,30 +115,22 @@ class ImuCompensation:
             "innovation_rms": self.innovation_rms,
             "runs": dict(self.runs),
             "declared": list(self.declared),
-            "software": dict(self.software),
-            "created_utc": self.created_utc,
         }
 
-    def save(self, path: Path) -> None:
-        """Write the file; it holds no pickle and appears whole or not at all."""
-        exact = {"parameters_si": self.parameters, "sigma_si": self.sigma, "covariance_si": self.covariance}
-        write_state(path, {**self.describe(), **exact})
+    def _arrays(self) -> dict[str, Any]:
+        return {"parameters_si": self.parameters, "sigma_si": self.sigma, "covariance_si": self.covariance}
 
     @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read a file; RecordError if it is damaged, of another kind or format."""
-        saved = read_compensation(path, KIND, FORMAT)
+    def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
         return cls(
-            unit_id=saved["unit_id"],
-            parameters=saved["parameters_si"],
-            sigma=saved["sigma_si"],
-            covariance=saved["covariance_si"],
-            lever_m=np.array(saved["lever_arm_m"], dtype=np.float64),
-            lag_s=float(saved["accelerometer_lag_s"]),
-            scheme=saved["scheme"],
-            innovation_rms=float(saved["innovation_rms"]),
-            runs=saved["runs"],
-            declared=tuple(saved["declared"]),
-            software=saved["software"],
-            created_utc=saved["created_utc"],
+            unit_id=state["unit_id"],
+            parameters=state["parameters_si"],
+            sigma=state["sigma_si"],
+            covariance=state["covariance_si"],
+            lever_m=np.array(state["lever_arm_m"], dtype=np.float64),
+            lag_s=float(state["accelerometer_lag_s"]),
+            scheme=state["scheme"],
+            innovation_rms=float(state["innovation_rms"]),
+            declared=tuple(state["declared"]),
+            **metadata,
         )

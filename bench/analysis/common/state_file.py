@@ -6,12 +6,10 @@ No pickle goes in or comes out, so a file from a stranger can be read. The same 
 from __future__ import annotations
 
 import json
-import platform
 import shutil
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -22,8 +20,7 @@ from drivers.base.arrays import ARCHIVE_DAMAGE, array_of, read_archive
 from drivers.base.errors import RecordError
 from drivers.base.files import parse_json, replace_file
 
-_JSON = "compensation.json"
-THERMAL_DRIFT = "thermal drift"
+JSON_ENTRY = "compensation.json"
 _MARK = "array"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -37,7 +34,7 @@ def write_state(path: Path, state: Mapping[str, Any]) -> None:
     text = json.dumps(_without_arrays(state, "arrays", arrays), indent=1, sort_keys=True, allow_nan=False)
     whole = BytesIO()
     with zipfile.ZipFile(whole, "w") as archive:
-        archive.writestr(_entry(_JSON), text)
+        archive.writestr(_entry(JSON_ENTRY), text)
         for name, value in arrays.items():
             buffer = BytesIO()
             np.lib.format.write_array(buffer, np.ascontiguousarray(value), allow_pickle=False)
@@ -91,7 +88,7 @@ def read_state(path: Path) -> dict[str, Any]:
     """Read what `write_state` wrote; RecordError for a file that is not one or is damaged."""
     try:
         content = read_archive(path)
-        state = parse_json(content.pop(_JSON))
+        state = parse_json(content.pop(JSON_ENTRY))
         arrays = {name: array_of(data) for name, data in content.items()}
         restored: dict[str, Any] = _with_arrays(state, arrays)
     except FileNotFoundError:
@@ -101,34 +98,10 @@ def read_state(path: Path) -> dict[str, Any]:
             "this is not a readable compensation file",
             where=str(path),
             found=f"{type(error).__name__}: {error}",
-            expected=f"a zip with {_JSON} and its arrays",
+            expected=f"a zip with {JSON_ENTRY} and its arrays",
             remedy="copy the file again, or fit the compensation again",
         ) from error
     return restored
-
-
-def read_compensation(path: Path, kind: str | None, form: int) -> dict[str, Any]:
-    """Return the state of a compensation file of one kind; RecordError for another kind or format.
-
-    A file says its `kind` (None: the thermal drift of a gyro) and the number of its `format`.
-    """
-    state = read_state(path)
-    found = (state.get("kind"), state.get("format"))
-    if found == (kind, form):
-        return state
-    raise RecordError(
-        "this compensation file is of another kind or format",
-        where=str(path),
-        found=f"kind {found[0] or THERMAL_DRIFT}, format {found[1]}",
-        expected=f"kind {kind or THERMAL_DRIFT}, format {form}",
-        remedy="`bench.analysis.compensations.load_compensation` reads every kind; of an older format, fit again",
-    )
-
-
-def versions(*names: str) -> dict[str, str]:
-    """Return the versions of Python, gyrobench, numpy, scipy and of the packages `names`: papers of a fit."""
-    packages = {name: version(name) for name in ("gyrobench", "numpy", "scipy", *names)}
-    return {**packages, "python": platform.python_version()}
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

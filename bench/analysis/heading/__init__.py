@@ -3,15 +3,15 @@ time."""
 
 from bench.analysis.heading._calibration import Priors
 from bench.analysis.heading._checks import Finding, check_log, check_phase, phase_offset_deg, refuse_unsound
+from bench.analysis.heading._compensation import HeadingCompensation
 from bench.analysis.heading._compensator import Compensated, HeadingCompensator, PositionCorrector
 from bench.analysis.heading._files import (
     COLUMNS,
     Site,
     checksum_of_log,
     load_log,
-    load_model,
-    save_model,
     site_of_run,
+    unit_of_log,
 )
 from bench.analysis.heading._frames import (
     earth_rotation_deg,
@@ -50,6 +50,7 @@ __all__ = [
     "Evidence",
     "Finding",
     "Form",
+    "HeadingCompensation",
     "HeadingCompensator",
     "HeadingPoint",
     "HeadingStudy",
@@ -79,7 +80,6 @@ __all__ = [
     "judge",
     "lagged",
     "load_log",
-    "load_model",
     "log_from_positions",
     "phase_offset_deg",
     "position_error",
@@ -87,7 +87,6 @@ __all__ = [
     "position_rows",
     "refuse_unsound",
     "regressors",
-    "save_model",
     "settled",
     "sidereal_rad",
     "site_of_run",
@@ -95,5 +94,6 @@ __all__ = [
     "stays",
     "study_heading",
     "study_heading_logs",
+    "unit_of_log",
     "without_start",
 ]

@@ -1,10 +1,10 @@
-"""Logs from CSV and Parquet, and the compensation as one file."""
+"""Logs from runs, CSV and Parquet."""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,8 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.analysis.common.state_file import read_compensation, write_state
 from bench.analysis.heading._frames import earth_rotation_deg
-from bench.analysis.heading._lagged import Evidence, LaggedModel
 from bench.analysis.heading._log import PlatformLog, log_from_positions
-from bench.analysis.heading._temperature import ReferenceTemperature
 from bench.record.benchfile import bench_file_from
 from bench.record.recording import Run, Table, checksum, platform_table_name, read_table
 from bench.record.run_folder import url_of
@@ -25,8 +22,6 @@ from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
 
-KIND = "gyrobench heading compensation"
-FORMAT = 1
 _ANGLE = ("time_ns", "angle_deg")
 COLUMNS = {
     "time_s": "time_s",
@@ -90,6 +85,14 @@ def checksum_of_log(path: Path) -> tuple[str, str]:
     return f"{path.name}/{table}", sealed.sha256
 
 
+def unit_of_log(path: Path) -> str:
+    """Return the unit that a run's platform is; empty for a log of other software, which does not say."""
+    if not (path.is_dir() or url_of(path)):
+        return ""
+    run = Run.open(path)
+    return run.manifest.unit(platform_of(run))
+
+
 def load_log(
     path: Path, site: Site, columns: Mapping[str, str] | None = None
 ) -> tuple[PlatformLog, Array | None]:
@@ -150,46 +153,6 @@ def load_log(
         damping=site.damping,
     )
     return log, other
-
-
-def save_model(path: Path, model: LaggedModel) -> None:
-    """Write the compensation to one file."""
-    state = {
-        "kind": KIND,
-        "format": FORMAT,
-        "form": model.form,
-        "gain_dph_per_k": model.gain,
-        "sigma_dph_per_k": model.sigma,
-        "tau_s": model.tau_s,
-        "reference": asdict(model.reference),
-        "reference_heading_deg": model.reference_heading_deg,
-        "latitude_deg": model.latitude_deg,
-        "largest": model.largest,
-        "swing": model.swing,
-        "evidence": asdict(model.evidence),
-        "headings": model.headings,
-        "hours": model.hours,
-    }
-    write_state(path, state)
-
-
-def load_model(path: Path) -> LaggedModel:
-    """Read a compensation; RecordError if the file is not one."""
-    state = read_compensation(path, KIND, FORMAT)
-    return LaggedModel(
-        form=state["form"],
-        gain=state["gain_dph_per_k"],
-        sigma=state["sigma_dph_per_k"],
-        tau_s=state["tau_s"],
-        reference=ReferenceTemperature(**state["reference"]),
-        reference_heading_deg=state["reference_heading_deg"],
-        latitude_deg=state["latitude_deg"],
-        largest=state["largest"],
-        swing=state["swing"],
-        evidence=Evidence(**state["evidence"]),
-        headings=state["headings"],
-        hours=state["hours"],
-    )
 
 
 def _navigating(values: Mapping[str, Array], valid: NDArray[np.bool_]) -> dict[str, Array]:

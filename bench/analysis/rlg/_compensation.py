@@ -1,52 +1,46 @@
-"""A fitted equation with what is needed to trust, refuse and trace it, as one file of kind `ring laser drift`."""
+"""The fitted equation of a ring laser gyro as one file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
-from pathlib import Path
-from typing import Self
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.common.state_file import read_compensation, write_state
+from bench.analysis.common.compensation import FittedCompensation
 from bench.analysis.rlg._rows import RampRun
 from bench.analysis.rlg._variables import candidate_matrix
 from drivers.base.arrays import Array
-from drivers.base.errors import ConfigurationError
-
-FORMAT = 1
-KIND = "ring laser drift"
 
 
 @dataclass(frozen=True)
-class RlgCompensation:
+class RlgCompensation(FittedCompensation):
     """B = intercept + sum of coefficient * variable, in deg/h; temperatures in degC, rates in degC/min.
 
     `temp_range_c` and `rate_range` are what the training runs covered; beyond them the equation is a guess.
     """
 
-    unit_id: str
+    KIND = "ring laser drift"
+    WHAT = "drift of a ring laser gyro"
+    SHAPES: ClassVar = {
+        "variables": ("k",),
+        "coefficients": ("k",),
+        "temp_range_c": (2,),
+        "rate_range": (2,),
+    }
+
     variables: tuple[str, ...]
     coefficients: tuple[float, ...]
     intercept_dph: float
     temp_range_c: tuple[float, float]
     rate_range: tuple[float, float]
-    training_runs: Mapping[str, str]
     statistics: Mapping[str, float] = field(default_factory=dict)
-    software: Mapping[str, str] = field(default_factory=dict)
 
     def drift_dph(self, run: RampRun) -> Array:
-        """Return the bias on every row of a run of the same unit; ConfigurationError for another unit's."""
-        if run.unit_id != self.unit_id:
-            raise ConfigurationError(
-                "a compensation of another gyro",
-                where=f"run {run.run_id}",
-                found=f"unit {run.unit_id}",
-                expected=f"unit {self.unit_id}, which the equation was fitted on",
-                remedy="fit this unit on its own runs",
-            )
+        """Return the bias on every row of a run of the same unit; UnitMismatch for another unit's."""
+        self.require_unit(run.unit_id)
         drift = np.full(len(run.time_s), self.intercept_dph)
         if self.variables:
             drift += candidate_matrix([run], self.variables) @ np.array(self.coefficients)
@@ -66,17 +60,31 @@ class RlgCompensation:
         ]
         return " ".join([f"B = {self.intercept_dph:.6g}", *terms])
 
-    def save(self, path: Path) -> None:
-        """Write the file; it holds no pickle and appears whole or not at all."""
-        write_state(path, {"format": FORMAT, "kind": KIND, **asdict(self)})
+    def _described(self) -> dict[str, Any]:
+        return {
+            "variables": list(self.variables),
+            "coefficients": list(self.coefficients),
+            "intercept_dph": self.intercept_dph,
+            "temp_range_c": list(self.temp_range_c),
+            "rate_range": list(self.rate_range),
+            "statistics": dict(self.statistics),
+        }
 
     @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read a file; RecordError if it is damaged, of another kind or format."""
-        saved = read_compensation(path, KIND, FORMAT)
-        lists = ("variables", "coefficients", "temp_range_c", "rate_range")
-        values = {item.name: saved[item.name] for item in fields(cls)}
-        return cls(**{**values, **{name: tuple(saved[name]) for name in lists}})
+    def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
+        metadata["runs"] = (
+            state.get("training_runs") or metadata["runs"]
+        )  # as files were until 0.1 had `runs`
+        return cls(
+            unit_id=state["unit_id"],
+            variables=tuple(state["variables"]),
+            coefficients=tuple(state["coefficients"]),
+            intercept_dph=state["intercept_dph"],
+            temp_range_c=tuple(state["temp_range_c"]),
+            rate_range=tuple(state["rate_range"]),
+            statistics=state["statistics"],
+            **metadata,
+        )
 
 
 def training_ranges(runs: Sequence[RampRun]) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.common.state_file import versions
+from bench.analysis.common.compensation import software_versions
 from bench.analysis.common.stepwise import StepwiseResult, stepwise
 from bench.analysis.rlg._compensation import RlgCompensation, training_ranges
 from bench.analysis.rlg._profile import how_it_differs, hysteresis_dph
 from bench.analysis.rlg._rows import RampRun
 from bench.analysis.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix
+from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError
 
 PLAIN, CORRECTED, FIVE = "stepwise", "stepwise, corrected", "five terms"
@@ -162,7 +163,7 @@ def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCom
         intercept_dph=result.final.intercept,
         temp_range_c=temp_range,
         rate_range=rate_range,
-        training_runs={run.run_id: run.checksum for run in training},
+        runs={run.run_id: run.checksum for run in training},
         statistics={
             "multiple_r": result.multiple_r,
             "r2": result.final.r2,
@@ -173,7 +174,8 @@ def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCom
             "lag1_correlation": result.lag1_correlation,
             "effective_n": result.effective_n,
         },
-        software=versions(),
+        software=software_versions(),
+        created_utc=utc_now(),
     )
 
 

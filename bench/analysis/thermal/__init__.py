@@ -2,7 +2,7 @@
 
 from bench.analysis.thermal._alignment import find_shift
 from bench.analysis.thermal._anchor import anchor_runs
-from bench.analysis.thermal._compensation import Compensation, Corrected, TrainingRun, UnitMismatch
+from bench.analysis.thermal._compensation import Compensation, Corrected, TrainingRun
 from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.analysis.thermal._evaluate import Scores, evaluate, noise_floor
 from bench.analysis.thermal._features import centred_mean, change_per_minute, prepare, trailing_mean
@@ -60,7 +60,6 @@ __all__ = [
     "ThermalModel",
     "ThermalRun",
     "TrainingRun",
-    "UnitMismatch",
     "anchor_runs",
     "centred_mean",
     "change_per_minute",

@@ -6,14 +6,13 @@ The correction is W = (F/K_ref - b) / (1 + dK 1e-6) with the drift (b, dK) count
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.common.state_file import read_compensation, versions, write_state
+from bench.analysis.common.compensation import FittedCompensation, software_versions
 from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._registry import restore_model
 from bench.analysis.thermal._regression import TARGETS, common_step, in_reference
@@ -22,16 +21,11 @@ from bench.analysis.thermal._stream import FEATURES, CompensationStream, Flag, I
 from bench.analysis.thermal._types import FeatureRun, ThermalModel, ThermalRun
 from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
-from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.errors import ConfigurationError
 
-FORMAT = 1
 UNITS = {"t_in": "degC", "t_out": "degC", "dt_60": "degC/min", "gradient": "degC"}
 MARGIN = 0.25
 """The outputs are cut to the training targets' interval, widened on each side by this part of it."""
-
-
-class UnitMismatch(BenchError):
-    """A compensation fitted on one gyro, asked to correct another."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +49,16 @@ class Corrected:
 
 
 @dataclass(frozen=True)
-class Compensation:
-    """A fitted model of one unit and its papers.
+class Compensation(FittedCompensation):
+    """A fitted thermal model of one unit.
 
     `step_s`: the model's step. `reference_temp_c`: T_in at which the drift is zero. `k_ref`: the scale factor
     there, output units per deg/s. `scores`: the models considered, on the validation runs, best first.
     """
 
-    unit_id: str
+    KIND = None
+    WHAT = "thermal drift"
+
     model: ThermalModel
     step_s: int
     limits: Limits
@@ -71,8 +67,6 @@ class Compensation:
     training_runs: tuple[TrainingRun, ...]
     validation_runs: tuple[TrainingRun, ...] = ()
     scores: tuple[ModelScore, ...] = ()
-    software: dict[str, str] = field(default_factory=dict)
-    created_utc: str = ""
 
     @classmethod
     def from_fit(
@@ -84,7 +78,10 @@ class Compensation:
         scores: Sequence[ModelScore] = (),
         k_ref: float = 1.0,
     ) -> Self:
-        """Put the papers to a model fitted on `train`; ConfigurationError for runs of several units or steps."""
+        """Attach unit, runs, limits, software and date to a model fitted on `train`.
+
+        ConfigurationError for runs of several units or steps.
+        """
         step_s = common_step(train)
         return cls(
             unit_id=train[0].unit_id,
@@ -96,15 +93,14 @@ class Compensation:
             training_runs=tuple(map(_paper, train)),
             validation_runs=tuple(map(_paper, validation)),
             scores=tuple(scores),
-            software=versions("torch"),
+            runs={run.run_id: run.checksum for run in train},
+            software=software_versions("torch"),
             created_utc=utc_now(),
         )
 
-    def describe(self) -> dict[str, Any]:
-        """Return the papers as JSON-able values: inputs, units, valid ranges, unit, runs, scores, versions."""
+    def _described(self) -> dict[str, Any]:
+        """Return inputs and outputs with their units and valid ranges, runs, scores."""
         return {
-            "format": FORMAT,
-            "unit_id": self.unit_id,
             "model": self.model.name,
             "inputs": {
                 name: {"unit": UNITS[name], "valid_range": list(self.limits.inputs[name])}
@@ -121,37 +117,37 @@ class Compensation:
             "training_runs": [asdict(run) for run in self.training_runs],
             "validation_runs": [asdict(run) for run in self.validation_runs],
             "scores": [asdict(score) for score in self.scores],
-            "software": dict(self.software),
-            "created_utc": self.created_utc,
         }
 
-    def save(self, path: Path) -> None:
-        """Write the file; it holds no pickle and appears whole or not at all."""
-        write_state(path, {**self.describe(), "state": self.model.to_state()})
+    def _arrays(self) -> dict[str, Any]:
+        return {"state": self.model.to_state()}
 
     @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read a file; RecordError if damaged or of another format, ConfigurationError without its model."""
-        saved = read_compensation(path, None, FORMAT)
-        inputs = {name: _interval(saved["inputs"][name]["valid_range"]) for name in FEATURES}
-        bias, sf = (_interval(saved["outputs"][name]["limits"]) for name in TARGETS)
+    def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
+        inputs = {name: _interval(state["inputs"][name]["valid_range"]) for name in FEATURES}
+        bias, sf = (_interval(state["outputs"][name]["limits"]) for name in TARGETS)
+        training = tuple(map(_read_paper, state["training_runs"]))
+        metadata["runs"] = {run.run_id: run.checksum for run in training}
+        model = restore_model(state["model"], state["state"])
+        tried = model.stepper().step(state["reference_temp_c"], state["reference_temp_c"], 0.0, 0.0)
+        if not np.isfinite(tried).all() or np.shape(tried) != (2,):
+            raise ValueError(f"the model gives {tried} at its reference temperature")
         return cls(
-            unit_id=saved["unit_id"],
-            model=restore_model(saved["model"], saved["state"]),
-            step_s=saved["step_s"],
-            limits=Limits(inputs, bias, sf, saved["trained_from_s"]),
-            reference_temp_c=saved["reference_temp_c"],
-            k_ref=saved["k_ref"],
-            training_runs=tuple(map(_read_paper, saved["training_runs"])),
-            validation_runs=tuple(map(_read_paper, saved["validation_runs"])),
-            scores=tuple(ModelScore(**score) for score in saved["scores"]),
-            software=saved["software"],
-            created_utc=saved["created_utc"],
+            unit_id=state["unit_id"],
+            model=model,
+            step_s=state["step_s"],
+            limits=Limits(inputs, bias, sf, state["trained_from_s"]),
+            reference_temp_c=state["reference_temp_c"],
+            k_ref=state["k_ref"],
+            training_runs=training,
+            validation_runs=tuple(map(_read_paper, state["validation_runs"])),
+            scores=tuple(ModelScore(**score) for score in state["scores"]),
+            **metadata,
         )
 
     def stream(self, unit_id: str, *, force_unit: bool = False) -> CompensationStream:
         """Return a corrector for a live stream of `unit_id`; UnitMismatch as in `apply`."""
-        self._require_unit(unit_id, force_unit)
+        self.require_unit(unit_id, force=force_unit)
         return CompensationStream(self.model.stepper, self.step_s, self.limits, self.k_ref)
 
     def drift(self, run: ThermalRun, *, force_unit: bool = False) -> tuple[Array, Array, NDArray[np.uint8]]:
@@ -160,7 +156,7 @@ class Compensation:
         Before the first second with both temperatures the drift is zero and flagged NO_DRIFT. UnitMismatch
         unless the run is of this compensation's unit or `force_unit` is set.
         """
-        self._require_unit(run.unit_id, force_unit)
+        self.require_unit(run.unit_id, force=force_unit)
         present = np.isfinite(run.gyro_temp_c) & np.isfinite(run.case_temp_c)
         flags = np.where(present, 0, int(Flag.MISSING)).astype(np.uint8)
         flags[run.time_s < self.limits.trained_from_s] |= np.uint8(Flag.EARLY)
@@ -202,16 +198,6 @@ class Compensation:
         drift, clamped = self.limits.clamp(np.column_stack([prediction.bias_dph, prediction.sf_error_ppm]))
         inputs = np.column_stack([getattr(features, name) for name in FEATURES])
         return drift, clamped | self.limits.flags(inputs)
-
-    def _require_unit(self, unit_id: str, force: bool) -> None:
-        if unit_id != self.unit_id and not force:
-            raise UnitMismatch(
-                "this compensation was fitted on another gyro",
-                where=f"compensation of unit {self.unit_id}",
-                found=f"unit {unit_id}",
-                expected=f"unit {self.unit_id}",
-                remedy="use this unit's own compensation; on another unit the error can grow instead of shrink",
-            )
 
 
 def _from(run: ThermalRun, start: int) -> ThermalRun:

@@ -134,6 +134,13 @@ class LstmModel:
         )
         n = model.settings.hidden
         shapes = {"w_input": (4 * n, 3), "w_hidden": (4 * n, n), "bias": (4 * n,), "w_output": (2, n)}
+        shapes |= {
+            "input_low": (3,),
+            "input_high": (3,),
+            "target_mid": (2,),
+            "target_scale": (2,),
+            "b_output": (2,),
+        }
         for key, shape in shapes.items():
             if getattr(weights, key).shape != shape:
                 raise FitError(

@@ -43,10 +43,14 @@ class LinearMap:
 
     @classmethod
     def from_state(cls, state: dict[str, Any]) -> Self:
-        """Restore a map."""
-        return cls(
-            *(np.asarray(state[name], dtype=np.float64) for name in ("centre", "scale", "coef", "intercept"))
-        )
+        """Restore a map; ValueError if its arrays do not fit together."""
+        names = ("centre", "scale", "coef", "intercept")
+        made = cls(*(np.asarray(state[name], dtype=np.float64) for name in names))
+        shapes = [array.shape for array in (made.centre, made.scale, made.coefficients, made.intercept)]
+        terms = len(made.coefficients)
+        if shapes != [(terms,), (terms,), (terms, 2), (2,)]:
+            raise ValueError(f"{', '.join(names)} of shapes {shapes}")
+        return made
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from bench.analysis.common.state_file import read_compensation, versions, write_state
+from bench.analysis.common.compensation import FittedCompensation, software_versions
 from bench.analysis.whirl._direct import DirectFit
 from bench.analysis.whirl._gauge import FREE_PART, MEANING, Gauge, gauge_tilt
 from bench.analysis.whirl._kinematics import body_tilt, body_to_true
@@ -17,23 +16,22 @@ from bench.analysis.whirl._types import Complex
 from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
 from drivers.base.constants import ARCSEC_PER_RAD
-from drivers.base.errors import ConfigurationError
-
-FORMAT = 1
-KIND = "whirl"
 
 
 @dataclass(frozen=True, eq=False)
-class WhirlCompensation:
+class WhirlCompensation(FittedCompensation):
     """The tilt of the gyros' frame in body axes as a function of the rotation angle, arcsec, complex: x + j
     y.
 
     `lines`, `amplitudes_arcsec`, `sd_arcsec`: (l,). `gauge_arcsec` is the constant that `gauge` stands for.
-    `play_arcsec` is added as the table turns back by `travel_deg`. `runs`: run ids with the checksums they
-    were fitted on. `declared`: what the fit could not tell, in words.
+    `play_arcsec` is added as the table turns back by `travel_deg`. `declared`: what the fit could not tell, in
+    words.
     """
 
-    unit_id: str
+    KIND = "whirl"
+    WHAT = "whirl"
+    SHAPES: ClassVar = {"lines": ("l",), "amplitudes_arcsec": ("l",), "sd_arcsec": ("l",)}
+
     lines: tuple[float, ...]
     amplitudes_arcsec: Complex
     sd_arcsec: Array
@@ -41,10 +39,7 @@ class WhirlCompensation:
     gauge_arcsec: complex
     play_arcsec: complex = 0j
     travel_deg: float = 0.5
-    runs: dict[str, str] = field(default_factory=dict)
     declared: tuple[str, ...] = ()
-    software: dict[str, str] = field(default_factory=dict)
-    created_utc: str = ""
 
     @classmethod
     def from_fit(
@@ -69,7 +64,7 @@ class WhirlCompensation:
             travel_deg=travel_deg,
             runs=dict(runs),
             declared=(FREE_PART, f"gauge {gauge}: {MEANING[gauge]}", *fit.declared),
-            software=versions(),
+            software=software_versions(),
             created_utc=utc_now(),
         )
 
@@ -89,23 +84,9 @@ class WhirlCompensation:
         """Return a corrector for attitudes that come one by one."""
         return WhirlStream(self)
 
-    def require_unit(self, unit_id: str) -> None:
-        """Raise ConfigurationError unless this compensation is of `unit_id`."""
-        if unit_id != self.unit_id:
-            raise ConfigurationError(
-                "this whirl compensation is of another unit",
-                where=f"compensation of unit {self.unit_id}",
-                found=f"unit {unit_id}",
-                expected=f"unit {self.unit_id}",
-                remedy="fit one on this unit: another bearing's whirl can double the oscillation",
-            )
-
-    def describe(self) -> dict[str, Any]:
-        """Return the papers as JSON-able values; amplitudes as (real, imaginary) in arcsec."""
+    def _described(self) -> dict[str, Any]:
+        """Return amplitudes as (real, imaginary) in arcsec."""
         return {
-            "format": FORMAT,
-            "kind": KIND,
-            "unit_id": self.unit_id,
             "lines": list(self.lines),
             "amplitudes_arcsec": [[value.real, value.imag] for value in self.amplitudes_arcsec.tolist()],
             "sd_arcsec": self.sd_arcsec.tolist(),
@@ -115,31 +96,21 @@ class WhirlCompensation:
             "travel_deg": self.travel_deg,
             "runs": dict(self.runs),
             "declared": list(self.declared),
-            "software": dict(self.software),
-            "created_utc": self.created_utc,
         }
 
-    def save(self, path: Path) -> None:
-        """Write the file; it holds no pickle and appears whole or not at all."""
-        write_state(path, self.describe())
-
     @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read a file; RecordError if it is damaged, of another kind or format."""
-        saved = read_compensation(path, KIND, FORMAT)
+    def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
         return cls(
-            unit_id=saved["unit_id"],
-            lines=tuple(saved["lines"]),
-            amplitudes_arcsec=np.array([complex(*pair) for pair in saved["amplitudes_arcsec"]]),
-            sd_arcsec=np.array(saved["sd_arcsec"], dtype=np.float64),
-            gauge=saved["gauge"],
-            gauge_arcsec=complex(*saved["gauge_arcsec"]),
-            play_arcsec=complex(*saved["play_arcsec"]),
-            travel_deg=saved["travel_deg"],
-            runs=saved["runs"],
-            declared=tuple(saved["declared"]),
-            software=saved["software"],
-            created_utc=saved["created_utc"],
+            unit_id=state["unit_id"],
+            lines=tuple(state["lines"]),
+            amplitudes_arcsec=np.array([complex(*pair) for pair in state["amplitudes_arcsec"]]),
+            sd_arcsec=np.array(state["sd_arcsec"], dtype=np.float64),
+            gauge=state["gauge"],
+            gauge_arcsec=complex(*state["gauge_arcsec"]),
+            play_arcsec=complex(*state["play_arcsec"]),
+            travel_deg=state["travel_deg"],
+            declared=tuple(state["declared"]),
+            **metadata,
         )
 
 

@@ -12,7 +12,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.analysis.compensations import load_compensation
-from bench.analysis.heading import HeadingCompensator, PlatformLog, Site, load_log, load_model, study_heading
+from bench.analysis.heading import (
+    HeadingCompensation,
+    HeadingCompensator,
+    PlatformLog,
+    Site,
+    load_log,
+    study_heading,
+)
 from bench.present.cli.fit._heading_effect import heading_effect
 from drivers.base.clock import host_seconds
 from drivers.base.errors import ConfigurationError, RecordError
@@ -112,7 +119,7 @@ def test_wrong_files_are_named(logs: tuple[Path, Path], tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="empty"):
         load_log(short, site)
     with pytest.raises(RecordError, match="not a readable compensation"):
-        load_model(short)
+        HeadingCompensation.load(short)
     with pytest.raises(ConfigurationError, match="quantity=column"):
         heading_effect(logs[0], 0.0, 0.0, column=["coil_c"])
     with pytest.raises(ConfigurationError, match="no model 'lag8'"):

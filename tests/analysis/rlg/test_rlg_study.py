@@ -164,7 +164,7 @@ def test_the_file_returns_what_was_written_and_notices_a_change(runs: Runs, tmp_
 def test_another_units_compensation_is_refused_and_foreign_conditions_counted(runs: Runs) -> None:
     of = runs(0)
     fit = run_rlg_study([of["train"]], []).variant(PLAIN).compensation
-    with pytest.raises(ConfigurationError, match="another gyro"):
+    with pytest.raises(ConfigurationError, match="another unit"):
         fit.drift_dph(runs(1)["repeat"])
     assert fit.outside(of["partial"]).mean() < 0.02  # rates at rest scatter about their own extremes
     assert fit.outside(of["faster"]).mean() > 0.3

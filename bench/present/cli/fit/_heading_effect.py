@@ -45,7 +45,7 @@ def heading_effect(
     Exit code 4 if temperature is not what drives the drift: then there is a report and no compensation.
     """
     from bench.analysis.common.state_file import saved_together
-    from bench.analysis.heading import save_model, study_heading_logs
+    from bench.analysis.heading import HeadingCompensation, checksum_of_log, study_heading_logs, unit_of_log
     from bench.present.cli._console import Terminal
     from bench.present.report import HeadingContent, mixed_text, render_heading, write_report
     from drivers.base.clock import utc_now
@@ -69,7 +69,8 @@ def heading_effect(
     content = HeadingContent(study, log.stem, utc_now(), checksums, MODEL_FILE if caused else "")
     with saved_together(out, MODEL_FILE) as part:
         if caused:
-            save_model(part / MODEL_FILE, study.model)
+            runs = dict([checksum_of_log(log)])
+            HeadingCompensation.from_fit(study.model, unit_of_log(log), runs).save(part / MODEL_FILE)
         write_report(part / "report.html", render_heading(content))
     for finding in study.findings:
         console.print(f"{finding.what}: {finding.consequence}", style="yellow", highlight=False)

@@ -1,0 +1,152 @@
+"""What every compensation file has, whatever it corrects: unit, runs, software, date; it refuses another unit.
+
+A kind of compensation is a frozen dataclass derived from `FittedCompensation`; `bench.analysis.compensations` has
+the table of them.
+"""
+
+from __future__ import annotations
+
+import platform
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.common.state_file import JSON_ENTRY, read_state, write_state
+from drivers.base.errors import ConfigurationError, RecordError
+
+
+class UnitMismatch(ConfigurationError):
+    """A compensation of one unit, asked to correct another."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedCompensation(ABC):
+    """A fitted correction of one unit. `runs`: ids of the runs it was fitted on, with their checksums.
+
+    `unit_id` is empty where the record did not say (a log of other software): then no unit is refused.
+    """
+
+    KIND: ClassVar[str | None]
+    """What the file says it is; None: thermal drift, the first kind there was."""
+    WHAT: ClassVar[str]
+    """What it corrects, in words."""
+    FORMAT: ClassVar[int] = 1
+    SHAPES: ClassVar[Mapping[str, tuple[int | str, ...]]] = {}
+    """Arrays among the attributes and their shapes; a word stands for a length, equal wherever it is said."""
+
+    unit_id: str
+    runs: Mapping[str, str] = field(default_factory=dict, kw_only=True)
+    software: Mapping[str, str] = field(default_factory=dict, kw_only=True)
+    created_utc: str = field(default="", kw_only=True)
+
+    @abstractmethod
+    def _described(self) -> dict[str, Any]:
+        """Return what this kind says in words and numbers, JSON-able."""
+
+    def _arrays(self) -> dict[str, Any]:
+        """Return what else goes into the file: arrays at full precision."""
+        return {}
+
+    @classmethod
+    @abstractmethod
+    def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
+        """Return the compensation of a file's content; `metadata` are the keywords that all have."""
+
+    def describe(self) -> dict[str, Any]:
+        """Return what the file says as JSON-able values."""
+        return {
+            "format": self.FORMAT,
+            **({} if self.KIND is None else {"kind": self.KIND}),
+            "unit_id": self.unit_id,
+            **self._described(),
+            "runs": dict(self.runs),
+            "software": dict(self.software),
+            "created_utc": self.created_utc,
+        }
+
+    def require_unit(self, unit_id: str, *, force: bool = False) -> None:
+        """Raise UnitMismatch if this compensation is of another unit than `unit_id`, unless forced."""
+        if self.unit_id and unit_id != self.unit_id and not force:
+            raise UnitMismatch(
+                "this compensation is of another unit",
+                where=f"{self.WHAT}, compensation of unit {self.unit_id}",
+                found=f"unit {unit_id}",
+                expected=f"unit {self.unit_id}",
+                remedy="use this unit's own compensation: on another unit the error can grow instead of shrink",
+            )
+
+    def save(self, path: Path) -> None:
+        """Write the file, whole or not at all and without pickle; RecordError for what is no number."""
+        state = {**self.describe(), **self._arrays()}
+        self.check(state, path)
+        write_state(path, state)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a file; RecordError if it is damaged, of another kind or format, or has arrays of other shapes."""
+        state = read_state(path)
+        if (state.get("kind"), state.get("format")) != (cls.KIND, cls.FORMAT):
+            raise RecordError(
+                "this compensation file is of another kind or format",
+                where=str(path),
+                found=f"kind {state.get('kind') or 'thermal drift'}, format {state.get('format')}",
+                expected=f"kind {cls.KIND or 'thermal drift'}, format {cls.FORMAT}",
+                remedy="`bench.analysis.compensations.load_compensation` reads every kind; of an older format, "
+                "fit again",
+            )
+        try:
+            named = {name: dict(state.get(name, {})) for name in ("runs", "software")}
+            made = cls._restored(state, {**named, "created_utc": str(state.get("created_utc", ""))})
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            raise _unreadable(path, f"{type(error).__name__}: {error}") from error
+        made.check(state, path)
+        return made
+
+    def check(self, state: Mapping[str, Any], path: Path) -> None:
+        """Raise RecordError for arrays that are no finite numbers or of another shape than `SHAPES` says."""
+        for place, array in _arrays_in(state):
+            if array.dtype.kind not in "fciub" or not np.isfinite(array).all():
+                raise _unreadable(path, f"{place}: not all of it numbers")
+        lengths: dict[str, int] = {}
+        for name, shape in self.SHAPES.items():
+            found = np.shape(attrgetter(name)(self))
+            wanted = tuple(
+                lengths.setdefault(each, size) if isinstance(each, str) else each
+                for each, size in zip(shape, found, strict=False)
+            )
+            if len(found) != len(shape) or found != wanted:
+                raise _unreadable(path, f"{name} of shape {found}, not {shape}")
+
+
+def software_versions(*names: str) -> dict[str, str]:
+    """Return the versions of Python, gyrobench, numpy, scipy and of the packages `names`."""
+    packages = {name: version(name) for name in ("gyrobench", "numpy", "scipy", *names)}
+    return {**packages, "python": platform.python_version()}
+
+
+def _arrays_in(value: Any, place: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
+    if isinstance(value, np.ndarray | float):
+        yield place, np.asarray(value)
+    elif isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _arrays_in(part, f"{place}/{key}")
+    elif isinstance(value, list | tuple):
+        for index, part in enumerate(value):
+            yield from _arrays_in(part, f"{place}/{index}")
+
+
+def _unreadable(path: Path, found: str) -> RecordError:
+    return RecordError(
+        "this is not a readable compensation file",
+        where=str(path),
+        found=found,
+        expected=f"a zip with {JSON_ENTRY} and its arrays, finite and of the shapes of its kind",
+        remedy="copy the file again, or fit the compensation again",
+    )

@@ -1,0 +1,84 @@
+"""The compensation of a platform's heading effect as one file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, Self
+
+from bench.analysis.common.compensation import FittedCompensation, software_versions
+from bench.analysis.heading._compensator import HeadingCompensator
+from bench.analysis.heading._lagged import Evidence, LaggedModel
+from bench.analysis.heading._temperature import ReferenceTemperature
+from drivers.base.clock import utc_now
+
+
+@dataclass(frozen=True, eq=False)
+class HeadingCompensation(FittedCompensation):
+    """A fitted heading effect of one platform."""
+
+    KIND = "gyrobench heading compensation"
+    WHAT = "heading effect"
+    SHAPES: ClassVar = {
+        "model.gain": (3, "terms"),
+        "model.sigma": (3, "terms"),
+        "model.terms": ("terms",),
+        "model.largest": ("terms",),
+        "model.swing": (3, 4),
+        "model.reference.coefficients": ("harmonics",),
+    }
+
+    model: LaggedModel
+
+    @classmethod
+    def from_fit(cls, model: LaggedModel, unit_id: str, runs: Mapping[str, str]) -> Self:
+        """Attach unit, runs, software and date to a fitted model."""
+        return cls(unit_id, model, runs=dict(runs), software=software_versions(), created_utc=utc_now())
+
+    def stream(
+        self, unit_id: str, latitude_deg: float | None = None, *, force_unit: bool = False
+    ) -> HeadingCompensator:
+        """Return what corrects `unit_id` sample by sample; UnitMismatch for another unit."""
+        self.require_unit(unit_id, force=force_unit)
+        return HeadingCompensator(self.model, latitude_deg)
+
+    def _described(self) -> dict[str, Any]:
+        return {
+            "form": self.model.form,
+            "tau_s": self.model.tau_s,
+            "reference_heading_deg": self.model.reference_heading_deg,
+            "latitude_deg": self.model.latitude_deg,
+            "evidence": asdict(self.model.evidence),
+            "headings": self.model.headings,
+            "hours": self.model.hours,
+        }
+
+    def _arrays(self) -> dict[str, Any]:
+        return {
+            "gain_dph_per_k": self.model.gain,
+            "sigma_dph_per_k": self.model.sigma,
+            "reference": asdict(self.model.reference),
+            "largest": self.model.largest,
+            "swing": self.model.swing,
+        }
+
+    @classmethod
+    def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
+        same = (
+            "form",
+            "tau_s",
+            "reference_heading_deg",
+            "latitude_deg",
+            "headings",
+            "hours",
+            "largest",
+            "swing",
+        )
+        model = LaggedModel(
+            gain=state["gain_dph_per_k"],
+            sigma=state["sigma_dph_per_k"],
+            reference=ReferenceTemperature(**state["reference"]),
+            evidence=Evidence(**state["evidence"]),
+            **{name: state[name] for name in same},
+        )
+        return cls(str(state.get("unit_id", "")), model, **metadata)  # files until 0.1 said no unit
