@@ -63,7 +63,10 @@ def logs(fly: Fly, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path
 def test_fit_judge_and_report(logs: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "fit"
     heading_effect(logs[0], LATITUDE, LONGITUDE, [logs[1]], out, ["temp_c=coil_c"])
-    model = load_compensation(out / "heading.gyrocomp")
+    compensation = load_compensation(out / "heading.gyrocomp")
+    assert isinstance(compensation, HeadingCompensation)
+    assert list(compensation.runs) == [f"{logs[0].parent.name}/{logs[0].name}"]
+    model = compensation.model
     assert model.headings == 5
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Position before and after" in page and "sea_trial" in page and "Nine coefficients" in page
