@@ -3,23 +3,47 @@
 from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue
 from simulators.effects._channel import CHANNEL_UNITS, Channel, ChannelEffect, ChannelInputs, Demand
 from simulators.effects._channel_simulators import simulate
-from simulators.effects._effect import Disturbance, Effect, NoiseEffect, Parameter, Variant
+from simulators.effects._effect import (
+    DPH,
+    PPM,
+    Causal,
+    Curve,
+    Disturbance,
+    Effect,
+    Formula,
+    Input,
+    NoiseEffect,
+    Parameter,
+    Shape,
+    Unit,
+    Variant,
+)
+from simulators.effects._slow_rates import SlowRates
 from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 __all__ = [
     "CATALOGUE",
     "CHANNEL_UNITS",
+    "DPH",
+    "PPM",
     "REFERENCE_C",
     "AnyEffect",
+    "Causal",
     "Channel",
     "ChannelEffect",
     "ChannelInputs",
+    "Curve",
     "Demand",
     "Disturbance",
     "Effect",
+    "Formula",
+    "Input",
     "NoiseEffect",
     "Parameter",
+    "Shape",
+    "SlowRates",
     "Stimulus",
+    "Unit",
     "Variant",
     "catalogue",
     "simulate",

@@ -4,22 +4,40 @@ from __future__ import annotations
 
 from drivers.base.errors import ConfigurationError
 from drivers.base.plugins import entry_points_of
+from simulators.effects._acceleration import ACCELERATION_EFFECTS
+from simulators.effects._alignment import ALIGNMENT_EFFECTS
 from simulators.effects._channel import ChannelEffect
 from simulators.effects._channel_effects import CHANNEL_EFFECTS
 from simulators.effects._disturbances import DISTURBANCES
 from simulators.effects._effect import Disturbance, Effect, NoiseEffect
+from simulators.effects._limits import LIMIT_EFFECTS
+from simulators.effects._memory import MEMORY_EFFECTS
+from simulators.effects._mode_hop import MODE_HOP
 from simulators.effects._noise_effects import NOISE_EFFECTS
 from simulators.effects._platform_effects import PLATFORM_EFFECTS
-from simulators.effects._rate_effects import RATE_EFFECTS
-from simulators.effects._response_effects import RESPONSE_EFFECTS
-from simulators.effects._temperature_effects import TEMPERATURE_EFFECTS
+from simulators.effects._polynomial import POLYNOMIAL_EFFECTS
+from simulators.effects._sample_times import SAMPLE_TIME_EFFECTS
+from simulators.effects._scale_factor import SCALE_FACTOR_OVER_RATE, SCALE_FACTOR_OVER_TEMPERATURE
+from simulators.effects._shupe import SHUPE_EFFECTS
+from simulators.effects._table_angle import TABLE_ANGLE_EFFECTS
+from simulators.effects._time import BIAS_RAMP, WARM_UP
 
 GROUP = "gyrobench.effects"
 AnyEffect = Effect | NoiseEffect | Disturbance | ChannelEffect
 CATALOGUE: tuple[AnyEffect, ...] = (
-    *TEMPERATURE_EFFECTS,
-    *RATE_EFFECTS,
-    *RESPONSE_EFFECTS,
+    *POLYNOMIAL_EFFECTS,
+    *SHUPE_EFFECTS,
+    *MEMORY_EFFECTS,
+    MODE_HOP,
+    WARM_UP,
+    *SCALE_FACTOR_OVER_TEMPERATURE,
+    *SCALE_FACTOR_OVER_RATE,
+    *ALIGNMENT_EFFECTS,
+    *TABLE_ANGLE_EFFECTS,
+    *SAMPLE_TIME_EFFECTS,
+    *ACCELERATION_EFFECTS,
+    BIAS_RAMP,
+    *LIMIT_EFFECTS,
     *NOISE_EFFECTS,
     *DISTURBANCES,
     *CHANNEL_EFFECTS,

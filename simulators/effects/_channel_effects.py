@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from simulators.effects._channel import ChannelEffect
-from simulators.effects._effect import Parameter
+from simulators.effects._effect import PPM, Parameter, Unit
+
+_K, _S, _W, _J, _ARCSEC = Unit("K"), Unit("s"), Unit("W"), Unit("J"), Unit("arcsec")
 
 
 def _ppm(name: str) -> tuple[Parameter, Parameter]:
-    return Parameter(f"{name}_ppm_cos", -1e5, 1e5), Parameter(f"{name}_ppm_sin", -1e5, 1e5)
+    return Parameter(f"{name}_ppm_cos", -1e5, 1e5, PPM), Parameter(f"{name}_ppm_sin", -1e5, 1e5, PPM)
 
 
 _HEAT = "lumped heat balance of a body in air (Incropera, Fundamentals of Heat and Mass Transfer, ch. 5)"
@@ -16,9 +18,9 @@ CHANNEL_EFFECTS = (
         "chamber_ramp",
         "chamber_air",
         (
-            Parameter("cooling_k_per_min_at_25c", 0.01, 100.0),
-            Parameter("cooling_k_per_min_at_minus_40c", 0.01, 100.0),
-            Parameter("heating_k_per_min", 0.01, 100.0),
+            Parameter("cooling_k_per_min_at_25c", 0.01, 100.0, _K.per("min")),
+            Parameter("cooling_k_per_min_at_minus_40c", 0.01, 100.0, _K.per("min")),
+            Parameter("heating_k_per_min", 0.01, 100.0, _K.per("min")),
         ),
         (100.0, 100.0, 100.0),
         "demanded ramp, temperature of the air",
@@ -33,7 +35,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "chamber_overshoot",
         "chamber_air",
-        (Parameter("overshoot_s", -600.0, 600.0), Parameter("settling_s", 5.0, 3600.0)),
+        (Parameter("overshoot_s", -600.0, 600.0, _S), Parameter("settling_s", 5.0, 3600.0, _S)),
         (0.0, 120.0),
         "begin and end of a ramp, in proportion to its rate",
         "IEC 60068-3-5, temperature overshoot; response of a proportional-integral controller",
@@ -43,7 +45,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "chamber_response",
         "chamber_air",
-        (Parameter("lag_s", 0.0, 3600.0),),
+        (Parameter("lag_s", 0.0, 3600.0, _S),),
         (0.0,),
         "demanded ramp",
         "first-order response",
@@ -53,7 +55,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "chamber_offset",
         "chamber_air",
-        (Parameter("offset_k", -20.0, 20.0),),
+        (Parameter("offset_k", -20.0, 20.0, _K),),
         (0.0,),
         "nothing: constant",
         "IEC 60068-3-5, temperature deviation",
@@ -62,7 +64,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "air_to_case_conductance",
         "case_temperature",
-        (Parameter("conductance_w_per_k", 1e-3, 1e3),),
+        (Parameter("conductance_w_per_k", 1e-3, 1e3, _W.per("K")),),
         (1.0,),
         "air less case temperature",
         _HEAT,
@@ -72,7 +74,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "case_heat_capacity",
         "case_temperature",
-        (Parameter("case_j_per_k", 1.0, 1e6),),
+        (Parameter("case_j_per_k", 1.0, 1e6, _J.per("K")),),
         (1.0,),
         "rate of change of the air's temperature",
         _HEAT,
@@ -83,7 +85,10 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "fixture_heat",
         "case_temperature",
-        (Parameter("fixture_j_per_k", 1.0, 1e6), Parameter("fixture_w_per_k", 1e-4, 1e3)),
+        (
+            Parameter("fixture_j_per_k", 1.0, 1e6, _J.per("K")),
+            Parameter("fixture_w_per_k", 1e-4, 1e3, _W.per("K")),
+        ),
         (1.0, 1.0),
         "rate of change of the case's temperature, late",
         _HEAT,
@@ -93,7 +98,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "self_heating_power",
         "case_temperature",
-        (Parameter("power_w", -1e3, 1e3),),
+        (Parameter("power_w", -1e3, 1e3, _W),),
         (0.0,),
         "nothing: constant rise over the air",
         _HEAT,
@@ -102,7 +107,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "case_to_gyro_conductance",
         "gyro_temperature",
-        (Parameter("conductance_w_per_k", 1e-3, 1e3),),
+        (Parameter("conductance_w_per_k", 1e-3, 1e3, _W.per("K")),),
         (1.0,),
         "case less gyro temperature",
         _HEAT,
@@ -112,7 +117,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "gyro_heat_capacity",
         "gyro_temperature",
-        (Parameter("gyro_j_per_k", 1.0, 1e6),),
+        (Parameter("gyro_j_per_k", 1.0, 1e6, _J.per("K")),),
         (1.0,),
         "rate of change of the case's temperature",
         _HEAT,
@@ -123,7 +128,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "gyro_core_heat",
         "gyro_temperature",
-        (Parameter("core_j_per_k", 1.0, 1e6), Parameter("core_w_per_k", 1e-4, 1e3)),
+        (Parameter("core_j_per_k", 1.0, 1e6, _J.per("K")), Parameter("core_w_per_k", 1e-4, 1e3, _W.per("K"))),
         (1.0, 1.0),
         "rate of change of the gyro's temperature, late",
         _HEAT,
@@ -133,7 +138,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "gyro_heating_power",
         "gyro_temperature",
-        (Parameter("power_w", -1e3, 1e3),),
+        (Parameter("power_w", -1e3, 1e3, _W),),
         (0.0,),
         "nothing: constant rise over the case",
         _HEAT,
@@ -142,7 +147,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "temperature_sensor_offset",
         "gyro_temperature",
-        (Parameter("offset_k", -20.0, 20.0),),
+        (Parameter("offset_k", -20.0, 20.0, _K),),
         (0.0,),
         "nothing: constant",
         "sensor's data sheet, accuracy",
@@ -151,7 +156,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "temperature_sensor_gain",
         "gyro_temperature",
-        (Parameter("gain_percent", -50.0, 50.0),),
+        (Parameter("gain_percent", -50.0, 50.0, Unit("%")),),
         (0.0,),
         "temperature above 25 degC",
         "sensor's data sheet, gain",
@@ -160,7 +165,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "temperature_sensor_lag",
         "gyro_temperature",
-        (Parameter("lag_s", 0.0, 3600.0),),
+        (Parameter("lag_s", 0.0, 3600.0, _S),),
         (0.0,),
         "rate of change of temperature",
         "sensor's data sheet, response time",
@@ -170,7 +175,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "table_position_offset",
         "table_angle",
-        (Parameter("offset_arcsec", -36000.0, 36000.0),),
+        (Parameter("offset_arcsec", -36000.0, 36000.0, _ARCSEC),),
         (0.0,),
         "nothing: constant",
         "ISO 230-2, positioning deviation",
@@ -179,7 +184,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "table_position_creep",
         "table_angle",
-        (Parameter("creep_arcsec_per_h", -1e5, 1e5),),
+        (Parameter("creep_arcsec_per_h", -1e5, 1e5, _ARCSEC.per("h")),),
         (0.0,),
         "time since the table was sent there",
         "servo drift",
@@ -188,7 +193,10 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "table_encoder_eccentricity",
         "table_angle",
-        (Parameter("arcsec_cos", -3600.0, 3600.0), Parameter("arcsec_sin", -3600.0, 3600.0)),
+        (
+            Parameter("arcsec_cos", -3600.0, 3600.0, _ARCSEC),
+            Parameter("arcsec_sin", -3600.0, 3600.0, _ARCSEC),
+        ),
         (0.0, 0.0),
         "table angle, once a turn",
         "eccentric encoder disc",
@@ -197,7 +205,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "table_rate_error",
         "table_rate",
-        (Parameter("error_ppm", -1e5, 1e5), Parameter("offset_mdps", -1000.0, 1000.0)),
+        (Parameter("error_ppm", -1e5, 1e5, PPM), Parameter("offset_mdps", -1000.0, 1000.0, Unit("mdeg/s"))),
         (0.0, 0.0),
         "demanded rate",
         "IEEE Std 517, rate accuracy",
@@ -224,7 +232,7 @@ CHANNEL_EFFECTS = (
     ChannelEffect(
         "sample_clock_skew",
         "time_stamps",
-        (Parameter("skew_ppm", -1e5, 1e5),),
+        (Parameter("skew_ppm", -1e5, 1e5, PPM),),
         (0.0,),
         "time in the run",
         "oscillator's data sheet",

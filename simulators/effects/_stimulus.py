@@ -112,6 +112,20 @@ class Stimulus:
             self._followers[key] = values, np.asarray(result)
         return self._followers[key][1]
 
+    def slack(self, values: Array, half_width: float) -> Array:
+        """Return by how much a play operator is off its input, (n,): it moves only when pushed.
+
+        Of every tenth sample (Visintin 1994, ch. III), interpolated: what it follows is slow.
+        """
+        few = values[::10]
+        followed = np.empty(len(few))
+        value = float(few[0])
+        for index, upper in enumerate((few + half_width).tolist()):
+            value = min(max(value, upper - 2.0 * half_width), upper)
+            followed[index] = value
+        every = np.arange(len(values), dtype=np.float64)
+        return np.asarray(np.interp(every, every[::10], followed - few))
+
     def _smooth(self, values: Array) -> Array:
         from scipy.ndimage import uniform_filter1d
 

@@ -16,7 +16,7 @@ StateT = TypeVar("StateT", contravariant=True)
 
 
 @dataclass(frozen=True)
-class Effect(Generic[StateT]):
+class StateEffect(Generic[StateT]):
     """One contribution to a channel as a function of the unit's thermal state, evaluated once a tick."""
 
     name: str
@@ -65,7 +65,7 @@ class SampleEffect:
 class AxisModel:
     """One sensitive axis: its effects, and its noise ("angle_random_walk", "bias_instability", ...)."""
 
-    effects: tuple[Effect[Any], ...]
+    effects: tuple[StateEffect[Any], ...]
     rate_effects: tuple[RateEffect, ...]
     noise: NoiseParameters
     turn_on_bias_dph: float

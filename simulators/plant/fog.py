@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.plant.effect import AxisModel, Effect, RateEffect, UnitModel
+from simulators.plant.effect import AxisModel, RateEffect, StateEffect, UnitModel
 from simulators.plant.fog_parameters import FogCoefficients, FogParameters, spread
 from simulators.plant.shupe import (
     layer_lengths_m,
@@ -86,61 +86,63 @@ def shupe_row(parameters: FogParameters, network: Network, unit_seed: int) -> ND
     return row * rotation_per_integral_dph(parameters.fibre)
 
 
-def fog_effects(c: FogCoefficients) -> tuple[Effect[FogState], ...]:
+def fog_effects(c: FogCoefficients) -> tuple[StateEffect[FogState], ...]:
     """Return the effects on bias and scale factor that the thermal state drives."""
     return (
-        Effect("bias_offset", "bias_dph", lambda s: c.offset_dph, "calibration", "A constant bias."),
-        Effect(
+        StateEffect("bias_offset", "bias_dph", lambda s: c.offset_dph, "calibration", "A constant bias."),
+        StateEffect(
             "coil_static",
             "bias_dph",
             _polynomial(c.coil_static_dph, lambda s: s.coil_temp_c),
             "usual static temperature model",
             "Bias that follows the coil's temperature.",
         ),
-        Effect(
+        StateEffect(
             "board_static",
             "bias_dph",
             _polynomial(c.board_static_dph, lambda s: s.board_temp_c),
             "usual static temperature model",
             "Bias of the electronics that follows the board's temperature.",
         ),
-        Effect(
+        StateEffect(
             "shupe",
             "bias_dph",
             lambda s: s.shupe_dph,
             "Shupe 1980; Mohr 1996",
             "Fibre that warms unequally about its mid-point looks like rotation.",
         ),
-        Effect(
+        StateEffect(
             "winding_stress",
             "bias_dph",
             lambda s: _stress_dph(c, s),
             "non-linear Shupe coefficient: potting stiffens below its glass transition",
             "Stress in the potted coil follows its temperature rate, more so in the cold.",
         ),
-        Effect(
+        StateEffect(
             "bias_relaxation",
             "bias_dph",
             lambda s: c.relaxation_dph_per_k * (s.coil_temp_c - s.relaxed_temp_c),
             "slow tail after a shock",
             "Bias decays slowly after the coil has reached its temperature.",
         ),
-        Effect("sf_offset", "sf_error_ppm", lambda s: c.offset_ppm, "calibration", "A constant SF error."),
-        Effect(
+        StateEffect(
+            "sf_offset", "sf_error_ppm", lambda s: c.offset_ppm, "calibration", "A constant SF error."
+        ),
+        StateEffect(
             "sf_board",
             "sf_error_ppm",
             lambda s: _board_sf_ppm(c, s),
             "source wavelength and electronics over temperature",
             "Scale factor follows the board's temperature.",
         ),
-        Effect(
+        StateEffect(
             "sf_coil",
             "sf_error_ppm",
             lambda s: c.coil_ppm_per_k * (s.coil_temp_c - REFERENCE_C),
             "thermal expansion of the coil's area",
             "Scale factor follows the coil's temperature.",
         ),
-        Effect(
+        StateEffect(
             "sf_relaxation",
             "sf_error_ppm",
             lambda s: c.relaxation_ppm_per_k * (s.coil_temp_c - s.relaxed_temp_c),

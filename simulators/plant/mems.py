@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simulators.plant.effect import AxisModel, Effect, UnitModel
+from simulators.plant.effect import AxisModel, StateEffect, UnitModel
 from simulators.plant.noise import NoiseParameters
 from simulators.plant.thermal import AIR, Lag, Link, Network, build_network, tick_matrix
 
@@ -31,23 +31,23 @@ def mems_network() -> Network:
     return build_network(capacity, links, {"die": 0.4}, lags)
 
 
-def mems_effects(rng: np.random.Generator) -> tuple[Effect[MemsState], ...]:
+def mems_effects(rng: np.random.Generator) -> tuple[StateEffect[MemsState], ...]:
     """Return one axis's effects; every unit and axis has its own coefficients, drawn from `rng`."""
     offset, slope, curve = rng.standard_normal(3) * (150.0, 5.0, 0.08)
     sf_offset, sf_slope = rng.standard_normal(2) * (500.0, 30.0)
     return (
-        Effect("bias_offset", "bias_dph", lambda s: float(offset), "calibration", "A constant bias."),
-        Effect(
+        StateEffect("bias_offset", "bias_dph", lambda s: float(offset), "calibration", "A constant bias."),
+        StateEffect(
             "bias_temperature",
             "bias_dph",
             lambda s: float((slope + curve * (s.die_temp_c - REFERENCE_C)) * (s.die_temp_c - REFERENCE_C)),
             "package stress and electronics",
             "Bias follows the die's temperature, quadratically.",
         ),
-        Effect(
+        StateEffect(
             "sf_offset", "sf_error_ppm", lambda s: float(sf_offset), "calibration", "A constant SF error."
         ),
-        Effect(
+        StateEffect(
             "sf_temperature",
             "sf_error_ppm",
             lambda s: float(sf_slope * (s.die_temp_c - REFERENCE_C)),

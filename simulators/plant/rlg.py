@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simulators.plant.effect import AxisModel, Effect, RateEffect, UnitModel
+from simulators.plant.effect import AxisModel, RateEffect, StateEffect, UnitModel
 from simulators.plant.noise import NoiseParameters
 from simulators.plant.thermal import AIR, Lag, Link, Network, build_network, tick_matrix
 
@@ -100,47 +100,49 @@ def _varied(
     return replace(c, **changes)
 
 
-def rlg_effects(c: RlgCoefficients) -> tuple[Effect[RlgState], ...]:
+def rlg_effects(c: RlgCoefficients) -> tuple[StateEffect[RlgState], ...]:
     """Return the effects on bias and scale factor that the thermal state drives."""
     return (
-        Effect("bias_offset", "bias_dph", lambda s: c.offset, "calibration", "A constant bias."),
-        Effect(
+        StateEffect("bias_offset", "bias_dph", lambda s: c.offset, "calibration", "A constant bias."),
+        StateEffect(
             "case_static",
             "bias_dph",
             lambda s: (c.per_k + c.per_k2 * (s.case_c - REFERENCE_C)) * (s.case_c - REFERENCE_C),
             "usual static temperature model",
             "Bias that follows the case's temperature.",
         ),
-        Effect(
+        StateEffect(
             "case_rate",
             "bias_dph",
             lambda s: (c.per_rate + c.per_k_rate * s.case_c + c.per_rate2 * s.case_rate) * s.case_rate,
             "regression models of laser gyros over temperature",
             "Bias that follows the case's temperature rate, its square and its product with temperature.",
         ),
-        Effect(
+        StateEffect(
             "discharge_imbalance",
             "bias_dph",
             lambda s: c.per_gradient_k * (s.case_c - s.block_c),
             "Langmuir flow of the discharge",
             "A gradient unbalances the currents of the two discharge arms; the gas flow then drags the light.",
         ),
-        Effect(
+        StateEffect(
             "mode_ripple",
             "bias_dph",
             lambda s: c.ripple * math.sin(2.0 * math.pi * s.block_c / RIPPLE_PERIOD_K),
             "path-length control over an expanding cavity",
             "The cavity passes through modes as it expands, and the bias ripples with its temperature.",
         ),
-        Effect(
+        StateEffect(
             "bias_hysteresis",
             "bias_dph",
             lambda s: c.hysteresis * math.tanh(s.case_rate / 0.1),
             "joints that hold until they slip",
             "Bias differs between warming and cooling.",
         ),
-        Effect("sf_offset", "sf_error_ppm", lambda s: c.sf_offset_ppm, "calibration", "A constant SF error."),
-        Effect(
+        StateEffect(
+            "sf_offset", "sf_error_ppm", lambda s: c.sf_offset_ppm, "calibration", "A constant SF error."
+        ),
+        StateEffect(
             "sf_temperature",
             "sf_error_ppm",
             lambda s: c.sf_ppm_per_k * (s.block_c - REFERENCE_C),

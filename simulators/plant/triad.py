@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simulators.plant.effect import AxisModel, Effect, UnitModel
+from simulators.plant.effect import AxisModel, StateEffect, UnitModel
 from simulators.plant.noise import NoiseParameters
 from simulators.plant.thermal import AIR, Lag, Link, Network, build_network, tick_matrix
 
@@ -45,10 +45,10 @@ def triad_unit(unit_seed: int) -> UnitModel:
 
 def _axis(drift_dph: float) -> AxisModel:
     effects = (
-        Effect[TriadState](
+        StateEffect[TriadState](
             "drift", "bias_dph", lambda state: drift_dph, "calibration", "A constant drift of the axis."
         ),
-        Effect[TriadState](
+        StateEffect[TriadState](
             "sf_offset",
             "sf_error_ppm",
             lambda state: _SF_PPM,

@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._evidence import Candidate
-from bench.analysis.gap._generic import PREFIX, free_curves, grid_points
+from bench.analysis.gap._generic import FreeCurve, free_curves, grid_points
 from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._response import proposed_variants
 from drivers.base.arrays import Array
@@ -23,7 +23,7 @@ def candidate_variants(model: Model, runs: Sequence[GapRun]) -> list[Variant]:
     """Return the catalogue's variants that the model does not have as terms, then free curves over the inputs."""
     names = {term.name for term in model.terms}
     effects = [each for each in catalogue().values() if isinstance(each, Effect) and each.name not in names]
-    usual = [variant for effect in effects if not effect.proposed for variant in effect.variants()]
+    usual = [variant for effect in effects if effect.propose is None for variant in effect.variants()]
     return [*usual, *proposed_variants(effects, runs), *free_curves(runs)]
 
 
@@ -33,7 +33,7 @@ def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:
     for index, variant in enumerate(variants):
         k = len(variant.effect.parameters)
         own = tuple(range(column, column + k))
-        odds = FREE_CURVE if variant.effect.name.startswith(PREFIX) else 0.0
+        odds = FREE_CURVE if isinstance(variant.effect, FreeCurve) else 0.0
         result.append(Candidate(variant.effect.name, index, own, grid_points(variant.effect), odds))
         column += k
     return result
@@ -54,17 +54,19 @@ def possible_candidates(
     possible: list[int] = []
     reasons: dict[str, str] = {}
     for index, candidate in enumerate(candidates):
+        effect = variants[index].effect
         at = np.array(candidate.columns)
         apart, whole = np.diag(system)[at], np.diag(gram)[at + q]
-        both = [parameter.bounds(coarseness) for parameter in variants[index].effect.parameters]
+        both = [parameter.bounds(coarseness) for parameter in effect.parameters]
         bounds = np.array([max(-low, high) for low, high in both])
         if whole.max() <= 0.0 or (bounds * np.sqrt(np.maximum(apart, 0.0))).max() < _LEAST_DETECTABLE:
-            reasons[candidate.effect] = f"{variants[index].effect.follows} does not change within any run"
+            reason = f"{effect.follows} does not change within any run"
         elif (apart / np.maximum(whole, 1e-300)).max() < 1e-6:
-            reasons[candidate.effect] = "cannot be told from the nominal model's own terms in these runs"
+            reason = "cannot be told from the nominal model's own terms in these runs"
         else:
             possible.append(index)
+            continue
+        if not isinstance(effect, FreeCurve):
+            reasons[effect.name] = reason
     shown = {candidates[index].effect for index in possible}
-    return possible, {
-        name: reason for name, reason in reasons.items() if name not in shown and not name.startswith(PREFIX)
-    }
+    return possible, {name: reason for name, reason in reasons.items() if name not in shown}

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.gap._findings import SIGNIFICANT, Place
-from bench.analysis.gap._generic import PREFIX
+from bench.analysis.gap._generic import FreeCurve
 from bench.analysis.gap._lines import SpectralLine
 from bench.analysis.gap._model_file import Term
 from bench.analysis.gap._where import RegimePlace
-from simulators.effects import REFERENCE_C, Variant
+from simulators.effects import REFERENCE_C, Input, Variant
 
 
 @dataclass(frozen=True)
@@ -36,29 +36,27 @@ class UnknownPart:
 def curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
     """Describe a free curve that was fitted."""
     term = Term(variant, tuple(values), (0.0,) * len(values))
-    name = variant.effect.name.removeprefix(PREFIX)
-    names = [parameter.name for parameter in variant.effect.parameters]
-    lag_s = variant.shape.get("lag_s")
-    if "_at_" not in names[0]:
-        size = {parameter: abs(value) for parameter, value in zip(names, values, strict=True)}
-        order = int(max(size, key=lambda each: size[each]).rpartition("_")[2])
-        what = "proportional to rate" if name.startswith("rate") else "at any rate"
+    effect = variant.effect
+    if not isinstance(effect, FreeCurve):
+        raise TypeError(f"{effect.name} is no free curve")
+    if not effect.nodes:
+        size = list(zip((abs(value) for value in values), effect.orders, strict=True))
+        _, order = max(size, key=lambda each: each[0])
+        what = "proportional to rate" if effect.curve.of_rate else "at any rate"
         sentence = f"It follows the table's angle, {what}; strongest is harmonic {order} of a turn."
         return UnknownPart("table angle", sentence, harmonic=order, term=term)
-    unit = "ppm of rate" if names[0].startswith("ppm") else "deg/h"
-    above_c = REFERENCE_C if variant.effect.follows == "T_in" else 0.0
-    at = tuple(float(each.rpartition("_at_")[2]) + above_c for each in names)
+    lag_s = variant.shape.get("lag_s")
+    unit, kind = ("ppm of rate", "Scale factor") if effect.curve.of_rate else ("deg/h", "Bias")
+    above_c = REFERENCE_C if effect.curve.over is Input.T_IN else 0.0
+    at = tuple(round(node, 2) + above_c for node in effect.nodes)
     top = int(np.argmax(np.abs(values)))
     late = f", {lag_s:.0f} s late" if lag_s else ""
-    kind = "Scale factor" if unit.startswith("ppm") else "Bias"
-    unit_at = {"T_in": "degC", "T_in - T_out": "K"}.get(variant.effect.follows, "K/min")
+    unit_at = {Input.T_IN: "degC", Input.GRADIENT: "K"}.get(effect.curve.over, "K/min")
     sentence = (
-        f"{kind} follows {variant.effect.follows}{late}, by a curve that no effect of the catalogue has; "
+        f"{kind} follows {effect.follows}{late}, by a curve that no effect of the catalogue has; "
         f"largest, {values[top]:.3g} {unit}, at {at[top]:.3g} {unit_at}."
     )
-    return UnknownPart(
-        variant.effect.follows, sentence, lag_s, unit=unit, at=at, curve=tuple(values), term=term
-    )
+    return UnknownPart(effect.follows, sentence, lag_s, unit=unit, at=at, curve=tuple(values), term=term)
 
 
 def line_part(line: SpectralLine) -> UnknownPart:

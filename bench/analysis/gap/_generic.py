@@ -6,38 +6,69 @@ merely imitates the real dependence loses. The winner also says what the missing
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from bench.analysis.gap._data import GapRun
 from drivers.base.arrays import Array
-from simulators.effects import Effect, Parameter, Stimulus, Variant
+from simulators.effects import (
+    PPM,
+    Curve,
+    Effect,
+    Formula,
+    Input,
+    Parameter,
+    Shape,
+    Stimulus,
+    Unit,
+    Variant,
+)
 
-Shape = Mapping[str, float]
 PREFIX = "free curve: "
 _BOUND = 1e6
+_OF_ANY_GYRO = Unit("deg/h")
+"""Its bounds are far beyond every gyro's biases."""
 _LAGS_S = (0.0, 150.0, 400.0)
 _FINE_LAGS_S = (0.0, 250.0)
 _FINE = 18
 """Nodes of a curve over temperature that shows lines and ripples some kelvins wide."""
 _NODES = (2, 3, 5, 9)
 """How finely a curve is drawn is not known before: a straight one costs one parameter, a winding one many."""
-_LEAST_SPAN = {"T_in": 10.0, "T_out": 10.0, "dT_in/dt": 0.5, "T_in - T_out": 1.0}
 _ANGLE = "table angle"
-_ANGLES = {
-    PREFIX + "rate over table angle": "a turn, proportional to rate",
-    PREFIX + "bias over table angle": _ANGLE,
-}
-"""How effects that such a curve can stand for say what they follow."""
 _TURNING_DPS = 1.0
 _STEADY_DPS = 0.01
-_INPUTS: dict[str, Callable[[Stimulus], Array]] = {
-    "T_in": lambda s: s.warm_k,
-    "T_out": lambda s: s.case_warm_k,
-    "dT_in/dt": lambda s: s.warming_k_per_min,
-    "T_in - T_out": lambda s: s.gradient_k,
+_NO_CURVE = Curve(Input.NONE)
+
+
+class _Along(NamedTuple):
+    """An input that free curves are drawn over: its words, its values, and the least span that shows a curve."""
+
+    words: str
+    values: Callable[[Stimulus], Array]
+    least_span: float
+
+
+_INPUTS = {
+    Input.T_IN: _Along("T_in", lambda s: s.warm_k, 10.0),
+    Input.T_OUT: _Along("T_out", lambda s: s.case_warm_k, 10.0),
+    Input.WARMING: _Along("dT_in/dt", lambda s: s.warming_k_per_min, 0.5),
+    Input.GRADIENT: _Along("T_in - T_out", lambda s: s.gradient_k, 1.0),
 }
+
+
+@dataclass(frozen=True)
+class FreeCurve(Effect):
+    """A curve of any form over one input: linear splines between `nodes`, or harmonics of the table's angle.
+
+    `nodes` are the inputs at which its parameters hold, empty of harmonics; `orders` are those of its parameters.
+    """
+
+    curve: Curve = _NO_CURVE
+    nodes: tuple[float, ...] = ()
+    orders: tuple[int, ...] = ()
 
 
 def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
@@ -46,75 +77,62 @@ def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
     turning = any(
         np.ptp(run.stimulus.axis_rate_dps) + abs(run.stimulus.axis_rate_dps[0]) > _TURNING_DPS for run in runs
     )
-    apart = any(np.ptp(run.stimulus.gradient_k) >= _LEAST_SPAN["T_in - T_out"] for run in runs)
-    for name, of in _INPUTS.items():
-        if name == "T_out" and not apart:
+    apart = any(np.ptp(run.stimulus.gradient_k) >= _INPUTS[Input.GRADIENT].least_span for run in runs)
+    for over, along in _INPUTS.items():
+        if over is Input.T_OUT and not apart:
             continue
-        low = min(float(of(run.stimulus).min()) for run in runs)
-        high = max(float(of(run.stimulus).max()) for run in runs)
-        if high - low < _LEAST_SPAN[name]:
+        low = min(float(along.values(run.stimulus).min()) for run in runs)
+        high = max(float(along.values(run.stimulus).max()) for run in runs)
+        if high - low < along.least_span:
             continue
         # of one name: a set holds one of them, coarse or fine
-        for count, lags_s in _grids(name):
+        for count, lags_s in _grids(over):
             nodes = np.linspace(low, high, count)
-            effects += [_curve(f"bias over {name}", name, nodes, of, lags_s, rate=False)]
+            effects += [_spline(Curve(over), nodes, lags_s)]
             if turning:
-                effects += [_curve(f"scale factor over {name}", name, nodes, of, lags_s, rate=True)]
+                effects += [_spline(Curve(over, of_rate=True), nodes, lags_s)]
     if turning:
-        effects.append(_harmonics("rate over table angle", rate=True))
-    effects.append(_harmonics("bias over table angle", rate=False))
+        effects.append(_harmonics("rate over table angle", Curve(Input.ANGLE, of_rate=True)))
+    effects.append(_harmonics("bias over table angle", Curve(Input.ANGLE)))
     return [variant for effect in effects for variant in effect.variants()]
 
 
-def _grids(name: str) -> list[tuple[int, tuple[float, ...]]]:
+def _grids(over: Input) -> list[tuple[int, tuple[float, ...]]]:
     """Return numbers of nodes, each with its lags."""
-    return [(count, _LAGS_S) for count in _NODES] + [(_FINE, _FINE_LAGS_S)] * (name == "T_in")
+    return [(count, _LAGS_S) for count in _NODES] + [(_FINE, _FINE_LAGS_S)] * (over is Input.T_IN)
 
 
 def grid_points(effect: Effect) -> int:
     """Return how many variants of an effect compete, those of other effects of its name among them."""
-    if effect.name.startswith(PREFIX) and effect.follows in _INPUTS:
-        return sum(len(lags_s) for _, lags_s in _grids(effect.follows))
+    if isinstance(effect, FreeCurve) and effect.nodes:
+        return sum(len(lags_s) for _, lags_s in _grids(effect.curve.over))
     return len(effect.shapes)
 
 
 def smooth(effect: Effect, runs: Sequence[GapRun]) -> bool:
     """Return whether an effect's columns have nothing in the fast bands: curves over temperatures."""
-    if not effect.name.startswith(PREFIX) or effect.follows not in _INPUTS:
+    if not isinstance(effect, FreeCurve) or not effect.nodes:
         return False
-    steady = all(np.ptp(run.stimulus.axis_rate_dps) < _STEADY_DPS for run in runs)
-    return effect.name.startswith(PREFIX + "bias") or steady
+    return not effect.curve.of_rate or all(np.ptp(run.stimulus.axis_rate_dps) < _STEADY_DPS for run in runs)
 
 
 def absorbed(effect: Effect, curves: Sequence[Effect]) -> bool:
     """Return whether a free curve in the model is over the very input that an effect is a function of."""
-    for curve in curves:
-        if curve.follows == _ANGLE and effect.follows.endswith(_ANGLES[curve.name]):
-            return True
-        rate = curve.name.startswith(PREFIX + "scale factor")
-        wanted = f"rate times {curve.follows}" if rate else curve.follows
-        if effect.follows == wanted or effect.follows.startswith((f"{wanted} crossing", f"{wanted} below")):
-            return True
-    return False
+    return effect.curve is not None and any(effect.curve == curve.curve for curve in curves)
 
 
-def _curve(
-    name: str,
-    follows: str,
-    nodes: Array,
-    of: Callable[[Stimulus], Array],
-    lags_s: Sequence[float],
-    *,
-    rate: bool,
-) -> Effect:
-    def columns(s: Stimulus, shape: Shape) -> Array:
-        values = s.lagged(of(s), shape["lag_s"])
-        hats = _hats(values, nodes)
-        return np.asarray(hats * 1e-6 * s.input_rate_dph if rate else hats)
+def _spline(curve: Curve, nodes: Array, lags_s: Sequence[float]) -> FreeCurve:
+    along = _INPUTS[curve.over]
 
-    unit = "ppm" if rate else "dph"
-    parameters = tuple(Parameter(f"{unit}_at_{node:.2f}", -_BOUND, _BOUND) for node in nodes[1:])
-    return _effect(name, parameters, columns, follows, tuple({"lag_s": lag} for lag in lags_s))
+    def formula(s: Stimulus, shape: Shape) -> Array:
+        hats = _hats(s.lagged(along.values(s), shape["lag_s"]), nodes)
+        return np.asarray(hats * 1e-6 * s.input_rate_dph if curve.of_rate else hats)
+
+    name = f"{'scale factor' if curve.of_rate else 'bias'} over {along.words}"
+    unit = "ppm" if curve.of_rate else "dph"
+    names = tuple(f"{unit}_at_{node:.2f}" for node in nodes[1:])
+    shapes = tuple({"lag_s": lag} for lag in lags_s)
+    return _effect(name, names, formula, along.words, curve, shapes, nodes=tuple(nodes[1:].tolist()))
 
 
 def _hats(values: Array, nodes: Array) -> Array:
@@ -129,25 +147,39 @@ def _hats(values: Array, nodes: Array) -> Array:
     return hats[1:]
 
 
-def _harmonics(name: str, *, rate: bool) -> Effect:
+def _harmonics(name: str, curve: Curve) -> FreeCurve:
     orders = (1, 2, 3, 4)
 
-    def columns(s: Stimulus, _: Shape) -> Array:
+    def formula(s: Stimulus, _: Shape) -> Array:
         waves = np.concatenate([s.harmonic(order) for order in orders])
-        return np.asarray(waves * 1e-6 * s.input_rate_dph if rate else waves)
+        return np.asarray(waves * 1e-6 * s.input_rate_dph if curve.of_rate else waves)
 
-    parameters = tuple(
-        Parameter(f"{part}_{order}", -_BOUND, _BOUND) for order in orders for part in ("cos", "sin")
-    )
-    return _effect(name, parameters, columns, _ANGLE, ({},))
+    names = tuple(f"{part}_{order}" for order in orders for part in ("cos", "sin"))
+    return _effect(name, names, formula, _ANGLE, curve, orders=tuple(order for order in orders for _ in "cs"))
 
 
 def _effect(
     name: str,
-    parameters: tuple[Parameter, ...],
-    columns: Callable[[Stimulus, Shape], Array],
+    parameters: Sequence[str],
+    formula: Formula,
     follows: str,
-    shapes: tuple[Shape, ...],
-) -> Effect:
-    meaning = f"A curve of {name}, of any form; no effect of the catalogue has it."
-    return Effect(PREFIX + name, parameters, columns, follows, "linear splines", meaning, shapes)
+    curve: Curve,
+    shapes: tuple[Shape, ...] = ({},),
+    *,
+    nodes: tuple[float, ...] = (),
+    orders: tuple[int, ...] = (),
+) -> FreeCurve:
+    unit = PPM if curve.of_rate else _OF_ANY_GYRO
+    return FreeCurve(
+        PREFIX + name,
+        tuple(Parameter(each, -_BOUND, _BOUND, unit) for each in parameters),
+        formula,
+        curve.over | (Input.RATE if curve.of_rate else Input.NONE),
+        follows,
+        "linear splines",
+        f"A curve of {name}, of any form; no effect of the catalogue has it.",
+        shapes,
+        curve=curve,
+        nodes=nodes,
+        orders=orders,
+    )

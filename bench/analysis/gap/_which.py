@@ -32,7 +32,7 @@ from bench.analysis.gap._prepare import Prepared, gathered, narrowed, noise_besi
 from bench.analysis.gap._refine import best_of_each, between_grid_points, sets_of_note
 from bench.analysis.gap._unknown import Remainder, remainder
 from drivers.base.arrays import Array
-from simulators.effects import Effect, Variant
+from simulators.effects import Effect, Input, Variant
 
 _UNKNOWN_PRIOR = 5.0
 _UNSEEN = 0.05
@@ -157,7 +157,7 @@ def judged_sets(
     for cell, own in zip(cells, before, strict=True):
         gaps[cell.profile] += max(own - cell.count, 0.0) if cell.repeatable else 0.0
     line = strongest_line(data.groups, left_of_runs(data, best.in_form), data.noise.noise, gaps)
-    turning = any("a turn" in variants[each].effect.follows for each in best.members)
+    turning = any(Input.TURN in variants[each].effect.inputs for each in best.members)
     if line is not None and not (line.harmonic and turning):
         # harmonics of a ripple that is named already are its waveform, no effect of their own
         judged = [replace(each, line=line.log_evidence) for each in judged]

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from simulators.effects import ChannelEffect, Effect, Parameter
+from simulators.effects import DPH, ChannelEffect, Effect, Input, Parameter, Unit
 
 EFFECTS = (
     Effect(
         "acme_etalon",
-        (Parameter("bias_dph", -10.0, 10.0),),
-        lambda s, shape: np.sin(2.0 * np.pi * s.warm_k / shape["period_k"])[None, :],
+        (Parameter("bias_dph", -10.0, 10.0, DPH),),
+        lambda s, shape: np.sin(2.0 * np.pi * s.warm_k / shape["period_k"]),
+        Input.T_IN,
         "sine of T_in",
         "acme, application note 12",
         "An etalon in the coupler lets bias swing with temperature.",
@@ -17,7 +18,7 @@ EFFECTS = (
     ChannelEffect(
         "acme_thermistor",
         "gyro_temperature",
-        (Parameter("curvature_k", -10.0, 10.0),),
+        (Parameter("curvature_k", -10.0, 10.0, Unit("K")),),
         (0.0,),
         "square of the gyro's temperature over 25 degC",
         "acme, application note 13",

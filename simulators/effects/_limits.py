@@ -1,0 +1,174 @@
+"""The curve of output against input rate at its ends: a limit, and a band about zero without output.
+
+Each is a candidate only where the record shows it plainly: where output and input rate part by far more than any
+slope. Whether it is the cause is then a matter of evidence like that of every other effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.base.arrays import Array
+from simulators.effects._effect import Effect, Input, Parameter, Shape, Unit
+from simulators.effects._slow_rates import SlowRates
+from simulators.effects._stimulus import Stimulus
+
+_SHARE = Unit("share")
+_MOST = 1.2
+"""Bound of the part of the formula that is there; 1 is all of it."""
+_LEAST_CUT = 0.004
+"""Part of the rate that must be missing beyond a limit; nobody's scale factor bends so much so suddenly."""
+_LOW_SLOPE = 0.6
+_TRIES = 48
+_CLEAR = 6.0
+
+
+def _saturation(s: Stimulus, shape: Shape) -> Array:
+    limit_dph = 3600.0 * shape["limit_dps"]
+    return np.asarray(np.clip(s.input_rate_dph, -limit_dph, limit_dph) - s.input_rate_dph)
+
+
+def _dead_zone(s: Stimulus, shape: Shape) -> Array:
+    return np.asarray(_without_band(s.input_rate_dph, shape["band_dph"]) - s.input_rate_dph)
+
+
+def _lock_in(s: Stimulus, shape: Shape) -> Array:
+    return np.asarray(_beat(s.input_rate_dph, shape["lock_dph"]) - s.input_rate_dph)
+
+
+def _without_band(rate: Array, band: float) -> Array:
+    return np.where(np.abs(rate) < band, 0.0, rate)
+
+
+def _beat(rate: Array, lock: float) -> Array:
+    return np.asarray(np.sign(rate) * np.sqrt(np.maximum(rate**2 - lock**2, 0.0)))
+
+
+def _grid(key: str, size: float | None) -> tuple[Shape, ...]:
+    """Return a short grid about a size read off the record; nothing without one."""
+    return () if size is None else tuple({key: part * size} for part in (0.97, 1.0, 1.03))
+
+
+def _limit_dps(rates: SlowRates) -> float | None:
+    """Return the rate at which the output stops, deg/s; None where it follows the fastest input rates."""
+    speed, output = np.abs(rates.rate), np.abs(rates.output)
+    if not len(speed):
+        return None
+    fastest = speed >= 0.98 * speed.max()
+    limit = float(np.median(output[fastest]))
+    below = (speed < 0.9 * limit) & (speed > 0.05 * limit)
+    if limit <= 0.0 or below.sum() < 3:
+        return None
+    slope = float(np.median(output[below] / speed[below]))
+    scatter = 1.4826 * float(np.median(np.abs(output[fastest] - limit)))
+    cut = slope * float(np.median(speed[fastest])) - limit
+    plain = cut > max(_LEAST_CUT * limit, 5.0 * abs(slope - 1.0) * limit, _CLEAR * scatter)
+    # a bend would show below the limit already
+    bent = float(np.quantile(np.abs(output[below] - slope * speed[below]) / speed[below], 0.9))
+    return limit / 3600.0 if plain and bent < 0.25 * cut / limit else None
+
+
+def _dead_band_dph(rates: SlowRates) -> float | None:
+    standing = _standing(rates)
+    if standing is None:
+        return None
+    levels, highest = standing
+    return _best(rates, highest, _between(levels, highest), _without_band)
+
+
+def _lock_dph(rates: SlowRates) -> float | None:
+    standing = _standing(rates)
+    if standing is None:
+        return None
+    levels, highest = standing
+    return _best(rates, highest, np.geomspace(0.5 * levels[0], highest, _TRIES), _beat)
+
+
+def _standing(rates: SlowRates) -> tuple[Array, float] | None:
+    """Return levels of rate and the highest at which the output may stand still; None if it never does."""
+    speed = np.abs(rates.rate)
+    levels = _levels(speed)
+    standing = [size for size in levels.tolist() if _stands(rates, speed <= size)]
+    return (levels, _above(speed, standing[-1])) if standing else None
+
+
+def _best(rates: SlowRates, highest: float, tried: Array, answer: Callable[[Array, float], Array]) -> float:
+    """Return the band, deg/h, whose answer leaves the least energy in slow rates, run means taken out."""
+    near = np.abs(rates.rate) < 20.0 * highest
+    few = SlowRates(rates.rate[near], rates.output[near], rates.run[near])
+    every = np.ones(len(few.rate), dtype=bool)
+    rests = [few.apart(few.output - answer(few.rate, band), every) for band in tried.tolist()]
+    return float(tried[int(np.argmin([float(rest @ rest) for rest in rests]))])
+
+
+def _levels(speed: Array) -> Array:
+    """Return sizes of the input rate, just above those that occur, at which a band may end, smallest first."""
+    levels = np.unique(np.round(speed[speed > 0.05], 1)) + 0.1
+    return levels if len(levels) <= _TRIES else np.quantile(levels, np.linspace(0.0, 1.0, _TRIES))
+
+
+def _between(levels: Array, highest: float) -> Array:
+    """Return bands halfway between levels up to the highest; where rates are far apart, close to the lower."""
+    following = np.append(levels[1:], highest)
+    return np.asarray(0.5 * (levels + np.minimum(following, 1.5 * levels))[levels <= highest])
+
+
+def _above(speed: Array, size: float) -> float:
+    """Return the next rate above a size, at most three times it: the band ends somewhere between."""
+    higher = speed[speed > 1.05 * size]
+    return min(float(higher.min()), 3.0 * size) if len(higher) else 1.5 * size
+
+
+def _stands(rates: SlowRates, use: NDArray[np.bool_]) -> bool:
+    """Return whether the output hardly follows the input rate in blocks that differ in it enough to tell."""
+    if use.sum() < 8:
+        return False
+    rate, output = rates.apart(rates.rate, use)[use], rates.apart(rates.output, use)[use]
+    power = float(rate @ rate)
+    if power <= 0.0:
+        return False
+    slope = float(rate @ output) / power
+    rest = output - slope * rate
+    # blocks of one level share what is wrong with it: few of them count as independent
+    sigma = float(np.sqrt(rest @ rest / power / max(len(rest) / 8.0, 2.0)))
+    return abs(slope) < _LOW_SLOPE and _CLEAR * sigma < 1.0 - abs(slope)
+
+
+LIMIT_EFFECTS = (
+    Effect(
+        "saturation",
+        (Parameter("cut_share", 0.0, _MOST, _SHARE),),
+        _saturation,
+        Input.RATE,
+        "rate beyond a limit",
+        "IEEE Std 952, maximum input rate",
+        "Output stays at a limit however fast the unit turns.",
+        ({"limit_dps": 100.0},),
+        propose=lambda rates: _grid("limit_dps", _limit_dps(rates)),
+    ),
+    Effect(
+        "dead_zone",
+        (Parameter("lost_share", 0.0, _MOST, _SHARE),),
+        _dead_zone,
+        Input.RATE,
+        "rate about zero",
+        "IEEE Std 528, dead band",
+        "Small rates give no output.",
+        ({"band_dph": 10.0},),
+        propose=lambda rates: _grid("band_dph", _dead_band_dph(rates)),
+    ),
+    Effect(
+        "lock_in",
+        (Parameter("locked_share", 0.0, _MOST, _SHARE),),
+        _lock_in,
+        Input.RATE,
+        "rate about zero",
+        "Aronowitz, The Laser Gyro, 1971: the beat of two coupled beams is the root of rate^2 - lock-in^2",
+        "Small rates give no output and those a little larger too little: the beams lock.",
+        ({"lock_dph": 10.0},),
+        propose=lambda rates: _grid("lock_dph", _lock_dph(rates)),
+    ),
+)

@@ -1,0 +1,32 @@
+"""A step of the bias at a temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivers.base.arrays import Array
+from simulators.effects._effect import DPH, Curve, Effect, Input, Parameter, Shape
+from simulators.effects._stimulus import REFERENCE_C, Stimulus
+
+
+def _mode_hop(s: Stimulus, shape: Shape) -> Array:
+    warm_k = s.lagged(s.warm_k, shape["lag_s"])
+    return np.asarray(0.5 * np.tanh((warm_k + REFERENCE_C - shape["at_c"]) / shape["width_k"]))
+
+
+MODE_HOP = Effect(
+    "mode_hop",
+    (Parameter("bias_step_dph", -100.0, 100.0, DPH),),
+    _mode_hop,
+    Input.T_IN,
+    "T_in crossing a threshold",
+    "step of laser mode or of a control loop at a temperature",
+    "Bias steps where the temperature crosses a threshold.",
+    tuple(
+        {"at_c": at, "lag_s": lag, "width_k": width}
+        for lag in (0.0, 300.0)
+        for at in np.arange(-35.0, 20.0, 5.0).tolist()
+        for width in (0.8, 2.5)
+    ),
+    curve=Curve(Input.T_IN),
+)

@@ -1,0 +1,76 @@
+"""Sample times of gyro and table on different clocks: a change of rate comes early or late."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivers.base.arrays import Array
+from simulators.effects._effect import PPM, Effect, Input, Parameter, Shape, Unit
+from simulators.effects._stimulus import Stimulus
+
+_SIDES: tuple[Shape, ...] = tuple({"side": side} for side in (0.0, 0.5, -0.5, 1.0, -1.0))
+
+
+def _change(s: Stimulus, shape: Shape) -> Array:
+    """Return rate at the end less rate at the start of each sample.
+
+    Side 0.5 has changes of rate begin at samples' edges, -0.5 has them end there, 0 is between; a step right at
+    an edge moves into the sample before if samples are late (side 1), into the one after if early (side -1).
+    """
+    rate, side = s.input_rate_dph, min(max(shape["side"], -1.0), 1.0)
+    forward, backward = _edge_values(rate), _edge_values(rate[::-1])[::-1]
+    late = np.append(rate, rate[-1])
+    early = np.insert(rate, 0, rate[0])
+    edges = (early, backward, forward, late)
+    weights = np.array([np.interp(side, (-1.0, -0.5, 0.5, 1.0), row) for row in np.eye(4)])
+    return np.diff(np.einsum("i,ij->j", weights, np.stack(edges)))
+
+
+def _edge_values(means: Array) -> Array:
+    """Return values at the edges (n + 1,) of a signal linear in each sample from its means (n,), left to right.
+
+    A value that overshoots the neighbouring samples is cut: there the slope changes inside the sample.
+    """
+    edges = np.append(means[:1], means)
+    value = float(means[0])
+    moving = np.flatnonzero(means[1:] != means[:-1])
+    for k in np.unique(np.concatenate((moving, moving + 1)).clip(0, len(means) - 2)).tolist():
+        here, following = float(means[k]), float(means[k + 1])
+        if k and means[k - 1] == here:
+            value = here
+        value = min(max(2.0 * here - value, min(here, following)), max(here, following))
+        edges[k + 1] = value
+    return edges
+
+
+def _time_offset(s: Stimulus, shape: Shape) -> Array:
+    return np.asarray(1e-3 / s.period_s * _change(s, shape))
+
+
+def _clock_skew(s: Stimulus, shape: Shape) -> Array:
+    since = (s.time_s - s.time_s[0]) / s.period_s
+    return np.asarray(1e-6 * (since * _change(s, shape)))
+
+
+SAMPLE_TIME_EFFECTS = (
+    Effect(
+        "time_offset",
+        (Parameter("offset_ms", -2000.0, 2000.0, Unit("ms")),),
+        _time_offset,
+        Input.CLOCKS,
+        "change of rate",
+        "sample time and table telemetry on different clocks",
+        "The gyro's samples are early or late against the table's telemetry.",
+        _SIDES,
+    ),
+    Effect(
+        "clock_skew",
+        (Parameter("skew_ppm", -1e4, 1e4, PPM),),
+        _clock_skew,
+        Input.CLOCKS,
+        "change of rate, growing with time",
+        "clocks of different rate",
+        "The gyro's clock runs fast or slow against the bench's.",
+        _SIDES,
+    ),
+)

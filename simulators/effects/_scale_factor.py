@@ -1,0 +1,78 @@
+"""The scale factor: its error, its curve over rate, and how it follows temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simulators.effects._effect import PPM, Curve, Effect, Input, Parameter
+from simulators.effects._memory import RELAXATIONS, behind
+from simulators.effects._polynomial import power
+
+_AT_DPS = 100.0
+
+SCALE_FACTOR_OVER_TEMPERATURE = (
+    Effect(
+        "scale_factor_temperature",
+        (Parameter("sf_ppm_per_k", -500.0, 500.0, PPM.per("K")),),
+        lambda s, _: s.warm_k,
+        Input.T_IN,
+        "rate times T_in",
+        "IEEE Std 952, scale-factor temperature sensitivity",
+        "Scale factor is proportional to temperature.",
+        unit=PPM,
+        curve=Curve(Input.T_IN, of_rate=True),
+    ),
+    Effect(
+        "scale_factor_quadratic",
+        (Parameter("sf_ppm_per_50k2", -50000.0, 50000.0, PPM.per("(50K)^2")),),
+        power(2),
+        Input.T_IN,
+        "rate times T_in squared",
+        "IEEE Std 952, scale-factor temperature sensitivity",
+        "Scale factor bends with temperature.",
+        unit=PPM,
+    ),
+    Effect(
+        "scale_factor_lag",
+        (Parameter("sf_ppm_per_k", -500.0, 500.0, PPM.per("K")),),
+        behind,
+        Input.T_IN | Input.HISTORY,
+        "rate times T_in less its slow follower",
+        "scale-factor hysteresis over a cycle",
+        "Scale factor follows the temperature late.",
+        ({"lag_s": 300.0}, *RELAXATIONS),
+        unit=PPM,
+    ),
+)
+SCALE_FACTOR_OVER_RATE = (
+    Effect(
+        "scale_factor",
+        (Parameter("sf_ppm", -1e5, 1e5, PPM),),
+        lambda s, _: 1.0,
+        Input.NONE,
+        "rate",
+        "IEEE Std 952, scale factor",
+        "Scale factor differs from the model's.",
+        unit=PPM,
+    ),
+    Effect(
+        "scale_factor_nonlinearity",
+        (Parameter("sf_ppm_at_100dps", -1e5, 1e5, PPM),),
+        lambda s, _: np.asarray((s.axis_rate_dps / _AT_DPS) ** 2),
+        Input.RATE,
+        "cube of rate",
+        "IEEE Std 952, scale-factor nonlinearity",
+        "Scale factor changes with the square of rate.",
+        unit=PPM,
+    ),
+    Effect(
+        "scale_factor_asymmetry",
+        (Parameter("asymmetry_ppm", -1e5, 1e5, PPM),),
+        lambda s, _: np.asarray(0.5 * np.sign(s.input_rate_dph)),
+        Input.RATE,
+        "magnitude of rate",
+        "IEEE Std 952, scale-factor asymmetry",
+        "Scale factors of positive and negative rates differ.",
+        unit=PPM,
+    ),
+)
