@@ -3,12 +3,12 @@
 from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue
 from simulators.effects._channel import CHANNEL_UNITS, Channel, ChannelEffect, ChannelInputs, Demand
 from simulators.effects._channel_simulators import simulate
+from simulators.effects._disturbance import Disturbance, Draws, Finding, Record, SamplePath
 from simulators.effects._effect import (
     DPH,
     PPM,
     Causal,
     Curve,
-    Disturbance,
     Effect,
     Formula,
     Input,
@@ -35,11 +35,15 @@ __all__ = [
     "Curve",
     "Demand",
     "Disturbance",
+    "Draws",
     "Effect",
+    "Finding",
     "Formula",
     "Input",
     "NoiseEffect",
     "Parameter",
+    "Record",
+    "SamplePath",
     "Shape",
     "SlowRates",
     "Stimulus",

@@ -8,8 +8,9 @@ from simulators.effects._acceleration import ACCELERATION_EFFECTS
 from simulators.effects._alignment import ALIGNMENT_EFFECTS
 from simulators.effects._channel import ChannelEffect
 from simulators.effects._channel_effects import CHANNEL_EFFECTS
-from simulators.effects._disturbances import DISTURBANCES
-from simulators.effects._effect import Disturbance, Effect, NoiseEffect
+from simulators.effects._disturbance import Disturbance
+from simulators.effects._effect import Effect, NoiseEffect
+from simulators.effects._impulses import IMPULSES
 from simulators.effects._limits import LIMIT_EFFECTS
 from simulators.effects._memory import MEMORY_EFFECTS
 from simulators.effects._mode_hop import MODE_HOP
@@ -19,6 +20,7 @@ from simulators.effects._polynomial import POLYNOMIAL_EFFECTS
 from simulators.effects._sample_times import SAMPLE_TIME_EFFECTS
 from simulators.effects._scale_factor import SCALE_FACTOR_OVER_RATE, SCALE_FACTOR_OVER_TEMPERATURE
 from simulators.effects._shupe import SHUPE_EFFECTS
+from simulators.effects._steady_line import STEADY_LINE
 from simulators.effects._table_angle import TABLE_ANGLE_EFFECTS
 from simulators.effects._time import BIAS_RAMP, WARM_UP
 
@@ -39,7 +41,8 @@ CATALOGUE: tuple[AnyEffect, ...] = (
     BIAS_RAMP,
     *LIMIT_EFFECTS,
     *NOISE_EFFECTS,
-    *DISTURBANCES,
+    IMPULSES,
+    STEADY_LINE,
     *CHANNEL_EFFECTS,
     *PLATFORM_EFFECTS,
 )
@@ -48,7 +51,7 @@ CATALOGUE: tuple[AnyEffect, ...] = (
 def catalogue() -> dict[str, AnyEffect]:
     """Return the effects by name: this package's, then those of the entry point group `gyrobench.effects`.
 
-    An entry point names an `Effect`, a `NoiseEffect`, a `ChannelEffect` or a sequence of them.
+    An entry point names an `Effect`, a `Disturbance`, a `ChannelEffect` or a sequence of them.
     ConfigurationError for a name that is there twice or an entry point that is something else.
     """
     found: dict[str, AnyEffect] = {effect.name: effect for effect in CATALOGUE}
@@ -61,12 +64,13 @@ def catalogue() -> dict[str, AnyEffect]:
 
 
 def _check(effect: object, where: str, found: dict[str, AnyEffect]) -> None:
-    if not isinstance(effect, (Effect, NoiseEffect, ChannelEffect)):
+    if not isinstance(effect, (Effect, Disturbance, ChannelEffect)):
         raise ConfigurationError(
             "an entry point of gyrobench.effects is no effect",
             where=where,
             found=type(effect).__name__,
-            expected="Effect, NoiseEffect, ChannelEffect or a sequence of them",
+            expected="Effect, Disturbance, ChannelEffect or a sequence of them",
+            remedy="noise has the four coefficients of the model file's [noise]",
         )
     if isinstance(effect, ChannelEffect) and effect.apply is None:
         raise ConfigurationError(

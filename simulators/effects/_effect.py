@@ -199,17 +199,3 @@ class NoiseEffect:
     source: str
     meaning: str
     channel: Literal["gyro_rate", "time_stamps"] = "gyro_rate"
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """What comes into the output whatever the stimulus, at its own times: no column of any fit.
-
-    A diagnosis finds it in the record and takes it out before it fits anything; a plant draws times and phases.
-    """
-
-    name: str
-    parameters: tuple[Parameter, ...]
-    source: str
-    meaning: str
-    channel: Literal["gyro_rate"] = "gyro_rate"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ConfigurationError
+from simulators.effects import SamplePath
 from simulators.plant.noise import NoiseParameters
 
 StateT = TypeVar("StateT", contravariant=True)
@@ -34,21 +35,6 @@ class RateEffect:
     value: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     source: str
     meaning: str
-
-
-@dataclass(frozen=True)
-class SamplePath:
-    """Where an axis was during n samples: their edges in lab time, and the table's angle there.
-
-    `edges_s`, `angle_deg` float64 (n + 1,); the angle has the mount's azimuth error in it, turns counted.
-    `elevation_deg` is the axis above the horizon.
-    """
-
-    edges_s: NDArray[np.float64]
-    angle_deg: NDArray[np.float64]
-    elevation_deg: float
-    latitude_deg: float
-    period_s: float
 
 
 @dataclass(frozen=True)

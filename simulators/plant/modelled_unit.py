@@ -20,12 +20,12 @@ from simulators.effects import (
     Causal,
     Disturbance,
     Effect,
+    SamplePath,
     Stimulus,
     Variant,
     catalogue,
 )
-from simulators.plant.disturbances import Impulses, Line
-from simulators.plant.effect import AxisModel, RateEffect, SampleEffect, SamplePath, StateEffect, UnitModel
+from simulators.plant.effect import AxisModel, RateEffect, SampleEffect, StateEffect, UnitModel
 from simulators.plant.modelled_channels import check_channels, with_heat
 from simulators.plant.noise import NoiseParameters, NoiseSource
 
@@ -75,12 +75,6 @@ class ModelledErrors:
         )
         channels = {name: tuple(values) for name, values in data.get("channels", {}).items()}
         return cls(terms, NoiseParameters(**noise), walk, channels)
-
-
-_DISTURBANCES: dict[str, Callable[[float, float, NoiseSource], Callable[[SamplePath], Array]]] = {
-    "impulses": Impulses,
-    "vibration_or_mains_line": Line,
-}
 
 
 def _by_tick(term: ModelledTerm, variant: Variant) -> StateEffect[Temperatures]:
@@ -140,8 +134,7 @@ def modelled(unit: UnitModel, errors: ModelledErrors, seed: tuple[int, ...]) -> 
         effect = known[term.effect]
         if isinstance(effect, Disturbance):
             source = NoiseSource(seed[0], f"disturbance {(*seed, 0)[1:]}", 10 * number)
-            made = _DISTURBANCES[term.effect](term.values[0], term.values[1], source)
-            samples.append(SampleEffect(term.effect, made, _SOURCE, ""))
+            samples.append(SampleEffect(term.effect, effect.emulate(term.values, source), _SOURCE, ""))
             continue
         assert isinstance(effect, Effect)
         variant = Variant(effect, term.shape)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -48,6 +48,10 @@ class NoiseSource:
     def substream(self, stream: int) -> NoiseSource:
         """Return the source with the same seed and owner and another stream number."""
         return NoiseSource(self.seed, self.owner, stream)
+
+    def uniform(self, number: int) -> Callable[[int, int], NDArray[np.float64]]:
+        """Return what gives numbers of [-0.5, 0.5) by start and count: `number` streams behind this one."""
+        return SampleNoise(self.substream(self.stream + number), "uniform").values
 
 
 class SampleNoise:

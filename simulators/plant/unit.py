@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ConfigurationError
+from simulators.effects import SamplePath
 from simulators.interfaces import GyroSignal
-from simulators.plant.effect import SamplePath, UnitModel
+from simulators.plant.effect import UnitModel
 from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up
 from simulators.plant.mounting import Mount, Mounting, turned_rad
 from simulators.plant.noise import BLOCK, GyroNoise, NoiseSource, flicker

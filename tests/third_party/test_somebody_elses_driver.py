@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -130,6 +131,7 @@ def test_its_effect_is_a_candidate_and_a_term_of_models(installed, tmp_path):
     (tmp_path / "etalon.toml").write_text(ETALON)
     script = """
 import sys
+import tomllib
 from pathlib import Path
 import numpy as np
 from bench.analysis.gap import read_model
@@ -176,3 +178,98 @@ print(*(cause.name for cause in diagnose(series, fitted).causes))
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.split("\n")[:2] == ["acme_etalon", "acme_thermistor"]
+
+
+MODEL = """
+format = 1
+[noise]
+arw_deg_per_sqrt_h = 0.003
+"""
+ITS_OWN = """
+[[effect]]
+name = "acme_etalon"
+parameters = { bias_dph = 0.5 }
+sigma = { bias_dph = 0.1 }
+shape = { period_k = 12.0 }
+[[effect]]
+name = "acme_gear"
+parameters = { bias_dph_cos = 1.5, bias_dph_sin = -1.0 }
+sigma = { bias_dph_cos = 0.1, bias_dph_sin = 0.1 }
+[[effect]]
+name = "acme_self_test"
+parameters = { offset_dph = 4.0 }
+sigma = { offset_dph = 0.1 }
+"""
+PLANT = """
+seed = 3
+mount_azimuth_error_deg = 0.0
+[gap_model]
+GY1-0007 = "true.toml"
+"""
+
+
+def test_its_effect_and_its_disturbance_are_rehearsed_diagnosed_and_closed(installed, tmp_path):
+    for name, text in (
+        ("lab.toml", BENCH),
+        ("true.toml", MODEL + ITS_OWN),
+        ("nominal.toml", MODEL),
+        ("plant.toml", PLANT),
+    ):
+        (tmp_path / name).write_text(text)
+    turning = ["-s", "rate_dps=20", "-s", "turns=40"]
+    done = gyrobench(
+        ["rehearse", "constant-rotation", "--plant", "plant.toml", *turning], installed, tmp_path
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    (run,) = (tmp_path / "runs").iterdir()
+    asked = [str(run), "--model", "nominal.toml"]
+    done = gyrobench(["gap", "diagnose", *asked, "--json"], installed, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    facts = json.loads(done.stdout)
+    (cause,) = [each for each in facts["causes"] if each["name"] == "acme_gear"]
+    assert cause["parameters"]["bias_dph_cos"] == pytest.approx(1.5, abs=0.1)
+    assert cause["parameters"]["bias_dph_sin"] == pytest.approx(-1.0, abs=0.1)
+    (found,) = facts["disturbances"]
+    assert found["name"] == "acme_self_test"
+    assert found["parameters"]["offset_dph"] == pytest.approx(4.0, abs=0.2)
+    done = gyrobench(["gap", "close", *asked, "--out", "closed.toml"], installed, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    closed = tomllib.loads((tmp_path / "closed.toml").read_text())
+    assert {"acme_gear", "acme_self_test"} <= {each["name"] for each in closed["effect"]}
+    done = gyrobench(["gap", "diagnose", str(run), "--model", "closed.toml", "--json"], installed, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert not {"acme_gear", "acme_self_test"} & {each["name"] for each in json.loads(done.stdout)["causes"]}
+
+
+def test_its_effect_runs_in_a_plant_by_the_second_and_one_read_off_the_record_is_tried(installed):
+    """Etalon: 0.5 deg/h sin(2 pi (T - 25) / 12) at every second; knee: 40 ppm of what is beyond 30 deg/s."""
+    script = """
+import numpy as np
+from bench.analysis.gap import diagnose, parse_model
+from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig
+from simulators.plant.modelled_unit import ModelledErrors, ModelledTerm
+from simulators.plant.noise import NoiseParameters
+from tests.analysis.gap.test_gap_record_effects import _rates_runs, _steps
+term = ModelledTerm("acme_etalon", (0.5,), {"period_k": 12.0})
+errors = ModelledErrors((term,), NoiseParameters(0.0, 0.0, 0.0))
+lab = LabPlant(PlantConfig(units=(UnitConfig("u", errors=errors),)))
+lab.chamber.demand(0.0, set_point_c=0.0, ramp_up=0.0, ramp_down=0.0, running=True)
+lab.advance(2000.0)
+truth = lab.true_drift("u")
+expected = 0.5 * np.sin(2.0 * np.pi * (truth["sensor_temp_c"] - 25.0) / 12.0)
+print(np.ptp(truth["bias_dph"]) > 0.9, np.abs(truth["bias_dph"] - expected).max() < 0.02)
+knee = 30.0 * 3600.0
+s = _steps((0.0, 10.0, -10.0, 25.0, -25.0, 35.0, -35.0, 45.0, -45.0, 60.0, -60.0))
+def response(rate):
+    return rate + 1e-6 * 40.0 * np.sign(rate) * max(abs(rate) - knee, 0.0)
+model = parse_model("format = 1\\n[noise]\\narw_deg_per_sqrt_h = 0.004\\n", "here")
+found = diagnose(_rates_runs(6, response, s=s), model)
+print(*((cause.name, dict(cause.term.variant.shape)) for cause in found.causes))
+"""
+    root = PACKAGE.parents[2]
+    environment = {**os.environ, "PYTHONPATH": f"{installed}{os.pathsep}{root}"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=environment, cwd=root
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["True True", "('acme_knee', {'knee_dps': 30.0})"]

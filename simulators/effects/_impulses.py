@@ -1,0 +1,135 @@
+"""Impulses: now and then a sample or two stand far off their neighbours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.base.arrays import Array
+from drivers.base.constants import ARCSEC_RAD
+from simulators.effects._disturbance import Disturbance, Draws, Finding, Record, SamplePath
+from simulators.effects._effect import Parameter, Unit
+
+_OUTLIER = 8.0
+"""Standard deviations by which a sample must stand off its neighbours, itself or with the next one."""
+_STEADY_DPS = 0.02
+_NEAR = 41
+
+
+def _find(records: Sequence[Record]) -> Finding | None:
+    """Find how many there are and how large they are; the samples that hold them go missing."""
+    outputs: list[Array] = []
+    sizes: list[float] = []
+    hours = 0.0
+    for record in records:
+        at, angle_arcsec = _impulses(record)
+        hours += len(record.stimulus) * record.stimulus.period_s / 3600.0
+        sizes += angle_arcsec
+        output = record.output_dph
+        if len(at):
+            output = output.copy()
+            output[at] = np.nan
+        outputs.append(output)
+    if not sizes:
+        return None
+    rate, size = len(sizes) / hours, float(np.sqrt(np.mean(np.square(sizes))))
+    root = math.sqrt(len(sizes))
+    words = (
+        f"{len(sizes)} in {hours:.1f} h, {size:.3g} arcsec rms, largest {max(sizes, key=abs):.3g} arcsec; "
+        "these samples are left out"
+    )
+    return Finding((rate, size), (rate / root, size / root), words, tuple(outputs))
+
+
+def _impulses(record: Record) -> tuple[NDArray[np.int64], list[float]]:
+    """Return the samples that hold impulses, and the angle of each impulse in arcsec (deg/h times s).
+
+    One or two samples off the mean of their neighbours, where the table turns steadily.
+    """
+    rest = record.output_dph - record.stimulus.input_rate_dph
+    n = len(rest)
+    if n < 8:
+        return np.zeros(0, dtype=np.int64), []
+    rate = record.stimulus.table_rate_dps
+    level = record.stimulus.elevation_deg
+    # two samples on either side with the table's rate the same
+    still = np.ones(n, dtype=bool)
+    for values, least in ((rate, _STEADY_DPS), (level, 0.01)):
+        low = np.min([np.roll(values, k) for k in range(-3, 4)], axis=0)
+        high = np.max([np.roll(values, k) for k in range(-3, 4)], axis=0)
+        still &= high - low < least
+    still[:3] = still[-3:] = False
+    one = rest - 0.5 * (np.roll(rest, 1) + np.roll(rest, -1))
+    two = 0.5 * (rest + np.roll(rest, -1)) - 0.5 * (np.roll(rest, 1) + np.roll(rest, -2))
+    marks: list[int] = []
+    taken: list[float] = []
+    left = np.abs(np.stack([_scaled(one, still), _scaled(two, still)]))
+    while True:
+        kind, k = np.unravel_index(int(np.nanargmax(left)), left.shape)
+        if not left[kind, k] > _OUTLIER or len(taken) > n // 50:
+            break
+        own = [int(k)] if kind == 0 else [int(k), int(k) + 1]
+        size = float(one[k]) if kind == 0 else 2.0 * float(two[k])
+        taken.append(size * record.stimulus.period_s)
+        marks += own
+        left[:, max(own[0] - 3, 0) : own[-1] + 4] = 0.0
+    return np.array(sorted(marks), dtype=np.int64), taken
+
+
+def _scaled(values: Array, still: NDArray[np.bool_]) -> Array:
+    """Return values over their robust standard deviation, in the run and about each sample, whichever is larger.
+
+    0 where the table does not turn steadily.
+    """
+    from scipy.ndimage import median_filter  # here: a lab starts without scipy (decision 0021)
+
+    use = still & ~np.isnan(values)
+    if use.sum() < 32:
+        return np.zeros(len(values))
+    centre = float(np.median(values[use]))
+    away = np.abs(values[use] - centre)
+    # the 95 % point beside the median: noise in steps may have a median of nothing
+    sigma = max(float(np.median(away)) / 0.6745, float(np.quantile(away, 0.95)) / 1.96)
+    # where the run is unquiet (a harmonic of a fast turn) its own neighbourhood counts
+    near = median_filter(np.where(use, np.abs(values - centre), 0.0), _NEAR, mode="reflect") / 0.6745
+    return np.where(use, (values - centre) / np.maximum(max(sigma, 1e-12), near), 0.0)
+
+
+class _Impulses:
+    """Steps of angle at random times (Poisson, at most one a second), either way up, all of one size."""
+
+    def __init__(self, values: Sequence[float], draws: Draws) -> None:
+        per_h, size_arcsec = values
+        self._chance = per_h / 3600.0
+        self._size_rad = size_arcsec * ARCSEC_RAD
+        self._drawn, self._when = draws.uniform(0), draws.uniform(1)
+
+    def __call__(self, path: SamplePath) -> Array:
+        """Return what they add to the angle increments, rad (n,)."""
+        edges_s = path.edges_s
+        result = np.zeros(len(edges_s) - 1)
+        first = int(edges_s[0])
+        count = int(edges_s[-1]) - first + 1
+        drawn = self._drawn(first, count)
+        hits = np.flatnonzero(np.abs(drawn) < 0.5 * self._chance)
+        times = first + hits + 0.5 + self._when(first, count)[hits]
+        at = np.searchsorted(edges_s, times, side="right") - 1
+        inside = (at >= 0) & (at < len(result))
+        np.add.at(result, at[inside], np.sign(drawn[hits[inside]]) * self._size_rad)
+        return result
+
+
+IMPULSES = Disturbance(
+    "impulses",
+    (
+        Parameter("impulses_per_h", 0.0, 3600.0, Unit("1/h")),
+        Parameter("impulse_arcsec", 0.0, 1e5, Unit("arcsec")),
+    ),
+    "outliers of single samples against their neighbours",
+    "Now and then a sample or two stand far off their neighbours: shocks, lost counts, interference.",
+    _find,
+    _Impulses,
+)

@@ -1,0 +1,229 @@
+"""A steady line of one frequency in the output, as of vibration or mains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.base.arrays import Array
+from drivers.base.constants import ARCSEC_RAD
+from simulators.effects._disturbance import Disturbance, Draws, Finding, Record, SamplePath
+from simulators.effects._effect import DPH, Parameter, Unit
+from simulators.effects._stimulus import Stimulus
+
+_STEADY_DPS = 0.02
+_MOST_LINES = 6
+_LONGEST_S = 60.0
+"""What repeats more slowly is switched by something (a compressor, a controller) and no vibration or mains."""
+_CLEAR = 14.0
+"""Log evidence of a line, over all the frequencies looked at."""
+_FINER = 4
+_AROUND = 129
+_ORDERS = 60
+"""Harmonics of the table's angle that are not taken for lines."""
+_STEADY_SHARE = 0.5
+"""Least amplitude of a line in any quarter of a run against its largest."""
+_SEEN = 3.0
+_OVERTONES = 8
+
+
+@dataclass(frozen=True)
+class _SteadyLine:
+    frequency_hz: float
+    amplitude_dph: float
+    evidence: float
+    sampling_hz: float
+
+    @property
+    def sentence(self) -> str:
+        return (
+            f"{self.amplitude_dph:.3g} deg/h at {self.frequency_hz:.5g} Hz, or at what samples of "
+            f"{1.0 / self.sampling_hz:g} s show so; taken out of the runs"
+        )
+
+
+def _find(records: Sequence[Record]) -> Finding | None:
+    """Find lines in all steady runs of one period together; each run loses them with its own phase."""
+    outputs = [record.output_dph for record in records]
+    lines: list[_SteadyLine] = []
+    for period_s in sorted({record.stimulus.period_s for record in records}):
+        at = [
+            k
+            for k, own in enumerate(records)
+            if own.stimulus.period_s == period_s and _is_steady(own.stimulus)
+        ]
+        steady = [records[k] for k in at]
+        rests = [_rest(record) for record in steady]
+        for _ in range(_MOST_LINES):
+            frequency, evidence = _strongest(rests, steady, period_s)
+            if evidence < _CLEAR:
+                break
+            fits = [_fitted(rest, frequency) for rest in rests]
+            if not _lasts(fits) or _overtone(rests, frequency):
+                break
+            waves = [fit.wave for fit in fits]
+            rests = [rest - wave for rest, wave in zip(rests, waves, strict=True)]
+            for k, wave in zip(at, waves, strict=True):
+                outputs[k] = outputs[k] - wave
+            amplitude = math.sqrt(float(np.mean([fit.amplitude**2 for fit in fits])))
+            lines.append(_SteadyLine(frequency / period_s, amplitude, evidence, 1.0 / period_s))
+    if not lines:
+        return None
+    best = max(lines, key=lambda line: line.evidence)
+    hours = sum(len(record.stimulus) * record.stimulus.period_s for record in records) / 3600.0
+    sigma = best.amplitude_dph / math.sqrt(2.0 * best.evidence)
+    return Finding(
+        (best.amplitude_dph, best.frequency_hz),
+        (sigma, 1.0 / (3600.0 * max(hours, 1e-3))),
+        "; ".join(line.sentence for line in lines),
+        tuple(outputs),
+    )
+
+
+def _is_steady(s: Stimulus) -> bool:
+    return bool(np.ptp(s.table_rate_dps) < _STEADY_DPS and np.ptp(s.elevation_deg) < 0.01 and len(s) >= 512)
+
+
+def _rest(record: Record) -> Array:
+    """Return output less model, its gaps bridged."""
+    rest = record.output_dph - record.predict(record.stimulus)
+    missing = np.isnan(rest)
+    rest[missing] = np.interp(np.flatnonzero(missing), np.flatnonzero(~missing), rest[~missing])
+    return np.asarray(rest - rest.mean())
+
+
+def _spectrum(rest: Array, size: int) -> Array:
+    """Return the power of a Hann-windowed record over that of its surroundings, (size // 2 + 1,)."""
+    window = np.hanning(len(rest))
+    return _over_surroundings(np.abs(np.fft.rfft(rest * window, size)) ** 2)
+
+
+def _over_surroundings(power: Array) -> Array:
+    from scipy.ndimage import median_filter  # here: a lab starts without scipy (decision 0021)
+
+    # the median of noise's exponential power is ln 2 of its mean; neighbours of a finer grid repeat each other
+    around = median_filter(power[::_FINER], _AROUND, mode="reflect") / math.log(2.0)
+    return np.asarray(power / np.interp(np.arange(len(power)), np.arange(0, len(power), _FINER), around))
+
+
+def _strongest(rests: Sequence[Array], records: Sequence[Record], period_s: float) -> tuple[float, float]:
+    """Return the frequency (cycles a sample) of the strongest line of all runs together, and its log evidence."""
+    if not rests:
+        return 0.0, 0.0
+    size = _FINER * max(len(rest) for rest in rests)
+    frequency = np.arange(size // 2 + 1) / size
+    total = np.zeros(len(frequency))
+    count = np.zeros(len(frequency))
+    for rest, record in zip(rests, records, strict=True):
+        use = ~_turned(record.stimulus, frequency, len(rest))
+        total[use] += np.minimum(_spectrum(rest, size)[use], 1e4)
+        count += use
+    use = (frequency > period_s / _LONGEST_S) & (frequency < 0.5 - 2.0 * _FINER / size) & (count > 0)
+    if not use.any():
+        return 0.0, 0.0
+    from scipy.stats import gamma
+
+    log_p = np.zeros(len(frequency))
+    log_p[use] = gamma.logsf(total[use], count[use])
+    log_p[use & ~np.isfinite(log_p)] = -total[use & ~np.isfinite(log_p)]
+    best = int(np.argmin(log_p))
+    return float(frequency[best]), -float(log_p[best]) - math.log(len(frequency))
+
+
+def _turned(s: Stimulus, frequency: Array, n: int) -> NDArray[np.bool_]:
+    """Return which frequencies are harmonics of the table's turning, or their aliases."""
+    turns = abs(float(np.mean(s.table_rate_dps))) * s.period_s / 360.0
+    near = np.zeros(len(frequency), dtype=bool)
+    if turns * n < 0.5:
+        return near
+    width = 3.0 / n + 1e-4 * turns
+    for order in range(1, _ORDERS + 1):
+        folded = abs((order * turns + 0.5) % 1.0 - 0.5)
+        near |= np.abs(frequency - folded) < width
+    return near
+
+
+@dataclass(frozen=True)
+class _SineFit:
+    """A sinusoid fitted to a record: the wave, its amplitude, and those of the record's quarters; their sigma."""
+
+    wave: Array
+    amplitude: float
+    quarters: Array
+    sigma: float
+
+
+def _fitted(rest: Array, frequency: float) -> _SineFit:
+    """Fit a sinusoid near a frequency (cycles a sample), to a small part of the record's resolution."""
+    n = len(rest)
+    time = np.arange(n) - 0.5 * (n - 1)
+    window = np.hanning(n)
+    best, step = frequency, 0.5 / n
+    for _ in range(3):
+        tries = best + step * np.linspace(-1.0, 1.0, 7)
+        size = [abs(np.exp(-2j * np.pi * each * time) @ (rest * window)) for each in tries]
+        best, step = float(tries[int(np.argmax(size))]), 0.25 * step
+    turn = 2.0 * np.pi * best * time
+    columns = np.stack((np.cos(turn), np.sin(turn)), axis=1)
+    # where the window is small the slow part of the record counts little
+    values = np.linalg.lstsq(columns * window[:, None], rest * window, rcond=None)[0]
+    wave = columns @ values
+    spread = float(np.median(np.abs(np.diff(rest - wave)))) / 0.6745 / math.sqrt(2.0)
+    quarters = []
+    for part in np.array_split(np.arange(n), 4):
+        own = np.hanning(len(part))[:, None]
+        fit = np.linalg.lstsq(columns[part] * own, rest[part] * own[:, 0], rcond=None)[0]
+        quarters.append(float(np.hypot(*fit)))
+    return _SineFit(wave, float(np.hypot(*values)), np.array(quarters), spread * math.sqrt(3.0 / (n / 4.0)))
+
+
+def _lasts(fits: Sequence[_SineFit]) -> bool:
+    """Return whether the line is there in every quarter of the runs, as far as their noise lets one see."""
+    amplitude = np.sqrt(np.mean([fit.quarters**2 for fit in fits], axis=0))
+    noise = math.sqrt(float(np.mean([fit.sigma**2 for fit in fits])) * 2.0 / len(fits))
+    least, most = float(amplitude.min()), float(amplitude.max())
+    return least + _SEEN * noise > _STEADY_SHARE * most and most > _SEEN * noise
+
+
+def _overtone(rests: Sequence[Array], frequency: float) -> bool:
+    """Return whether there is a stronger line at a whole part of the frequency: then this is its overtone."""
+    sizes = np.zeros(_OVERTONES + 1)
+    clear = np.zeros(_OVERTONES + 1)
+    for rest in rests:
+        n = _FINER * len(rest)
+        power = np.abs(np.fft.rfft(rest * np.hanning(len(rest)), n)) ** 2
+        ratio = _over_surroundings(power)
+        for order in range(1, _OVERTONES + 1):
+            at = max(round(frequency / order * n), 3)
+            sizes[order] += power[at - 3 : at + 4].max() / len(rest) ** 2
+            clear[order] += ratio[at - 3 : at + 4].max() / len(rests)
+    return bool(((sizes[2:] > sizes[1]) & (clear[2:] > _CLEAR)).any())
+
+
+class _Line:
+    """A sinusoid on the rate with a phase drawn at power-on, its mean over each sample exactly."""
+
+    def __init__(self, values: Sequence[float], draws: Draws) -> None:
+        amplitude_dph, frequency_hz = values
+        self._swing_rad = amplitude_dph * ARCSEC_RAD / (2.0 * math.pi * frequency_hz) if frequency_hz else 0.0
+        self._frequency_hz = frequency_hz
+        self._phase = 2.0 * math.pi * float(draws.generator(0).random())
+
+    def __call__(self, path: SamplePath) -> Array:
+        """Return what it adds to the angle increments, rad (n,)."""
+        turn = 2.0 * math.pi * np.modf(self._frequency_hz * path.edges_s)[0] + self._phase
+        return np.asarray(-self._swing_rad * np.diff(np.cos(turn)))
+
+
+STEADY_LINE = Disturbance(
+    "vibration_or_mains_line",
+    (Parameter("amplitude_dph", 0.0, 1e6, DPH), Parameter("frequency_hz", 0.0, 1e4, Unit("Hz"))),
+    "IEEE Std 952, sinusoidal noise",
+    "A steady line of one frequency, as of vibration or mains, seen at its alias where samples are slow.",
+    _find,
+    _Line,
+)
