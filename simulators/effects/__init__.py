@@ -1,7 +1,7 @@
 """The catalogue of effects: what a gyro's output can depend on, as columns of a linear model of the stimulus."""
 
 from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue
-from simulators.effects._channel import CHANNEL_UNITS, Channel, ChannelEffect, ChannelInputs, Demand
+from simulators.effects._channel import CHANNEL_UNITS, Channel, ChannelEffect, ChannelInputs, Demand, Values
 from simulators.effects._channel_simulators import simulate
 from simulators.effects._disturbance import Disturbance, Draws, Finding, Record, SamplePath
 from simulators.effects._effect import (
@@ -48,6 +48,7 @@ __all__ = [
     "SlowRates",
     "Stimulus",
     "Unit",
+    "Values",
     "Variant",
     "catalogue",
     "simulate",

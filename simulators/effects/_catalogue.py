@@ -7,7 +7,6 @@ from drivers.base.plugins import entry_points_of
 from simulators.effects._acceleration import ACCELERATION_EFFECTS
 from simulators.effects._alignment import ALIGNMENT_EFFECTS
 from simulators.effects._channel import ChannelEffect
-from simulators.effects._channel_effects import CHANNEL_EFFECTS
 from simulators.effects._disturbance import Disturbance
 from simulators.effects._effect import Effect, NoiseEffect
 from simulators.effects._impulses import IMPULSES
@@ -17,12 +16,16 @@ from simulators.effects._mode_hop import MODE_HOP
 from simulators.effects._noise_effects import NOISE_EFFECTS
 from simulators.effects._platform_effects import PLATFORM_EFFECTS
 from simulators.effects._polynomial import POLYNOMIAL_EFFECTS
+from simulators.effects._sample_clock import SAMPLE_CLOCK_SKEW
 from simulators.effects._sample_times import SAMPLE_TIME_EFFECTS
 from simulators.effects._scale_factor import SCALE_FACTOR_OVER_RATE, SCALE_FACTOR_OVER_TEMPERATURE
 from simulators.effects._shupe import SHUPE_EFFECTS
 from simulators.effects._steady_line import STEADY_LINE
 from simulators.effects._table_angle import TABLE_ANGLE_EFFECTS
 from simulators.effects._time import BIAS_RAMP, WARM_UP
+from simulators.effects.chamber import CHAMBER_EFFECTS
+from simulators.effects.heat import CASE_HEAT, GYRO_HEAT, TEMPERATURE_SENSOR
+from simulators.effects.table import TABLE_EFFECTS
 
 GROUP = "gyrobench.effects"
 AnyEffect = Effect | NoiseEffect | Disturbance | ChannelEffect
@@ -43,7 +46,12 @@ CATALOGUE: tuple[AnyEffect, ...] = (
     *NOISE_EFFECTS,
     IMPULSES,
     STEADY_LINE,
-    *CHANNEL_EFFECTS,
+    *CHAMBER_EFFECTS,
+    *CASE_HEAT,
+    *GYRO_HEAT,
+    *TEMPERATURE_SENSOR,
+    *TABLE_EFFECTS,
+    SAMPLE_CLOCK_SKEW,
     *PLATFORM_EFFECTS,
 )
 

@@ -34,6 +34,8 @@ CHANNEL_UNITS: Mapping[Channel, str] = {
     "table_rate": "deg/s",
     "time_stamps": "ms",
 }
+Values = Mapping[str, tuple[float, ...]]
+"""Effect's name to the values of its parameters."""
 
 
 @dataclass(frozen=True)
@@ -84,3 +86,7 @@ class ChannelEffect:
     needed: bool = False
     known: bool = False
     starts: tuple[tuple[float, ...], ...] = ()
+
+    def of(self, values: Values) -> tuple[float, ...]:
+        """Return the effect's own values, the neutral ones where it has none."""
+        return tuple(values.get(self.name, self.neutral))

@@ -12,6 +12,7 @@ from typing import NoReturn, cast
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
+from simulators.effects._follower import gain
 from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 
@@ -56,8 +57,7 @@ class Tick(_InPlaceOfStimulus):
     def lagged(self, value: float, lag_s: float) -> float:
         """Return a first-order follower, settled at its first value; the value itself for lag 0."""
         before = self._before(value)
-        gain = 1.0 - math.exp(-1.0 / lag_s) if lag_s > 0.0 else 1.0
-        return self._keep(before + gain * (value - before))
+        return self._keep(before + gain(lag_s) * (value - before))
 
     def slack(self, value: float, half_width: float) -> float:
         """Return by how much a play operator is off its input: it moves only when pushed."""

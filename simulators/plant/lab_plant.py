@@ -25,12 +25,11 @@ from simulators.plant.imu_unit import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
 from simulators.plant.modelled_channels import (
-    CASE,
-    CHAMBER,
-    OF_TABLE,
     ModelledAir,
     ModelledTable,
     lab_channels,
+    says_of,
+    says_of_table,
 )
 from simulators.plant.modelled_unit import ModelledErrors, modelled
 from simulators.plant.mounting import MOUNTINGS, Mount, Mounting
@@ -116,7 +115,7 @@ class LabPlant:
         for name, _ in config.axes:
             owner = "encoder" if name == carrier else f"encoder {name}"
             parts = (config.table, config.encoder, NoiseSource(config.seed, owner))
-            wanted = name == carrier and any(each in shared for each in OF_TABLE)
+            wanted = name == carrier and says_of_table(shared)
             self.tables[name] = ModelledTable(*parts, shared) if wanted else EncodedTable(*parts)
         self._units: dict[str, Unit] = {}
         self._power_ons: dict[str, int] = {}
@@ -124,12 +123,12 @@ class LabPlant:
         for unit in config.units:
             self._add(unit)
         chamber = config.chamber
-        if any(name in channels for channels in models.values() for name in CASE):
+        if any(says_of(values, "case_temperature") for values in models.values()):
             # a model's case follows the air that is recorded
             chamber = replace(chamber, unit_lag_s=0.0)
         source = NoiseSource(config.seed, "chamber")
         air = ChamberAir(chamber, config.room_temp_c, source)
-        if any(name in shared for name in CHAMBER):
+        if says_of(shared, "chamber_air"):
             air = ModelledAir(chamber, config.room_temp_c, source).follow(shared)
         glued = {unit.aux_sensor: self._units[unit.name] for unit in config.units if unit.aux_sensor}
         self._chamber = LabChamber(air, self.advance, glued)

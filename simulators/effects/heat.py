@@ -1,0 +1,220 @@
+"""Heat: a case in air and a gyro in its case, each with a mass behind it, and the gyro's temperature sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+from simulators.effects._channel import ChannelEffect, ChannelInputs, Values
+from simulators.effects._effect import Parameter, Unit
+from simulators.effects._follower import follower, gain
+from simulators.effects._stimulus import REFERENCE_C
+
+_K, _S, _W, _J = Unit("K"), Unit("s"), Unit("W"), Unit("J")
+_HEAT = "lumped heat balance of a body in air (Incropera, Fundamentals of Heat and Mass Transfer, ch. 5)"
+AIR_TO_CASE_CONDUCTANCE = ChannelEffect(
+    "air_to_case_conductance",
+    "case_temperature",
+    (Parameter("conductance_w_per_k", 1e-3, 1e3, _W.per("K")),),
+    (1.0,),
+    "air less case temperature",
+    _HEAT,
+    "Heat passes between air and case better or worse: air speed, mounting, cover.",
+    needed=True,
+)
+CASE_HEAT_CAPACITY = ChannelEffect(
+    "case_heat_capacity",
+    "case_temperature",
+    (Parameter("case_j_per_k", 1.0, 1e6, _J.per("K")),),
+    (1.0,),
+    "rate of change of the air's temperature",
+    _HEAT,
+    "The case holds more or less heat.",
+    needed=True,
+    known=True,
+)
+FIXTURE_HEAT = ChannelEffect(
+    "fixture_heat",
+    "case_temperature",
+    (
+        Parameter("fixture_j_per_k", 1.0, 1e6, _J.per("K")),
+        Parameter("fixture_w_per_k", 1e-4, 1e3, _W.per("K")),
+    ),
+    (1.0, 1.0),
+    "rate of change of the case's temperature, late",
+    _HEAT,
+    "What the case is mounted on, or what is inside, takes up more or less heat.",
+    needed=True,
+)
+SELF_HEATING_POWER = ChannelEffect(
+    "self_heating_power",
+    "case_temperature",
+    (Parameter("power_w", -1e3, 1e3, _W),),
+    (0.0,),
+    "nothing: constant rise over the air",
+    _HEAT,
+    "The unit turns more or less power into heat.",
+)
+CASE_TO_GYRO_CONDUCTANCE = ChannelEffect(
+    "case_to_gyro_conductance",
+    "gyro_temperature",
+    (Parameter("conductance_w_per_k", 1e-3, 1e3, _W.per("K")),),
+    (1.0,),
+    "case less gyro temperature",
+    _HEAT,
+    "Heat passes between case and gyro better or worse.",
+    needed=True,
+)
+GYRO_HEAT_CAPACITY = ChannelEffect(
+    "gyro_heat_capacity",
+    "gyro_temperature",
+    (Parameter("gyro_j_per_k", 1.0, 1e6, _J.per("K")),),
+    (1.0,),
+    "rate of change of the case's temperature",
+    _HEAT,
+    "The gyro holds more or less heat where its sensor is.",
+    needed=True,
+    known=True,
+)
+GYRO_CORE_HEAT = ChannelEffect(
+    "gyro_core_heat",
+    "gyro_temperature",
+    (Parameter("core_j_per_k", 1.0, 1e6, _J.per("K")), Parameter("core_w_per_k", 1e-4, 1e3, _W.per("K"))),
+    (1.0, 1.0),
+    "rate of change of the gyro's temperature, late",
+    _HEAT,
+    "The gyro's core takes up more or less heat.",
+    needed=True,
+)
+GYRO_HEATING_POWER = ChannelEffect(
+    "gyro_heating_power",
+    "gyro_temperature",
+    (Parameter("power_w", -1e3, 1e3, _W),),
+    (0.0,),
+    "nothing: constant rise over the case",
+    _HEAT,
+    "The gyro turns more or less power into heat.",
+)
+TEMPERATURE_SENSOR_OFFSET = ChannelEffect(
+    "temperature_sensor_offset",
+    "gyro_temperature",
+    (Parameter("offset_k", -20.0, 20.0, _K),),
+    (0.0,),
+    "nothing: constant",
+    "sensor's data sheet, accuracy",
+    "The gyro's temperature sensor reads too high or too low.",
+)
+TEMPERATURE_SENSOR_GAIN = ChannelEffect(
+    "temperature_sensor_gain",
+    "gyro_temperature",
+    (Parameter("gain_percent", -50.0, 50.0, Unit("%")),),
+    (0.0,),
+    "temperature above 25 degC",
+    "sensor's data sheet, gain",
+    "The gyro's temperature sensor reads differences too large or too small.",
+)
+TEMPERATURE_SENSOR_LAG = ChannelEffect(
+    "temperature_sensor_lag",
+    "gyro_temperature",
+    (Parameter("lag_s", 0.0, 3600.0, _S),),
+    (0.0,),
+    "rate of change of temperature",
+    "sensor's data sheet, response time",
+    "The gyro's temperature sensor follows late.",
+    starts=((60.0,),),
+)
+CASE_HEAT = (AIR_TO_CASE_CONDUCTANCE, CASE_HEAT_CAPACITY, FIXTURE_HEAT, SELF_HEATING_POWER)
+GYRO_HEAT = (CASE_TO_GYRO_CONDUCTANCE, GYRO_HEAT_CAPACITY, GYRO_CORE_HEAT, GYRO_HEATING_POWER)
+TEMPERATURE_SENSOR = (TEMPERATURE_SENSOR_OFFSET, TEMPERATURE_SENSOR_GAIN, TEMPERATURE_SENSOR_LAG)
+
+
+def _node(
+    inputs: ChannelInputs,
+    conductance: float,
+    capacity: float,
+    inner: tuple[float, float],
+    power_w: float,
+    start: float,
+) -> Array:
+    """Temperature of a body in exchange with `drive` and with a mass behind it: two modes, exactly.
+
+    C dT/dt = G (drive - T) + Gi (Ti - T) + P;  Ci dTi/dt = Gi (T - Ti). Both begin at `start`.
+    """
+    inner_conductance, inner_capacity = inner
+    dynamics = np.array(
+        [
+            [-(conductance + inner_conductance) / capacity, inner_conductance / capacity],
+            [inner_conductance / inner_capacity, -inner_conductance / inner_capacity],
+        ]
+    )
+    rates, modes = np.linalg.eig(dynamics)
+    drive = conductance * inputs.drive + power_w
+    weights = np.linalg.solve(modes, np.array([1.0 / capacity, 0.0]))
+    at_start = np.linalg.solve(modes, np.full(2, start))
+    result = np.zeros(len(inputs.drive))
+    for k in range(2):
+        gain = -weights[k] / rates[k]
+        forced = follower(gain * drive, -1.0 / rates[k], inputs.period_s, at_start[k])
+        result += modes[0, k] * forced
+    return result
+
+
+def case_temperature(inputs: ChannelInputs, values: Values) -> Array:
+    """Temperature of the case in the recorded air."""
+    (conductance,) = AIR_TO_CASE_CONDUCTANCE.of(values)
+    (capacity,) = CASE_HEAT_CAPACITY.of(values)
+    inner_capacity, inner_conductance = FIXTURE_HEAT.of(values)
+    (power_w,) = SELF_HEATING_POWER.of(values)
+    return _node(inputs, conductance, capacity, (inner_conductance, inner_capacity), power_w, inputs.start)
+
+
+def gyro_temperature(inputs: ChannelInputs, values: Values) -> Array:
+    """What the gyro's sensor reads in the recorded case."""
+    (conductance,) = CASE_TO_GYRO_CONDUCTANCE.of(values)
+    (capacity,) = GYRO_HEAT_CAPACITY.of(values)
+    inner_capacity, inner_conductance = GYRO_CORE_HEAT.of(values)
+    (power_w,) = GYRO_HEATING_POWER.of(values)
+    (offset_k,) = TEMPERATURE_SENSOR_OFFSET.of(values)
+    (gain_percent,) = TEMPERATURE_SENSOR_GAIN.of(values)
+    (lag_s,) = TEMPERATURE_SENSOR_LAG.of(values)
+    start = (inputs.start - offset_k + 0.01 * gain_percent * REFERENCE_C) / (1.0 + 0.01 * gain_percent)
+    true = _node(inputs, conductance, capacity, (inner_conductance, inner_capacity), power_w, start)
+    late = follower(true, lag_s, inputs.period_s, start)
+    return late + 0.01 * gain_percent * (late - REFERENCE_C) + offset_k
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a sensor makes of a temperature: (1 + part) times it, late by `gain` a second, and an offset in K."""
+
+    gain: float
+    part: float
+    offset_k: float
+
+
+def heat_of(effects: Sequence[ChannelEffect], values: Values) -> tuple[float, ...] | None:
+    """Return conductance, capacity, inner capacity, inner conductance and power of a body, W/K, J/K, W.
+
+    None where the values say nothing of it. ConfigurationError where they say only a part of it.
+    """
+    needed = {effect.name for effect in effects if effect.needed}
+    some = needed & set(values)
+    if some and some != needed:
+        raise ConfigurationError(
+            "a model's heat is not complete",
+            where="[gap_model]",
+            found=", ".join(sorted(some)),
+            expected=", ".join(sorted(needed)),
+        )
+    return tuple(value for effect in effects for value in effect.of(values)) if some else None
+
+
+def reading_of(values: Values) -> Reading:
+    """Return the gyro's temperature sensor as values have it."""
+    (gain_percent,), (offset_k,) = TEMPERATURE_SENSOR_GAIN.of(values), TEMPERATURE_SENSOR_OFFSET.of(values)
+    part = 0.01 * gain_percent
+    return Reading(gain(*TEMPERATURE_SENSOR_LAG.of(values)), part, offset_k - part * REFERENCE_C)
