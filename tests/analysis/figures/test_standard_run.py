@@ -11,6 +11,7 @@ import pytest
 
 from bench.analysis.figures import figures_over_runs, standard_figures
 from bench.present.report import render_standard_test
+from bench.record.benchfile import BenchSection
 from bench.record.figure_limits import FIGURES, FURTHER, OVER_RUNS
 from bench.record.recording import Manifest, write_manifest
 from bench.record.recording._tables import table_writer
@@ -162,7 +163,8 @@ def test_a_noisy_grade_takes_east_as_mounted(
     grade: str, searched: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench, found = MagicMock(), MagicMock()
-    bench.file.bench.latitude_deg, bench.measurements = 39.1, [{"value": 91.0}]
+    bench.file.bench = BenchSection(name="b", latitude_deg=39.1)
+    bench.measurements = [{"value": 91.0}]
     monkeypatch.setattr("procedures.standard_test.find_east", found)
     settings = {"grade": grade, "power_cycles": "0", "temperatures": "false", "azimuth_deg": "80"}
     PROCEDURE.run(bench, PROCEDURE.parse(settings))
