@@ -164,7 +164,7 @@ def test_a_noisy_grade_takes_east_as_mounted(
 ) -> None:
     bench, found = MagicMock(), MagicMock()
     bench.file.bench = BenchSection(name="b", latitude_deg=39.1)
-    bench.measurements = [{"value": 91.0}]
+    found.return_value = 91.0
     monkeypatch.setattr("procedures.standard_test.find_east", found)
     settings = {"grade": grade, "power_cycles": "0", "temperatures": "false", "azimuth_deg": "80"}
     PROCEDURE.run(bench, PROCEDURE.parse(settings))
