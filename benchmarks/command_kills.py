@@ -51,7 +51,7 @@ from drivers.base.errors import BenchError
 from simulators.plant.space_stable import draw_platform
 
 _LOOK_S = 0.002
-_COMMANDS = ("campaign", "fit", "_gap", "_report", "_runs")
+_COMMANDS = ("campaign", "fit", "gap", "_report", "_runs")
 _GYRO = {"name": "fog_1", "driver": "kvh1750", "port": "pty", "rate_hz": 10, "axis": "x", "unit": "F1"}
 _FILE = {
     "bench": {"name": "kills of commands", "latitude_deg": 40.0},

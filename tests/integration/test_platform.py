@@ -13,7 +13,7 @@ from bench.control.procedure import find_procedure
 from bench.control.questions import AssumeYes
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant, unit_seed
-from bench.present.cli._gap import gap_diagnose_command
+from bench.present.cli.gap._diagnose import diagnose
 from bench.record.benchfile import load_bench_file
 from bench.record.recording import Run, read_table
 from drivers.base.constants import SIDEREAL_DAY_S
@@ -145,6 +145,6 @@ def test_a_gap_diagnosis_takes_a_platform_s_run_for_what_it_is(heading_run):
     assert len(loaded.log.time_s) > 100
     model = Path(__file__).parents[2] / "examples" / "nominal" / "heading_change.toml"
     with pytest.raises(RecordError, match="at least three are needed"):
-        gap_diagnose_command([heading_run], model, [], None, False)
+        diagnose([heading_run], model, [], None, False)
     with pytest.raises(ConfigurationError, match="the run has no gyro"):
         load_gap_runs(heading_run)

@@ -28,7 +28,7 @@ COMMANDS = {
     "campaign": "campaign",
     "fit": "fit",
     "scheme": "_scheme",
-    "gap": "_gaps",
+    "gap": "gap",
     "frames": "_frames",
     "can": "_can",
 }

@@ -31,6 +31,11 @@ TestRuns = Annotated[
 ]
 GyroToFit = Annotated[str | None, typer.Option(help="gyro to fit; default the first of the runs")]
 FitFolder = Annotated[Path, typer.Option(help="folder for the compensation and the report")]
+DiagnosedRuns = Annotated[
+    list[Path], typer.Argument(help="run folders, or mapping files of foreign recordings")
+]
+NominalModel = Annotated[Path, typer.Option("--model", help="nominal model (TOML)")]
+DiagnosedGyro = Annotated[str | None, typer.Option(help="gyro to diagnose; default the first of the runs")]
 Jobs = Annotated[
     int | None,
     typer.Option("--jobs", help="processes at work; default 1, with --cluster local one a processor"),

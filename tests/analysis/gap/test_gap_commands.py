@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import Model, model_text, read_model
-from bench.present.cli._gap import gap_close_command, gap_diagnose_command
+from bench.present.cli.gap._close import close
+from bench.present.cli.gap._diagnose import diagnose
 from drivers.base.errors import ConfigurationError
 from tests.analysis.gap.conftest import stimulus
 
@@ -46,15 +47,15 @@ def test_one_of_the_runs_is_held_out_by_its_id(
 ) -> None:
     runs, model = recordings(tmp_path, 0.5), tmp_path / "nominal.toml"
     model.write_text(model_text(nominal), encoding="utf-8")
-    gap_diagnose_command([runs], model, [Path("c")], None, True)
+    diagnose([runs], model, [Path("c")], None, True)
     facts = json.loads(capsys.readouterr().out)
     assert set(facts["runs"]) == {"a", "b"}
     assert facts["held_out"]["share"] > 0.97
     with pytest.raises(ConfigurationError, match="no such run to hold out") as unknown:
-        gap_diagnose_command([runs], model, [Path("d")], None, True)
+        diagnose([runs], model, [Path("d")], None, True)
     assert "a, b, c" in unknown.value.expected
     with pytest.raises(ConfigurationError, match="every run is held out"):
-        gap_diagnose_command([runs], model, [Path(name) for name in "abc"], None, True)
+        diagnose([runs], model, [Path(name) for name in "abc"], None, True)
 
 
 def test_diagnose_prints_facts_and_close_writes_the_model(
@@ -62,7 +63,7 @@ def test_diagnose_prints_facts_and_close_writes_the_model(
 ) -> None:
     runs, model = recordings(tmp_path, 0.5), tmp_path / "nominal.toml"
     model.write_text(model_text(nominal), encoding="utf-8")
-    gap_diagnose_command([runs], model, [], None, True, tmp_path / "gap.html")
+    diagnose([runs], model, [], None, True, tmp_path / "gap.html")
     facts = json.loads(capsys.readouterr().out)
     page = (tmp_path / "gap.html").read_text(encoding="utf-8")
     assert "Gap explained" in page
@@ -71,7 +72,7 @@ def test_diagnose_prints_facts_and_close_writes_the_model(
     assert "No run was held out" in page
     assert facts["verdict"] == "explained"
     assert [cause["name"] for cause in facts["causes"]] == ["bias_cubic"]
-    gap_close_command([runs], model, None, None)
+    close([runs], model, None, None)
     closed = read_model(tmp_path / "nominal+bias_cubic.toml")
     (term,) = [term for term in closed.terms if term.name == "bias_cubic"]
     assert term.values[0] == pytest.approx(0.5, abs=max(4.0 * term.sigmas[0], 0.03))
@@ -81,10 +82,10 @@ def test_diagnose_prints_facts_and_close_writes_the_model(
 def test_no_gap_writes_no_model(tmp_path: Path, nominal: Model, capsys: pytest.CaptureFixture[str]) -> None:
     runs, model = recordings(tmp_path, 0.0), tmp_path / "nominal.toml"
     model.write_text(model_text(nominal), encoding="utf-8")
-    gap_close_command([runs], model, None, None)
+    close([runs], model, None, None)
     assert "no gap" in capsys.readouterr().out
     assert not list(tmp_path.glob("nominal+*"))
-    gap_diagnose_command([runs], model, [], None, False)
+    diagnose([runs], model, [], None, False)
     assert "no gap" in capsys.readouterr().out
 
 

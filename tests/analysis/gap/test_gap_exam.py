@@ -14,7 +14,7 @@ from bench.analysis.gap._case_folder import write_case
 from bench.analysis.gap._exam import close, examined, make_case, nominal_model
 from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._signature import signature_norm
-from bench.present.cli._gap_exam import gap_exam_command, gap_exam_table_command
+from bench.present.cli.gap._exam import exam
 from drivers.base.errors import ConfigurationError
 from simulators.exam import KNOWN, draw_case, simulate_campaign
 
@@ -88,7 +88,7 @@ def test_the_exam_by_command_seals_first_and_prints_the_table(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The short form of the exam: a plant process, folders on disk, seals whose hashes are those announced."""
-    gap_exam_command(2, 77, tmp_path / "exam", 1)
+    exam(77, 2, tmp_path / "exam", 1)
     printed = capsys.readouterr().out
     results = [json.loads(line) for line in (tmp_path / "exam" / "results.jsonl").read_text().splitlines()]
     assert len(results) == 2
@@ -101,18 +101,18 @@ def test_the_exam_by_command_seals_first_and_prints_the_table(
         assert given == {"runs.toml", *(f"run_{k:02d}.parquet" for k in range(1, 17))}
     assert "Reliability" in printed
     with pytest.raises(ConfigurationError, match="holds an exam already"):
-        gap_exam_command(2, 77, tmp_path / "exam", 1)
+        exam(77, 2, tmp_path / "exam", 1)
     # the same table from the folder; a part of it if the exam was cut short
-    gap_exam_table_command(tmp_path / "exam", None, "")
+    exam(held=tmp_path / "exam")
     assert capsys.readouterr().out == printed[printed.index("`gyrobench gap exam") :]
     lines = (tmp_path / "exam" / "results.jsonl").read_text().splitlines()
     (tmp_path / "exam" / "results.jsonl").write_text(lines[0] + "\n")
-    gap_exam_table_command(tmp_path / "exam", tmp_path / "table.md", "commit abc")
+    exam(held=tmp_path / "exam", table=tmp_path / "table.md", note="commit abc")
     text = (tmp_path / "table.md").read_text()
     assert "--cases 2 --seed 77`, commit abc." in text
     assert "Partial: 1 of 2 cases" in text
     with pytest.raises(ConfigurationError, match="no exam's results"):
-        gap_exam_table_command(tmp_path, None, "")
+        exam(held=tmp_path)
 
 
 def test_a_case_read_back_from_its_folder_is_what_was_written(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from bench.analysis.gap import (
 from bench.analysis.gap._position import PositionRun
 from bench.analysis.heading import PlatformLog
 from bench.lab.emulated import Plant
-from bench.present.cli._gap_rehearse import heading_table
+from bench.present.cli.gap._rehearse import heading_table
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform, with_heading_effect
 from tests.analysis.heading.conftest import SIX, _fly

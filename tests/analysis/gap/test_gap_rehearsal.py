@@ -13,9 +13,9 @@ from bench.analysis.gap._channel_data import load_channels
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._suggest import _plans
 from bench.control.procedure import find_procedure
-from bench.present.cli import _gap_rehearse
-from bench.present.cli._gap import NextRun, gap_diagnose_command
-from bench.present.cli._gap_rehearse import gap_rehearse_command, run_suggestion
+from bench.present.cli.gap import _diagnose as command
+from bench.present.cli.gap._diagnose import NextRun, run_suggestion
+from bench.present.cli.gap._rehearse import rehearse
 from bench.present.report import render_log_gaps
 from drivers.base.errors import ConfigurationError
 from tests.analysis.gap.conftest import made_run, stimulus
@@ -82,9 +82,8 @@ def test_a_suggestion_is_run_on_the_emulated_bench_with_its_fast_clock_and_late_
     suggestion = Suggestion(
         "constant-rotation", "", 0.1, 5.0, "", {"rate_dps": 20.0, "turns": 10.0, "rest_s": 100.0}
     )
-    folder = run_suggestion(
-        suggestion, BENCH, tmp_path / "runs", plant, emulated=True, seed=4, yes=True, as_json=True
-    )
+    then = NextRun(BENCH, tmp_path / "runs", plant, emulated=True, seed=4, yes=True)
+    folder = run_suggestion(suggestion, then, as_json=True)
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["parameters"]["turns"] == 10.0
     assert manifest["emulated"]["seed"] == 4
@@ -100,7 +99,7 @@ def test_a_suggestion_is_run_on_the_emulated_bench_with_its_fast_clock_and_late_
     fitted = Model(**{**vars(nominal), "fitted_on": {folder.name: "sum"}})
     closed.write_text(model_text(fitted), encoding="utf-8")
     with pytest.raises(ConfigurationError, match="cannot judge it"):
-        gap_rehearse_command(folder, closed, closed, tmp_path, None, None, 1, True, None)
+        rehearse(folder, closed, closed, tmp_path, as_json=True)
 
 
 def test_the_suggested_run_is_taken_into_the_diagnosis(
@@ -114,11 +113,20 @@ def test_the_suggested_run_is_taken_into_the_diagnosis(
         asked.append(suggestion)
         return second
 
-    monkeypatch.setattr(_gap_rehearse, "run_suggestion", run)
+    monkeypatch.setattr(command, "run_suggestion", run)
     model = tmp_path / "nominal.toml"
     model.write_text(model_text(nominal), encoding="utf-8")
-    then = NextRun(BENCH, tmp_path, None, True, 1, True)
-    gap_diagnose_command([first], model, [], None, True, None, then)
+    command.diagnose(
+        [first],
+        model,
+        as_json=True,
+        run=True,
+        bench=BENCH,
+        emulated=True,
+        seed=1,
+        runs_folder=tmp_path,
+        yes=True,
+    )
     facts = json.loads(capsys.readouterr().out)
     assert len(asked) == 1
     assert set(facts["runs"]) == {"a", "b", "c"}

@@ -6,37 +6,60 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from bench.analysis.common.fan_out import fan_out
-from bench.analysis.gap import Exam, Marked, hold_exam, read_exam
-from bench.present.cli._console import Terminal
+import typer
+
+from bench.present.cli._options import Cluster, Jobs
+
+if TYPE_CHECKING:
+    from bench.analysis.gap import Exam, Marked
 
 TABLE_FILE = "table.md"
 _BAR = 40
 
 
-def gap_exam_command(
-    cases: int, seed: int, out: Path | None, jobs: int | None = None, cluster: str | None = None
+def exam(
+    seed: Annotated[
+        int | None, typer.Option(help="fresh seed; every case of a seed once looked at is spent")
+    ] = None,
+    cases: Annotated[int, typer.Option(help="number of cases, a quarter of them without any effect")] = 600,
+    out: Annotated[
+        Path | None, typer.Option(help="new folder for cases, seals, results; default: nothing is kept")
+    ] = None,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
+    held: Annotated[
+        Path | None,
+        typer.Option("--from", help="folder of an exam held, finished or not: print its table, hold none"),
+    ] = None,
+    table: Annotated[Path | None, typer.Option(help="with --from: file for the table (Markdown)")] = None,
+    note: Annotated[str, typer.Option(help="with --from: words for its first line, e.g. the commit")] = "",
 ) -> None:
-    """Hold a blind exam; print seals before answers, then the table."""
-    with tempfile.TemporaryDirectory() as spare, fan_out(jobs, cluster) as fan:
-        marked = _watched(hold_exam(cases, seed, out or Path(spare), fan), cases)
-    text = exam_text(Exam(seed, cases, tuple(marked)))
-    if out is not None:
-        (out / TABLE_FILE).write_text(text, encoding="utf-8")
+    """Examine the diagnosis on plants whose physics is not the catalogue's, answers sealed beforehand."""
+    from bench.analysis.common.fan_out import fan_out
+    from bench.analysis.gap import Exam, hold_exam, read_exam
+    from bench.present.cli._console import Terminal
+
+    if held is not None:
+        text = exam_text(read_exam(held), note)
+        if table is not None:
+            table.write_text(f"# Result of the blind exam\n\n{text}", encoding="utf-8")
+            return
+    elif seed is None:
+        raise typer.BadParameter("an exam needs --seed, or --from with the folder of one that was held")
+    else:
+        with tempfile.TemporaryDirectory() as spare, fan_out(jobs, cluster) as fan:
+            marked = _watched(hold_exam(cases, seed, out or Path(spare), fan), cases)
+        text = exam_text(Exam(seed, cases, tuple(marked)))
+        if out is not None:
+            (out / TABLE_FILE).write_text(text, encoding="utf-8")
     Terminal().print(text, highlight=False, soft_wrap=True)
 
 
-def gap_exam_table_command(folder: Path, file: Path | None, note: str) -> None:
-    """Print, or write to a file, the table of an exam's folder: of as many cases as it holds so far."""
-    text = exam_text(read_exam(folder), note)
-    if file is None:
-        Terminal().print(text, highlight=False, soft_wrap=True)
-    else:
-        file.write_text(f"# Result of the blind exam\n\n{text}", encoding="utf-8")
-
-
 def _watched(exam: Iterator[tuple[str, Marked | None]], cases: int) -> list[Marked]:
+    from bench.present.cli._console import Terminal
+
     console = Terminal()
     marked: list[Marked] = []
     try:

@@ -1,4 +1,4 @@
-"""`gyrobench gap rehearse`, and `gap diagnose --run`: what the gap needs of a bench."""
+"""`gyrobench gap rehearse`."""
 
 from __future__ import annotations
 
@@ -6,35 +6,41 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from rich.console import Console
-from rich.table import Table
+import typer
 
-from bench.analysis.common.state_file import save_file
-from bench.analysis.gap import LogGap, Suggestion, log_gap_facts, log_gaps, read_model, read_recordings
-from bench.control.procedure import find_procedure
-from bench.lab.emulated import Plant, load_plant
-from bench.present.cli._console import console_for
-from bench.present.cli._shown_run import perform, perform_emulated
-from bench.present.report import render_log_gaps
-from bench.record.benchfile import bench_file_from, load_bench_file
-from bench.record.recording import Run
-from drivers.base.clock import utc_now
+from bench.present.cli._options import DiagnosedGyro, Json, NominalModel
 from drivers.base.errors import BenchError, ConfigurationError
 
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
 
-def gap_rehearse_command(
-    run: Path,
-    model: Path,
-    closed: Path,
-    runs: Path,
-    gyro: str | None,
-    plant_file: Path | None,
-    seed: int,
-    as_json: bool,
-    report: Path | None,
+    from bench.analysis.gap import LogGap
+    from bench.lab.emulated import Plant
+    from bench.record.recording import Run
+
+
+def rehearse(
+    run: Annotated[Path, typer.Argument(help="run folder, held out from the fit")],
+    model: NominalModel,
+    closed: Annotated[Path, typer.Option(help="model with the effects in it, as `gap close` writes it")],
+    runs: Annotated[Path, typer.Option(help="folder for the rehearsals")] = Path("runs"),
+    gyro: DiagnosedGyro = None,
+    plant: Annotated[Path | None, typer.Option(help="plant file (TOML) of the emulated bench")] = None,
+    seed: Annotated[int, typer.Option(help="seed of the emulated bench")] = 1,
+    as_json: Json = False,
+    report: Annotated[Path | None, typer.Option(help="HTML report to write, with the curves")] = None,
 ) -> None:
-    """Rehearse a run's procedure with both models, and print what its log differs by from theirs."""
+    """Show the shrinkage in a log: the run's procedure on the emulated bench with both models."""
+    from bench.analysis.gap import log_gap_facts, log_gaps, read_recordings
+    from bench.lab.emulated import load_plant
+    from bench.present.cli._console import console_for
+    from bench.present.report import render_log_gaps, write_report
+    from bench.record.recording import Run
+    from drivers.base.clock import utc_now
+
     console = console_for(as_json)
     recorded = Run.open(run)
     _check_model(run, closed)
@@ -44,13 +50,12 @@ def gap_rehearse_command(
             "there is no report of a platform's rehearsal", expected="the table, or --json"
         )
     models = ((model, seed), (closed, seed), (closed, seed + 1))
-    folders = _rehearsals(recorded, load_plant(plant_file), real.unit_id, models, runs, console, as_json)
+    folders = _rehearsals(recorded, load_plant(plant), real.unit_id, models, runs, console, as_json)
     gaps = log_gaps(*(each.runs for each in (real, *(read_recordings([f], gyro=gyro) for f in folders))))
     run_id = recorded.manifest.run_id
     if report is not None:
-        report.parent.mkdir(parents=True, exist_ok=True)
         names = (model.name, closed.name)
-        save_file(report, render_log_gaps(run_id, real.unit_id, names, gaps, utc_now()))
+        write_report(report, render_log_gaps(run_id, real.unit_id, names, gaps, utc_now()))
     if as_json:
         facts = {"run": run_id, "rehearsals": [str(each) for each in folders]}
         console.print_json(json.dumps(facts | log_gap_facts(gaps)))
@@ -83,6 +88,9 @@ def _rehearsals(
 
 
 def _check_model(run: Path, closed: Path) -> None:
+    from bench.analysis.gap import read_model
+    from bench.record.recording import Run
+
     name = Run.open(run).manifest.run_id
     if name in {each.split(" ")[0] for each in read_model(closed).fitted_on}:
         raise ConfigurationError(
@@ -95,6 +103,10 @@ def _check_model(run: Path, closed: Path) -> None:
 
 def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, as_json: bool) -> Path:
     """Run a recorded run's procedure with its parameters on its bench, emulated; return the new run's folder."""
+    from bench.control.procedure import find_procedure
+    from bench.present.cli._shown_run import perform_emulated
+    from bench.record.benchfile import bench_file_from
+
     manifest = recorded.manifest
     if not manifest.bench:
         raise ConfigurationError(
@@ -112,34 +124,10 @@ def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, as_json
     return result.folder
 
 
-def run_suggestion(
-    suggestion: Suggestion,
-    bench: Path,
-    runs: Path,
-    plant_file: Path | None,
-    *,
-    emulated: bool,
-    seed: int | None,
-    yes: bool,
-    as_json: bool,
-) -> Path:
-    """Run what a diagnosis suggested on a bench, real or emulated; return the new run's folder."""
-    console = console_for(as_json)
-    procedure = find_procedure(suggestion.procedure)
-    parameters = procedure.parse(dict(suggestion.settings))
-    file = load_bench_file(bench)
-    if emulated:
-        plant = load_plant(plant_file, seed)
-        result = perform_emulated(procedure, parameters, file, plant, runs, console, as_json)
-    else:
-        result = perform(procedure, parameters, file, runs, yes, console, as_json)
-    if result.outcome == "aborted":
-        raise BenchError(f"{suggestion.procedure} was aborted: {result.reason}")
-    return result.folder
-
-
 def _table(first: str, what: str, gaps: Sequence[LogGap], digits: str, *, unit: bool = False) -> Table:
     """Return a table of the gaps, a row each; with `unit` every row says its own."""
+    from rich.table import Table
+
     table = Table(first, "nominal", "closed", "floor", "gone %", title=f"run less rehearsal, {what}")
     for gap in gaps:
         sizes = [format(rms, digits) for rms in (gap.rms_nominal, gap.rms_closed, gap.rms_floor)]
