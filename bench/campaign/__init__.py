@@ -1,23 +1,9 @@
 """Campaigns: many runs on one bench from one file - planned, run, resumed, rehearsed. See docs/campaign.md."""
 
-from bench.campaign._file import (
-    Campaign,
-    CampaignRun,
-    Notice,
-    PreparedAnswer,
-    Unit,
-    bench_of,
-    load_campaign,
-)
+from bench.campaign._file import Campaign, CampaignRun, Notice, bench_of, load_campaign
 from bench.campaign._folder import CampaignFolder, RunState
-from bench.campaign._places import EmulatedPlace, Place, RealPlace
-from bench.campaign._plan import (
-    PlannedRun,
-    PlannedStep,
-    check_limits,
-    not_measured,
-    plan_campaign,
-)
+from bench.campaign._places import Place
+from bench.campaign._plan import PlannedRun, check_limits, not_measured, plan_campaign
 from bench.campaign._rehearse import rehearse_campaign
 from bench.campaign._run import CampaignEnding, CampaignRunner
 
@@ -27,15 +13,10 @@ __all__ = [
     "CampaignFolder",
     "CampaignRun",
     "CampaignRunner",
-    "EmulatedPlace",
     "Notice",
     "Place",
     "PlannedRun",
-    "PlannedStep",
-    "PreparedAnswer",
-    "RealPlace",
     "RunState",
-    "Unit",
     "bench_of",
     "check_limits",
     "load_campaign",

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from bench.present.cli._app import app
-from bench.record.catalogue import Catalogue, period_s, root_name
+from bench.record.catalogue import Catalogue, root_name
+from bench.record.catalogue._rows import period_s
 from drivers.base.errors import ConfigurationError, RecordError
 
 

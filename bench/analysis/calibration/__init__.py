@@ -1,62 +1,37 @@
 """System-level calibration of an IMU: error model, observability, schedules, their covariance and search."""
 
-from bench.analysis.calibration._calibrate import Calibration, calibrate, load_record
-from bench.analysis.calibration._closed_loop import estimate_closed_loop
+from bench.analysis.calibration._calibrate import calibrate, load_record
 from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import (
     DPH_RAD_S,
     PARAMETER_NAMES,
     PARAMETERS,
-    PPM,
     STATE_NAMES,
     STATE_UNITS,
-    UG_PER_G2,
     UNIT_SIZE,
     Noise,
     Site,
     Task,
-    pack,
-    to_gauge,
     unpack,
 )
 from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
-from bench.analysis.calibration._model import observability_matrix
-from bench.analysis.calibration._navigation import Increments, Track, align, compensate, navigate
-from bench.analysis.calibration._observability import Observability, observability
-from bench.analysis.calibration._result import Combination, Evaluation, evaluate, missed_targets, poorly_seen
+from bench.analysis.calibration._navigation import Increments
+from bench.analysis.calibration._observability import Observability
+from bench.analysis.calibration._result import Evaluation, evaluate, missed_targets
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
 from bench.analysis.calibration._schedule import (
-    Move,
     Schedule,
     home_attitude,
     home_text,
     load_scheme,
     moves_text,
-    parse_moves,
     scheme_file,
-    scheme_names,
 )
-from bench.analysis.calibration._search import (
-    Effort,
-    Merit,
-    SearchResult,
-    exhaustive,
-    merit_of,
-    search,
-)
-from bench.analysis.calibration._segments import (
-    Segment,
-    chain_segments,
-    compose,
-    covariance,
-    fold,
-    posterior_sigma,
-    schedule_segments,
-)
-from bench.analysis.calibration._table import TABLES, Table, first_impossible, possible, require_possible
+from bench.analysis.calibration._search import Effort, SearchResult, search
+from bench.analysis.calibration._segments import covariance, fold, schedule_segments
+from bench.analysis.calibration._table import TABLES, Table
 from bench.analysis.calibration._turning import (
     TableAxis,
-    TableTurn,
     TurningPlan,
     plan_turns,
     require_closed,
@@ -68,73 +43,45 @@ __all__ = [
     "DPH_RAD_S",
     "PARAMETERS",
     "PARAMETER_NAMES",
-    "PPM",
     "STATE_NAMES",
     "STATE_UNITS",
     "TABLES",
-    "UG_PER_G2",
     "UNIT_SIZE",
     "BiasWander",
-    "Calibration",
     "CalibrationRun",
-    "Combination",
     "Effort",
     "Estimate",
     "Evaluation",
     "ImuCompensation",
     "Increments",
-    "Merit",
-    "Move",
     "Noise",
     "Observability",
     "Options",
     "Schedule",
     "SearchResult",
-    "Segment",
     "Site",
     "Table",
     "TableAxis",
-    "TableTurn",
     "Task",
-    "Track",
     "TurningPlan",
-    "align",
     "calibrate",
-    "chain_segments",
-    "compensate",
-    "compose",
     "covariance",
     "estimate",
-    "estimate_closed_loop",
     "evaluate",
-    "exhaustive",
-    "first_impossible",
     "fold",
     "home_attitude",
     "home_text",
     "load_calibration_run",
     "load_record",
     "load_scheme",
-    "merit_of",
     "missed_targets",
     "moves_text",
-    "navigate",
-    "observability",
-    "observability_matrix",
-    "pack",
-    "parse_moves",
     "plan_turns",
-    "poorly_seen",
-    "possible",
-    "posterior_sigma",
     "require_closed",
-    "require_possible",
     "schedule_segments",
     "scheme_file",
-    "scheme_names",
     "search",
     "table_axes",
     "table_type",
-    "to_gauge",
     "unpack",
 ]

@@ -3,17 +3,14 @@
 Loading it takes a few milliseconds: a list of runs is mostly the start of a process.
 """
 
-from bench.record.catalogue._catalogue import FOLDER, Catalogue
+from bench.record.catalogue._catalogue import Catalogue
 from bench.record.catalogue._find import find_runs, index_runs
-from bench.record.catalogue._rows import CatalogueRow, period_s, read_row, root_name
+from bench.record.catalogue._rows import CatalogueRow, root_name
 
 __all__ = [
-    "FOLDER",
     "Catalogue",
     "CatalogueRow",
     "find_runs",
     "index_runs",
-    "period_s",
-    "read_row",
     "root_name",
 ]

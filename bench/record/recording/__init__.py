@@ -9,7 +9,6 @@ from bench.record.recording._decode import (
     decode_instrument,
     decode_stream,
     platform_table_name,
-    read_arrivals,
     units_off_s,
 )
 from bench.record.recording._events import EventLog, Events, read_events
@@ -17,7 +16,6 @@ from bench.record.recording._journal import Journal, PortJournal
 from bench.record.recording._manifest import (
     DeviceEntry,
     EmulatedLab,
-    FileEntry,
     Imported,
     Manifest,
     checksum,
@@ -25,13 +23,12 @@ from bench.record.recording._manifest import (
     seal,
     write_manifest,
 )
-from bench.record.recording._raw import can_frames, read_exchanges
+from bench.record.recording._raw import read_exchanges
 from bench.record.recording._read import Phase, Run, Table, check_room, read_table
 from bench.record.recording._remote import local_manifests, local_run
 from bench.record.recording._seconds import names_at, row_means, second_rows, seconds
 from bench.record.recording._tables import table_writer, unit_of
-from bench.record.recording._timing import StreamTimer, StreamTiming
-from bench.record.recording._verify import FileProblem, VerifyReport, verify
+from bench.record.recording._verify import VerifyReport, verify
 
 __all__ = [
     "Arrivals",
@@ -39,8 +36,6 @@ __all__ = [
     "EmulatedLab",
     "EventLog",
     "Events",
-    "FileEntry",
-    "FileProblem",
     "GyroSource",
     "Imported",
     "Journal",
@@ -51,11 +46,8 @@ __all__ = [
     "Run",
     "StreamReport",
     "StreamSource",
-    "StreamTimer",
-    "StreamTiming",
     "Table",
     "VerifyReport",
-    "can_frames",
     "check_room",
     "checksum",
     "decode_instrument",
@@ -64,7 +56,6 @@ __all__ = [
     "local_run",
     "names_at",
     "platform_table_name",
-    "read_arrivals",
     "read_events",
     "read_exchanges",
     "read_manifest",

@@ -22,15 +22,14 @@ from bench.analysis.calibration import (
     Site,
     Task,
     estimate,
-    estimate_closed_loop,
     load_scheme,
-    navigate,
-    observability_matrix,
-    pack,
-    parse_moves,
-    to_gauge,
     unpack,
 )
+from bench.analysis.calibration._closed_loop import estimate_closed_loop
+from bench.analysis.calibration._conventions import pack, to_gauge
+from bench.analysis.calibration._model import observability_matrix
+from bench.analysis.calibration._navigation import navigate
+from bench.analysis.calibration._schedule import parse_moves
 from drivers.base.constants import UG_MPS2
 from drivers.base.errors import RecordError
 from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion

@@ -13,17 +13,15 @@ from bench.analysis.calibration import (
     UNIT_SIZE,
     Schedule,
     Task,
-    chain_segments,
-    compose,
     covariance,
     fold,
     load_scheme,
-    observability,
-    observability_matrix,
-    parse_moves,
-    posterior_sigma,
     schedule_segments,
 )
+from bench.analysis.calibration._model import observability_matrix
+from bench.analysis.calibration._observability import observability
+from bench.analysis.calibration._schedule import parse_moves
+from bench.analysis.calibration._segments import chain_segments, compose, posterior_sigma
 
 TASK = Task()
 FIRST = ("19-position-z-up", "19-position", "23-position")

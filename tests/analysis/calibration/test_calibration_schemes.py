@@ -14,30 +14,23 @@ from bench.analysis.calibration import (
     STATE_NAMES,
     UNIT_SIZE,
     Effort,
-    Move,
     Schedule,
     Task,
-    chain_segments,
     evaluate,
-    exhaustive,
-    first_impossible,
     home_attitude,
     home_text,
     load_scheme,
-    merit_of,
     moves_text,
-    parse_moves,
-    possible,
-    posterior_sigma,
-    require_possible,
     schedule_segments,
     scheme_file,
-    scheme_names,
     search,
 )
 from bench.analysis.calibration._conventions import PARAMETERS
 from bench.analysis.calibration._graph import build_graph
-from bench.analysis.calibration._segments import compose, scaled_variances
+from bench.analysis.calibration._schedule import Move, parse_moves, scheme_names
+from bench.analysis.calibration._search import exhaustive, merit_of
+from bench.analysis.calibration._segments import chain_segments, compose, posterior_sigma, scaled_variances
+from bench.analysis.calibration._table import first_impossible, possible, require_possible
 from bench.present.cli import _scheme as commands
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError

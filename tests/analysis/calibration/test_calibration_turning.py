@@ -14,18 +14,17 @@ from bench.analysis.calibration import (
     Effort,
     Estimate,
     ImuCompensation,
-    Move,
     Schedule,
     TableAxis,
     Task,
     load_scheme,
     plan_turns,
-    possible,
-    scheme_names,
     search,
     table_type,
     unpack,
 )
+from bench.analysis.calibration._schedule import Move, scheme_names
+from bench.analysis.calibration._table import possible
 from drivers.base.errors import ConfigurationError, RecordError
 
 FLAT = (TableAxis("outer", "east"), TableAxis("inner", "up"))

@@ -18,7 +18,8 @@ from typer.testing import CliRunner
 
 from bench.analysis.calibration import Effort, Noise, Schedule, Site, Task, search
 from bench.analysis.common.fan_out import ALONE, FanOut, fan_out
-from bench.analysis.thermal import FeatureRun, fit_models
+from bench.analysis.thermal import FeatureRun
+from bench.analysis.thermal._selection import fit_models
 from bench.present.cli._app import app
 from drivers.base.errors import ConfigurationError, RecordError
 

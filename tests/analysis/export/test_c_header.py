@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.export import CConstant, CProgram, c_header
+from bench.analysis.export._c_header import c_header
+from bench.analysis.export._c_program import CConstant, CProgram
 from bench.analysis.thermal import FeatureRun, Prediction, ThermalRun
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._stream import Flag

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.analysis.export import lstm_to_onnx
+from bench.analysis.export._onnx import lstm_to_onnx
 from bench.analysis.thermal import FeatureRun, ThermalRun, prepare
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._lstm import LstmModel

@@ -5,21 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.figures import (
-    RateStep,
+from bench.analysis.figures._bias import (
     averaged_stability,
     bias_figures,
-    fit_rate_sequence,
-    input_axis_misalignment,
-    relative_repeatability_ppm,
     repeatability,
-    resolution,
-    scale_factor_figures,
-    scale_factor_sensitivity_ppm_per_k,
     temperature_sensitivity,
-    threshold,
     warm_up_time_s,
 )
+from bench.analysis.figures._scale_factor import (
+    fit_rate_sequence,
+    relative_repeatability_ppm,
+    scale_factor_figures,
+    scale_factor_sensitivity_ppm_per_k,
+)
+from bench.analysis.figures._small_rates import RateStep, input_axis_misalignment, resolution, threshold
 from drivers.base.errors import ConfigurationError
 
 RATES = np.array([0, 5, 10, 20, 10, 5, 0, -5, -10, -20, -10, -5, 0], dtype=float)

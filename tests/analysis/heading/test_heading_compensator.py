@@ -12,24 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.analysis.heading import (
-    Evidence,
     HeadingCompensator,
     LaggedModel,
     PlatformLog,
     PositionCorrector,
     ReferenceTemperature,
-    check_log,
-    check_phase,
     fit_lagged,
     fit_reference,
     integrate,
-    log_from_positions,
-    phase_offset_deg,
     position_error,
-    refuse_unsound,
     regressors,
     stays,
 )
+from bench.analysis.heading._checks import check_log, check_phase, phase_offset_deg, refuse_unsound
+from bench.analysis.heading._lagged import Evidence
+from bench.analysis.heading._log import log_from_positions
 from drivers.base.constants import EARTH_RATE_RAD_S
 from drivers.base.errors import ConfigurationError, RecordError
 

@@ -6,18 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.heading import (
-    MovingWindow,
-    PlatformLog,
-    earth_rotation_deg,
-    extract,
-    gravitation_latitude_deg,
-    log_from_positions,
-    position_error,
-    position_error_finite,
-    settled,
-)
-from bench.analysis.heading._window import design
+from bench.analysis.heading import PlatformLog, position_error
+from bench.analysis.heading._frames import earth_rotation_deg, gravitation_latitude_deg, position_error_finite
+from bench.analysis.heading._log import log_from_positions, settled
+from bench.analysis.heading._window import MovingWindow, design, extract
 from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S
 from drivers.base.errors import ConfigurationError, RecordError
 

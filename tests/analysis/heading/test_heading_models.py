@@ -13,16 +13,15 @@ from bench.analysis.heading import (
     LaggedModel,
     PlatformLog,
     PositionCorrector,
-    Priors,
     compensate_nine,
     fit_lagged,
     fit_nine,
     fit_reference,
     integrate,
     position_error,
-    solve_nine,
 )
-from bench.analysis.heading._nine import HeadingPoint
+from bench.analysis.heading._calibration import Priors
+from bench.analysis.heading._nine import HeadingPoint, solve_nine
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.platform_navigation import PlatformNavigator, rotation
 from simulators.plant.space_stable import PlatformParameters, SpaceStablePlatform, draw_platform

@@ -6,7 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.heading import PlatformLog, extract, log_from_positions, position_error_finite
+from bench.analysis.heading import PlatformLog
+from bench.analysis.heading._frames import position_error_finite
+from bench.analysis.heading._log import log_from_positions
+from bench.analysis.heading._window import extract
 from drivers.base.constants import EARTH_RATE_RAD_S, SCHULER_RAD_S, SIDEREAL_DAY_S
 from simulators.plant.platform_navigation import PlatformNavigator
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.heading import fit_reference, fourier_terms, lagged
+from bench.analysis.heading import fit_reference
+from bench.analysis.heading._temperature import fourier_terms, lagged
 from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
 

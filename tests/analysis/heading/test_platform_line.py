@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis.heading import fit_lagged, log_from_positions
+from bench.analysis.heading import fit_lagged
+from bench.analysis.heading._log import log_from_positions
 from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
 from drivers.platform import PlatformDecoder, PlatformIns, checksum, encode_position, parse, sentence
 from simulators.emulators.platform import PlatformEmulator

@@ -7,15 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.analysis.rlg import (
-    RampRun,
-    how_it_differs,
-    hysteresis_dph,
-    judge,
-    profile_of,
-    ramp_run,
-    run_rlg_study,
-)
+from bench.analysis.rlg import RampRun, ramp_run, run_rlg_study
+from bench.analysis.rlg._profile import how_it_differs, hysteresis_dph, profile_of
+from bench.analysis.rlg._study import judge
 
 Runs = Callable[[int], dict[str, RampRun]]
 

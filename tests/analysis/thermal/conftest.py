@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.analysis.thermal import RateRun, ThermalRun, scale_factor_group
+from bench.analysis.thermal import ThermalRun
+from bench.analysis.thermal._scale_factor import RateRun, scale_factor_group
 from simulators.plant import ThermalRunData, cold_shock, double_shock
 
 RATE_DPS = 20.0

@@ -12,18 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.analysis.thermal import (
-    CubicModel,
-    GreyBoxModel,
-    LaggedRidgeModel,
-    MultilinearModel,
-    Scores,
-    StepwiseModel,
-    ThermalModel,
-    anchor_runs,
-    evaluate,
-    prepare,
-)
+from bench.analysis.thermal import LaggedRidgeModel, Scores, ThermalModel, evaluate, prepare
+from bench.analysis.thermal._anchor import anchor_runs
+from bench.analysis.thermal._grey_box import GreyBoxModel
+from bench.analysis.thermal._linear_models import CubicModel, MultilinearModel, StepwiseModel
 
 DISTANCE_TO_ORACLE_PCT = {
     "poly3": 26.3,

@@ -14,8 +14,9 @@ from scipy.signal import lfilter
 
 from bench.analysis.common.compensation import UnitMismatch
 from bench.analysis.compensations import load_compensation
-from bench.analysis.thermal import FeatureRun, MultilinearModel, Prediction, ThermalModel, ThermalRun, prepare
+from bench.analysis.thermal import FeatureRun, Prediction, ThermalModel, ThermalRun, prepare
 from bench.analysis.thermal._compensation import Compensation
+from bench.analysis.thermal._linear_models import MultilinearModel
 from bench.analysis.thermal._registry import model_names, new_model
 from bench.analysis.thermal._selection import choose, fit_models, score_models
 from bench.analysis.thermal._stream import CHANGE_S, WINDOW_S, FeatureStream, Flag

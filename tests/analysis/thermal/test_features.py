@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis.thermal import ThermalRun, centred_mean, change_per_minute, prepare, trailing_mean
+from bench.analysis.thermal import ThermalRun, prepare
+from bench.analysis.thermal._features import centred_mean, change_per_minute, trailing_mean
 from drivers.base.errors import RecordError
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bench.analysis.thermal import FeatureRun, GreyBoxModel, GreyBoxParameters
+from bench.analysis.thermal import FeatureRun
 from bench.analysis.thermal._diffusion import NODES, diffusion
+from bench.analysis.thermal._grey_box import GreyBoxModel, GreyBoxParameters
 from drivers.base.errors import ConfigurationError
 
 TRUE = GreyBoxParameters(0.012, 0.02, 0.4, 1 / 2500.0, -25.0, 6.0)

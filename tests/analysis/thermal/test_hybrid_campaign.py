@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.thermal import LaggedRidgeModel, ThermalModel, anchor_runs, evaluate, prepare
+from bench.analysis.thermal import LaggedRidgeModel, ThermalModel, evaluate, prepare
+from bench.analysis.thermal._anchor import anchor_runs
 from bench.analysis.thermal._hybrid import HybridModel
 from bench.analysis.thermal._lstm import LstmModel
 from bench.analysis.thermal._lstm_weights import LstmSettings

@@ -10,15 +10,9 @@ import pytest
 import statsmodels.api as sm
 from scipy.signal import lfilter
 
-from bench.analysis.thermal import (
-    CubicModel,
-    FeatureRun,
-    LaggedRidgeModel,
-    MultilinearModel,
-    StepwiseModel,
-    ThermalModel,
-    anchor_runs,
-)
+from bench.analysis.thermal import FeatureRun, LaggedRidgeModel, ThermalModel
+from bench.analysis.thermal._anchor import anchor_runs
+from bench.analysis.thermal._linear_models import CubicModel, MultilinearModel, StepwiseModel
 from drivers.base.errors import ConfigurationError
 
 MODELS = [

@@ -5,13 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bench.analysis.whirl import (
-    TurnRecord,
-    UnfitRotation,
-    align_angle,
+from bench.analysis.whirl import TurnRecord, UnfitRotation, align_angle, fit_direct
+from bench.analysis.whirl._checks import (
     alignment_findings,
     earth_rate_findings,
-    fit_direct,
     require_fit_for_whirl,
     rotation_findings,
 )

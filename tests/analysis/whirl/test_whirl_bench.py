@@ -5,8 +5,6 @@ import pytest
 
 from bench.analysis.whirl import (
     DirectFit,
-    FourierFit,
-    Oscillation,
     TurnRecord,
     WhirlCompensation,
     body_lines,
@@ -14,7 +12,6 @@ from bench.analysis.whirl import (
     fit_direct,
     fit_integral,
     heading_from_body_rate,
-    interpolated_angle,
     judge,
     match_coefficients,
     nominal_angle,
@@ -22,6 +19,9 @@ from bench.analysis.whirl import (
     uncompensated,
     unit_attitude,
 )
+from bench.analysis.whirl._angle import interpolated_angle
+from bench.analysis.whirl._attitude import Oscillation
+from bench.analysis.whirl._integral import FourierFit
 from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, reversing
 from simulators.plant import TableParameters
 from simulators.plant.wobble import BACKWARD_LINE, CONSTANT_TILT, PATENT_CLASS, EncoderParameters, Wobble

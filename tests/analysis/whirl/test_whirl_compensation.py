@@ -13,15 +13,15 @@ from bench.analysis.whirl import (
     MEANING,
     TurnRecord,
     WhirlCompensation,
-    body_to_rotating,
     carrier_tilt,
     fit_direct,
-    gauge_tilt,
     oscillation,
     remove_slow,
     tilt_spectrum,
     unit_attitude,
 )
+from bench.analysis.whirl._gauge import gauge_tilt
+from bench.analysis.whirl._kinematics import body_to_rotating
 from benchmarks.whirl_runs import Plan, emulate
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.wobble import PATENT_CLASS, Wobble

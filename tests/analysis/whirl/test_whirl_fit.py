@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from bench.analysis.whirl import (
-    CANDIDATES,
     NotObservable,
     TurnRecord,
     UnfitRotation,
@@ -17,6 +16,7 @@ from bench.analysis.whirl import (
     nominal_angle,
     scan_lines,
 )
+from bench.analysis.whirl._lines import CANDIDATES
 
 ARW = 0.12  # arcsec/sqrt(s) = 0.002 deg/sqrt(h)
 RATE_DPS = 6.0

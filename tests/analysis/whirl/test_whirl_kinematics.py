@@ -7,22 +7,24 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bench.analysis.whirl import (
-    FourierFit,
     TurnRecord,
     WhirlCompensation,
     body_lines,
-    body_to_rotating,
-    body_to_true,
     fit_direct,
     fit_integral,
-    gauge_tilt,
-    harmonic_matrix,
     match_coefficients,
-    patent_order,
+)
+from bench.analysis.whirl._gauge import gauge_tilt
+from bench.analysis.whirl._integral import FourierFit
+from bench.analysis.whirl._kinematics import (
+    body_to_rotating,
+    body_to_true,
+    harmonic_matrix,
     rotation,
     rotation_vector,
     whirl_rate,
 )
+from bench.analysis.whirl._lines import patent_order
 
 AS = np.radians(1.0 / 3600.0)
 LINES = (-2.0, -1.0, 1.0, 2.0, 3.0)

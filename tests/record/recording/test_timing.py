@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.record.recording import StreamTimer
-from bench.record.recording._timing import Unwrapper
+from bench.record.recording._timing import StreamTimer, Unwrapper
 
 MODULO = 128
 FRAME = 36

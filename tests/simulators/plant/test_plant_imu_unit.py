@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bench.analysis.calibration import Increments, Site, align, navigate
+from bench.analysis.calibration import Increments, Site
+from bench.analysis.calibration._navigation import align, navigate
 from drivers.base.constants import gravity_mps2
 from drivers.base.errors import ConfigurationError
 from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
