@@ -89,10 +89,10 @@ def rehearse(
     wall_s = host_seconds() - started
     page = None
     if result.outcome != "aborted":
-        from bench.present.report import render_run, run_content, write_report
+        from bench.present.report import run_content, run_page, write_report
         from bench.record.recording import Run
 
-        page = write_report(result.folder / "report.html", render_run(run_content(Run.open(result.folder))))
+        page = write_report(result.folder / "report.html", run_page(run_content(Run.open(result.folder))))
     if json:
         say_result(console, result, as_json=True, kind="result", bytes=log_bytes, wall_s=wall_s)
         sys.exit(EXIT_CODES[result.outcome])

@@ -1,7 +1,8 @@
-"""Reports: one self-contained HTML file each, made from plain content; content, figures and layout apart."""
+"""Reports: a file each with a function that makes a `Page` of a result; `write_report` makes HTML of any page."""
 
-from bench.present.report._calibration import render_calibration
+from bench.present.report._calibration import calibration_page
 from bench.present.report._calibration_content import CalibrationContent, calibration_content, scheme_content
+from bench.present.report._campaign import write_study
 from bench.present.report._certificate import CertificateContent
 from bench.present.report._certificate_of_runs import (
     CAMPAIGN_FILE,
@@ -9,17 +10,18 @@ from bench.present.report._certificate_of_runs import (
     certify,
     certify_campaign,
 )
-from bench.present.report._cycle import render_chamber_cycle
+from bench.present.report._cycle import chamber_cycle_page
 from bench.present.report._file import write_pdf, write_report
-from bench.present.report._gap import GapContent, render_gap
-from bench.present.report._gap_rehearsal import render_log_gaps
-from bench.present.report._heading import HeadingContent, mixed_text, render_heading
-from bench.present.report._rlg import render_rlg_study
-from bench.present.report._run import render_run, report_run
+from bench.present.report._gap import GapContent, gap_page
+from bench.present.report._gap_rehearsal import log_gaps_page
+from bench.present.report._heading import HeadingContent, heading_page, mixed_text
+from bench.present.report._layout import render_page
+from bench.present.report._page import Page
+from bench.present.report._rlg import stepwise_page
+from bench.present.report._run import report_run, run_page
 from bench.present.report._run_content import run_content
-from bench.present.report._standard import render_standard_test
-from bench.present.report._study import write_study
-from bench.present.report._whirl import render_whirl
+from bench.present.report._standard import standard_test_page
+from bench.present.report._whirl import whirl_page
 
 __all__ = [
     "CAMPAIGN_FILE",
@@ -28,22 +30,24 @@ __all__ = [
     "CertificateContent",
     "GapContent",
     "HeadingContent",
+    "Page",
     "calibration_content",
+    "calibration_page",
     "certify",
     "certify_campaign",
+    "chamber_cycle_page",
+    "gap_page",
+    "heading_page",
+    "log_gaps_page",
     "mixed_text",
-    "render_calibration",
-    "render_chamber_cycle",
-    "render_gap",
-    "render_heading",
-    "render_log_gaps",
-    "render_rlg_study",
-    "render_run",
-    "render_standard_test",
-    "render_whirl",
+    "render_page",
     "report_run",
     "run_content",
+    "run_page",
     "scheme_content",
+    "standard_test_page",
+    "stepwise_page",
+    "whirl_page",
     "write_pdf",
     "write_report",
     "write_study",

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bench.present.report._calibration_content import CalibrationContent, SchemeColumn
 from bench.present.report._figures import Curve, Lane, lanes
-from bench.present.report._layout import render_page
 from bench.present.report._lettering import BOTTOM, WIDE, label_room
 from bench.present.report._numbers import DASH, duration, significant
 from bench.present.report._page import (
@@ -56,9 +55,9 @@ _DEFINITIONS = [
 ]
 
 
-def render_calibration(content: CalibrationContent) -> str:
-    """Return the report as a self-contained HTML file."""
-    page = Page(
+def calibration_page(content: CalibrationContent) -> Page:
+    """Return the report."""
+    return Page(
         title=f"Scheme {content.scheme}" if content.estimate is None else f"Calibration by {content.scheme}",
         kind="System-level calibration" + (", prediction" if content.estimate is None else ""),
         facts=[
@@ -83,7 +82,6 @@ def render_calibration(content: CalibrationContent) -> str:
         ],
         colophon=made(content.created_utc),
     )
-    return render_page(page)
 
 
 def _ratio(content: CalibrationContent) -> NDArray[np.float64]:

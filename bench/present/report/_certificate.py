@@ -13,7 +13,6 @@ from typing import Literal
 
 from bench.present.report import _parts as parts
 from bench.present.report._content import RunSummary
-from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import (
     Block,
@@ -166,8 +165,8 @@ class CertificateContent:
         return "not judged" if "not judged" in verdicts else "passed"
 
 
-def render_certificate(content: CertificateContent) -> str:
-    """Return the certificate as a self-contained HTML file."""
+def certificate_page(content: CertificateContent) -> Page:
+    """Return the certificate."""
     first = content.runs[0] if content.runs else None
     started = sorted(run.started_utc for run in content.runs if run.started_utc)
     emulated = any(run.emulated for run in content.runs)
@@ -179,7 +178,7 @@ def render_certificate(content: CertificateContent) -> str:
         Fact("Operator", ", ".join(dict.fromkeys(r.operator for r in content.runs if r.operator)) or DASH),
         Fact("Limits", content.limits_from or "none given"),
     ]
-    page = Page(
+    return Page(
         title=content.title,
         kind="Test certificate" + (", emulated bench: not valid for a real unit" if emulated else ""),
         facts=facts,
@@ -199,7 +198,6 @@ def render_certificate(content: CertificateContent) -> str:
         ],
         colophon=parts.made(content.created_utc, parts.OF_RUNS),
     )
-    return render_page(page)
 
 
 def _verdict(content: CertificateContent) -> Verdict:

@@ -11,7 +11,7 @@ from bench.present.report._certificate import (
     CertificateContent,
     CertifiedFigure,
     UnitCertificate,
-    render_certificate,
+    certificate_page,
 )
 from bench.present.report._content import RunSummary
 from bench.present.report._file import write_report
@@ -64,7 +64,7 @@ def certify(
         )
     path.unlink(missing_ok=True)
     content = certificate_content(folders, limits, title=title, expected_units=expected_units)
-    write_report(path, render_certificate(content))
+    write_report(path, certificate_page(content))
     return content
 
 

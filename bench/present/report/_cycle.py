@@ -8,7 +8,6 @@ import numpy as np
 
 from bench.present.report import _parts as parts
 from bench.present.report._figures import Curve, Lane, lanes
-from bench.present.report._layout import render_page
 from bench.present.report._numbers import fixed, moment, significant
 from bench.present.report._page import (
     Block,
@@ -47,8 +46,8 @@ _TERMS = [
 ]
 
 
-def render_chamber_cycle(study: CycleStudy, *, source: str, checksum: str, created_utc: str) -> str:
-    """Return the report of a chamber cycle as a self-contained HTML file."""
+def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created_utc: str) -> Page:
+    """Return the report of a chamber cycle."""
     gaining = [axis.axis for axis in study.axes if axis.gains]
     losing = [axis.axis for axis in study.axes if min(axis.static_pct, axis.dynamic_pct) < 0.0]
     sentences = [
@@ -87,7 +86,7 @@ def render_chamber_cycle(study: CycleStudy, *, source: str, checksum: str, creat
         _courses(study),
     ]
     remarks: list[Block] = [Notes(study.remarks)] if study.remarks else []
-    page = Page(
+    return Page(
         title="Chamber cycle",
         kind="Regression over temperature, one recording",
         facts=[Fact("Recording", source), Fact("SHA-256", checksum, code=True),
@@ -109,7 +108,6 @@ def render_chamber_cycle(study: CycleStudy, *, source: str, checksum: str, creat
             Section("Definitions", [Definitions(_TERMS)]),
         ],
     )  # fmt: skip
-    return render_page(page)
 
 
 def _courses(study: CycleStudy) -> Figures:

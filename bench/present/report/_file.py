@@ -7,6 +7,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from bench.present.report._layout import render_page
+from bench.present.report._page import Page
 from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import replace_file
 
@@ -15,12 +17,13 @@ _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _PRINT_TIMEOUT_S = 120.0
 
 
-def write_report(path: Path, html: str) -> Path:
-    """Write a page in one piece and return its path; raises RecordError.
+def write_report(path: Path, page: Page) -> Path:
+    """Write a page as one self-contained HTML file, in one piece, and return its path; raises RecordError.
 
     A page that is there already is removed first: a save that fails leaves no report rather than an old one,
     which may say "passed" of something else.
     """
+    html = render_page(page)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)

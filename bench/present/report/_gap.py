@@ -13,7 +13,6 @@ from bench.present.report._figures import Curve, Lane, Panel, lanes
 from bench.present.report._gap_channels import channel_blocks
 from bench.present.report._gap_curves import left_over_panels
 from bench.present.report._gap_where import rate_map, where_blocks
-from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
     Block,
@@ -103,10 +102,10 @@ class GapContent:
         return next(iter(self.found.held_out), None)
 
 
-def render_gap(content: GapContent) -> str:
-    """Return the report of a diagnosis as a self-contained HTML file."""
+def gap_page(content: GapContent) -> Page:
+    """Return the report of a diagnosis."""
     found, diagnosis = content.found, content.diagnosis
-    page = Page(
+    return Page(
         title=f"Simulation against bench: unit {diagnosis.unit_id}",
         kind="Sim-to-real gap report",
         facts=[
@@ -131,7 +130,6 @@ def render_gap(content: GapContent) -> str:
         ],
         colophon="All figures are computed from the runs and the model named above; times are UTC.",
     )
-    return render_page(page)
 
 
 def _verdict(content: GapContent) -> Verdict:

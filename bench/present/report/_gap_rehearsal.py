@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from bench.present.report._figures import Curve, Panel
 from bench.present.report._gap_curves import left_over_panels
-from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
     Cell,
@@ -34,18 +33,18 @@ _OF_RATE = "What the run's log differs by from the rehearsals' logs."
 _OF_CHANNELS = "What the run differs by beside the gyro's rate; nothing taken out."
 
 
-def render_log_gaps(
+def log_gaps_page(
     run_id: str,
     unit_id: str,
     models: tuple[str, str],
     gaps: LogGaps,
     created_utc: str,
-) -> str:
+) -> Page:
     """Return the page; `models` are the files of the nominal and the closed model."""
     whole = gaps.rate[0]
     closed = math.isfinite(whole.share) and whole.share > _MOSTLY
     share = fixed(100.0 * whole.share, 1) if math.isfinite(whole.share) else DASH
-    page = Page(
+    return Page(
         title=f"The gap in the log: {run_id}",
         kind="Sim-to-real gap, rehearsed",
         facts=[
@@ -77,7 +76,6 @@ def render_log_gaps(
         ],
         colophon="Means of 100 s, each stretch's own mean taken out; phases laid on each other at their begins.",
     )
-    return render_page(page)
 
 
 def _table(gaps: Sequence[LogGap], caption: str, unit: str = "") -> Table:

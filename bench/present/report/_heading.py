@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.present.report._figures import Curve, Panel, lanes, limits, panels
-from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
     Block,
@@ -51,11 +50,11 @@ class HeadingContent:
     model_file: str = ""
 
 
-def render_heading(content: HeadingContent) -> str:
-    """Return the report as a self-contained HTML file."""
+def heading_page(content: HeadingContent) -> Page:
+    """Return the report."""
     study = content.study
     model = study.model
-    page = Page(
+    return Page(
         title=f"Heading effect: {content.title}",
         kind="Heading compensation report",
         facts=[
@@ -78,7 +77,6 @@ def render_heading(content: HeadingContent) -> str:
         ],
         colophon=made(content.created_utc, "Errors are computed minus true position."),
     )
-    return render_page(page)
 
 
 def _verdict(study: HeadingStudy) -> Verdict:

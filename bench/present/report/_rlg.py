@@ -10,7 +10,6 @@ import numpy as np
 
 from bench.present.report import _parts as parts
 from bench.present.report._figures import Curve, Lane, lanes
-from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
     Block,
@@ -63,13 +62,13 @@ _TERMS = [
 ]
 
 
-def render_rlg_study(
+def stepwise_page(
     study: RlgStudy, *, created_utc: str, bench_name: str = "", warnings: Sequence[str] = ()
-) -> str:
-    """Return the report of a study as a self-contained HTML file."""
+) -> Page:
+    """Return the report of a study."""
     best = study.chosen
     remarks = [f"Run {run.run_id}: {text}" for run in (*study.training, *study.tests) for text in run.remarks]
-    page = Page(
+    return Page(
         title=f"Bias of {study.unit_id} over temperature",
         kind="Stepwise regression report",
         facts=[
@@ -98,7 +97,6 @@ def render_rlg_study(
         ],
         colophon=parts.OF_RUNS,
     )
-    return render_page(page)
 
 
 def _verdict(study: RlgStudy, best: StepwiseVariant) -> Verdict:

@@ -7,7 +7,6 @@ from pathlib import Path
 from bench.present.report._content import RunContent, RunSummary
 from bench.present.report._file import REPORT_FILE, write_report
 from bench.present.report._glossary import CLOCK, LOST
-from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, duration, moment, significant, unit_text
 from bench.present.report._page import Block, Definitions, Fact, Headline, Page, Section, Verdict
 from bench.present.report._parts import made, warnings
@@ -37,10 +36,10 @@ _SENTENCES = {
 }
 
 
-def render_run(content: RunContent) -> str:
-    """Return the report of one run as a self-contained HTML file."""
+def run_page(content: RunContent) -> Page:
+    """Return the report of one run."""
     run = content.summary
-    page = Page(
+    return Page(
         title=f"Run {run.run_id}",
         kind="Test run report" + (", emulated bench" if run.emulated else ""),
         facts=_header(content),
@@ -48,7 +47,6 @@ def render_run(content: RunContent) -> str:
         sections=_sections(content),
         colophon=made(content.created_utc, "Figures are computed from the run's record; times are UTC."),
     )
-    return render_page(page)
 
 
 def report_run(folder: Path, out: Path | None = None) -> Path:
@@ -61,7 +59,7 @@ def report_run(folder: Path, out: Path | None = None) -> Path:
             expected="a run folder",
             remedy="`gyrobench fit` writes the report of a fit into its own folder",
         )
-    page = render_run(run_content(Run.open(folder), created_utc=utc_now()))
+    page = run_page(run_content(Run.open(folder), created_utc=utc_now()))
     return write_report(out or (Path(folder.name) if url_of(folder) else folder) / REPORT_FILE, page)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from bench.present.report import _parts as parts
 from bench.present.report._figures import Curve, Lane, lanes
-from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import (
     Block,
@@ -52,18 +51,18 @@ _TERMS = [
 ]
 
 
-def render_standard_test(
+def standard_test_page(
     results: Sequence[StandardFigures],
     over_runs: Sequence[Figure] = (),
     *,
     created_utc: str,
     bench_name: str = "",
     warnings: Sequence[str] = (),
-) -> str:
-    """Return the report of one or more standard tests of one unit as a self-contained HTML file."""
+) -> Page:
+    """Return the report of one or more standard tests of one unit."""
     missing = [f"{result.run_id}: no {what}. {why}" for result in results for what, why in result.missing]
     units = ", ".join(dict.fromkeys(result.unit_id for result in results))
-    page = Page(
+    return Page(
         title=f"Standard test of {units}",
         kind="Test report after IEEE Std 952 / 647 and GJB 2426A",
         facts=[
@@ -85,7 +84,6 @@ def render_standard_test(
         ],
         colophon=parts.OF_RUNS,
     )
-    return render_page(page)
 
 
 def _verdict(results: Sequence[StandardFigures], missing: Sequence[str]) -> Verdict:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from bench.present.report._content import RunSummary
 from bench.present.report._decimation import decimate
 from bench.present.report._figures import Curve, Lane, lanes
-from bench.present.report._layout import render_page
 from bench.present.report._numbers import DASH, column, duration, fixed, significant
 from bench.present.report._page import (
     Block,
@@ -60,8 +59,8 @@ class _Course:
     after: NDArray[np.complex128]
 
 
-def render_whirl(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path) -> str:
-    """Return the report of a whirl fit as HTML; `runs` were fitted or judged, `compensation_file` was written."""
+def whirl_page(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path) -> Page:
+    """Return the report of a whirl fit; `runs` were fitted or judged, `compensation_file` was written."""
     from bench.analysis.whirl import FREE_PART, MEANING  # scipy behind it is slow to import
 
     summaries = [_summary(study, run) for run in runs]
@@ -91,7 +90,7 @@ def render_whirl(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path
         Section("Runs", runs_table(summaries)),
         Section("Provenance", _provenance(study, summaries, compensation_file)),
     ]
-    page = Page(
+    return Page(
         title=f"Whirl of unit {unit_id}",
         kind="Whirl compensation report",
         facts=facts,
@@ -99,7 +98,6 @@ def render_whirl(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path
         sections=sections,
         colophon=made(utc_now()),
     )
-    return render_page(page)
 
 
 def _summary(study: WhirlStudy, run: Run) -> RunSummary:

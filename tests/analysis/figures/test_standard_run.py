@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.figures import figures_over_runs, standard_figures
-from bench.present.report import render_standard_test
+from bench.present.report import render_page, standard_test_page
 from bench.record.benchfile import BenchSection
 from bench.record.figure_limits import FIGURES, FURTHER, OVER_RUNS
 from bench.record.recording import Manifest, write_manifest
@@ -128,7 +128,7 @@ def test_what_was_not_measured_is_missing_with_a_reason(tmp_path: Path) -> None:
     reasons = dict(figures.missing)
     assert set(reasons) == {"misalignment", "temperature sensitivity"}
     assert "no interval of temperature" in reasons["temperature sensitivity"]
-    page = render_standard_test([figures], created_utc="2026-01-02T03:04:05.000+00:00")
+    page = render_page(standard_test_page([figures], created_utc="2026-01-02T03:04:05.000+00:00"))
     assert "Incomplete" in page and "no interval of temperature" in page and "<svg" in page
     assert "angle random walk" in page and "GJB 2426A" in page
     assert f"{figures.value('scale factor'):.7f}" in page  # to a tenth of a ppm

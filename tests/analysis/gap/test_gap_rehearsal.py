@@ -16,7 +16,7 @@ from bench.control.procedure import find_procedure
 from bench.present.cli.gap import _diagnose as command
 from bench.present.cli.gap._diagnose import NextRun, run_suggestion
 from bench.present.cli.gap._rehearse import rehearse
-from bench.present.report import render_log_gaps
+from bench.present.report import log_gaps_page, render_page
 from drivers.base.errors import ConfigurationError
 from tests.analysis.gap.conftest import made_run, stimulus
 from tests.analysis.gap.test_gap_commands import recordings
@@ -56,7 +56,7 @@ def test_the_table_has_the_size_of_what_was_put_in() -> None:
     assert by_phase["shock"].rms_closed == pytest.approx(0.05, abs=0.025)
     assert by_phase["all"].share == pytest.approx(0.99, abs=0.01)
     assert len(gaps.curves[0].time_s) == 40
-    page = render_log_gaps("run", "unit 1", ("a.toml", "b.toml"), gaps, "2026-01-01T00:00:00Z")
+    page = render_page(log_gaps_page("run", "unit 1", ("a.toml", "b.toml"), gaps, "2026-01-01T00:00:00Z"))
     assert "of the reducible gap is gone" in page
 
 

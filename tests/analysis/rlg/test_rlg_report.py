@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.analysis.rlg import RampRun, run_rlg_study
-from bench.present.report import render_rlg_study
+from bench.present.report import render_page, stepwise_page
 
 Runs = Callable[[int], dict[str, RampRun]]
 
@@ -16,7 +16,9 @@ Runs = Callable[[int], dict[str, RampRun]]
 def test_every_step_the_equation_and_the_held_out_figures_are_there(runs: Runs) -> None:
     of = runs(0)
     study = run_rlg_study([of["train"]], [of["reverse"], of["partial"]])
-    page = render_rlg_study(study, created_utc="2026-01-02T03:04:05.000+00:00", warnings=["<b>odd</b>"])
+    page = render_page(
+        stepwise_page(study, created_utc="2026-01-02T03:04:05.000+00:00", warnings=["<b>odd</b>"])
+    )
     assert "&lt;b&gt;odd&lt;/b&gt;" in page and "<b>odd" not in page
     for variant in study.variants:
         assert page.count(variant.name) >= 3
@@ -38,5 +40,5 @@ def test_every_step_the_equation_and_the_held_out_figures_are_there(runs: Runs) 
 def test_a_study_without_held_out_runs_says_so_and_names_what_was_left_out(runs: Runs) -> None:
     base = runs(0)["train"]
     dead = replace(base, case_rate=np.zeros_like(base.case_rate), remarks=("9 rows left out: why",))
-    page = render_rlg_study(run_rlg_study([dead], []), created_utc="2026-01-02T03:04:05.000+00:00")
+    page = render_page(stepwise_page(run_rlg_study([dead], []), created_utc="2026-01-02T03:04:05.000+00:00"))
     assert "Not judged" in page and "dT1 left out" in page and "9 rows left out: why" in page

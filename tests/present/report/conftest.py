@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.present.report._campaign import render_campaign
+from bench.present.report import render_page
+from bench.present.report._campaign import campaign_page
 from bench.present.report._content import (
     CampaignContent,
     Comparison,
@@ -231,7 +232,7 @@ def campaign() -> CampaignContent:
 
 @pytest.fixture(scope="session")
 def campaign_html(campaign: CampaignContent) -> str:
-    return render_campaign(campaign)
+    return render_page(campaign_page(campaign))
 
 
 @pytest.fixture

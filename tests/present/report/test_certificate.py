@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from bench.analysis.common.allan_noise import NoiseCoefficients
-from bench.present.report import CertificateContent, write_pdf, write_report
-from bench.present.report._certificate import CertifiedFigure, UnitCertificate, render_certificate
+from bench.present.report import CertificateContent, render_page, write_pdf, write_report
+from bench.present.report._certificate import CertifiedFigure, UnitCertificate, certificate_page
 from bench.present.report._certificate_of_runs import certificate_content, check_record
 from bench.present.report._file import find_browser
+from bench.present.report._page import Page, Verdict
 from bench.record.figure_limits import FIGURES, FURTHER, Limits, load_limits
 from bench.record.recording import Manifest, read_manifest, write_manifest
 from bench.record.recording._tables import table_writer
@@ -81,7 +82,7 @@ def test_a_value_inside_its_limits_in_every_run_passes(tmp_path: Path) -> None:
     assert bias.judgement == "pass" and content.verdict == "passed"
     repeatability = next(f for f in content.units[0].figures if f.name == "bias repeatability")
     assert repeatability.value == pytest.approx(0.1, abs=0.02)  # sample deviation of 0.5, 0.6, 0.7
-    page = render_certificate(content)
+    page = render_page(certificate_page(content))
     assert "Passed" in page and "-1 … 1".replace("-", "−") in page and "°/h" in page
 
 
@@ -91,7 +92,7 @@ def test_one_value_outside_in_one_run_of_three_does_not_pass(tmp_path: Path) -> 
     ]
     content = made(runs, limits_of(tmp_path, BIAS_LIMIT))
     assert content.verdict == "not passed"
-    assert "Not passed" in render_certificate(content)
+    assert "Not passed" in render_page(certificate_page(content))
 
 
 @pytest.mark.parametrize("outcome", ["invalid", "aborted", "running"])
@@ -107,7 +108,7 @@ def test_a_planned_run_that_is_missing_prevents_a_pass(tmp_path: Path) -> None:
     folders = [run_folder(tmp_path / "runs" / "good"), tmp_path / "runs" / "never"]
     content = made(folders, limits_of(tmp_path, BIAS_LIMIT))
     assert content.verdict == "not passed" and content.checks["never"] == "missing"
-    assert "never" in render_certificate(content)
+    assert "never" in render_page(certificate_page(content))
 
 
 def test_a_limited_figure_that_was_not_measured_prevents_a_pass(tmp_path: Path) -> None:
@@ -131,7 +132,7 @@ def test_an_expected_unit_without_a_run_does_not_pass(tmp_path: Path) -> None:
 
 def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
     content = made([run_folder(tmp_path / "runs" / "r")], Limits())
-    assert content.verdict == "not judged" and "Passed" not in render_certificate(content)
+    assert content.verdict == "not judged" and "Passed" not in render_page(certificate_page(content))
 
 
 def test_no_unit_at_all_is_not_a_pass() -> None:
@@ -163,7 +164,7 @@ def test_an_interval_beyond_the_limit_is_marked() -> None:
     figure = CertifiedFigure("bias instability", "deg/h", {"r": 0.9}, None, 1.0, low=0.7, high=1.2)
     assert figure.judgement == "pass" and figure.doubtful
     content = CertificateContent("t", "", [UnitCertificate("U", [figure])])
-    assert "interval beyond limit" in render_certificate(content)
+    assert "interval beyond limit" in render_page(certificate_page(content))
 
 
 @pytest.mark.parametrize(
@@ -202,21 +203,26 @@ def test_a_record_that_was_never_sealed_or_lost_a_file_is_not_verified(tmp_path:
     assert check_record(tmp_path / "tables only") != "verified"
 
 
+def page_that_says(word: str) -> Page:
+    return Page("Certificate", "Test certificate", [], Verdict(word, "plain", []))
+
+
 def test_a_save_that_fails_leaves_no_old_pass_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = write_report(tmp_path / "certificate.html", "<p>Passed</p>")
-    assert page.read_text() == "<p>Passed</p>"
+    passed = page_that_says("Passed")
+    page = write_report(tmp_path / "certificate.html", passed)
+    assert page.read_text(encoding="utf-8") == render_page(passed)
 
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(RecordError, match="there is none"):
-        write_report(page, "<p>Not passed</p>")
+        write_report(page, page_that_says("Not passed"))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_pdf_is_the_page_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = write_report(tmp_path / "certificate.html", "<!DOCTYPE html><p>Passed</p>")
+    page = write_report(tmp_path / "certificate.html", page_that_says("Passed"))
     if not find_browser():
         pytest.skip("no Chromium or Chrome on this machine: PDFs cannot be printed here")
     path = write_pdf(page)
@@ -234,4 +240,4 @@ def test_a_pdf_is_the_page_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_without_a_browser_a_pdf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.which", lambda name: None)
     with pytest.raises(ConfigurationError, match="apt-get install chromium"):
-        write_pdf(write_report(tmp_path / "page.html", "<p>"))
+        write_pdf(write_report(tmp_path / "page.html", page_that_says("Passed")))

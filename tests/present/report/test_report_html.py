@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from bench.present.report import render_run
-from bench.present.report._campaign import render_campaign
+from bench.present.report import render_page, run_page
+from bench.present.report._campaign import campaign_page
 from bench.present.report._content import (
     CampaignContent,
     Comparison,
@@ -239,14 +239,14 @@ def test_an_invalid_run_is_marked_with_its_reason(reading: Reading, campaign_htm
 def test_the_verdict_of_a_single_run(
     single_run: Callable[..., RunContent], outcome: str, word: str, tone: str
 ) -> None:
-    html = render_run(single_run(outcome, 11.79 if outcome == "completed" else 5.96))
+    html = render_page(run_page(single_run(outcome, 11.79 if outcome == "completed" else 5.96)))
     assert f'class="verdict {tone}"' in html
     assert word in Reading(html).visible
     assert ("✕ outside its limits" in html) == (outcome != "completed")
 
 
 def test_single_run_measurements_and_parameters(single_run: Callable[..., RunContent]) -> None:
-    reading = Reading(render_run(single_run()))
+    reading = Reading(render_page(run_page(single_run())))
     table = rows(reading, "Limits")
     assert number(table["shock rate, 10 to 90 %"][0]) == 11.79
     assert table["shock rate, 10 to 90 %"][2] == "≥ 10"
@@ -283,7 +283,7 @@ def test_hostile_text_stays_text(campaign: CampaignContent) -> None:
         comparisons=[replace(campaign.comparisons[0], kind=kind) for kind in (HOSTILE, r"$\frac$")],
         compensation=replace(campaign.compensation, model=HOSTILE, reason=HOSTILE, unit_id=HOSTILE),
     )
-    for html in (render_campaign(bad), render_run(RunContent(bad_run, (trace,)))):
+    for html in (render_page(campaign_page(bad)), render_page(run_page(RunContent(bad_run, (trace,))))):
         reading = Reading(html)
         assert "script" not in reading.tags
         assert "<script" not in html
@@ -321,7 +321,7 @@ def test_unknown_numbers_are_dashes_everywhere(campaign: CampaignContent) -> Non
         compensation=replace(campaign.compensation, model="m1", valid_ranges=()),
         noise_floor_dph=nothing,
     )
-    for html in (render_campaign(content), render_run(RunContent(run, content.traces))):
+    for html in (render_page(campaign_page(content)), render_page(run_page(RunContent(run, content.traces)))):
         text = Reading(re.sub(r"<style>.*?</style>", "", html, flags=re.S)).visible
         assert not re.search(r"\b(nan|none|inf)\b", text, re.I)
         assert DASH in text
@@ -329,15 +329,17 @@ def test_unknown_numbers_are_dashes_everywhere(campaign: CampaignContent) -> Non
 
 
 def test_missing_parts_leave_no_empty_sections() -> None:
-    html = render_campaign(
-        CampaignContent("t", "b", "2026-01-01T00:00:00Z", runs=[RunSummary("r", "p", "completed")])
+    html = render_page(
+        campaign_page(
+            CampaignContent("t", "b", "2026-01-01T00:00:00Z", runs=[RunSummary("r", "p", "completed")])
+        )
     )
     reading = Reading(html)
     assert [heading.lstrip("0123456789") for heading in reading.headings] == ["Runs"]
     assert reading.tags.count("svg") == 0 and len(reading.tables) == 1
-    bare = Reading(render_run(RunContent(RunSummary("r", "p", "aborted"))))
+    bare = Reading(render_page(run_page(RunContent(RunSummary("r", "p", "aborted")))))
     assert bare.headings == [] and bare.tables == []
-    none = Reading(render_campaign(CampaignContent("t", "b", "")))
+    none = Reading(render_page(campaign_page(CampaignContent("t", "b", ""))))
     assert none.headings == [] and "No runs" in none.visible
 
 
@@ -347,14 +349,14 @@ def test_a_compensation_that_makes_things_worse_is_not_praised(campaign: Campaig
         for score in campaign.scores
         if score.model == "grey_box"
     ]
-    html = render_campaign(replace(campaign, scores=scores))
+    html = render_page(campaign_page(replace(campaign, scores=scores)))
     assert 'class="verdict bad"' in html
     assert "does not lower the bias stability" in html
 
 
 def test_without_a_truth_the_attainable_is_not_invented(campaign: CampaignContent) -> None:
     scores = [replace(score, attainable_percent=None) for score in campaign.scores]
-    reading = Reading(render_campaign(replace(campaign, scores=scores)))
+    reading = Reading(render_page(campaign_page(replace(campaign, scores=scores))))
     assert "of the attainable" not in reading.visible
     assert not any(cell == "of attainable%" for table in reading.tables for cell in table[0])
     assert not any(row and row[0] == "attainable" for table in reading.tables for row in table)
@@ -364,7 +366,7 @@ def test_without_a_truth_the_attainable_is_not_invented(campaign: CampaignConten
 def test_curves_in_the_figures_have_the_extremes_of_the_data(single_run: Callable[..., RunContent]) -> None:
     """The lowest and highest point of every drawn curve are where the axis' own ticks put the data's."""
     content = single_run()
-    figure = ElementTree.fromstring(found(r"<svg.*?</svg>", render_run(content)).group())
+    figure = ElementTree.fromstring(found(r"<svg.*?</svg>", render_page(run_page(content))).group())
     axes = next(group for group in figure.iter("g") if group.get("id", "").endswith("-axes_1"))
     ticks = [group for group in axes.iter("g") if "-ytick_" in group.get("id", "")]
     assert len(ticks) >= 5
@@ -385,7 +387,7 @@ def test_curves_in_the_figures_have_the_extremes_of_the_data(single_run: Callabl
 
 
 def test_same_content_same_bytes(single_run: Callable[..., RunContent]) -> None:
-    assert render_run(single_run()) == render_run(single_run())
+    assert render_page(run_page(single_run())) == render_page(run_page(single_run()))
 
 
 def test_importing_the_room_loads_no_matplotlib() -> None:

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench.present.report import render_run, run_content
+from bench.present.report import render_page, run_content, run_page
 from bench.record.recording import Run
 
 DURATION_S = 1200
@@ -145,7 +145,7 @@ def test_a_run_without_chamber_or_gyro_table_says_so(tmp_path: Path) -> None:
     (folder / "gyro_fog.parquet").unlink()
     content = run_content(Run.open(folder))
     assert content.traces == () and "there is no decoded table of fog" in content.summary.warnings
-    html = render_run(content)
+    html = render_page(run_page(content))
     assert "stopped by Ctrl-C" in html and "Run aborted" in html and "<svg" not in html
 
 
@@ -175,6 +175,6 @@ def test_a_folder_renders(tmp_path: Path, outcome: str) -> None:
     folder = write_folder(
         tmp_path / "run-1", manifest_of(outcome, "too slow" if outcome == "invalid" else "")
     )
-    html = render_run(run_content(Run.open(folder)))
+    html = render_page(run_page(run_content(Run.open(folder))))
     assert html.count("<svg") == 1 and ALARM in html and "S-17" in html
     assert ("too slow" in html) == (outcome == "invalid")

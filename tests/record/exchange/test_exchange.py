@@ -18,7 +18,7 @@ from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._run_folder import load_gap_runs
 from bench.analysis.thermal import load_runs
 from bench.control.run_record import decode_run
-from bench.present.report import render_run, run_content
+from bench.present.report import render_page, run_content, run_page
 from bench.record.exchange import export_run, import_log
 from bench.record.recording import Run, checksum, read_manifest, verify, write_manifest
 from drivers.base.errors import ConfigurationError
@@ -152,7 +152,7 @@ def test_methods_work_on_an_imported_run(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         gap.stimulus.t_in_c, direct.stimulus.t_in_c[:count], atol=0.011
     )  # a sample on a border
-    page = render_run(run_content(Run.open(folder)))
+    page = render_page(run_page(run_content(Run.open(folder))))
     assert "G7" in page and "shock" in page
 
 

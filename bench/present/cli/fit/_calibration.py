@@ -49,7 +49,7 @@ def calibration(
     )
     from bench.analysis.common.state_file import save_file, saved_together
     from bench.present.cli._console import Terminal
-    from bench.present.report import calibration_content, render_calibration, write_report
+    from bench.present.report import calibration_content, calibration_page, write_report
     from drivers.base.clock import utc_now
     from drivers.base.constants import UG_MPS2
 
@@ -74,7 +74,7 @@ def calibration(
     with saved_together(out) as part:
         compensation.save(part / "compensation.gyrocomp")
         save_file(part / "calibration.json", json.dumps(compensation.describe(), indent=2))
-        write_report(part / "report.html", render_calibration(content))
+        write_report(part / "report.html", calibration_page(content))
     _print(console, result.estimate, content)
     console.print(f"{out}/compensation.gyrocomp, calibration.json, report.html", highlight=False)
 

@@ -17,12 +17,12 @@ def chamber_cycle(
 
     from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
     from bench.present.cli._console import Terminal
-    from bench.present.report import render_chamber_cycle, write_report
+    from bench.present.report import chamber_cycle_page, write_report
     from bench.record.recording import checksum
     from drivers.base.clock import utc_now
 
     study = study_chamber_cycle(*load_chamber_cycle(log))
-    page = render_chamber_cycle(study, source=log.name, checksum=checksum(log).sha256, created_utc=utc_now())
+    page = chamber_cycle_page(study, source=log.name, checksum=checksum(log).sha256, created_utc=utc_now())
     write_report(out, page)
     table = Table("axis", "before", "T only", "gain %", "T, rate, past", "gain %",
                   title=f"1 sigma of {log.name} on its last leg")  # fmt: skip

@@ -47,7 +47,7 @@ def heading_effect(
     from bench.analysis.common.state_file import saved_together
     from bench.analysis.heading import HeadingCompensation, checksum_of_log, study_heading_logs, unit_of_log
     from bench.present.cli._console import Terminal
-    from bench.present.report import HeadingContent, mixed_text, render_heading, write_report
+    from bench.present.report import HeadingContent, heading_page, mixed_text, write_report
     from drivers.base.clock import utc_now
 
     console = Terminal()
@@ -71,7 +71,7 @@ def heading_effect(
         if caused:
             runs = dict([checksum_of_log(log)])
             HeadingCompensation.from_fit(study.model, unit_of_log(log), runs).save(part / MODEL_FILE)
-        write_report(part / "report.html", render_heading(content))
+        write_report(part / "report.html", heading_page(content))
     for finding in study.findings:
         console.print(f"{finding.what}: {finding.consequence}", style="yellow", highlight=False)
     if not caused:

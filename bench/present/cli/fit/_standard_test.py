@@ -27,14 +27,14 @@ def standard_test(
     """
     from bench.analysis.figures import figures_of_unit
     from bench.present.cli._console import Terminal
-    from bench.present.report import render_standard_test, write_report
+    from bench.present.report import standard_test_page, write_report
     from bench.record.recording import Run
     from drivers.base.clock import utc_now
 
     console = Terminal()
     results, over_runs = figures_of_unit(runs, gyro)
     manifests = [Run.open(folder).manifest for folder in runs]
-    page = render_standard_test(
+    page = standard_test_page(
         results,
         over_runs,
         created_utc=utc_now(),

@@ -33,7 +33,7 @@ def stepwise(
     from bench.analysis.common.state_file import saved_together
     from bench.analysis.rlg import CANDIDATES, study_units
     from bench.present.cli._console import Terminal
-    from bench.present.report import render_rlg_study, write_report
+    from bench.present.report import stepwise_page, write_report
     from bench.record.recording import Run
     from drivers.base.clock import utc_now
 
@@ -49,7 +49,7 @@ def stepwise(
         folder = out / "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in unit)
         with saved_together(folder) as part:
             study.chosen.compensation.save(part / "compensation.gyrocomp")
-            page = render_rlg_study(study, created_utc=utc_now(), bench_name=bench_name, warnings=warnings)
+            page = stepwise_page(study, created_utc=utc_now(), bench_name=bench_name, warnings=warnings)
             write_report(part / "report.html", page)
         console.print(_equations(study))
         if study.tests:

@@ -29,7 +29,7 @@ def whirl(
     from bench.analysis.common.state_file import saved_together
     from bench.analysis.whirl import load_turns, study_whirl
     from bench.present.cli._console import Terminal
-    from bench.present.report import render_whirl, write_report
+    from bench.present.report import whirl_page, write_report
     from bench.record.recording import Run
     from drivers.base.errors import ConfigurationError
 
@@ -46,7 +46,7 @@ def whirl(
         )
     with saved_together(out) as part:
         study.compensation.save(part / COMPENSATION_FILE)
-        write_report(part / REPORT_FILE, render_whirl(study, opened, part / COMPENSATION_FILE))
+        write_report(part / REPORT_FILE, whirl_page(study, opened, part / COMPENSATION_FILE))
     console.print(_lines(study))
     console.print(_judgements(study))
     for text in (*study.compensation.declared, *(finding.text for finding in study.findings)):

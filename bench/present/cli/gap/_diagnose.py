@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bench.analysis.gap import Diagnosis, Recordings, Suggestion
+    from bench.present.report import Page
 
 
 @dataclass(frozen=True)
@@ -112,16 +113,16 @@ def _diagnose(
         console.print(f"report: {report}", highlight=False, soft_wrap=True)
 
 
-def _page(found: Diagnosis, given: Recordings, following: Sequence[Suggestion], model: Path) -> str:
+def _page(found: Diagnosis, given: Recordings, following: Sequence[Suggestion], model: Path) -> Page:
     from bench.analysis.gap import closed_model, differences
-    from bench.present.report import GapContent, HeadingContent, render_gap, render_heading
+    from bench.present.report import GapContent, HeadingContent, gap_page, heading_page
     from drivers.base.clock import utc_now
 
     if found.position is not None:
         runs = dict(found.run_checksums)
-        return render_heading(HeadingContent(found.position.study, found.unit_id, utc_now(), runs))
+        return heading_page(HeadingContent(found.position.study, found.unit_id, utc_now(), runs))
     shown = differences(given.shown, found.model, closed_model(found))
-    return render_gap(GapContent(found, shown, utc_now(), model.name, following))
+    return gap_page(GapContent(found, shown, utc_now(), model.name, following))
 
 
 def _say_next(console: Console, suggestion: Suggestion, found: Diagnosis) -> None:

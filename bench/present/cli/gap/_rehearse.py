@@ -37,7 +37,7 @@ def rehearse(
     from bench.analysis.gap import log_gap_facts, log_gaps, read_recordings
     from bench.lab.emulated import load_plant
     from bench.present.cli._console import console_for
-    from bench.present.report import render_log_gaps, write_report
+    from bench.present.report import log_gaps_page, write_report
     from bench.record.recording import Run
     from drivers.base.clock import utc_now
 
@@ -55,7 +55,7 @@ def rehearse(
     run_id = recorded.manifest.run_id
     if report is not None:
         names = (model.name, closed.name)
-        write_report(report, render_log_gaps(run_id, real.unit_id, names, gaps, utc_now()))
+        write_report(report, log_gaps_page(run_id, real.unit_id, names, gaps, utc_now()))
     if as_json:
         facts = {"run": run_id, "rehearsals": [str(each) for each in folders]}
         console.print_json(json.dumps(facts | log_gap_facts(gaps)))
