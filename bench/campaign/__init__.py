@@ -1,5 +1,6 @@
 """Campaigns: many runs on one bench from one file - planned, run, resumed, rehearsed. See docs/campaign.md."""
 
+from bench.campaign._begin import begin_campaign, campaign_to_rehearse, resume_campaign
 from bench.campaign._file import Campaign, CampaignRun, Notice, bench_of, load_campaign
 from bench.campaign._folder import CampaignFolder, RunState
 from bench.campaign._places import Place
@@ -17,10 +18,13 @@ __all__ = [
     "Place",
     "PlannedRun",
     "RunState",
+    "begin_campaign",
     "bench_of",
+    "campaign_to_rehearse",
     "check_limits",
     "load_campaign",
     "not_measured",
     "plan_campaign",
     "rehearse_campaign",
+    "resume_campaign",
 ]

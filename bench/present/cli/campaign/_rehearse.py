@@ -11,7 +11,6 @@ import typer
 
 from bench.present.cli._options import DEFAULT_BENCH, Bench, CampaignFile, Cluster, JsonLines, PlantFile, Seed
 from bench.present.cli._texts import duration, say_json
-from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,8 +36,7 @@ def rehearse(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from bench.analysis.common.fan_out import fan_out
-    from bench.campaign import bench_of, check_limits, load_campaign, rehearse_campaign
-    from bench.control.disk import check_disk, estimated_bytes
+    from bench.campaign import campaign_to_rehearse, rehearse_campaign
     from bench.lab.emulated import load_plant
     from bench.present.cli._console import Terminal, console_for
     from bench.present.cli._shown_run import say_result
@@ -48,17 +46,7 @@ def rehearse(
     console = console_for(as_json)
     file = load_bench_file(bench)
     plant = load_plant(plant_file, seed)
-    campaign = load_campaign(campaign_file, file)
-    check_limits(campaign, bench_of(campaign, file))
-    runs_folder = out / "runs"
-    if runs_folder.exists() and any(runs_folder.iterdir()):
-        raise ConfigurationError(
-            "the folder already holds runs",
-            where=str(runs_folder),
-            expected="a new or empty folder: runs are never overwritten",
-            remedy="name another one with --out, or remove this one",
-        )
-    check_disk(estimated_bytes(campaign.expected_duration_s(), file), out, "the campaign", "--out")
+    campaign, runs_folder = campaign_to_rehearse(campaign_file, file, out)
     count = jobs or len(os.sched_getaffinity(0))
     expected = duration(campaign.expected_duration_s())
     if not as_json:

@@ -41,41 +41,25 @@ def run(
     as_json: JsonLines = False,
 ) -> None:
     """Run a campaign on the bench, one run after the other; `resume` goes on after a stop."""
-    from bench.campaign import CampaignFolder, bench_of, check_limits, load_campaign
-    from bench.control.disk import check_disk, estimated_bytes
-    from bench.control.lease import take_lease
+    from bench.campaign import begin_campaign
     from bench.lab.emulated import load_plant
     from bench.record.benchfile import load_bench_file
 
     file = load_bench_file(bench)
-    campaign = load_campaign(campaign_file, file)
-    check_limits(campaign, bench_of(campaign, file))
-    needed = estimated_bytes(campaign.expected_duration_s(), bench_of(campaign, file))
-    check_disk(needed, out, "the campaign", "--out")
     if not emulated and (plant_file is not None or seed is not None or ask):
         raise ConfigurationError(
             "--plant, --seed and --ask are for emulated labs", remedy="add --emulated, or leave them out"
         )
     plant = load_plant(plant_file, seed) if emulated else None
-    if plant is None:
-        take_lease(
-            bench_of(campaign, file), f"campaign {campaign.title}"
-        ).release()  # taken: nothing is begun
-    folder = CampaignFolder.create(out, campaign_file, campaign, file, plant, ask)
+    folder = begin_campaign(campaign_file, file, out, plant=plant, ask=ask)
     sys.exit(_work(folder, yes=yes, as_json=as_json))
 
 
 def resume(path: Folder, yes: Yes = False, as_json: JsonLines = False) -> None:
     """Go on at the first run that is not complete, after a check that the bench is in a known state."""
-    from bench.campaign import CampaignFolder, bench_of
-    from bench.control.disk import check_disk, estimated_bytes
+    from bench.campaign import resume_campaign
 
-    folder = CampaignFolder(path)
-    open_runs = [state.run for state in folder.states() if state.state == "open"]
-    left_s = sum(run.test.expected_duration_s(run.values) for run in open_runs)
-    needed = estimated_bytes(left_s, bench_of(folder.campaign, folder.file))
-    check_disk(needed, path, "what is left of the campaign", "--out of a new campaign")
-    sys.exit(_work(folder, yes=yes, as_json=as_json))
+    sys.exit(_work(resume_campaign(path), yes=yes, as_json=as_json))
 
 
 def status(path: Folder, as_json: JsonLines = False) -> None:
