@@ -151,10 +151,10 @@ def test_ctrl_c_then_sigkill_then_resume_records_every_run_once(
 
     assert states(folder) == [("turn-1", "done", 1), ("turn-2", "done", 2), ("last", "done", 2)]
     assert (folder / "runs" / "turn-1" / "manifest.json").read_bytes() == sealed
-    assert [row["run"] for row in journal(folder, "set_aside")] == ["turn-2", "last"]
+    assert [event.run for event in journal(folder, "set_aside")] == ["turn-2", "last"]
     checks = journal(folder, "checked")
-    assert [row["outcome"] for row in checks] == ["completed", "completed"]
-    measured = {row["name"]: row for row in read_manifest(folder / checks[0]["folder"]).measurements}
+    assert [event.outcome for event in checks] == ["completed", "completed"]
+    measured = {row["name"]: row for row in read_manifest(folder / checks[0].folder).measurements}
     assert measured["angle_error"]["passed"] and measured["rate"]["passed"] and measured["air"]["passed"]
     (told,) = [row for row in read_events(folder / "runs" / "last.2").rows if row["kind"] == "answer"]
     assert told["by"] == "Bob" and told["answer"] == "yes" and "Mount" in told["question"]
