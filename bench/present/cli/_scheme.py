@@ -61,7 +61,7 @@ def evaluate(
     """
     from bench.analysis import calibration
     from bench.present.cli._console import Terminal
-    from bench.present.report import calibration_page, scheme_content, write_report
+    from bench.present.report import calibration_content, calibration_page, write_report
     from drivers.base.clock import utc_now
 
     schedule = calibration.load_scheme(scheme).with_(
@@ -75,7 +75,7 @@ def evaluate(
     task = _task(latitude_deg, gravity_mps2, arw, vrw, velocity_noise_mps)
     evaluation = calibration.evaluate(task, schedule, _table(table))
     if out is not None:
-        write_report(out, calibration_page(scheme_content(evaluation, utc_now())))
+        write_report(out, calibration_page(calibration_content(evaluation, created_utc=utc_now())))
     if json:
         Terminal(soft_wrap=True).print_json(data=evaluation.as_json())
         return

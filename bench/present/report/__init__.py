@@ -1,7 +1,6 @@
 """Reports: a file each with a function that makes a `Page` of a result; `write_report` makes HTML of any page."""
 
-from bench.present.report._calibration import calibration_page
-from bench.present.report._calibration_content import CalibrationContent, calibration_content, scheme_content
+from bench.present.report._calibration import CalibrationContent, calibration_content, calibration_page
 from bench.present.report._campaign import write_study
 from bench.present.report._certificate import CertificateContent
 from bench.present.report._certificate_of_runs import (
@@ -44,7 +43,6 @@ __all__ = [
     "report_run",
     "run_content",
     "run_page",
-    "scheme_content",
     "standard_test_page",
     "stepwise_page",
     "whirl_page",

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from markupsafe import Markup
-from numpy.typing import NDArray
 
-from bench.present.report._calibration_content import CalibrationContent, SchemeColumn
 from bench.present.report._figures import Curve, Lane, lanes
-from bench.present.report._lettering import BOTTOM, WIDE, label_room
+from bench.present.report._heat_map import gain_map
 from bench.present.report._numbers import DASH, duration, significant
 from bench.present.report._page import (
     Block,
@@ -30,12 +29,20 @@ from bench.present.report._page import (
 )
 from bench.present.report._palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, SAND
 from bench.present.report._parts import made, warnings
-from bench.present.report._plotting import drawing, place, printable, svg
+from drivers.base.arrays import Array
 
+if TYPE_CHECKING:
+    from bench.analysis.calibration import BiasWander, CalibrationRun, Estimate, Evaluation
+
+CLASSICAL = ("19-position", "23-position")
+_LOUD = 1.1
 _PAINTS = (BLUE, ORANGE, GREEN, PURPLE, SAND, MUTED)
-_ROW_PT = 13.0
 _FULL_DECADES = 3.0
 _BLIND = 2.0
+_NOISIER = (
+    "Innovations have rms {:.2f}: the unit is noisier than assumed, or its biases wander. Every sigma here is "
+    "too small: give the noise (--arw, --vrw, --wander-dph, --wander-ug)."
+)
 _DEFINITIONS = [
     (
         "Observability degree",
@@ -55,23 +62,116 @@ _DEFINITIONS = [
 ]
 
 
+@dataclass(frozen=True, eq=False)
+class SchemeColumn:
+    """What one scheme, or the first turns of one, sees: white-noise degree and gain ratio by state, (30,)."""
+
+    title: str
+    rank: int
+    degree: Array
+    gain: Array
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationContent:
+    """What the report shows, in printed units; arrays by state, shape (30,), or by position, (positions, 30).
+
+    `target` is NaN for states without one. `estimate`, `truth` (24,): of the parameters, None where not known;
+    `nees`: mean square of the errors over their covariance, 1 if sigma is right. `first_turns`: this scheme cut
+    after so many turns; `others`: classical schemes under the same task, beside it.
+    """
+
+    evaluation: Evaluation
+    names: Sequence[str]
+    units: Sequence[str]
+    prior: Array
+    sigma: Array
+    target: Array
+    course: Array
+    poorly_seen: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+    estimate: Array | None = None
+    truth: Array | None = None
+    nees: float | None = None
+    innovation_rms: float | None = None
+    first_turns: Sequence[SchemeColumn] = ()
+    others: Sequence[SchemeColumn] = ()
+    facts: Sequence[tuple[str, str]] = ()
+    created_utc: str = ""
+
+
+def calibration_content(
+    evaluation: Evaluation,
+    estimate: Estimate | None = None,
+    truth: Array | None = None,
+    created_utc: str = "",
+    *,
+    run: CalibrationRun | None = None,
+    wander: BiasWander | None = None,
+) -> CalibrationContent:
+    """Return what the report shows of a scheme, and with `estimate` of a calibration by it.
+
+    `truth` (24,), SI, where the IMU is emulated.
+    """
+    from bench.analysis import calibration as model
+
+    task, size, parameters = evaluation.task, model.UNIT_SIZE, model.PARAMETERS
+    sigma, course, warnings = evaluation.sigma / size, evaluation.course / size, evaluation.warnings
+    nees = None
+    if estimate is not None:
+        sigma[parameters] = estimate.sigma / size[parameters]
+        if len(estimate.course) == len(course):
+            course[:, parameters] = estimate.course / size[parameters]
+        if truth is not None:
+            error = estimate.parameters - truth
+            nees = float(error @ np.linalg.solve(estimate.covariance, error)) / len(error)
+        loud = estimate.innovation_rms > _LOUD and wander is None
+        warnings = (
+            *([_NOISIER.format(estimate.innovation_rms)] if loud else []),
+            *model.missed_targets(estimate.sigma, task),
+            *evaluation.cautions,
+        )
+    return CalibrationContent(
+        evaluation=evaluation,
+        names=model.STATE_NAMES,
+        units=model.STATE_UNITS,
+        prior=task.prior_sigma / size,
+        sigma=sigma,
+        target=np.concatenate([np.full(6, np.nan), task.target_sigma]) / size,
+        course=course,
+        poorly_seen=[str(each) for each in evaluation.combinations],
+        warnings=warnings,
+        estimate=None if estimate is None else estimate.parameters / size[parameters],
+        truth=None if truth is None else truth / size[parameters],
+        nees=nees,
+        innovation_rms=None if estimate is None else estimate.innovation_rms,
+        first_turns=_first_turns(evaluation),
+        others=_others(evaluation),
+        facts=[] if run is None else _facts(run),
+        created_utc=created_utc,
+    )
+
+
 def calibration_page(content: CalibrationContent) -> Page:
     """Return the report."""
+    from bench.analysis.calibration import home_text
+
+    schedule = content.evaluation.schedule
     return Page(
-        title=f"Scheme {content.scheme}" if content.estimate is None else f"Calibration by {content.scheme}",
+        title=f"{'Scheme' if content.estimate is None else 'Calibration by'} {schedule.name}",
         kind="System-level calibration" + (", prediction" if content.estimate is None else ""),
         facts=[
-            Fact("Home attitude", content.home),
-            Fact("Table", content.table),
-            Fact("Positions", str(len(content.up_axes))),
-            Fact("Dwell", duration(content.dwell_s)),
-            Fact("Duration", duration(content.duration_s)),
+            Fact("Home attitude", home_text(schedule.home)),
+            Fact("Table", content.evaluation.table),
+            Fact("Positions", str(len(schedule.up_axes()))),
+            Fact("Dwell", duration(schedule.dwell_s)),
+            Fact("Duration", duration(schedule.duration_s)),
             *(Fact(title, text) for title, text in content.facts),
         ],
         verdict=_verdict(content),
         sections=[
             warnings(content.warnings),
-            Section("Schedule", [Facts([Fact("Turns", " ".join(content.moves), code=True)])]),
+            Section("Schedule", [Facts([Fact("Turns", " ".join(map(str, schedule.moves)), code=True)])]),
             Section("States", [_states(content)]),
             Section("Degrees as turns are added", [_degrees(content.first_turns, content)]),
             Section("Beside the classical schemes", [_degrees(content.others, content)]),
@@ -84,7 +184,7 @@ def calibration_page(content: CalibrationContent) -> Page:
     )
 
 
-def _ratio(content: CalibrationContent) -> NDArray[np.float64]:
+def _ratio(content: CalibrationContent) -> Array:
     return content.sigma / content.target
 
 
@@ -96,8 +196,9 @@ def _verdict(content: CalibrationContent) -> Verdict:
         f"{len(ratio) - missed} of {len(ratio)} parameters reach their target sigma; the worst is "
         f"{content.names[6 + worst]}."
     ]
-    if content.rank < len(content.names):
-        sentences.append(f"Only {content.rank} of {len(content.names)} states can be told apart.")
+    rank = content.evaluation.degrees.rank
+    if rank < len(content.names):
+        sentences.append(f"Only {rank} of {len(content.names)} states can be told apart.")
     headlines = [
         Headline("Worst sigma over target", significant(float(ratio[worst])), note=content.names[6 + worst]),
         Headline("Rms sigma over target", significant(float(np.sqrt(np.mean(ratio**2))))),
@@ -148,7 +249,7 @@ def _state(content: CalibrationContent, number: int, ratio: float) -> Row:
         Cell(significant(float(content.target[number]))),
         Cell(significant(ratio), "bad" if ratio > 1.0 else "plain"),
         Cell(significant(prior / sigma)),
-        Cell(significant(float(content.degree[number]))),
+        Cell(significant(float(content.evaluation.degrees.normalised[number]))),
     ]
     parameter = number - 6
     cells += [
@@ -234,31 +335,48 @@ def _heat_map(content: CalibrationContent) -> Block:
         "How far each state is known after each dwell: empty as its prior, full a thousand times better. "
         "Above: the body axis that points up."
     )
-    return Figures([_heat_figure(content)], caption)
-
-
-def _heat_figure(content: CalibrationContent) -> Markup:
-    from matplotlib.patches import Rectangle
-
-    count, states = content.course.shape
     decades = np.clip(np.log10(content.prior / content.course) / _FULL_DECADES, 0.0, 1.0)
-    left, top = label_room(content.names), 22.0
-    with drawing(WIDE, top + states * _ROW_PT + BOTTOM) as figure:
-        axes = place(figure, left, top, WIDE - left - 12.0, states * _ROW_PT)
-        axes.set_xlim(0.5, count + 0.5)
-        axes.set_ylim(states - 0.5, -0.5)
-        axes.grid(visible=False)
-        axes.set_yticks(range(states), [printable(name) for name in content.names])
-        axes.set_xticks(range(1, count + 1))
-        axes.set_xlabel("Position")
-        for position in range(count):
-            axes.text(
-                position + 1, -0.75, content.up_axes[position], ha="center", va="bottom", color=MUTED.light
-            )
-            for state in range(states):
-                place_at = (position + 0.54, state - 0.46)
-                shade = float(decades[position, state])
-                axes.add_patch(
-                    Rectangle(place_at, 0.92, 0.92, facecolor=BLUE.light, alpha=shade, linewidth=0)
-                )
-        return svg(figure, "heat-map", "Gain of every state after every position")
+    up_axes, about = content.evaluation.schedule.up_axes(), "Gain of every state after every position"
+    gained = gain_map("heat-map", content.names, up_axes, decades, about)
+    return Figures([gained], caption)
+
+
+def _facts(run: CalibrationRun) -> list[tuple[str, str]]:
+    facts = [("Unit", run.unit_id), ("Record", run.run_id), ("Latitude", f"{run.latitude_deg:.4f} deg")]
+    if run.mounting:
+        facts.append(("Mounted with all axes at 0", run.mounting))
+    if run.turn_s:
+        turned = f"{min(run.turn_s):.1f} to {max(run.turn_s):.1f} s"
+        facts.append(("Turns as the table made them, settling included", turned))
+    return facts
+
+
+def _column(title: str, evaluation: Evaluation) -> SchemeColumn:
+    degrees = evaluation.degrees
+    return SchemeColumn(title, degrees.rank, degrees.normalised, evaluation.gain)
+
+
+def _first_turns(evaluation: Evaluation) -> list[SchemeColumn]:
+    """Return what the first one, two, three turns alone would see, and the whole scheme."""
+    from bench.analysis.calibration import evaluate
+
+    schedule = evaluation.schedule
+    found = []
+    for count in (1, 2, 3):
+        if count < len(schedule.moves):
+            part = schedule.with_(moves=schedule.moves[:count])
+            title = " ".join(str(move) for move in part.moves)
+            found.append(_column(title, evaluate(evaluation.task, part)))
+    return [*found, _column("whole scheme", evaluation)]
+
+
+def _others(evaluation: Evaluation) -> list[SchemeColumn]:
+    """Return the classical schemes in their own homes, and in this scheme's, under the same task and dwell."""
+    from bench.analysis.calibration import evaluate, load_scheme
+
+    schedule = evaluation.schedule
+    pattern = {"dwell_s": schedule.dwell_s, "rate_dps": schedule.rate_dps, "profile": schedule.profile}
+    names = [name for name in ("19-position-z-up", *CLASSICAL) if name != schedule.name]
+    schemes = [load_scheme(name).with_(**pattern) for name in names]
+    columns = [_column(scheme.name, evaluate(evaluation.task, scheme)) for scheme in schemes]
+    return [_column(schedule.name, evaluation), *columns]

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from bench.present.report._lettering import CHARACTER, LINE, WIDE, label_room, length, short
-from bench.present.report._palette import BAND, GRID, INK, MUTED, ORANGE
+from bench.present.report._lettering import BOTTOM, CHARACTER, LINE, WIDE, label_room, length, short
+from bench.present.report._palette import BAND, BLUE, GRID, INK, MUTED, ORANGE
 from bench.present.report._plotting import FONT_SIZE, drawing, place, printable, svg
+from drivers.base.arrays import Array
 
 _PITCH = 25.0
+_ROW_PT = 13.0
 
 
 @dataclass(frozen=True)
@@ -83,3 +85,27 @@ def _draw_cell(axes: object, x: int, y: int, cell: HeatCell | None, most: float)
         color=INK.light,
         weight="bold" if cell.share > 0.25 * most else "normal",
     )
+
+
+def gain_map(
+    figure_id: str, rows: Sequence[str], columns: Sequence[str], shares: Array, description: str
+) -> Markup:
+    """Return a map of small cells by position (n,) and state (m,): `shares` (n, m) in 0 .. 1, `columns` above."""
+    from matplotlib.patches import Rectangle
+
+    left, top, height = label_room(rows), 22.0, len(rows) * _ROW_PT
+    count = len(columns)
+    with drawing(WIDE, top + height + BOTTOM) as figure:
+        axes = place(figure, left, top, WIDE - left - 12.0, height)
+        axes.set_xlim(0.5, count + 0.5)
+        axes.set_ylim(len(rows) - 0.5, -0.5)
+        axes.grid(visible=False)
+        axes.set_yticks(range(len(rows)), [printable(name) for name in rows])
+        axes.set_xticks(range(1, count + 1))
+        axes.set_xlabel("Position")
+        for x, head in enumerate(columns):
+            axes.text(x + 1, -0.75, head, ha="center", va="bottom", color=MUTED.light)
+            for y in range(len(rows)):
+                corner, shade = (x + 0.54, y - 0.46), float(shares[x, y])
+                axes.add_patch(Rectangle(corner, 0.92, 0.92, facecolor=BLUE.light, alpha=shade, linewidth=0))
+        return svg(figure, figure_id, description)
