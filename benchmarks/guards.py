@@ -462,7 +462,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "no archive unpacks to more than it may",
-        _STATE,
+        "drivers/base/arrays.py",
         "if sum(sizes.values()) > _MOST_BYTES:",
         "if False:",
         _T_FILES,

@@ -204,7 +204,7 @@ class Outcome(Event):
     """How the run ended; the last line."""
 
     outcome: str
-    reason: str
+    reason: str = ""
     kind: ClassVar[str] = "outcome"
 
 

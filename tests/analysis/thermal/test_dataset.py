@@ -29,6 +29,7 @@ def folder(path: Path, events: list[dict[str, object]]) -> Path:
         "valid": np.ones(len(end_s), np.bool_),
         "rate_dps": BIAS_DPH_PER_S * middle_s / 3600.0,
         "temp_c": 25.0 - middle_s / 100.0,
+        "lost_before": np.zeros(len(end_s), np.int64),
     }
     poll_s = np.arange(0.0, END_S + 1.0)
     poll_ns = (poll_s * 1e9).astype(np.int64)
