@@ -288,8 +288,8 @@ def main() -> int:
     with PreforkServer() as prefork:
         for event in _EVENTS:
             runs = list(zip(*_measure(event, count, prefork.start_lab).values(), strict=True))
-            last = [max(known for _, known in each) for each in runs]
-            whole = [max(since for since, _ in each) for each in runs]
+            last = [max(known for _, known in run) for run in runs]
+            whole = [max(since for since, _ in run) for run in runs]
             broken |= max(last) > _PROMISED_MS
             name = f"{event.name}, from the answer that tells" if event.seen_on else event.name
             table.append(_line(name, last, _PROMISED_MS, whole))

@@ -349,7 +349,9 @@ class Commands:
             for manifest in out.glob("runs/*/manifest.json"):
                 if read_manifest(manifest.parent).complete:
                     problems = verify(manifest.parent, decode_run).problems
-                    self.tally.problems += [f"campaign: {each.path}: {each.text}" for each in problems]
+                    self.tally.problems += [
+                        f"campaign: {problem.path}: {problem.text}" for problem in problems
+                    ]
         if not (out / "campaign.toml").exists():  # killed before it had begun: begun again
             self.tally.left["no campaign yet"] += 1
             shutil.rmtree(out, ignore_errors=True)

@@ -50,7 +50,7 @@ def stream(name: str, message: str | None) -> list[bytes]:
     }
     counter = family.description.counter
     if counter is not None:
-        spec = next(each for each in encoder.form.fields if each.name == counter.field)
+        spec = next(field for field in encoder.form.fields if field.name == counter.field)
         values[counter.field] = np.arange(count, dtype=np.float64) * (0.01 if spec.unit == "s" else 1.0)
     data = encoder.encode(count, values)
     if name in LINE_LOOPS:

@@ -261,7 +261,7 @@ def main() -> None:
         wrong += len(found.mistakes)
         total += found.bytes_offered
         figures = (found.bytes_offered, found.frames, found.false_frames, len(found.mistakes))
-        table.append(f"| {name} | " + " | ".join(f"{each:,}" for each in figures) + " |")
+        table.append(f"| {name} | " + " | ".join(f"{figure:,}" for figure in figures) + " |")
         print(f"{name:<20}{found.bytes_offered:>13}{found.frames:>10}{found.false_frames:>14}", flush=True)
         for text in found.mistakes[:3]:
             print(f"    {text}")

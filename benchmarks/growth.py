@@ -197,7 +197,7 @@ def line(path: Route, costs: Sequence[Cost]) -> str:
     power = exponent(path.times, [each.cpu_s for each in costs])
     seconds = ", ".join(f"{each.cpu_s:.2g}" for each in costs)
     memory = ", ".join(f"{each.memory_mib:.0f}" for each in costs)
-    times = ", ".join(str(each) for each in path.times)
+    times = ", ".join(str(time) for time in path.times)
     return f"| {path.name} | {path.unit} | {times} | {seconds} | {power:.2f} | {memory} |"
 
 
@@ -223,9 +223,9 @@ def plot(found: Sequence[tuple[Route, Sequence[Cost]]], file: Path) -> None:
     axes[1].plot((1, 100), (0.15, 15.0), "k--", linewidth=0.8)
     axes[0].set_ylabel("processor time, s")
     axes[1].set_ylabel("memory above the start, MiB")
-    for each in axes:
-        each.set(xscale="log", yscale="log", xlabel="times the work")
-        each.grid(alpha=0.3)
+    for axis in axes:
+        axis.set(xscale="log", yscale="log", xlabel="times the work")
+        axis.grid(alpha=0.3)
     figure.legend(loc="outside right upper", fontsize=8, frameon=False)
     figure.savefig(file, dpi=110)
     plt.close(figure)

@@ -112,7 +112,7 @@ def cases(count: int, seed: int) -> list[Case]:
     draw = random.Random(seed)
     singles = [(port, kind) for port in _PORTS for kind in _WIRE if kind != "bad_check" or port in _CHECKED]
     singles += [(port, kind) for port in ("table", "chamber") for kind in _TO_DEVICE]
-    found = [*_scenarios(), *(_wire_case(draw, [each]) for each in singles)]
+    found = [*_scenarios(), *(_wire_case(draw, [single]) for single in singles)]
     if count < len(found):
         quick = [case for case in found if case.scenario != "operator" and case.scenario != "disk"]
         return draw.sample(quick if count <= len(quick) else found, count)
@@ -270,7 +270,7 @@ class Soak:
 
     def _judge(self, case: Case, result: RunResult, verdict: Verdict) -> None:
         report = verify(result.folder, decode_run)
-        verdict.problems += [f"{each.path}: {each.text}" for each in report.problems]
+        verdict.problems += [f"{problem.path}: {problem.text}" for problem in report.problems]
         manifest = read_manifest(result.folder)
         if manifest.outcome != result.outcome or (result.outcome != "completed" and not manifest.reason):
             verdict.problems.append(f"the record says {manifest.outcome!r}, {manifest.reason!r}")
@@ -314,7 +314,9 @@ def _frames(folder: Path, name: str) -> Counter[tuple[str, ...]]:
     if not path.exists():
         return Counter()
     valid = pq.read_table(path, columns=["valid"])["valid"].to_numpy()
-    kept = [columns[each][valid].tolist() for each in sorted(columns) if each not in ("valid", "temp_c")]
+    kept = [
+        columns[column][valid].tolist() for column in sorted(columns) if column not in ("valid", "temp_c")
+    ]
     return Counter(tuple(map(repr, row)) for row in zip(*kept, strict=True))
 
 
@@ -396,14 +398,19 @@ def table(verdicts: list[Verdict]) -> list[str]:
             false[name] += sum(verdict.false_frames.values())
     head = ["fault", "runs", *outcomes, "false frames"]
     rows = [
-        [name, str(found.total()), *(str(found[each] or "") for each in outcomes), str(false[name] or "")]
+        [
+            name,
+            str(found.total()),
+            *(str(found[outcome] or "") for outcome in outcomes),
+            str(false[name] or ""),
+        ]
         for name, found in by_fault.items()
     ]
     return [f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows]]
 
 
 def _false_frames(verdicts: list[Verdict]) -> str:
-    totals = {name: sum(each.false_frames.get(name, 0) for each in verdicts) for name in _GYROS}
+    totals = {name: sum(verdict.false_frames.get(name, 0) for verdict in verdicts) for name in _GYROS}
     return "false frames accepted: " + ", ".join(
         f"{count} of {name} ({'with' if name in _CHECKED else 'no'} check value)"
         for name, count in totals.items()
@@ -411,7 +418,7 @@ def _false_frames(verdicts: list[Verdict]) -> str:
 
 
 def _false_readings_text(verdicts: list[Verdict]) -> str:
-    totals = {name: sum(each.false_readings.get(name, 0) for each in verdicts) for name in _READ}
+    totals = {name: sum(verdict.false_readings.get(name, 0) for verdict in verdicts) for name in _READ}
     return ", ".join(f"{count} of the {name}" for name, count in totals.items()) + " (no check value)"
 
 
@@ -421,7 +428,7 @@ def main() -> int:
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
 
     def say(verdict: Verdict) -> None:
-        problems = "".join(f" PROBLEM: {each}" for each in verdict.problems)
+        problems = "".join(f" PROBLEM: {problem}" for problem in verdict.problems)
         print(f"{verdict.case.name}: {verdict.outcome}. {verdict.reason}{problems}", flush=True)
 
     verdicts = soak(count, seed, say)

@@ -89,7 +89,7 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> float:
         bench.wait(p.east_dwell_s, f"Earth rate at {angle:g} deg")
         dwells[angle].append((start, bench.now_s))
     gyro = bench.judge
-    means = {angle: [3600.0 * gyro.mean_rate_dps(*each) for each in stays] for angle, stays in dwells.items()}
+    means = {angle: [3600.0 * gyro.mean_rate_dps(*stay) for stay in stays] for angle, stays in dwells.items()}
     horizontal_dph = bench.file.bench.earth_rate_north_dph
     difference = (sum(means[west]) - sum(means[east])) / 4.0
     if math.isnan(difference):
@@ -97,7 +97,7 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> float:
         bench.invalidate(text, "no_east", device=gyro.name)
         difference = 0.0
     error_deg = math.degrees(math.asin(max(-1.0, min(1.0, difference / horizontal_dph))))
-    deviations = [_deviation_dph(gyro, *each) for stays in dwells.values() for each in stays]
+    deviations = [_deviation_dph(gyro, *stay) for stays in dwells.values() for stay in stays]
     doubt_deg = math.degrees(2.0 * math.hypot(*deviations) / 4.0 / horizontal_dph)
     bench.measure("azimuth_error_2_sigma", doubt_deg, "deg")
     limit = p.east_tolerance_deg

@@ -59,7 +59,7 @@ class TestRun:
 
     def value(self, name: str) -> float:
         """Return a measured value, the last one of that name; KeyError with the names there are."""
-        found = {each.name: each.value for each in self.measurements}
+        found = {measurement.name: measurement.value for measurement in self.measurements}
         if name not in found:
             raise KeyError(f"{name} was not measured; measured were {', '.join(found) or 'none'}")
         return found[name]
@@ -160,14 +160,14 @@ class TestBench:
         )
         self._report("run_folder", str(result.folder))
         self._report("run_outcome", result.outcome)
-        for each in measurements:
-            self._tell(each)
+        for measurement in measurements:
+            self._tell(measurement)
         if isinstance(result.error, BenchError):
             raise result.error
         assert result.outcome != "aborted", result.reason
         run = TestRun(result.folder, result.outcome, result.reason, measurements)
         if judge:
-            failed = [str(each) for each in measurements if each.passed is False]
+            failed = [str(measurement) for measurement in measurements if measurement.passed is False]
             assert not failed, "outside its limits: " + "; ".join(failed)
             assert result.outcome == "completed", f"{result.outcome}: {result.reason}"
         return run

@@ -104,14 +104,14 @@ class CanGyro:
         )
 
     def _wrong(self, seen: str) -> WrongDevice:
-        names = {(each.identifier, each.extended): each for each in self._sample_messages()}
+        names = {(message.identifier, message.extended): message for message in self._sample_messages()}
         source = "" if self._source is None else f" from address 0x{self._source:02X}"
         return WrongDevice(
             f"what sends on this bus is not a unit of kind {self._unit()} with its outputs on",
             where=f"{self.link.name} ({self.link.url})",
             found=f"identifiers {seen}",
             expected=f"identifiers {identifier_names(set(names))}{source} "
-            f"({', '.join(each.name for each in names.values())})",
+            f"({', '.join(message.name for message in names.values())})",
             remedy="turn these messages on in the unit's configuration, or correct the bench file",
         )
 

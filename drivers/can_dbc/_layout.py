@@ -85,16 +85,16 @@ class CanLayout:
 
     def use(self, *roles: Role) -> SignalUse | None:
         """Return the signal with one of these roles, if there is one."""
-        return next((each for each in self.uses if each.role in roles), None)
+        return next((use for use in self.uses if use.role in roles), None)
 
     def rates(self) -> dict[str, SignalUse]:
         """Return the rate (or angle increment) of each axis, in the order x, y, z."""
-        found = {each.axis: each for each in self.uses if each.role in ("rate", "delta_angle")}
+        found = {use.axis: use for use in self.uses if use.role in ("rate", "delta_angle")}
         return {axis: found[axis] for axis in AXES if axis in found}
 
     def accelerations(self) -> dict[str, SignalUse]:
         """Return the specific force of each axis that the unit measures, in the order x, y, z."""
-        found = {each.axis: each for each in self.uses if each.role == "accel"}
+        found = {use.axis: use for use in self.uses if use.role == "accel"}
         return {axis: found[axis] for axis in AXES if axis in found}
 
     def slot_of(self, use: SignalUse | ValidRule) -> int | None:

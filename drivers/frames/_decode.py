@@ -361,7 +361,7 @@ def celsius(spec: FieldSection, columns: Mapping[str, Array]) -> NDArray[np.floa
 
 def _counting(form: Form, counter: Counter, rate_hz: float) -> tuple[int, float]:
     """Return where the counter wraps, and how much it rises a sample."""
-    spec = next(each for each in form.fields if each.name == counter.field)
+    spec = next(field for field in form.fields if field.name == counter.field)
     bits = min(62, 8 * spec.bytes if spec.bits is None else spec.bits[1])
     step = float(counter.step) if counter.ticks_per_s is None else counter.ticks_per_s / rate_hz
     return counter.modulo or 1 << bits, step

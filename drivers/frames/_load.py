@@ -195,7 +195,7 @@ def refusal(where: str, mistakes: list[Mistake]) -> ConfigurationError:
         return ConfigurationError(
             f"{only.key} cannot be used", where=where, found=only.found, expected=only.expected
         )
-    lines = [f"  {each.key}: found {each.found}, expected {each.expected}" for each in mistakes]
+    lines = [f"  {mistake.key}: found {mistake.found}, expected {mistake.expected}" for mistake in mistakes]
     return ConfigurationError(
         "\n".join([f"{len(mistakes)} mistakes in the frame description", *lines]), where=where
     )

@@ -71,7 +71,8 @@ def test_the_kernel_counts_the_waiting_of_a_thread_that_shares_its_processor():
 class Silence:
     """A runner as its watchdog sees it: bytes at times, and how long it has waited for a processor by then.
 
-    Time passes only while the watchdog listens. Each takeover adds to `silences_s` for how long the runner was silent; None: its process had ended.
+    Time passes only while the watchdog listens. Each takeover adds to `silences_s` for how long the runner was
+    silent; None: its process had ended.
     """
 
     def __init__(self, monkeypatch, said, starved):

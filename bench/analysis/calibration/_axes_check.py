@@ -39,7 +39,7 @@ def require_axis_order(
         if schedule is not None and len(turns) == len(schedule.moves):
             _require_mounting(turns, ups, schedule)
         return
-    fits = [each for each in _exchanges() if _misfit_deg(each, turns, ups) < _ANGLE_DEG]
+    fits = [exchange for exchange in _exchanges() if _misfit_deg(exchange, turns, ups) < _ANGLE_DEG]
     if len(fits) != 1:
         return
     where, matrix = _culprit(fits[0], turns, schedule)
@@ -77,16 +77,16 @@ def _require_mounting(turns: Array, ups: Array, schedule: Schedule) -> None:
     sizes = np.abs(np.linalg.norm(turns, axis=1) - np.linalg.norm(wanted, axis=1))
     if np.degrees(sizes.max()) > _ANGLE_DEG:
         return  # a turn that is missing or short has its own words
-    for each in _exchanges():
-        if np.degrees(np.linalg.norm(turns @ each.T - wanted, axis=1).max()) < _ANGLE_DEG:
+    for exchange in _exchanges():
+        if np.degrees(np.linalg.norm(turns @ exchange.T - wanted, axis=1).max()) < _ANGLE_DEG:
             up = ups[0]
             axis = int(np.argmax(np.abs(up)))
             raise RecordError(
                 "the unit is mounted another way than the scheme has it"
-                if np.linalg.det(each) > 0
+                if np.linalg.det(exchange) > 0
                 else "the unit's axes are left-handed",
                 where="all turns of the record",
-                found=", ".join(_described(each, at) for at in range(3))
+                found=", ".join(_described(exchange, at) for at in range(3))
                 + f"; {'+' if up[axis] > 0 else '-'}{AXES[axis]} up at the start",
                 expected=f"{schedule.up_axes()[0]} up at the start and turns {schedule.moves[0]}, ...",
                 remedy="mount it as the procedure said, or correct axes and signs in the frame description",

@@ -94,7 +94,8 @@ class Evaluation:
             "rank": self.degrees.rank,
             "states": [self._state(number) for number in range(len(STATE_NAMES))],
             "poorly_seen": [
-                {"remaining": each.remaining, "shares": dict(each.shares)} for each in self.combinations
+                {"remaining": combination.remaining, "shares": dict(combination.shares)}
+                for combination in self.combinations
             ],
             "warnings": list(self.warnings),
         }

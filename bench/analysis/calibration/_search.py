@@ -137,7 +137,7 @@ def exhaustive(task: Task, turns: int, pattern: Schedule, table: Table = "by-han
         )
     graph = build_graph(task, table, pattern)
     weight = (task.prior_sigma[PARAMETERS] / task.target_sigma) ** 2
-    at = int(np.argmin([np.abs(each - pattern.home).max() for each in graph.attitudes]))
+    at = int(np.argmin([np.abs(attitude - pattern.home).max() for attitude in graph.attitudes]))
     best, worst, evaluated = Path(0, ()), math.inf, 0
     for home in np.flatnonzero(graph.node_attitude == at):
         for paths, stretch in _grown(graph, int(home), turns):

@@ -129,7 +129,7 @@ def _between(conditions: Sequence[str]) -> tuple[list[str], Array]:
 
 def _rates(conditions: Sequence[str]) -> Array | None:
     try:
-        return np.array([float(each) for each in conditions])
+        return np.array([float(condition) for condition in conditions])
     except ValueError:
         return None
 

@@ -70,7 +70,7 @@ def load_channels(folder: Path, gyro: str | None = None) -> tuple[list[ChannelSe
     run = Run.open(folder)
     if run.manifest.imported is not None:
         return [], dict.fromkeys(CHANNEL_UNITS, "an imported recording has no commands in it")
-    units = [each for each in run.manifest.units if run.manifest.device(each).role == "gyro"]
+    units = [unit for unit in run.manifest.units if run.manifest.device(unit).role == "gyro"]
     name = gyro or next(iter(units), "")
     found: list[ChannelSeries] = []
     missing: dict[str, str] = {}

@@ -53,7 +53,7 @@ def fit_effects(
 ) -> ChannelFit:
     """Fit the model's own parameters within their priors, and those of the effects `names` freely."""
     own = {term.name: term for term in terms}
-    free = [each for each in effects if each.name in own or each.name in names]
+    free = [effect for effect in effects if effect.name in own or effect.name in names]
     first = {each.name: own[each.name].values if each.name in own else each.neutral for each in free}
     begin = np.array([v for each in free for v in (start or first).get(each.name, first[each.name])])
     prior = np.array([v for each in free for v in first[each.name]])
@@ -131,9 +131,9 @@ def search_effects(
     fits, best = [nominal], nominal
     for _ in range(_MOST_CAUSES):
         more = [
-            fit_effects(cells, effects, terms, best.names | {each.name}, weight, best.values)
-            for each in effects
-            if each.name not in best.names and not each.known
+            fit_effects(cells, effects, terms, best.names | {effect.name}, weight, best.values)
+            for effect in effects
+            if effect.name not in best.names and not effect.known
         ]
         fits += more
         before = best
@@ -144,9 +144,13 @@ def search_effects(
             break
     # what stands in another's place beside the rest of the best set
     for name in best.names if len(best.names) > 1 else ():
-        for each in effects:
-            wanted = (best.names - {name}) | {each.name}
-            if each.name not in best.names and not each.known and wanted not in [fit.names for fit in fits]:
+        for effect in effects:
+            wanted = (best.names - {name}) | {effect.name}
+            if (
+                effect.name not in best.names
+                and not effect.known
+                and wanted not in [fit.names for fit in fits]
+            ):
                 fits.append(fit_effects(cells, effects, terms, wanted, weight, nominal.values))
     return fits, best
 

@@ -115,7 +115,9 @@ class ChannelSignal(Signal[ChannelSeries, _Ready, _Sets, ChannelFinding]):
         if not runs:
             return "not in these runs"
         terms = {term.name for term in model.channel_terms}
-        lacking = sorted(each.name for each in self._effects() if each.needed and each.name not in terms)
+        lacking = sorted(
+            effect.name for effect in self._effects() if effect.needed and effect.name not in terms
+        )
         return f"the model has no {', '.join(lacking)}: nothing to compare with" if lacking else ""
 
     def not_seen(self, reason: str) -> ChannelFinding:

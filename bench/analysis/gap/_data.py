@@ -167,7 +167,7 @@ class Group:
     @property
     def balanced(self) -> bool:
         """Whether every condition was repeated equally often."""
-        return len({len(each) for each in self.runs}) == 1
+        return len({len(run) for run in self.runs}) == 1
 
 
 def group_runs(runs: Sequence[GapRun]) -> list[Group]:

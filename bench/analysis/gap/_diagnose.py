@@ -33,20 +33,20 @@ class Diagnosis:
     @property
     def rate(self) -> RateFinding:
         """What was found in the rate; LookupError for runs without one."""
-        for each in self.findings:
-            if isinstance(each, RateFinding):
-                return each
+        for finding in self.findings:
+            if isinstance(finding, RateFinding):
+                return finding
         raise LookupError("these runs have no rate")
 
     @property
     def channels(self) -> tuple[ChannelFinding, ...]:
         """What was found in the channels beside the rate."""
-        return tuple(each for each in self.findings if isinstance(each, ChannelFinding))
+        return tuple(finding for finding in self.findings if isinstance(finding, ChannelFinding))
 
     @property
     def position(self) -> PositionFinding | None:
         """What was found in a platform's position, None for runs of a gyro."""
-        return next((each for each in self.findings if isinstance(each, PositionFinding)), None)
+        return next((finding for finding in self.findings if isinstance(finding, PositionFinding)), None)
 
     @property
     def verdict(self) -> str:
@@ -56,12 +56,12 @@ class Diagnosis:
     @property
     def causes(self) -> tuple[Cause[Any], ...]:
         """The causes named in any signal."""
-        return tuple(cause for each in self.findings for cause in each.causes)
+        return tuple(cause for finding in self.findings for cause in finding.causes)
 
     @property
     def closing(self) -> tuple[str, ...]:
         """Names of the effects that the closed model has and the nominal one has not."""
-        return tuple(name for each in self.findings for name in each.closing)
+        return tuple(name for finding in self.findings for name in finding.closing)
 
 
 def diagnose(
@@ -119,7 +119,7 @@ def closed_model(found: Diagnosis, *, resembling: bool = False) -> Model:
     unknown in the rate: they shrink the gap without being its cause.
     """
     model, alike = found.model, [cause.term for cause in found.rate.resembles] if resembling else []
-    fitted = [*(term for each in found.findings for term in each.terms), *alike]
+    fitted = [*(term for finding in found.findings for term in finding.terms), *alike]
     channels = {term.name: term for term in fitted if isinstance(term, ChannelTerm)}
     return replace(
         model,

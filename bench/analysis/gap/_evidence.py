@@ -65,7 +65,7 @@ class SetPosterior:
 
     def effects(self, members: VariantSet) -> frozenset[str]:
         """Return the names of a set's effects."""
-        return frozenset(self.candidates[each].effect for each in members)
+        return frozenset(self.candidates[member].effect for member in members)
 
 
 def reduced(gram: Array, prior_sigmas: Array) -> Array:
@@ -161,8 +161,8 @@ class _Search:
 
     def _log_prior(self, members: VariantSet) -> float:
         one = math.log(0.5 / max(self.effects, 1))
-        variants = sum(math.log(self.candidates[each].variants) for each in members)
-        own = sum(self.candidates[each].log_odds for each in members)
+        variants = sum(math.log(self.candidates[member].variants) for member in members)
+        own = sum(self.candidates[member].log_odds for member in members)
         return len(members) * one - (len(members) - 1) * _FURTHER_MEMBER - variants + own
 
 

@@ -33,7 +33,7 @@ def diagnosis_facts(found: Diagnosis, following: Sequence[Suggestion] = ()) -> d
         return of_unit | _finite(_position(found.position))
     facts = _rate(found.rate) | {
         "next": [vars(each) for each in following],
-        "channels": [_channel(each) for each in found.channels],
+        "channels": [_channel(channel) for channel in found.channels],
     }
     return of_unit | _finite(facts)
 
@@ -41,9 +41,9 @@ def diagnosis_facts(found: Diagnosis, following: Sequence[Suggestion] = ()) -> d
 def log_gap_facts(gaps: LogGaps) -> dict[str, Any]:
     """Return gaps between a log and its rehearsals as JSON values."""
     if gaps.headings:
-        return {"headings": [_finite(vars(each)) for each in gaps.headings]}
+        return {"headings": [_finite(vars(heading)) for heading in gaps.headings]}
     parts = {"gaps": gaps.rate, "channels": gaps.channels}
-    return {name: [_finite(vars(each)) for each in rows] for name, rows in parts.items()}
+    return {name: [_finite(vars(row)) for row in rows] for name, rows in parts.items()}
 
 
 def _finite(facts: Mapping[str, Any]) -> dict[str, Any]:

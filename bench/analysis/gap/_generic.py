@@ -172,7 +172,7 @@ def _effect(
     unit = PPM if curve.of_rate else _OF_ANY_GYRO
     return FreeCurve(
         PREFIX + name,
-        tuple(Parameter(each, -_BOUND, _BOUND, unit) for each in parameters),
+        tuple(Parameter(parameter, -_BOUND, _BOUND, unit) for parameter in parameters),
         formula,
         curve.over | (Input.RATE if curve.of_rate else Input.NONE),
         follows,

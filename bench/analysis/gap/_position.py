@@ -112,7 +112,10 @@ class PositionSignal(Signal[PositionRun, _Ready, dict[str, float], PositionFindi
     """
 
     def prepare(self, runs: Sequence[PositionRun], model: Model) -> _Ready:
-        term = next((each for each in model.channel_terms if each.name == _HEADING_EFFECT), None)
+        term = next(
+            (channel_term for channel_term in model.channel_terms if channel_term.name == _HEADING_EFFECT),
+            None,
+        )
         left = {run.run_id: _without_term(run.log, term) for run in runs}
         fitted = max(runs, key=lambda run: float(run.log.time_s[-1] - run.log.time_s[0])).run_id
         others = {name: log for name, log in left.items() if name != fitted}
@@ -172,7 +175,7 @@ class PositionSignal(Signal[PositionRun, _Ready, dict[str, float], PositionFindi
 def _with_shares(finding: PositionFinding, others: Mapping[str, PlatformLog]) -> PositionFinding:
     """Return the finding judged on runs that were not fitted, if it has an effect with values."""
     names = others if finding.terms else {}
-    return replace(finding, held_out=tuple(_shrinkage(each, finding.study, others[each]) for each in names))
+    return replace(finding, held_out=tuple(_shrinkage(name, finding.study, others[name]) for name in names))
 
 
 def _log_evidence(study: HeadingStudy) -> tuple[float, float, float]:
@@ -222,7 +225,7 @@ def _effect(name: str) -> ChannelEffect:
 
 def _places(name: str, log: PlatformLog, study: HeadingStudy) -> tuple[HeadingPlace, ...]:
     first, *rest = stays(log)
-    judged = next((each for each in study.judgements if not each.held_out), None)
+    judged = next((judgement for judgement in study.judgements if not judgement.held_out), None)
     if judged is None:
         left = without_start(name, log, first, np.zeros((len(log.time_s), 3)))
         before = after = left.north_as**2 + left.east_as**2
@@ -243,7 +246,7 @@ def _places(name: str, log: PlatformLog, study: HeadingStudy) -> tuple[HeadingPl
 
 
 def _shrinkage(name: str, study: HeadingStudy, log: PlatformLog) -> Shrinkage:
-    judged = next(each for each in study.judgements if each.name == name)
+    judged = next(judgement for judgement in study.judgements if judgement.name == name)
     before = judged.north_before_as**2 + judged.east_before_as**2
     after = judged.north_after_as**2 + judged.east_after_as**2
     parts = [slice(stay.start, stay.stop) for stay in stays(log)[1:]]

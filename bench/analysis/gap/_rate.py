@@ -197,12 +197,12 @@ def _unknown_parts(
 ) -> list[UnknownPart]:
     best, q = found.best, found.best.solution.indices.size
     parts: list[UnknownPart] = []
-    nominal = q - sum(len(found.posterior.candidates[each].columns) for each in best.members)
+    nominal = q - sum(len(found.posterior.candidates[member].columns) for member in best.members)
     at = nominal
-    for each in sorted(best.members):
-        k = len(found.posterior.candidates[each].columns)
-        if variants[each].effect.name.startswith(PREFIX):
-            parts.append(curve_part(variants[each], best.solution.values[at : at + k].tolist()))
+    for member in sorted(best.members):
+        k = len(found.posterior.candidates[member].columns)
+        if variants[member].effect.name.startswith(PREFIX):
+            parts.append(curve_part(variants[member], best.solution.values[at : at + k].tolist()))
         at += k
     if found.line is not None and best.line:
         parts.append(line_part(found.line))

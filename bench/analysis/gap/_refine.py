@@ -30,8 +30,8 @@ def best_of_each(posterior: SetPosterior) -> list[int]:
     """Return the candidates worth keeping: of each effect those in its best sets."""
     highest: dict[int, float] = {}
     for members, value in posterior.log_evidence.items():
-        for each in members:
-            highest[each] = max(value, highest.get(each, value))
+        for member in members:
+            highest[member] = max(value, highest.get(member, value))
     by_effect: dict[str, list[int]] = {}
     for each in sorted(highest, key=lambda index: -highest[index]):
         by_effect.setdefault(posterior.candidates[each].effect, []).append(each)

@@ -101,10 +101,10 @@ def _channel_log_gaps(
         if len(known) < len(logs):
             continue
         phases = [_phase_means(log) for log in known]
-        common = [name for name in phases[0] if all(name in each for each in phases)]
+        common = [name for name in phases[0] if all(name in phase for phase in phases)]
         rows = []
         for name in common:
-            parts = [each[name] for each in phases]
+            parts = [phase[name] for phase in phases]
             count = min(len(part) for part in parts)
             rows.append(np.stack([part[:count] for part in parts]))
         values = np.concatenate(rows, axis=1) if rows else np.zeros((4, 0))
@@ -141,8 +141,8 @@ def _rate_log_gaps(
     """
     curves, names = [], []
     for stretches in zip(run, nominal, closed, again, strict=False):
-        blocks = [_blocks(each) for each in stretches]
-        orders = [[name for name, _ in each] for each in blocks]
+        blocks = [_blocks(stretch) for stretch in stretches]
+        orders = [[name for name, _ in block] for block in blocks]
         if any(order != orders[0] for order in orders[1:]) or len(run) != len(nominal):
             raise ConfigurationError(
                 "the rehearsal went through other phases than the run",
@@ -153,7 +153,7 @@ def _rate_log_gaps(
             )
         rows, phases = [], []
         for number, (name, _) in enumerate(blocks[0]):
-            parts = [each[number][1] for each in blocks]
+            parts = [block[number][1] for block in blocks]
             count = min(part.stop - part.start for part in parts) // _MEAN_S
             taken = [slice(part.start, part.start + count * _MEAN_S) for part in parts]
             means = [_means(each.output_dph[at]) for each, at in zip(stretches, taken, strict=True)]
@@ -167,7 +167,7 @@ def _rate_log_gaps(
     phase = np.concatenate(names)
     values = np.stack(
         [
-            np.concatenate([getattr(each, key) for each in curves])
+            np.concatenate([getattr(curve, key) for curve in curves])
             for key in ("nominal_dph", "closed_dph", "floor_dph")
         ]
     )

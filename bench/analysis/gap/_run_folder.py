@@ -31,7 +31,7 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
     folder lacks.
     """
     run = Run.open(folder)
-    units = [each for each in run.manifest.units if run.manifest.device(each).role == "gyro"]
+    units = [unit for unit in run.manifest.units if run.manifest.device(unit).role == "gyro"]
     if not units:
         raise ConfigurationError(
             "the run has no gyro",

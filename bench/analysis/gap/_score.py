@@ -202,9 +202,9 @@ class Exam:
             ]
         detectable = [each for each in marked if each.snr >= 1.0]
         pairs = [each for each in detectable if each.kind == "pair"]
-        hits = sum(len(each.named & each.known) for each in pairs)
-        lines.append(Line("pairs: precision", "1..30", hits, sum(len(each.named) for each in pairs)))
-        lines.append(Line("pairs: recall", "1..30", hits, sum(len(each.known) for each in pairs)))
+        hits = sum(len(pair.named & pair.known) for pair in pairs)
+        lines.append(Line("pairs: precision", "1..30", hits, sum(len(pair.named) for pair in pairs)))
+        lines.append(Line("pairs: recall", "1..30", hits, sum(len(pair.known) for pair in pairs)))
         lines.append(_line("stochastic: named exactly", marked, "stochastic", _stochastic))
         for low, high in pairwise(EDGES[1:]):
             acted = [each for each in marked if each.effects and low <= each.snr < high]

@@ -103,11 +103,11 @@ def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tupl
     gram = _gram_of(found, model)
     fresh: dict[tuple[str, tuple[float, ...]], Variant] = {}
     for members in sets_of_note(posterior, _SHOWN, _REFINED):
-        for each in between_grid_points([variants[index] for index in sorted(members)], gram):
-            if not each.effect.name.startswith(PREFIX):
-                fresh[each.effect.name, tuple(each.shape.values())] = each
-    for each in variants:
-        fresh.pop((each.effect.name, tuple(each.shape.values())), None)
+        for moved in between_grid_points([variants[index] for index in sorted(members)], gram):
+            if not moved.effect.name.startswith(PREFIX):
+                fresh[moved.effect.name, tuple(moved.shape.values())] = moved
+    for variant in variants:
+        fresh.pop((variant.effect.name, tuple(variant.shape.values())), None)
     few, data = narrowed(found.data, model, variants, kept, list(fresh.values()))
     taken = _renumbered(found, kept, len(model.sigmas))
     return few, gathered(data.groups, data.stacks, noise, model, taken)
@@ -157,7 +157,7 @@ def judged_sets(
     for cell, own in zip(cells, before, strict=True):
         gaps[cell.profile] += max(own - cell.count, 0.0) if cell.repeatable else 0.0
     line = strongest_line(data.groups, left_of_runs(data, best.in_form), data.noise.noise, gaps)
-    turning = any(Input.TURN in variants[each].effect.inputs for each in best.members)
+    turning = any(Input.TURN in variants[member].effect.inputs for member in best.members)
     if line is not None and not (line.harmonic and turning):
         # harmonics of a ripple that is named already are its waveform, no effect of their own
         judged = [replace(each, line=line.log_evidence) for each in judged]
@@ -190,12 +190,12 @@ def _judge_sets(
         at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
         left = left_energies(products[:, at[:, None], at], solution.values)
         rest = remainder(data.cells, strict, before, left, data.floor)
-        known = frozenset(each for each in members if not variants[each].effect.name.startswith(PREFIX))
+        known = frozenset(member for member in members if not variants[member].effect.name.startswith(PREFIX))
         alone = solve(gram, sigmas, _columns(posterior, known, len(sigmas))) if known != members else solution
         judged.append(Judged(names, members, by_effects[names], solution, left, rest, alone, solution))
 
     def left_without(one: Judged, names: frozenset[str]) -> float:
-        rest = frozenset(each for each in one.members if posterior.candidates[each].effect not in names)
+        rest = frozenset(member for member in one.members if posterior.candidates[member].effect not in names)
         solution = solve(gram, sigmas, _columns(posterior, rest, len(sigmas)))
         at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
         return float(left_energies(products[:, at[:, None], at], solution.values).sum())
@@ -239,11 +239,11 @@ def _instead_of(
         return None
     others = names - {curve}
     possible = [
-        each
-        for each in by_effects
-        if others < each
-        and len(each) == len(names)
-        and not any(name.startswith(PREFIX) for name in each - others)
+        by_effect
+        for by_effect in by_effects
+        if others < by_effect
+        and len(by_effect) == len(names)
+        and not any(name.startswith(PREFIX) for name in by_effect - others)
     ]
     return max(possible, key=lambda each: by_effects[each], default=None)
 
@@ -285,7 +285,7 @@ def _curves_that_matter(
 
 def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:
     """Return places of a set's columns in the full Gram matrix; those in `system` count without the nominal."""
-    return [column + q for each in sorted(members) for column in posterior.candidates[each].columns]
+    return [column + q for member in sorted(members) for column in posterior.candidates[member].columns]
 
 
 def set_weights(judged: Sequence[Judged]) -> dict[frozenset[str], tuple[float, float]]:

@@ -93,7 +93,7 @@ def _refusal(where: str, mistakes: list[Mistake]) -> ConfigurationError:
         return ConfigurationError(
             f"{only.key} cannot be used", where=where, found=only.found, expected=only.expected
         )
-    lines = [f"  {each.key}: found {each.found}, expected {each.expected}" for each in mistakes]
+    lines = [f"  {mistake.key}: found {mistake.found}, expected {mistake.expected}" for mistake in mistakes]
     return ConfigurationError("\n".join([f"{len(mistakes)} mistakes in the bench file", *lines]), where=where)
 
 
@@ -147,7 +147,7 @@ def _model_at(location: list[Any], data: Mapping[str, Any]) -> type[BaseModel] |
             continue
         field = model.model_fields.get(str(part))
         model = field.annotation if field else None
-        model = next((each for each in get_args(model) if isinstance(each, type)), model)
+        model = next((argument for argument in get_args(model) if isinstance(argument, type)), model)
     return model if isinstance(model, type) and issubclass(model, BaseModel) else None
 
 

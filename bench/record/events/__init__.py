@@ -13,7 +13,9 @@ from bench.record.events._legacy import typed
 
 
 def _kinds(module: ModuleType) -> dict[str, type[Event]]:
-    found = (each for each in vars(module).values() if isinstance(each, type) and issubclass(each, Event))
+    found = (
+        member for member in vars(module).values() if isinstance(member, type) and issubclass(member, Event)
+    )
     return {each.kind: each for each in found if "kind" in vars(each)}
 
 

@@ -77,9 +77,9 @@ def _open(path: Path, types: Mapping[str, pa.DataType], description: str) -> pq.
         pa.field(name, kind, nullable=False, metadata={"unit": unit_of(name)}) for name, kind in types.items()
     ]
     encoding = {
-        each.name: "BYTE_STREAM_SPLIT" if pa.types.is_floating(each.type) else "DELTA_BINARY_PACKED"
-        for each in fields
-        if not pa.types.is_boolean(each.type)
+        field.name: "BYTE_STREAM_SPLIT" if pa.types.is_floating(field.type) else "DELTA_BINARY_PACKED"
+        for field in fields
+        if not pa.types.is_boolean(field.type)
     }
     return pq.ParquetWriter(
         path,
@@ -89,7 +89,7 @@ def _open(path: Path, types: Mapping[str, pa.DataType], description: str) -> pq.
         compression="zstd",
         compression_level=1,
         use_dictionary=False,
-        column_encoding=encoding | {each.name: "PLAIN" for each in fields if each.name not in encoding},
+        column_encoding=encoding | {field.name: "PLAIN" for field in fields if field.name not in encoding},
     )
 
 
