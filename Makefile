@@ -14,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # uv reads its own variable for local wheel folders, not pip's.
 export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
 
-.PHONY: setup demo test lint audit coverage repeats reliability bench bench-gpu fuzz clean
+.PHONY: setup demo test lint audit coverage repeats reliability mutants bench bench-gpu fuzz clean
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
@@ -60,6 +60,10 @@ reliability: $(STAMP)
 	$(BIN)/python -m benchmarks.command_kills 120 1
 	$(BIN)/python -m benchmarks.soak 200 1
 	$(BIN)/python -m benchmarks.abort_latency 25
+
+# What share of random changes to the code the related tests catch: SAMPLE mutants (200) in each room, or in ROOM.
+mutants: $(STAMP)
+	$(BIN)/python -m benchmarks.mutants $(SAMPLE) $(ROOM)
 
 # Every benchmark against its peer and limit, written to benchmarks/RESULTS.md; QUICK=--quick is less precise.
 bench: $(STAMP)

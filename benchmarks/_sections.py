@@ -29,6 +29,7 @@ RELIABILITY = Page(
     "# Reliability\n\nEvery section is written by the command that it names, with what that command found.\n",
     (
         "Guards",
+        "Mutants",
         "Kills",
         "Kills of commands",
         "Soak",
