@@ -39,6 +39,12 @@ def bench_file(**ports):
     return bench_file_from(bench_data(**ports))
 
 
+@pytest.fixture(autouse=True)
+def own_state_folder(tmp_path, monkeypatch):
+    """Tests that kill a runner leave its leases; those are not looked for here."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
 def lease_files():
     return sorted((state_folder() / "leases").glob("*"))
 
