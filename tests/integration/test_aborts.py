@@ -194,6 +194,28 @@ def test_a_run_whose_last_step_fails_is_sealed_as_aborted(bench, fog_file, tmp_p
     assert bench.problems(result.folder) == []
 
 
+def test_ctrl_c_while_the_record_is_closed_is_told_in_words(bench, fog_file, tmp_path):
+    """The bench is at rest by then, and what was recorded is kept."""
+
+    def interrupted(folder):
+        raise KeyboardInterrupt
+
+    with bench.thread_lab(fog_file, Plant()) as lab:
+        request = RunRequest(
+            bench.spin,
+            bench.spin.parse({"hold_s": 1.0}),
+            lab.file,
+            tmp_path,
+            AssumeYes(),
+            before_close=interrupted,
+            run_id="run",
+        )
+        with pytest.raises(KeyboardInterrupt):
+            run_procedure(request)
+    assert manifest(tmp_path / "run")["reason"] == "stopped by Ctrl-C"
+    assert_safe_and_readable(bench, tmp_path / "run")
+
+
 @pytest.mark.concurrent
 @pytest.mark.slow
 def test_a_run_in_a_thread_leaves_the_signals_to_whoever_owns_them(bench, fog_file, tmp_path):
