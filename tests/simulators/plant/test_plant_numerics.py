@@ -47,10 +47,18 @@ def test_a_tick_is_the_exponential_of_the_network(conductance, capacity, time_co
     )
 
 
-def test_a_lab_starts_without_scipy():
-    code = (
-        "import sys, simulators.lab.__main__; "
-        "print([m for m in ('scipy', 'pandas', 'torch', 'can') if m in sys.modules])"
-    )
+def loaded_by_a_lab(names: str) -> str:
+    code = f"import sys, simulators.lab.__main__; print([m for m in {names.split()} if m in sys.modules])"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+    return found.stdout.strip()
+
+
+def test_a_lab_starts_without_scipy():
+    assert loaded_by_a_lab("scipy pandas torch can") == "[]"
+
+
+@pytest.mark.xfail(
+    reason="the drivers' configurations are pydantic models, and the lab reads them: decision 0021"
+)
+def test_a_lab_starts_without_pydantic():
+    assert loaded_by_a_lab("pydantic") == "[]"
