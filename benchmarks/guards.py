@@ -252,7 +252,7 @@ MECHANISMS = (
         2,
         "a lost last unit ends the run",
         _SESSION,
-        "        self._attendance.lose(unit, self.clock.now(), error)\n",
+        "        self._stream_watchdog.lose(unit, self.clock.now(), error)\n",
         "",
         "tests/integration/test_lost_units.py::test_the_last_gyro_that_dies_ends_the_run_a_minute_later",
     ),

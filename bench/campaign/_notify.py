@@ -15,7 +15,7 @@ from bench.control.questions import Operator, Question
 from bench.record.events.campaign import Notified
 from drivers.base.clock import utc_now
 
-_PATIENCE_S = 20.0
+_TIMEOUT_S = 20.0
 
 
 class Notifier:
@@ -41,7 +41,7 @@ class Notifier:
     def wait(self) -> None:
         """Wait until all messages are sent or given up."""
         while self._threads:
-            self._threads.pop().join(2.0 * _PATIENCE_S)
+            self._threads.pop().join(2.0 * _TIMEOUT_S)
 
     def _send(self, notice: Notice, message: dict[str, Any]) -> None:
         body = json.dumps(message, ensure_ascii=False, default=str).encode() + b"\n"
@@ -82,12 +82,12 @@ class Announcing:
 
 def _run(command: tuple[str, ...], body: bytes) -> str:
     """Run a program with the message on its standard input: its arguments are the file's, never the message's."""
-    done = subprocess.run(command, input=body, capture_output=True, timeout=_PATIENCE_S, check=False)
+    done = subprocess.run(command, input=body, capture_output=True, timeout=_TIMEOUT_S, check=False)
     said = done.stderr.decode("utf-8", "replace").strip()[-200:]
     return f"ended with {done.returncode}: {said}" if done.returncode else ""
 
 
 def _post(address: str, body: bytes) -> None:
     request = urllib.request.Request(address, body, {"Content-Type": "application/json"})
-    with urllib.request.urlopen(request, timeout=_PATIENCE_S):
+    with urllib.request.urlopen(request, timeout=_TIMEOUT_S):
         pass

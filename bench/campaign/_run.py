@@ -126,7 +126,7 @@ class _Session:
             self._check_known_state(len(before))
         for number, run in left:
             self._pause_between(run)
-            left_s = sum(each.test.expected_duration_s(each.values) for at, each in left if at > number)
+            left_s = sum(later.test.expected_duration_s(later.values) for at, later in left if at > number)
             self._live.campaign(
                 title=folder.campaign.title,
                 folder=str(folder.path.absolute()),
@@ -217,7 +217,7 @@ class _Session:
         if self._runner.operator is not None:
             human = self._live.beside(self._runner.operator)
         asked: Operator = AssumeYes() if self._runner.yes else Announcing(human, self._notifier)
-        answers = [(each.question, each.answer) for each in self._folder.campaign.answer]
+        answers = [(prepared.question, prepared.answer) for prepared in self._folder.campaign.answer]
         operator: Operator = Prepared(answers, "campaign file", asked)
         return operator if placed.perform is None else Assisted(operator, placed.perform)
 

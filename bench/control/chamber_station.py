@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from bench.control.approach import WINDOW_S, Approach
 from bench.control.history import History
+from bench.control.stall import WINDOW_S, StallDetector
 from bench.control.station import Session, Station
 from bench.record.events.run import AirDemand, Alarm, ConditioningDemand
 from bench.record.events.safe import LastSeen
@@ -27,7 +27,7 @@ class ChamberStation(Station):
         self.device = device
         self.auxiliary = auxiliary
         self.set_point_c: float | None = None
-        self._approach = Approach()
+        self._stall = StallDetector()
 
     def check(self, min_temp_c: float, max_temp_c: float, max_ramp_k_per_min: float = 0.0) -> None:
         """Raise LimitExceeded if the demands are beyond the bench file's or the chamber's own limits."""
@@ -77,9 +77,9 @@ class ChamberStation(Station):
     def watch(self) -> None:
         """Write an alarm, once a demand, when the air gets no nearer to its set point."""
         now_s = self._session.now_s
-        if not self._approach.due(now_s) or not (before := self.history.row_at(now_s - WINDOW_S)):
+        if not self._stall.due(now_s) or not (before := self.history.row_at(now_s - WINDOW_S)):
             return
-        if stall := self._approach.look(self.history.last["air_temp_c"], before["air_temp_c"]):
+        if stall := self._stall.look(self.history.last["air_temp_c"], before["air_temp_c"]):
             self._session.event(Alarm(self.name, str(stall), "air_stalled", asdict(stall)))
 
     def _seen(self, row: dict[str, float], ago_s: float) -> LastSeen:
@@ -121,17 +121,17 @@ class ChamberStation(Station):
         self._session.limits.allow(f"go to {set_point_c:g} degC", set_point_c=set_point_c)
         self._session.event(AirDemand(self.name, set_point_c, ramp_k_per_min))
         self.set_point_c = set_point_c
-        self._approach.demand(self._session.now_s, set_point_c, ramp_k_per_min)
+        self._stall.demand(self._session.now_s, set_point_c, ramp_k_per_min)
         self.device.set_temperature(set_point_c, ramp_k_per_min)
 
     def start(self) -> None:
         """Start conditioning."""
         self._session.event(ConditioningDemand(self.name, True))
         self.device.start()
-        self._approach.run(self._session.now_s, True)
+        self._stall.run(self._session.now_s, True)
 
     def stop(self) -> None:
         """Stop conditioning."""
         self._session.event(ConditioningDemand(self.name, False))
-        self._approach.run(self._session.now_s, False)
+        self._stall.run(self._session.now_s, False)
         self.device.stop()

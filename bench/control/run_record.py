@@ -233,9 +233,13 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
     decode_instrument(folder, "chamber", "chamber", chamber_kind(file).decode_transcript, out)
     starts = {name: int(entry.get("start_offset", 0)) for name, entry in manifest.stream.items()}
     sources: list[StreamSource] = [
-        _gyro_source(each, starts[each.name]) for each in file.gyro if each.name in starts
+        _gyro_source(gyro, starts[gyro.name]) for gyro in file.gyro if gyro.name in starts
     ]
-    sources += [_platform_source(each, starts[each.name]) for each in file.platform if each.name in starts]
+    sources += [
+        _platform_source(platform, starts[platform.name])
+        for platform in file.platform
+        if platform.name in starts
+    ]
     off_s: list[tuple[float, float]] = []
     with suppress(RecordError):  # a damaged log is said when it is verified; without it more counts as lost
         off_s = units_off_s(read_events(folder).lines)

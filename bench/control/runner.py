@@ -247,13 +247,13 @@ def _watchdog(request: RunRequest, record: RunRecord, clock: Clock, stack: ExitS
 
 
 def _display(request: RunRequest) -> Callable[[Progress], None] | None:
-    shown = [each for each in (request.display, request.live) if each is not None]
+    displays = [display for display in (request.display, request.live) if display is not None]
 
     def show(progress: Progress) -> None:
-        for each in shown:
-            each(progress)
+        for display in displays:
+            display(progress)
 
-    return show if shown else None
+    return show if displays else None
 
 
 def _check_limits(request: RunRequest, bench: Bench) -> None:

@@ -8,7 +8,6 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, Literal, Protocol
 
-from bench.control.attendance import Attendance, Returns
 from bench.control.chamber_station import ChamberStation
 from bench.control.limit_watch import LimitWatch
 from bench.control.live import Request
@@ -17,6 +16,7 @@ from bench.control.questions import Operator, Question
 from bench.control.safe_state import Reading, bring_to_rest
 from bench.control.station import Station
 from bench.control.stream_stations import GyroStation, PlatformStation, StreamStation
+from bench.control.stream_watchdog import Reconnect, StreamWatchdog
 from bench.control.table_station import TableStation
 from bench.record.benchfile import BenchFile
 from bench.record.events import Event
@@ -43,7 +43,7 @@ from drivers.kit.instruments import Chamber, Gyro, Instrument, Turntable
 
 _POLL_S = 1.0
 _RESOLUTION_S = 1e-9
-"""A virtual clock counts whole ns: what is nearer than this has come."""
+"""The clock counts whole nanoseconds: anything closer than this counts as reached."""
 _ALARMS_S = 60.0
 _DISPLAY_S = 0.1
 _KEPT_LINES = 20
@@ -71,7 +71,7 @@ class Steering(Protocol):
         """Return what has been asked for since the last call, for the record."""
         ...
 
-    def breathe(self) -> None:
+    def wait(self) -> None:
         """Called while waiting for a human."""
         ...
 
@@ -104,9 +104,9 @@ class Bench:
         self.chamber: ChamberStation
         self.limits: LimitWatch
         self.phase_name = ""
-        self._attendance = Attendance(tests, self.event, self._invalid, file.safe.last_unit_s)
-        self._returns = Returns(
-            clock, self._lose, lambda unit: self._attendance.back(unit, clock.now()), self.note
+        self._stream_watchdog = StreamWatchdog(tests, self.event, self._invalid, file.safe.last_unit_s)
+        self._reconnect = Reconnect(
+            clock, self._lose, lambda unit: self._stream_watchdog.back(unit, clock.now()), self.note
         )
         self._record = record
         self._display = display
@@ -177,7 +177,7 @@ class Bench:
         self.event(Prompt(question))
         answered = self.operator.ask(Question(question, act))
         while (answer := answered()) is None:
-            self._attendance.excuse_until(self.clock.now() + 1.0)
+            self._stream_watchdog.excuse_until(self.clock.now() + 1.0)
             self.wait(0.2, f"operator: {question}")
         more = {key: value for key, value in act.items() if key not in ("act", "mounting")}
         by = self.operator.name
@@ -249,8 +249,8 @@ class Bench:
         self.limits.look()
         table.watch()
         chamber.watch()
-        self._returns.look()
-        self._attendance.check(self.units, self.clock.now())
+        self._reconnect.look()
+        self._stream_watchdog.check(self.units, self.clock.now())
 
     @property
     def units(self) -> list[StreamStation]:
@@ -260,11 +260,11 @@ class Bench:
     def listen(self, device: Gyro, station: StreamStation) -> None:
         """Take the stream of a unit from here on; when its port goes away it is looked for with every poll."""
         station.listen(self.clock.now())
-        self._returns.watch(device, station)
+        self._reconnect.watch(device, station)
 
     def _lose(self, unit: StreamStation, error: BenchError) -> None:
-        self._attendance.lose(unit, self.clock.now(), error)
-        self._attendance.require_one(self.units, self.clock.now())
+        self._stream_watchdog.lose(unit, self.clock.now(), error)
+        self._stream_watchdog.require_one(self.units, self.clock.now())
 
     @property
     def judge(self) -> GyroStation:
@@ -272,7 +272,7 @@ class Bench:
 
         When it is lost the next one takes its place, and the record says so: ask anew after every wait.
         """
-        return self._attendance.judge(self.gyros.values())
+        return self._stream_watchdog.judge(self.gyros.values())
 
     @contextmanager
     def units_off(self) -> Iterator[None]:
@@ -285,12 +285,12 @@ class Bench:
         for unit in units:
             unit.power_off()
         self.event(UnitsOff())
-        self._attendance.units_off = True
+        self._stream_watchdog.units_off = True
         try:
             yield
         finally:
-            self._attendance.units_off = False
-            self._attendance.excuse_until(self.clock.now())
+            self._stream_watchdog.units_off = False
+            self._stream_watchdog.excuse_until(self.clock.now())
             for unit in units:
                 unit.power_on()
             self.event(UnitsOn())
@@ -358,7 +358,7 @@ class Bench:
         self.event(Paused(by))
         self._paused = True
         while steering.pause_wanted:
-            steering.breathe()
+            steering.wait()
             self.wait(0.2, f"paused by {by} before: {before}")
         self._paused = False
         self._note_requests()
@@ -380,7 +380,7 @@ class Bench:
 
         `why` is told to people.
         """
-        stations: dict[str, Station] = {each.name: each for each in (self.table, self.chamber)}
+        stations: dict[str, Station] = {station.name: station for station in (self.table, self.chamber)}
         self.safe = tuple(Reading(code="cut_off").fact(name, cause, why) for name in stations)
         told: set[str] = set()
 

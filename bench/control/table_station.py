@@ -56,7 +56,7 @@ class TableStation(Station):
             time_s,
             state.angle_deg,
             state.rate_dps,
-            *(value for each in outer for value in (each.angle_deg, each.rate_dps)),
+            *(value for axis in outer for value in (axis.angle_deg, axis.rate_dps)),
         )
 
     def angle_deg(self, axis: str = "") -> float:

@@ -37,7 +37,7 @@ class CanCapture:
 def read_can_capture(layout: CanLayout, path: Path, source_address: int | None = None) -> CanCapture:
     """Decode the file at `path`; ConfigurationError if it cannot be read."""
     decoder = CanDecoder(layout, _NOMINAL_HZ, source_address=source_address)
-    suffix = next((each.lower() for each in reversed(path.suffixes) if each != ".gz"), "")
+    suffix = next((suffix.lower() for suffix in reversed(path.suffixes) if suffix != ".gz"), "")
     if suffix == ".mf4":
         raise _unreadable(path, "an MF4 log")
     try:
@@ -115,15 +115,15 @@ def _notes(decoder: CanDecoder, columns: Columns) -> list[str]:
 def others_on_the_bus(layout: CanLayout, capture: CanCapture, most: int = 12) -> str:
     """Return identifiers that the DBC file does not have, commonest first, with their counts; empty for none."""
     unknown = {
-        each: count
-        for each, count in capture.identifiers.items()
+        frame_id: count
+        for frame_id, count in capture.identifiers.items()
         if not any(
-            each[0] & mask == identifier & mask and each[1] == extended
+            frame_id[0] & mask == identifier & mask and frame_id[1] == extended
             for identifier, mask, extended in layout.known
         )
     }
-    ordered = sorted(unknown, key=lambda each: -unknown[each])
-    shown = [f"{identifier_names({each})} ({unknown[each]})" for each in ordered[:most]]
+    ordered = sorted(unknown, key=lambda frame_id: -unknown[frame_id])
+    shown = [f"{identifier_names({frame_id})} ({unknown[frame_id]})" for frame_id in ordered[:most]]
     return ", ".join(shown) + (f" and {len(ordered) - most} more" if len(ordered) > most else "")
 
 

@@ -77,7 +77,7 @@ def write_plot(target: Path, family: FrameFamily, capture: Capture) -> bool:
     names = [form.name for form in family.forms if form.measures and form.name in capture.tables]
     if not names:
         return False
-    name = max(names, key=lambda each: len(capture.tables[each]["end_offset"]))
+    name = max(names, key=lambda name: len(capture.tables[name]["end_offset"]))
     columns, form = capture.tables[name], family.form(name)
     panels = []
     for roles, title in _PANELS:
@@ -108,7 +108,7 @@ def _losses(family: FrameFamily, name: str, columns: Columns) -> str:
         return ""
     if not isinstance(columns[counter.field][0], np.integer):
         return ""
-    spec = next(each for each in form.fields if each.name == counter.field)
+    spec = next(spec for spec in form.fields if spec.name == counter.field)
     bits = 8 * spec.bytes if spec.bits is None else spec.bits[1]
     raw = np.rint((columns[counter.field] - spec.offset) / spec.scale.factor)
     step = np.mod(np.diff(raw), float(counter.modulo or 2.0**bits))

@@ -295,7 +295,7 @@ class Human:
         asked, self.asked = self.asked, []
         return asked
 
-    def breathe(self):
+    def wait(self):
         self.breaths -= 1
         if not self.breaths:
             self.pause_wanted = ""

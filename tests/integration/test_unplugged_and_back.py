@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from bench.control.attendance import Returns
 from bench.control.stream_stations import GyroStation, StreamTap
+from bench.control.stream_watchdog import Reconnect
 from bench.lab.emulated import Plant
 from bench.record.benchfile import load_bench_file
 from bench.record.recording import read_manifest
@@ -152,7 +152,7 @@ def test_on_the_wall_clock_and_a_real_terminal(tmp_path):
 
     gyro = Kvh1750.open(section, Connection("fog_1", clock, StreamTap(Keeps(), station.take)))
     gyro.link.streaming = True
-    returns = Returns(
+    reconnect = Reconnect(
         clock,
         lambda unit, error: told.append((unit.name, type(error))),
         lambda unit: told.append((unit.name, "back")),
@@ -171,19 +171,19 @@ def test_on_the_wall_clock_and_a_real_terminal(tmp_path):
 
     try:
         station.listen(clock.now())
-        returns.watch(gyro, station)
+        reconnect.watch(gyro, station)
         send(0)
         name.unlink()
         os.close(near)
         os.close(far)
         while not told:  # the reader's thread tells whoever waits
             clock.sleep(0.05)
-        returns.look()  # it is not there
+        reconnect.look()  # it is not there
         assert told == [("fog_1", LinkLost)]
         far, near = os.openpty()
         tty.setraw(near)
         name.symlink_to(os.ttyname(near))
-        returns.look()
+        reconnect.look()
         assert told[1:] == [("fog_1", "back")]
         send(40)
         station.update()

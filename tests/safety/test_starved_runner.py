@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.control.watchdog import ARMED, BEAT, DISMISSED, HUNG_S, STARVED_S, _process
-from bench.control.watchdog._process import Patience, runqueue_wait_s
+from bench.control.watchdog._process import SilenceTimeout, runqueue_wait_s
 
 pytestmark = pytest.mark.concurrent
 
@@ -22,16 +22,16 @@ BUSY = "import os; os.sched_setaffinity(0, {int(os.environ['CPU'])}); print(flus
 
 
 def test_silence_without_waiting_is_a_hang_after_two_seconds():
-    patience = Patience(10.0, 5.0)
-    assert patience.left_s(10.0, 5.0) == HUNG_S == 2.0
-    assert patience.left_s(11.999, 5.0) > 0.0
-    assert patience.left_s(12.0, 5.0) == 0.0
+    timeout = SilenceTimeout(10.0, 5.0)
+    assert timeout.left_s(10.0, 5.0) == HUNG_S == 2.0
+    assert timeout.left_s(11.999, 5.0) > 0.0
+    assert timeout.left_s(12.0, 5.0) == 0.0
 
 
 @given(st.floats(0.0, 30.0), st.floats(0.0, 1.0))
 def test_what_a_runner_starved_is_not_counted_against_it_up_to_a_limit(silent_s, share):
     starved_s = share * silent_s
-    left_s = Patience(0.0, 1.0).left_s(silent_s, 1.0 + starved_s)
+    left_s = SilenceTimeout(0.0, 1.0).left_s(silent_s, 1.0 + starved_s)
     own_s = silent_s - starved_s
     if starved_s < STARVED_S:
         assert left_s == pytest.approx(max(HUNG_S - own_s, 0.0), abs=1e-9)

@@ -99,8 +99,9 @@ def by_parameter(term: AnyTerm, values: Sequence[float]) -> dict[str, float]:
 class Model:
     """A nominal model; `fitted_on` maps run ids to checksums if a diagnosis wrote it.
 
-    `channel_terms` are of the channels beside the gyro's rate; `accuracy` (channel's name to its unit) is how far
-    the model of a channel may be off without anybody minding. No column predicts `disturbances`.
+    `channel_terms` are of the channels beside the gyro's rate; `accuracy` (channel's name to a value in its
+    unit) is the tolerance of a channel's model: deviations below it are not reported. No column
+    predicts `disturbances`.
     """
 
     name: str

@@ -32,7 +32,7 @@ from drivers.base.files import replace_file
 
 _EVERY_S = 0.1
 _HISTORY_S = 1.0
-_BREATH_S = 0.05
+_WAIT_S = 0.05
 
 
 _ERROR_PARTS = ("what", "where", "found", "expected", "remedy")
@@ -158,10 +158,10 @@ class Live:
             taken.append(self._taken.popleft())
         return taken
 
-    def breathe(self) -> None:
+    def wait(self) -> None:
         """Called while waiting for a human: on a clock that is not the host's, wait a little on the host."""
         if self._paced:
-            self._news.wait(_BREATH_S)
+            self._news.wait(_WAIT_S)
             self._news.clear()
 
     def wait_host(self) -> None:
@@ -186,7 +186,7 @@ class Live:
                 (live_folder(self._session) / "answers" / f"{number}.json").unlink(missing_ok=True)
                 return None
             if found is None:
-                self.breathe()
+                self.wait()
                 return None
             self.name = found.by
             self._close(number)

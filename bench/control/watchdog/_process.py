@@ -78,9 +78,9 @@ def main() -> int:
     except BrokenPipeError:  # dismissed while it came up: nothing was moved
         return 0
     armed, clock = False, WallClock()
-    patience = Patience(clock.now(), runqueue_wait_s(order.runner))
+    timeout = SilenceTimeout(clock.now(), runqueue_wait_s(order.runner))
     while True:
-        left_s = patience.left_s(clock.now(), runqueue_wait_s(order.runner))
+        left_s = timeout.left_s(clock.now(), runqueue_wait_s(order.runner))
         ready, _, _ = select.select([0], [], [], left_s if armed else None)
         said = os.read(0, 4096) if ready else b""
         if DISMISSED in said or (ready and not said and not armed):
@@ -91,9 +91,9 @@ def main() -> int:
         now_s, waited_s = clock.now(), runqueue_wait_s(order.runner)
         if said:
             armed = armed or ARMED in said
-            patience = Patience(now_s, waited_s)
-        elif not patience.left_s(now_s, waited_s):
-            silent_s = now_s - patience.heard_s
+            timeout = SilenceTimeout(now_s, waited_s)
+        elif not timeout.left_s(now_s, waited_s):
+            silent_s = now_s - timeout.heard_s
             break
     confirmed = _take_over(order, runner, silent_s)
     for descriptor in order.lease:
@@ -103,8 +103,8 @@ def main() -> int:
 
 
 @dataclass(frozen=True)
-class Patience:
-    """When the runner was last heard, and what its driving thread had waited for a processor by then (s)."""
+class SilenceTimeout:
+    """When the runner was last heard, and how long its main thread had waited for a processor by then (s)."""
 
     heard_s: float
     waited_s: float

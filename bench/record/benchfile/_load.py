@@ -57,14 +57,14 @@ def _with_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], lis
     mistakes: list[Mistake] = []
     complete: dict[int, dict[str, Any]] = {}
     for role, key, section in device_sections(data):
-        complete[id(section)], found = config_class(role, section.get("driver")).with_files(section, folder)
-        mistakes += [Mistake(f"{key}.{each.key}", each.found, each.expected) for each in found]
+        complete[id(section)], wrong = config_class(role, section.get("driver")).with_files(section, folder)
+        mistakes += [Mistake(f"{key}.{mistake.key}", mistake.found, mistake.expected) for mistake in wrong]
 
     def completed(value: Any) -> Any:
         return complete.get(id(value), value)
 
     sections = {
-        role: [completed(each) for each in value] if isinstance(value, list) else completed(value)
+        role: [completed(section) for section in value] if isinstance(value, list) else completed(value)
         for role, value in data.items()
         if role in ROLES
     }

@@ -13,10 +13,10 @@ from bench.record.events._legacy import typed
 
 
 def _kinds(module: ModuleType) -> dict[str, type[Event]]:
-    found = (
+    events = (
         member for member in vars(module).values() if isinstance(member, type) and issubclass(member, Event)
     )
-    return {each.kind: each for each in found if "kind" in vars(each)}
+    return {event.kind: event for event in events if "kind" in vars(event)}
 
 
 RUN_EVENTS = _kinds(run) | _kinds(safe)

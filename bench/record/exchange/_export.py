@@ -63,12 +63,12 @@ def _tables(run: Run) -> list[Path]:
 def _events(run: Run) -> pa.Table:
     """Return the events as (time_s, kind, fields): fields differ by kind and stay JSON."""
     rows = run.events
-    rest = [{key: value for key, value in row.items() if key not in ("time_s", "kind")} for row in rows]
+    facts = [{key: value for key, value in row.items() if key not in ("time_s", "kind")} for row in rows]
     return pa.table(
         {
             "time_s": pa.array([float(row["time_s"]) for row in rows], pa.float64()),
             "kind": pa.array([_cell(row["kind"]) for row in rows], pa.string()),
-            "fields": pa.array([json.dumps(each, ensure_ascii=False) for each in rest], pa.string()),
+            "fields": pa.array([json.dumps(fact, ensure_ascii=False) for fact in facts], pa.string()),
         }
     )
 

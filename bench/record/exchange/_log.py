@@ -73,7 +73,7 @@ def read_log(file: Path, columns: Columns) -> Log:
     else:
         time_s, raw = _read_table(file, wanted, factors)
     _check_time(time_s, file)
-    values = {name: each * factors[name][0] + factors[name][1] for name, each in raw.items()}
+    values = {name: column * factors[name][0] + factors[name][1] for name, column in raw.items()}
     if "angle" in values:
         values["angle"] = _unwrapped(values["angle"])
     return Log(time_s, values)
@@ -166,8 +166,8 @@ def _read_mdf(
             _check_names(names, sorted(mdf.channels_db), file)
             signals = {name: mdf.get(column.name) for name, column in wanted.items() if name != "time"}
             read = {
-                name: (np.asarray(each.timestamps, np.float64), np.asarray(each.samples, np.float64))
-                for name, each in signals.items()
+                name: (np.asarray(signal.timestamps, np.float64), np.asarray(signal.samples, np.float64))
+                for name, signal in signals.items()
             }
     except ConfigurationError:
         raise

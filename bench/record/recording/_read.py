@@ -277,7 +277,7 @@ def read_table(
         raise RecordError(
             "there is no such table",
             where=str(path),
-            found=", ".join(sorted(each.name for each in path.parent.glob("*.parquet")))
+            found=", ".join(sorted(table.name for table in path.parent.glob("*.parquet")))
             or "no tables at all",
             expected="a decoded table",
             remedy="a run that was killed has raw bytes only; its tables can be made from them",

@@ -1,6 +1,6 @@
-"""Which units still speak: one that falls silent or goes away is named and the run goes on with the others.
+"""Watches the streams: a unit that falls silent or goes away is reported and the run goes on with the others.
 
-A port that went away is looked for and opened again (`Returns`): the unit's record goes on behind a marked gap.
+`Reconnect` opens a port that went away again: the unit's record goes on behind a marked gap.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _WAKES_S = 3.0
 """A unit whose port is back and that has sent nothing for so long is told to stream: it was without power."""
 
 
-class Attendance:
-    """Watches the streams of a run. `report` gets what happens to a unit; `invalidate` what it means for the run.
+class StreamWatchdog:
+    """Watches for silent and lost units; `report` gets what happens, `invalidate` what it means for the run.
 
     A run in which a unit is lost goes on, with the data of the others whole and with its own once its port is
     back, and is invalid with the unit and the time in its reason. When no unit of the role that the procedure
@@ -43,7 +43,7 @@ class Attendance:
         self._tests, self._last_unit_s = tests, last_unit_s
         self._report, self._invalidate = report, invalidate
         self._lost: list[str] = []
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         """Units that are away, and the run invalid for it."""
         self._were_silent: set[str] = set()
         """Units that fell silent before: the reason has the first time, the events have all."""
@@ -59,13 +59,13 @@ class Attendance:
         found = f": {error.found}" if error.found else ""
         self._lost.append(f"{station.name} was lost at {now_s:.1f} s ({error.what}{found})")
         if now_s >= self._excused_s and not self.units_off:
-            self._told.add(station.name)
+            self._reported.add(station.name)
             self._invalidate(Invalid("unit_lost", self._lost[-1], {"device": station.name, "at_s": now_s}))
 
     def back(self, station: StreamStation, now_s: float) -> None:
         """Take note that its port is open again."""
         station.gone = False
-        self._told.discard(station.name)
+        self._reported.discard(station.name)
         gap_s = now_s - station.heard_s
         text = f"back: its port is open again, {gap_s:.1f} s after the last it sent"
         self._report(Alarm(station.name, text, "unit_back", {"gap_s": gap_s}))
@@ -80,7 +80,7 @@ class Attendance:
         """
         units = list(units)
         for unit in units:
-            if unit.name in self._told:
+            if unit.name in self._reported:
                 continue
             quiet_s = self._quiet_s(unit, now_s)
             if quiet_s >= SILENT_S and not unit.silent:
@@ -142,8 +142,8 @@ class Attendance:
         return 0.0 if self.units_off else now_s - unit.interval_s - max(unit.heard_s, self._excused_s)
 
 
-class Returns:
-    """Opens ports of streaming units again. `lose` and `back` are told when one goes away and is here again."""
+class Reconnect:
+    """Opens lost ports of streaming units again. `lose` is called when one goes away, `back` when it is open."""
 
     def __init__(
         self,

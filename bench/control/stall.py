@@ -1,4 +1,4 @@
-"""Whether the chamber's air comes nearer to the set point: it may have stopped without a word."""
+"""Detects a chamber whose air no longer approaches its set point, without an alarm of its own."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Stall:
         )
 
 
-class Approach:
+class StallDetector:
     """Watches one demand after the other; says once a demand that the air stands away from it.
 
     It stands when it is more than `FAR_K` off and came nearer in `WINDOW_S` by less than a tenth of what the ramp

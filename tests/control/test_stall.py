@@ -2,18 +2,18 @@
 
 import pytest
 
-from bench.control.approach import WINDOW_S, Approach
+from bench.control.stall import WINDOW_S, StallDetector
 
 
 def told(air_at, set_point_c, ramp_k_per_min=None, hours=4.0):
     """Return when and what was told of air that follows `air_at(s)`, looked at every 10 s."""
-    approach = Approach()
-    approach.demand(0.0, set_point_c, ramp_k_per_min)
-    approach.run(0.0, True)
+    detector = StallDetector()
+    detector.demand(0.0, set_point_c, ramp_k_per_min)
+    detector.run(0.0, True)
     return [
         (time_s, str(stall))
         for time_s in range(0, int(3600 * hours), 10)
-        if approach.due(time_s) and (stall := approach.look(air_at(time_s), air_at(time_s - WINDOW_S)))
+        if detector.due(time_s) and (stall := detector.look(air_at(time_s), air_at(time_s - WINDOW_S)))
     ]
 
 
@@ -50,12 +50,12 @@ def test_air_that_drifts_off_during_a_soak_is_told():
 
 
 def test_a_chamber_that_was_stopped_or_told_anew_is_not_judged_by_the_old_demand():
-    approach = Approach()
-    approach.demand(0.0, -45.0, None)
-    assert not approach.due(10_000.0)  # never started
-    approach.run(100.0, True)
-    assert approach.due(100.0 + WINDOW_S)
-    approach.demand(500.0, 25.0, None)
-    assert not approach.due(100.0 + WINDOW_S)
-    approach.run(600.0, False)
-    assert not approach.due(10_000.0)
+    detector = StallDetector()
+    detector.demand(0.0, -45.0, None)
+    assert not detector.due(10_000.0)  # never started
+    detector.run(100.0, True)
+    assert detector.due(100.0 + WINDOW_S)
+    detector.demand(500.0, 25.0, None)
+    assert not detector.due(100.0 + WINDOW_S)
+    detector.run(600.0, False)
+    assert not detector.due(10_000.0)
