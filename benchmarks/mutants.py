@@ -7,78 +7,38 @@ with one. Annotations and decorators are left out: nothing evaluates the ones, a
 (`frozen=True`) is no behaviour. The draw is the same for the same sources, and a larger sample holds the
 smaller one.
 
-Each mutant is put into a copy of the tree, where the room's tests run in a process forked from one that has the
-libraries loaded. It is caught if a test fails, or if they take several times as long as without it. Results are
-kept by room in build/mutants: what is broken off goes on; a caught mutant stays caught while its file is the
-same; a survivor is tried again when a test has changed. `--write` puts the table into
-benchmarks/reliability.md.
+Each mutant is put into a copy of the tree, where the room's tests run, those first that ran the mutated line when
+nothing was changed, the quickest of them first. It is caught if a test fails, or if they take several times the
+processor time that they take without it. A test on the host's clock must fail twice. Results are kept by room in
+build/mutants: what is broken off goes on; a caught mutant stays caught while its file is the same; a survivor is
+tried again when a test has changed. Those that no input can show stand in equivalent_mutants.toml, with the
+reason, and do not count. `--write` puts the table into benchmarks/reliability.md.
 """
 
 from __future__ import annotations
 
 import ast
-import compileall
-import ctypes
 import hashlib
-import importlib
 import json
-import os
-import py_compile
 import random
-import re
-import resource
-import select
-import shutil
-import signal
-import subprocess
 import sys
 import tempfile
-import time
-import traceback
+import tomllib
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[1]
+from benchmarks._sections import write_section
+from benchmarks._trial import FAILED, PASSED, ROOT, TIME, Copy
+
 _KEPT = ROOT / "build" / "mutants"
-_PACKAGES = ("bench", "drivers", "procedures", "simulators")
+_EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
 _SEED, _SAMPLE = 1, 200
 _GOAL = 0.85
-_FACTOR, _LEAST_S, _CLEAN_S = 4.0, 20.0, 600.0
-"""A mutant's tests may take so many times as long as without it, and this long at least."""
-_MOST_BYTES = 8 << 30
-_SET_CHILD_SUBREAPER = 36
-"""Of prctl(2)."""
-_CAUGHT, _TIME, _SURVIVED = "caught", "out of time", "survived"
-_LIBRARIES = (
-    "numpy",
-    "scipy.fft",
-    "scipy.linalg",
-    "scipy.optimize",
-    "scipy.signal",
-    "scipy.stats",
-    "pandas",
-    "pyarrow.parquet",
-    "pydantic",
-    "typer",
-    "rich",
-    "hypothesis.strategies",
-    "pytest",
-    "_pytest.assertion.rewrite",
-    "can",
-    "cantools",
-    "serial",
-    "torch",
-    "statsmodels.api",
-    "allantools",
-    "pymodbus",
-    "fsspec",
-    "jinja2",
-    "joblib",
-)
-"""Loaded once, before the processes of the tests are forked; nothing of ours."""
+_FACTOR, _LEAST_S, _CLEAN_S = 4.0, 10.0, 600.0
+"""A mutant's tests may take so many times the processor time that they take without it, and this at least."""
+_CAUGHT, _SURVIVED, _SAME = "caught", "survived", "equivalent"
 
 
 @dataclass(frozen=True)
@@ -217,13 +177,6 @@ class Mutant:
         return f"{self.file}:{self.line} {self.operator} {self.occurrence}"
 
 
-def _ours() -> list[str]:
-    """Return the files of the tree, those not committed yet among them."""
-    words = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
-    found = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    return [name for name in found.splitlines() if (ROOT / name).is_file()]
-
-
 def _places(part: Part, file: str) -> list[list[Mutant]]:
     """Return the mutants of a file, those of one place together."""
     from cosmic_ray.ast import ast_nodes, get_ast_from_path
@@ -326,122 +279,125 @@ def _change(text: str, changed: str) -> str:
     return f"`{before[at].strip()}` -> `{after[at].strip()}`"
 
 
+@dataclass(frozen=True)
+class Clean:
+    """A part's tests without a mutant: how long each takes, which lines it runs; what a mutant may take."""
+
+    seconds: dict[str, float]
+    ran: dict[str, dict[int, list[str]]]
+    """Tests by file and line; none for a line that is executed at import."""
+    limit_s: float
+
+    def order(self, mutant: Mutant) -> list[str]:
+        """Return the tests in the order in which they find the mutant soonest.
+
+        Those that ran its statement, quickest first; then all others, quickest first. Tests of one file that
+        stand together stay so, because they may share a fixture that takes long to make.
+        """
+        lines = self.ran.get(mutant.file, {})
+        line = max((line for line in lines if line <= mutant.line), default=None)
+        near = set() if line is None else set(lines[line])
+        rank = {test: (test not in near, seconds) for test, seconds in self.seconds.items()}
+        first: dict[tuple[bool, str], float] = {}
+        for test, (far, seconds) in rank.items():
+            group = far, test.partition("::")[0]
+            first[group] = min(seconds, first.get(group, seconds))
+
+        def key(test: str) -> tuple[bool, float, str, float]:
+            far, seconds = rank[test]
+            file = test.partition("::")[0]
+            return far, first[far, file], file, seconds
+
+        return sorted(rank, key=key)
+
+
+class _Watch:
+    """Pytest plug-in that writes down how long each test takes and which lines of the sources it runs."""
+
+    def __init__(self, sources: Sequence[Path], notes: Path) -> None:
+        self._sources, self._notes = sources, notes
+        self._seconds: dict[str, float] = {}
+
+    def pytest_configure(self) -> None:
+        from coverage import Coverage
+
+        self._coverage = Coverage(
+            data_file=None, config_file=False, include=[str(path) for path in self._sources]
+        )
+        self._coverage.start()
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        self._coverage.switch_context(nodeid)
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        self._seconds[report.nodeid] = self._seconds.get(report.nodeid, 0.0) + report.duration
+
+    def pytest_unconfigure(self) -> None:
+        self._coverage.stop()
+        data = self._coverage.get_data()
+        ran = {str(path): data.contexts_by_lineno(str(path)) for path in self._sources}
+        self._notes.write_text(json.dumps([self._seconds, ran]), encoding="utf-8")
+
+
+class _Order:
+    """Pytest plug-in that runs tests in a given order."""
+
+    def __init__(self, order: Sequence[str]) -> None:
+        self._rank = {test: rank for rank, test in enumerate(order)}
+
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        items.sort(key=lambda item: self._rank.get(item.nodeid, -1))
+
+
 class Trials:
-    """Runs tests in a copy of the tree that one mutant at a time is put into."""
+    """Runs a part's tests in a copy of the tree that one mutant at a time is put into."""
 
     def __init__(self, folder: Path) -> None:
-        self._copy, self._log, self._scratch = folder / "copy", folder / "log", folder / "tmp"
-        self._limits_s: dict[Part, float] = {}
-        _adopt_orphans()
-        for name in _ours():
-            (self._copy / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(ROOT / name, self._copy / name)
-        # by content: a mutant may have its original's size and second of change
-        hashed = py_compile.PycInvalidationMode.CHECKED_HASH
-        for name in _PACKAGES:
-            compileall.compile_dir(self._copy / name, quiet=2, invalidation_mode=hashed)
-        for name in _LIBRARIES:
-            with suppress(ImportError):
-                importlib.import_module(name)
-        ours = {name.partition(".")[0] for name in sys.modules} & set(_PACKAGES)
-        assert not ours, f"loaded before the mutants: {ours}"
-
-    def limit_s(self, part: Part) -> float:
-        """Return how long a mutant's tests may take; RuntimeError if they fail without any mutant."""
-        if part not in self._limits_s:
-            for _ in range(2):  # the second time what they import is compiled
-                before_s = time.monotonic()
-                outcome, by = self._outcome(part, _CLEAN_S, keep_compiled=True)
-                if outcome != _SURVIVED:
-                    log = self._log.read_text(encoding="utf-8", errors="replace")[-3000:]
-                    raise RuntimeError(f"{log}\nthe tests fail without a mutant: {outcome} {by}")
-            clean_s = time.monotonic() - before_s
-            self._limits_s[part] = max(_FACTOR * clean_s, _LEAST_S)
-            print(f"{' '.join(part.sources)}: the tests take {clean_s:.1f} s", flush=True)
-        return self._limits_s[part]
+        self._copy, self._notes = Copy(folder), folder / "notes.json"
+        self._clean: dict[Part, Clean] = {}
 
     def outcome(self, mutant: Mutant, changed: str) -> tuple[str, str]:
         """Return what the tests make of a mutant, and the one that failed."""
-        limit_s = self.limit_s(mutant.part)
-        path = self._copy / mutant.file
-        text = path.read_text(encoding="utf-8")
-        path.write_text(changed, encoding="utf-8")
-        try:
-            return self._outcome(mutant.part, limit_s, keep_compiled=False)
-        finally:
-            path.write_text(text, encoding="utf-8")
+        tests = mutant.part.tests
+        clean = self._without(mutant.part)
+        order = _Order(clean.order(mutant))
+        with self._copy.changed(mutant.file, changed):
+            found = self._copy.run(tests, clean.limit_s, [order])
+            if found.kind == FAILED and self._uses_the_hosts_clock(found.test):
+                again = self._copy.run([found.test], clean.limit_s)
+                if again.kind == PASSED:  # it had failed because the machine was busy
+                    found = self._copy.run(tests, clean.limit_s, [order])
+        return {PASSED: _SURVIVED, FAILED: _CAUGHT}.get(found.kind, found.kind), found.test
 
-    def _outcome(self, part: Part, limit_s: float, *, keep_compiled: bool) -> tuple[str, str]:
-        shutil.rmtree(self._scratch, ignore_errors=True)
-        sys.stdout.flush()
-        pid = os.fork()
-        if not pid:
-            self._run_tests(part, keep_compiled)
-        ended = os.pidfd_open(pid)
-        try:
-            in_time = bool(select.select([ended], [], [], limit_s)[0])
-        finally:
-            os.close(ended)
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-            status = os.waitpid(pid, 0)[1]
-            _end_orphans()
-        if not in_time:
-            return _TIME, ""
-        if status == 0:
-            return _SURVIVED, ""
-        log = self._log.read_text(encoding="utf-8", errors="replace")
-        failed = re.search(r"^(?:FAILED|ERROR) (\S+)", log, re.MULTILINE)
-        return _CAUGHT, failed[1] if failed else "(it cannot be imported)"
+    def _uses_the_hosts_clock(self, test: str) -> bool:
+        file = ROOT / test.partition("::")[0]
+        return file.is_file() and "pytest.mark.concurrent" in file.read_text(encoding="utf-8")
 
-    def _run_tests(self, part: Part, keep_compiled: bool) -> None:
-        """Run the tests and end this process."""
-        code = 70
-        try:
-            os.setsid()
-            resource.setrlimit(resource.RLIMIT_DATA, (_MOST_BYTES, _MOST_BYTES))
-            nothing = os.open(os.devnull, os.O_RDONLY)
-            log = os.open(self._log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-            for end, descriptor in ((0, nothing), (1, log), (2, log)):
-                os.dup2(descriptor, end)
-            os.chdir(self._copy)
-            sys.path[:] = [str(self._copy), *(each for each in sys.path if Path(each).resolve() != ROOT)]
-            os.environ |= {
-                "PYTHONPATH": str(self._copy),
-                "PYTHONDONTWRITEBYTECODE": "" if keep_compiled else "1",
+    def _without(self, part: Part) -> Clean:
+        """Run a part's tests without any mutant; RuntimeError if they fail."""
+        if part not in self._clean:
+            paths = [path for glob in part.sources for path in sorted(self._copy.root.glob(glob))]
+            self._run_clean(part, [_Watch(paths, self._notes)])
+            seconds, notes = json.loads(self._notes.read_text(encoding="utf-8"))
+            ran = {
+                str(Path(path).relative_to(self._copy.root)): {
+                    int(line): [test for test in tests if test] for line, tests in lines.items()
+                }
+                for path, lines in notes.items()
             }
-            sys.dont_write_bytecode = not keep_compiled
-            import pytest
-            from hypothesis import Phase, settings
+            processor_s = self._run_clean(part, [_Order(sorted(seconds, key=seconds.__getitem__))])
+            self._clean[part] = Clean(seconds, ran, max(_FACTOR * processor_s, _LEAST_S))
+            print(f"{' '.join(part.sources)}: the tests take {processor_s:.1f} s", flush=True)
+        return self._clean[part]
 
-            phases = (Phase.explicit, Phase.generate)  # whether it fails is asked, not how little is enough
-            settings.register_profile("mutants", database=None, derandomize=True, phases=phases)
-            settings.load_profile("mutants")
-            words = ["-x", "-p", "no:cacheprovider", "--basetemp", str(self._scratch)]
-            words += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # hypothesis is loaded already
-            code = int(pytest.main([*words, *part.tests]))
-        except BaseException:
-            traceback.print_exc()
-        finally:
-            os._exit(code)
-
-
-def _adopt_orphans() -> None:
-    """Become the parent of what tests start and leave: a watchdog that is a mutant may never end."""
-    if ctypes.CDLL(None, use_errno=True).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0):
-        raise OSError(ctypes.get_errno(), "prctl")
-
-
-def _end_orphans() -> None:
-    """End the processes that are children of this one now that their parents have ended."""
-    while True:
-        table = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
-        children = [int(word) for word in table.read_text(encoding="ascii").split()]
-        if not children:
-            return
-        for child in children:
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
+    def _run_clean(self, part: Part, plugins: Sequence[object]) -> float:
+        for _ in range(2):  # of those on the host's clock, one may fail on a busy machine
+            found = self._copy.run(part.tests, _CLEAN_S, plugins, keep_compiled=True)
+            if found.kind == PASSED:
+                return found.processor_s
+        raise RuntimeError(
+            f"{self._copy.said()[-3000:]}\nthe tests fail without a mutant: {found.kind} {found.test}"
+        )
 
 
 class Kept:
@@ -476,35 +432,65 @@ def _digest(*names: str) -> str:
     return hashlib.sha256(b"".join((ROOT / name).read_bytes() for name in names)).hexdigest()[:16]
 
 
+def _equivalent() -> dict[tuple[str, str, str], str]:
+    """Return why no input can show a mutant, by file, function and change."""
+    rows = tomllib.loads(_EQUIVALENT.read_text(encoding="utf-8"))["mutant"]
+    return {(row["file"], row["function"], row["change"]): row["reason"] for row in rows}
+
+
 def _tried(room: str, count: int, trials: Trials) -> list[tuple[Mutant, dict[str, str]]]:
     """Return the room's mutants with what became of each; those known already are not run again."""
-    kept, mutants = Kept(room), _drawn(room, count)
-    found = []
+    kept, mutants, equivalent = Kept(room), _drawn(room, count), _equivalent()
+    results = []
     for number, mutant in enumerate(mutants, 1):
         row = kept.row(mutant)
         if row is None:
             text = (ROOT / mutant.file).read_text(encoding="utf-8")
             changed = _mutated(mutant, text)
             assert changed is not None
-            row = kept.keep(mutant, *trials.outcome(mutant, changed), _change(text, changed))
-            place = f"{mutant.file}:{mutant.line} {mutant.function}: {row['change']}"
-            print(f"{room}, {number} of {len(mutants)}: {row['outcome']}, {place} {row['by']}", flush=True)
-        found.append((mutant, row))
-    return found
+            change = _change(text, changed)
+            if (mutant.file, mutant.function, change) in equivalent:
+                row = {"outcome": _SURVIVED, "change": change}
+            else:
+                row = kept.keep(mutant, *trials.outcome(mutant, changed), change)
+            place = f"{mutant.file}:{mutant.line} {mutant.function}: {change}"
+            print(
+                f"{room}, {number} of {len(mutants)}: {row['outcome']}, {place} {row.get('by', '')}",
+                flush=True,
+            )
+        if row["outcome"] == _SURVIVED and (mutant.file, mutant.function, row["change"]) in equivalent:
+            row = row | {"outcome": _SAME}
+        results.append((mutant, row))
+    return results
 
 
-def _lines(room: str, found: Sequence[tuple[Mutant, dict[str, str]]]) -> list[str]:
-    """Return the room's share and its survivors."""
-    alive = [(mutant, row["change"]) for mutant, row in found if row["outcome"] == _SURVIVED]
-    late = sum(row["outcome"] == _TIME for _, row in found)
-    share = _share(found)
-    head = f"**{room}**: {len(found) - len(alive)} of {len(found)} caught, {share:.1%} ({late} by time)."
-    places = sorted(alive, key=lambda each: (each[0].file, each[0].line))
-    return [head, "", *(f"* {own.file}:{own.line} `{own.function}`: {change}" for own, change in places), ""]
+def _lines(room: str, results: Sequence[tuple[Mutant, dict[str, str]]]) -> list[str]:
+    """Return the room's share, its survivors and its equivalent mutants."""
+    survivors, equivalent = _of(results, _SURVIVED), _of(results, _SAME)
+    tried = len(results) - len(equivalent)
+    lines = [
+        f"**{room}**: {tried - len(survivors)} of {tried} caught, {_share(results):.1%} "
+        f"({len(_of(results, TIME))} by time); {len(equivalent)} more are equivalent."
+    ]
+    for title, mutants in (("Survivors", survivors), ("Equivalent", equivalent)):
+        if mutants:
+            lines += ["", f"{title}:", "", *mutants]
+    return [*lines, ""]
 
 
-def _share(found: Sequence[tuple[Mutant, dict[str, str]]]) -> float:
-    return sum(row["outcome"] != _SURVIVED for _, row in found) / max(len(found), 1)
+def _of(results: Sequence[tuple[Mutant, dict[str, str]]], outcome: str) -> list[str]:
+    """Return a line for each mutant that ended so, by place."""
+    rows = [
+        (mutant.file, mutant.line, mutant.function, row["change"])
+        for mutant, row in results
+        if row["outcome"] == outcome
+    ]
+    return [f"* {file}:{line} `{function}`: {change}" for file, line, function, change in sorted(rows)]
+
+
+def _share(results: Sequence[tuple[Mutant, dict[str, str]]]) -> float:
+    tried = [row["outcome"] for _, row in results if row["outcome"] != _SAME]
+    return sum(outcome != _SURVIVED for outcome in tried) / max(len(tried), 1)
 
 
 def main() -> int:
@@ -517,13 +503,11 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         trials = Trials(Path(folder))
         for room in words or ROOMS:
-            found = _tried(room, count, trials)
-            lines += _lines(room, found)
-            shares.append(_share(found))
+            results = _tried(room, count, trials)
+            lines += _lines(room, results)
+            shares.append(_share(results))
     print("\n".join(["", *lines]))
     if "--write" in sys.argv:
-        from benchmarks._sections import write_section  # ours: not before the tests' processes were forked
-
         write_section("Mutants", f"python -m benchmarks.mutants {count}", lines)
     return 0 if min(shares) >= _GOAL else 1
 
