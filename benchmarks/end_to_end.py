@@ -9,6 +9,7 @@ frame by frame with pyserial and `struct` (what people write).
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import statistics
 import struct
@@ -20,6 +21,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import serial
 
@@ -67,8 +69,8 @@ class Timing:
 def bench_file() -> BenchFile:
     """Return the demo's bench with its serial gyro alone, at 100 Hz."""
     file = load_bench_file(Path(__file__).parents[1] / "examples" / "demo.toml")
-    gyro = file.gyro[0].model_copy(update={"rate_hz": float(RATE_HZ)})
-    chamber = file.chamber.model_copy(update={"auxiliary": {1: "fog_1 case"}})
+    gyro = dataclasses.replace(file.gyro[0], rate_hz=float(RATE_HZ))
+    chamber = dataclasses.replace(file.chamber, auxiliary={1: "fog_1 case"})
     return file.model_copy(update={"gyro": (gyro,), "chamber": chamber})
 
 
@@ -120,8 +122,8 @@ def side_by_side() -> tuple[int, float]:
 def campaign_day(folder: Path) -> tuple[float, float]:
     """Rehearse a day of chamber, table and two gyros at 100 Hz, a lab a processor; return bench and wall s."""
     file = bench_file()
-    other = {"name": "fog_2", "port": "/dev/ttyUSB9", "unit": "FOG-002", "case_sensor": None}
-    second = file.gyro[0].model_copy(update=other)
+    other: dict[str, Any] = {"name": "fog_2", "port": "/dev/ttyUSB9", "unit": "FOG-002", "case_sensor": None}
+    second = dataclasses.replace(file.gyro[0], **other)
     file = file.model_copy(update={"gyro": (file.gyro[0], second)})
     plan = folder / "campaign.toml"
     plan.write_text(_DAY, encoding="utf-8")

@@ -26,8 +26,8 @@ class RlgConfig(GyroConfig):
     @property
     def described(self) -> FramesConfig:
         """The configuration of a described gyro that sends the same."""
-        same = {**self.model_dump(), "description": "rlg2t", "frame_format": None, "axes": "x", "axis": "x"}
-        return FramesConfig.model_validate(same)
+        same = {"description": "rlg2t", "frame_format": None, "axes": "x", "axis": "x"}
+        return FramesConfig(**{**vars(self), **same})
 
 
 def _rates(config: RlgConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:

@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import UnionType
+from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field
-
-from drivers.kit.registry import AnyChamber, AnyGyro, AnyPlatform, AnyTable
+from drivers.kit.config import ChamberConfig, GyroConfig, PlatformConfig, Section, TableConfig, key
+from drivers.kit.registry import ROLES, config_class
 from simulators.faults import Fault
 
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
-_Pair = tuple[_Finite, _Finite]
-_Line = tuple[_Finite, _Finite, _Finite]
+
+class _PlantSection(Section):
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = {"extra": "forbid", "allow_inf_nan": False}
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Rotation(_Part):
+class Rotation(_PlantSection):
     """The table's motion and its encoder.
 
     Ripple is the peak change of the rate, 1e-6 of it, once and twice a turn (50,000 is 5 %); the encoder has
     white noise and a ripple of so many lines a turn beside the eccentricity that every emulated table has.
     """
 
-    ripple_once_ppm: float = Field(default=5.0, ge=0, le=2e5)
-    ripple_twice_ppm: float = Field(default=2.0, ge=0, le=2e5)
-    encoder_noise_arcsec: float = Field(default=0.0, ge=0, le=3600)
-    encoder_ripple_arcsec: float = Field(default=0.0, ge=0, le=3600)
-    encoder_ripple_lines: int = Field(default=36, ge=1, le=1_000_000)
+    ripple_once_ppm: float = key(default=5.0, ge=0, le=2e5)
+    ripple_twice_ppm: float = key(default=2.0, ge=0, le=2e5)
+    encoder_noise_arcsec: float = key(default=0.0, ge=0, le=3600)
+    encoder_ripple_arcsec: float = key(default=0.0, ge=0, le=3600)
+    encoder_ripple_lines: int = key(default=36, ge=1, le=1_000_000)
 
 
-class Bearing(_Part):
+class Bearing(_PlantSection):
     """The bearing that a unit of the model `ins_triad` turns in (simulators.plant.wobble).
 
     `lines_arcsec`: [m, x, y] each, a tilt of the unit about its x and y axes by x + jy turning m times a turn
@@ -40,20 +40,21 @@ class Bearing(_Part):
     `play_travel_deg`. `misalignment_arcsec`: angles of the sensors' x and y axes towards z.
     """
 
-    lines_arcsec: tuple[_Line, ...]
-    play_arcsec: _Pair = (0.0, 0.0)
-    play_travel_deg: float = Field(default=0.5, gt=0, le=90)
-    misalignment_arcsec: _Pair = (0.0, 0.0)
+    lines_arcsec: tuple[tuple[float, float, float], ...]
+    play_arcsec: tuple[float, float] = (0.0, 0.0)
+    play_travel_deg: float = key(default=0.5, gt=0, le=90)
+    misalignment_arcsec: tuple[float, float] = (0.0, 0.0)
 
 
-class GyroInLab(_Part):
+@dataclass(frozen=True, kw_only=True)
+class GyroInLab:
     """A gyro unit: its section of the bench file, and which physics it has.
 
     `bearing`: what an INS turns in; None for the one its seed draws. `errors`: terms and noise of a fitted model
     in place of the unit's own errors.
     """
 
-    config: AnyGyro
+    config: GyroConfig
     model: str
     unit_seed: int
     mounting: Literal["axis_horizontal", "axis_up", "z_up"] = "axis_horizontal"
@@ -63,14 +64,15 @@ class GyroInLab(_Part):
     errors: dict[str, Any] | None = None
 
 
-class PlatformInLab(_Part):
+@dataclass(frozen=True, kw_only=True)
+class PlatformInLab:
     """A platform INS: its section of the bench file; `unit_seed` draws its physics.
 
     `effect_dph`: rms over headings of the change of its mean drift; `north_deg`: table angle at heading 0.
     `modelled`: its drift is that of a model, `heading_effect` the model's values (None: it has none).
     """
 
-    config: AnyPlatform
+    config: PlatformConfig
     unit_seed: int
     effect_dph: float = 1e-3
     north_deg: float = 0.0
@@ -78,7 +80,8 @@ class PlatformInLab(_Part):
     heading_effect: list[float] | None = None
 
 
-class LabConfig(_Part):
+@dataclass(frozen=True, kw_only=True)
+class LabConfig:
     """A whole lab.
 
     `delivery_s`: how often adapters hand over streamed bytes. `cpu`: processor that lab and bench share in
@@ -90,12 +93,41 @@ class LabConfig(_Part):
     latitude_deg: float
     room_temp_c: float
     chamber_model: str
-    table: AnyTable
-    chamber: AnyChamber
+    table: TableConfig
+    chamber: ChamberConfig
     gyros: tuple[GyroInLab, ...]
     platforms: tuple[PlatformInLab, ...] = ()
     faults: tuple[Fault, ...] = ()
-    rotation: Rotation = Rotation()
+    rotation: Rotation = field(default_factory=Rotation)
     delivery_s: float = 1.0
     cpu: int | None = None
     emulated: dict[str, Any] | None = None
+
+    def to_line(self) -> bytes:
+        """Return the message that starts such a lab, without its end of line."""
+        return json.dumps(dataclasses.asdict(self)).encode()
+
+    @classmethod
+    def from_line(cls, line: bytes) -> LabConfig:
+        """Return what `to_line` made a message of."""
+        config: LabConfig = _restored(cls, json.loads(line))
+        return config
+
+
+def _restored(kind: Any, value: Any) -> Any:
+    """Return what a field of a type held before it was JSON; of a union, the first type counts."""
+    if isinstance(kind, UnionType):
+        kind = get_args(kind)[0]
+    if isinstance(value, list) and get_origin(kind) is tuple:
+        return tuple(_restored(get_args(kind)[0], member) for member in value)
+    if not isinstance(value, dict):
+        return value
+    if get_origin(kind) is dict and get_args(kind)[0] is int:
+        return {int(number): content for number, content in value.items()}
+    for role, shared in ROLES.items():
+        if kind is shared:
+            kind = config_class(role, value["driver"])
+    if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
+        return value
+    types = get_type_hints(kind)
+    return kind(**{name: _restored(types[name], content) for name, content in value.items()})

@@ -5,13 +5,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Collection, Mapping
-
-from pydantic import ConfigDict, Field
-from pydantic.dataclasses import dataclass
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from drivers.base.errors import ConfigurationError
+from drivers.kit.config import key
 
 WIRE_FAULTS: Mapping[str, str] = {
     "drop": "`count` bytes of a message are lost",
@@ -41,7 +40,7 @@ _LASTING = ("delay", "silence", VANISH)
 _MUST_COUNT = ("drop", "repeat", "flip", "noise", "lose", *COMMAND_FAULTS)
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@dataclass(frozen=True)
 class Fault:
     """One fault of one port: a `[[fault]]` of a plant file, docs/faults.md has the kinds.
 
@@ -51,15 +50,17 @@ class Fault:
     `count`, `duration_s`, `factor` and `text` are what the kind makes of them.
     """
 
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = {"extra": "forbid"}
+
     port: str
     kind: str
     at_s: tuple[float, ...] = ()
-    rate_per_h: float = Field(default=0.0, ge=0, le=3.6e6, allow_inf_nan=False)
-    start_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
-    end_s: float = Field(default=1e12, gt=0, allow_inf_nan=False)
-    count: int = Field(default=1, ge=0)
-    duration_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
-    factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
+    rate_per_h: float = key(default=0.0, ge=0, le=3.6e6, allow_inf_nan=False)
+    start_s: float = key(default=0.0, ge=0, allow_inf_nan=False)
+    end_s: float = key(default=1e12, gt=0, allow_inf_nan=False)
+    count: int = key(default=1, ge=0)
+    duration_s: float = key(default=0.0, ge=0, allow_inf_nan=False)
+    factor: float = key(default=1.0, ge=0, allow_inf_nan=False)
     text: str = ""
 
     def check(
@@ -99,7 +100,7 @@ class Fault:
         )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class WireShape:
     """How a device's messages look from outside, for faults that strike a whole one.
 

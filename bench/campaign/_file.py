@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import hashlib
 from collections.abc import Iterator
@@ -144,8 +145,10 @@ def bench_of(campaign: Campaign, file: BenchFile, where: str = "the campaign's u
         section = _section_of(unit, file)
         if section is None:
             raise ConfigurationError("a unit that is not on the bench", where=where, found=unit.serial)
-        place = {} if unit.port is None else {"channel" if section.on_can else "port": unit.port}
-        sections.append(section.model_copy(update={"unit": unit.serial, **place}))
+        place: dict[str, Any] = (
+            {} if unit.port is None else {"channel" if section.on_can else "port": unit.port}
+        )
+        sections.append(dataclasses.replace(section, unit=unit.serial, **place))
     changed = file.model_copy(update={"gyro": tuple(sections)})
     bench_file_from(changed.model_dump(mode="json", exclude_none=True), where)
     return changed

@@ -140,7 +140,7 @@ class EmulatedLab:
         self._answers = self._process.stdout
         cpu = _cpu_of(os.getpid() if lane is None else lane)
         try:
-            self._write(lab_config(file, plant, clock, cpu).model_dump_json().encode())
+            self._write(lab_config(file, plant, clock, cpu).to_line())
             ready = self._read()
             if "refused" in ready:
                 raise ConfigurationError(**ready["refused"])
@@ -294,9 +294,9 @@ def _with_ports(
     file: BenchFile, ports: dict[str, str], clock_url: str | None, told: dict[str, Any] | None = None
 ) -> BenchFile:
     gyros = tuple(
-        gyro.model_copy(update={"interface": "gyrobench_slcan", "channel": ports[gyro.name]})
+        dataclasses.replace(gyro, interface="gyrobench_slcan", channel=ports[gyro.name])
         if gyro.on_can
-        else gyro.model_copy(update={"port": ports[gyro.name]})
+        else dataclasses.replace(gyro, port=ports[gyro.name])
         for gyro in file.gyro
     )
     return file.model_copy(
@@ -304,11 +304,11 @@ def _with_ports(
             "bench": file.bench.model_copy(
                 update={"clock": clock_url, "emulated": told and Emulated(**told)}
             ),
-            "table": file.table.model_copy(update={"port": ports["table"]}),
-            "chamber": file.chamber.model_copy(update={"port": ports["chamber"]}),
+            "table": dataclasses.replace(file.table, port=ports["table"]),
+            "chamber": dataclasses.replace(file.chamber, port=ports["chamber"]),
             "gyro": gyros,
             "platform": tuple(
-                platform.model_copy(update={"port": ports[platform.name]}) for platform in file.platform
+                dataclasses.replace(platform, port=ports[platform.name]) for platform in file.platform
             ),
         }
     )

@@ -62,7 +62,7 @@ class PreforkServer:
             )
         assert self._process.stdin is not None
         with suppress(BrokenPipeError), self._process.stdin as stdin:
-            stdin.write(b"" if like is None else like.model_dump_json().encode() + b"\n")
+            stdin.write(b"" if like is None else like.to_line() + b"\n")
 
     def __enter__(self) -> PreforkServer:
         return self

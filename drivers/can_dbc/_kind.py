@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeVar
 
 from numpy.typing import NDArray
-from pydantic import Field
 
 from drivers.base.errors import ConfigurationError
 from drivers.can_dbc._decode import CanDecoder
 from drivers.can_dbc._driver import CanGyro
 from drivers.can_dbc._layout import CanLayout, layout_from_plain, layout_to_plain
 from drivers.can_dbc._mapping import layout_from_mapping, load_layout
-from drivers.kit.config import GyroConfig, Mistake
+from drivers.kit.config import GyroConfig, Mistake, key
 from drivers.kit.kinds import Columns, Connection, GyroKind
 from drivers.slcan import open_can
 
@@ -49,7 +48,7 @@ class CanConfig(GyroConfig):
 class CanDbcConfig(CanConfig):
     """`[[gyro]]` of a unit on CAN whose messages a layout describes."""
 
-    layout: str | dict[str, Any] = Field(
+    layout: str | dict[str, Any] = key(
         description="a shipped CAN layout's name, or a mapping file's path from the bench file's folder",
     )
     reads: ClassVar[frozenset[str]] = frozenset({"layout"})

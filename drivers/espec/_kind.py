@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
-from pydantic import Field
-
 from drivers.espec._driver import EspecChamber
 from drivers.espec._transcript import decode_transcript
-from drivers.kit.config import ChamberConfig
+from drivers.kit.config import ChamberConfig, key
 from drivers.kit.kinds import ChamberKind, Connection, Probe
 
 
 class EspecConfig(ChamberConfig):
     """`[chamber]` of an ESPEC; without `address` it is on RS-232 or TCP."""
 
-    simserv: Literal[True] = Field(default=True, exclude=True, description="none: an ESPEC has no SimServ")
-    start_channel: Literal[1] = Field(
+    simserv: Literal[True] = key(default=True, exclude=True, description="none: an ESPEC has no SimServ")
+    start_channel: Literal[1] = key(
         default=1, exclude=True, description="none: an ESPEC is started by its mode"
     )
 

@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from drivers.frames._decode import FrameDecoder, celsius, channels, messages_of
 from drivers.frames._driver import FrameGyro
@@ -16,14 +15,14 @@ from drivers.frames._form import Form
 from drivers.frames._load import FrameFamily, family_from, family_of, is_path, load_toml, shipped
 from drivers.frames._model import ACCEL_ROLES
 from drivers.frames._units import factor
-from drivers.kit.config import GyroConfig, Mistake
+from drivers.kit.config import GyroConfig, Mistake, key
 from drivers.kit.kinds import Columns, Connection, GyroKind, Probe
 
 
 class FramesConfig(GyroConfig):
     """`[[gyro]]` of a unit that a frame description describes; `frame_format` is one of its messages."""
 
-    description: str | dict[str, Any] = Field(
+    description: str | dict[str, Any] = key(
         description="a frame description: a name that `gyrobench frames list` shows, or a path to a TOML file",
     )
     reads: ClassVar[frozenset[str]] = frozenset({"description", "settings"})

@@ -3,43 +3,82 @@
 A role's model has the keys that the bench itself reads, and those that several drivers share. A driver adds its
 own keys, narrows those it has, and names its model in its kind (`drivers.kit.kinds`). The description of a key
 is the text that an error quotes.
+
+The models are frozen dataclasses. pydantic checks them where a file is read, and only there: an emulated lab
+reads them too, and starts without it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
-
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, dataclass_transform
 
 from drivers.base.errors import ConfigurationError
 from drivers.kit.link import check_place
 
-
-def _place(value: str) -> str:
-    try:
-        check_place(value, "")
-    except ConfigurationError as error:
-        raise ValueError(str(error)) from error
-    return value
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, TypeAdapter
+    from pydantic_core import CoreSchema
 
 
-Baudrate = Annotated[int, Field(ge=50, le=12_000_000)]
-Port = Annotated[str, Field(min_length=1), AfterValidator(_place)]
+def key(
+    *, default: Any = dataclasses.MISSING, default_factory: Any = dataclasses.MISSING, **checks: Any
+) -> Any:
+    """Return a field of a section; `checks` are those of `pydantic.Field`: description, ge, pattern, ..."""
+    return dataclasses.field(default=default, default_factory=default_factory, metadata=checks)
+
+
+class _Checked:
+    """Annotation of a type that a function checks: it makes its own schema of pydantic's schema of the type."""
+
+    def __init__(self, schema: Callable[[CoreSchema], CoreSchema]) -> None:
+        self._schema = schema
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return self._schema(handler(source))
+
+
+def _place(text: CoreSchema) -> CoreSchema:
+    from pydantic_core import core_schema
+
+    def checked(value: str) -> str:
+        if not value:
+            raise ValueError("no port")
+        try:
+            check_place(value, "")
+        except ConfigurationError as error:
+            raise ValueError(str(error)) from error
+        return value
+
+    return core_schema.no_info_after_validator_function(checked, text)
+
+
+def _sensors(_: CoreSchema) -> CoreSchema:
+    from pydantic_core import core_schema
+
+    def numbered(value: Any) -> Any:
+        """Turn TOML's keys, which are always text, into sensor numbers; leave what is none for the check."""
+        if not isinstance(value, dict):
+            return value
+        return {
+            int(key) if isinstance(key, str) and key.isdecimal() else key: text for key, text in value.items()
+        }
+
+    table = core_schema.dict_schema(core_schema.int_schema(ge=1), core_schema.str_schema())
+    return core_schema.no_info_before_validator_function(numbered, table)
+
+
+Port = Annotated[str, _Checked(_place)]
 _NAME = r"^[a-z][a-z0-9_]{0,31}$"
 _PORT_TEXT = "a port: a serial device such as '/dev/ttyUSB0', or 'socket://host:port'"
-_BAUDRATE_TEXT = "the baud rate, a whole number of bit/s"
 
 
-def _sensor_numbers(value: Any) -> Any:
-    """Turn TOML's keys, which are always text, into sensor numbers; leave what is none for the check."""
-    if not isinstance(value, dict):
-        return value
-    return {
-        int(key) if isinstance(key, str) and key.isdecimal() else key: text for key, text in value.items()
-    }
+def _baudrate(default: int) -> Any:
+    return key(default=default, ge=50, le=12_000_000, description="the baud rate, a whole number of bit/s")
 
 
 @dataclass(frozen=True)
@@ -51,10 +90,29 @@ class Mistake:
     expected: str
 
 
-class Section(BaseModel):
-    """A section of a bench file: frozen, no type is converted, no unknown key."""
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(key, _baudrate))
+class Section:
+    """A section of a file, a frozen dataclass. No type is converted when it is read, no unknown key taken."""
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = {"strict": True, "extra": "forbid"}
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        schema = handler(source)
+        resolved: Any = handler.resolve_ref_schema(schema)
+        resolved["strict"] = False  # a table of a file is no instance yet
+        return schema
+
+    @classmethod
+    @cache
+    def adapter(cls) -> TypeAdapter[Self]:
+        """Return what checks a table of a file (pydantic's ValidationError), and makes one of a section again."""
+        from pydantic import TypeAdapter
+
+        return TypeAdapter(cls)
 
 
 class DeviceConfig(Section):
@@ -85,24 +143,24 @@ Direction = Literal["east", "west", "north", "south", "up", "down"]
 class AxisConfig(Section):
     """`[[table.axes]]`: one axis of the table, outermost first; the last one carries the unit."""
 
-    name: str = Field(
+    name: str = key(
         pattern=r"^[a-z][a-z0-9]{0,15}$", description="a short name, e.g. 'outer', 'middle', 'inner'"
     )
-    number: int = Field(ge=1, le=9, description="the axis' number on the controller")
-    direction: Direction = Field(
+    number: int = key(ge=1, le=9, description="the axis' number on the controller")
+    direction: Direction = key(
         description="where the axis points with all axes at 0, positive turns right-handed about it: 'east', "
         "'west', 'north', 'south', 'up' or 'down'"
     )
-    max_rate_dps: float | None = Field(
+    max_rate_dps: float | None = key(
         default=None, gt=0, allow_inf_nan=False, description="the highest rate of this axis, deg/s"
     )
-    max_acceleration_dps2: float | None = Field(
+    max_acceleration_dps2: float | None = key(
         default=None, gt=0, allow_inf_nan=False, description="the highest acceleration of this axis, deg/s2"
     )
-    min_angle_deg: float | None = Field(
+    min_angle_deg: float | None = key(
         default=None, ge=-360, le=360, description="the lower stop of an axis of limited motion, deg"
     )
-    max_angle_deg: float | None = Field(
+    max_angle_deg: float | None = key(
         default=None, ge=-360, le=360, description="the upper stop of an axis of limited motion, deg"
     )
 
@@ -110,11 +168,11 @@ class AxisConfig(Section):
 class TableConfig(DeviceConfig):
     """`[table]`: the rate table, with `axis` for a table of one axis, up, or `axes`."""
 
-    driver: str = Field(description="the kind of table driver")
-    port: Port = Field(description=_PORT_TEXT)
-    baudrate: Baudrate = Field(default=9600, description=_BAUDRATE_TEXT)
-    axis: int = Field(default=1, ge=1, le=9, description="the number of the table axis that carries the unit")
-    axes: tuple[AxisConfig, ...] = Field(
+    driver: str = key(description="the kind of table driver")
+    port: Port = key(description=_PORT_TEXT)
+    baudrate: int = _baudrate(9600)
+    axis: int = key(default=1, ge=1, le=9, description="the number of the table axis that carries the unit")
+    axes: tuple[AxisConfig, ...] = key(
         default=(),
         max_length=3,
         strict=False,
@@ -131,18 +189,18 @@ class TableConfig(DeviceConfig):
 class ChamberConfig(DeviceConfig):
     """`[chamber]`: the thermal chamber. `auxiliary` maps a sensor's number to what it is glued to."""
 
-    driver: str = Field(description="the kind of chamber driver")
-    port: Port = Field(description=_PORT_TEXT)
-    baudrate: Baudrate = Field(default=9600, description=_BAUDRATE_TEXT)
-    address: int | None = Field(
+    driver: str = key(description="the kind of chamber driver")
+    port: Port = key(description=_PORT_TEXT)
+    baudrate: int = _baudrate(9600)
+    address: int | None = key(
         default=None, ge=0, le=247, description="the chamber's bus address, 0 to 247; left out: 1"
     )
-    door_message: str | None = Field(
+    door_message: str | None = key(
         default=None,
         min_length=3,
         description="part of the alarm or warning the chamber shows while its door is open, e.g. 'door'",
     )
-    auxiliary: Annotated[dict[Annotated[int, Field(ge=1)], str], BeforeValidator(_sensor_numbers)] = Field(
+    auxiliary: Annotated[dict[int, str], _Checked(_sensors)] = key(
         default_factory=dict,
         description='sensor number (1, 2, ...) = what it is glued to, e.g. {1 = "fog_1 case"}',
     )
@@ -151,59 +209,59 @@ class ChamberConfig(DeviceConfig):
 class UnderTestConfig(DeviceConfig):
     """A unit under test."""
 
-    name: str = Field(
+    name: str = key(
         pattern=_NAME,
         description="a short name of lower-case letters, digits and _ that starts with a letter",
     )
-    driver: str = Field(description="the kind of driver")
-    unit: str = Field(min_length=1, description="the serial number or id of the unit under test, as text")
+    driver: str = key(description="the kind of driver")
+    unit: str = key(min_length=1, description="the serial number or id of the unit under test, as text")
 
 
 class GyroConfig(UnderTestConfig):
     """`[[gyro]]`: a unit under test, on a serial port (`port`) or a CAN bus (`interface`, `channel`)."""
 
-    axis: Literal["x", "y", "z"] = Field(description="the axis under test: 'x', 'y' or 'z'")
-    axes: str = Field(
+    axis: Literal["x", "y", "z"] = key(description="the axis under test: 'x', 'y' or 'z'")
+    axes: str = key(
         default="x",
         pattern=r"^(x|y|z|xy|xz|yz|xyz)$",
         description="the axes the unit has, in order: 'x', 'xyz', ...",
     )
-    port: Port | None = Field(default=None, description=_PORT_TEXT)
-    baudrate: Baudrate = Field(default=921_600, description=_BAUDRATE_TEXT)
-    frame_format: str | None = Field(
+    port: Port | None = key(default=None, description=_PORT_TEXT)
+    baudrate: int = _baudrate(921_600)
+    frame_format: str | None = key(
         default=None, min_length=1, description="which of its messages the unit sends"
     )
-    description: str | dict[str, Any] | None = Field(
+    description: str | dict[str, Any] | None = key(
         default=None,
         description="a frame description: a name that `gyrobench frames list` shows, or a path to a TOML file",
     )
-    settings: dict[str, str] = Field(
+    settings: dict[str, str] = key(
         default_factory=dict,
         description="how the unit was ordered or set up, e.g. { gyro_output = 'incremental_angle' }: of the "
         "settings that `gyrobench frames check` shows",
     )
-    interface: str | None = Field(
+    interface: str | None = key(
         default=None,
         min_length=1,
         description="a python-can interface, e.g. 'socketcan' or 'gyrobench_slcan'",
     )
-    channel: Port | None = Field(
+    channel: Port | None = key(
         default=None, description="the CAN channel, e.g. 'can0', or the slcan adapter's port"
     )
-    bitrate: int = Field(
+    bitrate: int = key(
         default=500_000, ge=10_000, le=1_000_000, description="the CAN bit rate, a whole number of bit/s"
     )
-    layout: str | dict[str, Any] | None = Field(
+    layout: str | dict[str, Any] | None = key(
         default=None,
         description="a shipped CAN layout's name, or a mapping file's path from the bench file's folder",
     )
-    source_address: int | None = Field(
+    source_address: int | None = key(
         default=None, ge=0, le=253, description="the J1939 address of the unit, 0 to 253; left out: any"
     )
-    rate_hz: float = Field(
+    rate_hz: float = key(
         default=100.0, gt=0, le=20_000, allow_inf_nan=False, description="the sample rate in Hz"
     )
-    case_sensor: int | None = Field(
+    case_sensor: int | None = key(
         default=None, ge=1, description="the number of the chamber's auxiliary sensor on the unit's case"
     )
 
@@ -237,12 +295,10 @@ class GyroConfig(UnderTestConfig):
 class PlatformConfig(UnderTestConfig):
     """`[[platform]]`: a platform INS under test, on a serial port."""
 
-    port: Port = Field(description=_PORT_TEXT)
-    baudrate: Baudrate = Field(default=38_400, description=_BAUDRATE_TEXT)
-    period_s: int = Field(
-        default=60, ge=1, le=60, description="seconds from sample to sample, whole, 1 to 60"
-    )
-    longitude_deg: float = Field(
+    port: Port = key(description=_PORT_TEXT)
+    baudrate: int = _baudrate(38_400)
+    period_s: int = key(default=60, ge=1, le=60, description="seconds from sample to sample, whole, 1 to 60")
+    longitude_deg: float = key(
         default=0.0,
         ge=-180,
         lt=180,

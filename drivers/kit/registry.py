@@ -5,9 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from importlib.metadata import EntryPoint
-from typing import Annotated, Any
-
-from pydantic import SerializeAsAny, ValidatorFunctionWrapHandler, WrapValidator
+from typing import Any
 
 from drivers.base.errors import ConfigurationError
 from drivers.base.plugins import entry_points_of
@@ -63,20 +61,3 @@ def one_of(found: str, names: Iterable[str]) -> str:
     near = difflib.get_close_matches(found, names, n=1)
     suggestion = f" (did you mean {near[0]!r}?)" if near else ""
     return f"{'one of ' if len(names) > 1 else ''}{', '.join(names)}{suggestion}"
-
-
-def _own(role: str) -> WrapValidator:
-    """Have a section checked by the model of the driver that it names."""
-
-    def validate(value: Any, by_role: ValidatorFunctionWrapHandler) -> Any:
-        if isinstance(value, dict):
-            return config_class(role, value.get("driver")).model_validate(value)
-        return by_role(value)
-
-    return WrapValidator(validate)
-
-
-AnyTable = Annotated[SerializeAsAny[TableConfig], _own("table")]
-AnyChamber = Annotated[SerializeAsAny[ChamberConfig], _own("chamber")]
-AnyGyro = Annotated[SerializeAsAny[GyroConfig], _own("gyro")]
-AnyPlatform = Annotated[SerializeAsAny[PlatformConfig], _own("platform")]

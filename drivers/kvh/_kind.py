@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from numpy.typing import NDArray
-from pydantic import Field
 
-from drivers.kit.config import GyroConfig
+from drivers.kit.config import GyroConfig, key
 from drivers.kit.kinds import Columns, Connection, GyroKind, Probe
 from drivers.kvh._decode import KvhDecoder
 from drivers.kvh._driver import KvhGyro
@@ -20,7 +19,7 @@ _SENT_AS: dict[str, Any] = {"rotation": "delta", "temp_units": "C_100"}
 class KvhConfig(GyroConfig):
     """`[[gyro]]` of a KVH gyro."""
 
-    frame_format: Format | None = Field(default=None, description="'A', 'B' or 'C'; left out: 'A'")
+    frame_format: Format | None = key(default=None, description="'A', 'B' or 'C'; left out: 'A'")
 
     @property
     def sends(self) -> Format:

@@ -40,8 +40,7 @@ class Stim300Config(GyroConfig):
     @property
     def described(self) -> FramesConfig:
         """The configuration of a described gyro that sends the same."""
-        same = {**self.model_dump(), "description": "stim300", "frame_format": self.message}
-        return FramesConfig.model_validate(same)
+        return FramesConfig(**{**vars(self), "description": "stim300", "frame_format": self.message})
 
     @classmethod
     def with_files(cls, given: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Literal
 
-from pydantic import Field
-
-from drivers.kit.config import ChamberConfig
+from drivers.kit.config import ChamberConfig, key
 from drivers.kit.kinds import ChamberKind, Connection, Probe
 from drivers.kit.link import Link
 from drivers.kit.modbus import Framing, ModbusMaster
@@ -18,7 +16,7 @@ from drivers.watlow._transcript import decode_f4, decode_f4t
 
 
 class _WatlowConfig(ChamberConfig):
-    simserv: Literal[True] = Field(default=True, exclude=True, description="none: a Watlow has no SimServ")
+    simserv: Literal[True] = key(default=True, exclude=True, description="none: a Watlow has no SimServ")
 
     @property
     def device(self) -> int:
@@ -29,7 +27,7 @@ class _WatlowConfig(ChamberConfig):
 class F4Config(_WatlowConfig):
     """`[chamber]` of an F4: Modbus RTU, through a device server too; `auxiliary` are inputs 2 and 3."""
 
-    start_channel: int = Field(
+    start_channel: int = key(
         default=1, ge=1, le=8, description="the digital output of the F4 that starts the chamber, 1 to 8"
     )
 
@@ -37,7 +35,7 @@ class F4Config(_WatlowConfig):
 class F4TConfig(_WatlowConfig):
     """`[chamber]` of an F4T."""
 
-    start_channel: Literal[1] = Field(
+    start_channel: Literal[1] = key(
         default=1, exclude=True, description="none: an F4T is started by its mode"
     )
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
-
-from drivers.kit.config import ChamberConfig
+from drivers.kit.config import ChamberConfig, key
 from drivers.kit.kinds import ChamberKind, Connection, Probe
 from drivers.weiss._driver import WeissChamber
 from drivers.weiss._transcript import decode_transcript
@@ -13,11 +11,11 @@ from drivers.weiss._transcript import decode_transcript
 class WeissConfig(ChamberConfig):
     """`[chamber]` of a Weiss or Vötsch chamber."""
 
-    address: int | None = Field(
+    address: int | None = key(
         default=None, ge=0, le=31, description="the address of a Weiss chamber, 0 to 31; left out: 1"
     )
-    simserv: bool = Field(default=True, description="true if the chamber's port also answers SimServ")
-    start_channel: int = Field(
+    simserv: bool = key(default=True, description="true if the chamber's port also answers SimServ")
+    start_channel: int = key(
         default=1, ge=1, le=32, description="the number of the digital output that starts the chamber"
     )
 

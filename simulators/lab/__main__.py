@@ -26,7 +26,7 @@ from simulators.lab._service import VirtualService, run_on_wall_clock
 def main() -> int:
     """Run a lab until its control channel closes; 2 for a configuration it cannot emulate."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started the lab closes its control channel
-    config = LabConfig.model_validate_json(_first_line())
+    config = LabConfig.from_line(_first_line())
     try:
         lab, acts = build_lab(config)
     except BenchError as error:
@@ -52,7 +52,7 @@ def serve_forks(descriptor: int) -> int:
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel buries the labs
     if like := _first_line():
         with suppress(BenchError):  # a lab that cannot be is told by the lab itself
-            for port in build_lab(LabConfig.model_validate_json(like))[0].ports:
+            for port in build_lab(LabConfig.from_line(like))[0].ports:
                 port.close()
     with socket.socket(fileno=descriptor) as door:
         while True:

@@ -391,7 +391,7 @@ def test_start_hands_the_link_to_the_stream(unit: CanGyro) -> None:
 
 @pytest.mark.concurrent
 def test_the_kind_that_a_bench_file_names(terminal: Terminal) -> None:
-    section = CanConfig.model_validate(
+    section = CanConfig.adapter().validate_python(
         {
             "name": "mems_1",
             "driver": "sbg_ellipse",

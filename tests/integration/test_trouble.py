@@ -1,5 +1,6 @@
 """Trouble on the ports: what is missing, busy, silent or something else is named, and nothing has moved."""
 
+import dataclasses
 import json
 import os
 import pty
@@ -104,7 +105,7 @@ def test_demands_beyond_the_devices_own_limits_are_refused_before_anything_moves
 
 
 def test_a_missing_port_is_named(bench, fog_file, tmp_path):
-    missing = fog_file.table.model_copy(update={"port": str(tmp_path / "ttyNONE")})
+    missing = dataclasses.replace(fog_file.table, port=str(tmp_path / "ttyNONE"))
     result = bench.drive(fog_file.model_copy(update={"table": missing}), tmp_path)
     text = assert_aborted(result, ConfigurationError)
     assert "table" in text and "ttyNONE" in text and "No such file" in text
@@ -117,7 +118,7 @@ def test_a_port_that_another_program_has_open_is_refused(bench, fog_file, tmp_pa
     tty.setraw(slave)
     try:
         with serial.Serial(os.ttyname(slave), exclusive=True):
-            busy = fog_file.table.model_copy(update={"port": os.ttyname(slave)})
+            busy = dataclasses.replace(fog_file.table, port=os.ttyname(slave))
             result = bench.drive(fog_file.model_copy(update={"table": busy}), tmp_path)
         text = assert_aborted(result, ConfigurationError)
         assert os.ttyname(slave) in text and "exclusively lock" in text

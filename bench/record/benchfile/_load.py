@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -15,7 +16,7 @@ from bench.record.benchfile._checks import cross_checks, device_sections
 from bench.record.benchfile._model import BenchFile
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
-from drivers.kit.config import Mistake
+from drivers.kit.config import Mistake, Section
 from drivers.kit.registry import ROLES, config_class, one_of
 
 
@@ -99,8 +100,8 @@ def _refusal(where: str, mistakes: list[Mistake]) -> ConfigurationError:
 
 def _mistake(details: ErrorDetails, data: Mapping[str, Any]) -> Mistake:
     location = [part for part in details["loc"] if part != "[key]"]
-    if details["type"] == "extra_forbidden":
-        names = sorted(_fields_at(location[:-1], data))
+    if details["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        names = sorted(_keys_at(location[:-1], data))
         return Mistake(_key(location), "an unknown key", one_of(str(location[-1]), names))
     expected = _description(location, data) or details["msg"]
     if details["type"] == "missing":
@@ -133,8 +134,22 @@ def _bounds(details: ErrorDetails) -> str:
     return ", ".join(f"{word} {context[name]:g}" for name, word in words.items() if name in context)
 
 
-def _model_at(location: list[Any], data: Mapping[str, Any]) -> type[BaseModel] | None:
-    """Return the model of the table at a location; a device's section has its driver's."""
+def _keys(model: Any) -> dict[str, tuple[Any, str | None]]:
+    """Return type and description of the keys of a section."""
+    if not isinstance(model, type):
+        return {}
+    if issubclass(model, Section) and dataclasses.is_dataclass(model):
+        types = get_type_hints(model)
+        return {
+            field.name: (types[field.name], field.metadata.get("description"))
+            for field in dataclasses.fields(model)
+        }
+    fields = model.model_fields if issubclass(model, BaseModel) else {}
+    return {name: (field.annotation, field.description) for name, field in fields.items()}
+
+
+def _keys_at(location: list[Any], data: Mapping[str, Any]) -> dict[str, tuple[Any, str | None]]:
+    """Return the keys of the table at a location; a device's section has its driver's."""
     model: Any = BenchFile
     if location and location[0] in ROLES:
         in_array = len(location) > 1 and isinstance(location[1], int)
@@ -143,24 +158,17 @@ def _model_at(location: list[Any], data: Mapping[str, Any]) -> type[BaseModel] |
             model = config_class(location[0], section.get("driver"))
             location = location[2 if in_array else 1 :]
     for part in location:
-        if isinstance(part, int) or not (isinstance(model, type) and issubclass(model, BaseModel)):
+        if isinstance(part, int):
             continue
-        field = model.model_fields.get(str(part))
-        model = field.annotation if field else None
+        model, _ = _keys(model).get(str(part), (None, None))
         model = next((argument for argument in get_args(model) if isinstance(argument, type)), model)
-    return model if isinstance(model, type) and issubclass(model, BaseModel) else None
-
-
-def _fields_at(location: list[Any], data: Mapping[str, Any]) -> list[str]:
-    model = _model_at(location, data)
-    return list(model.model_fields) if model else []
+    return _keys(model)
 
 
 def _description(location: list[Any], data: Mapping[str, Any]) -> str:
     """Return the description of the nearest described key at or above `location`."""
     for depth in range(len(location), 0, -1):
-        model = _model_at(location[: depth - 1], data)
-        field = model.model_fields.get(str(location[depth - 1])) if model else None
-        if field is not None and field.description:
-            return field.description
+        _, description = _keys_at(location[: depth - 1], data).get(str(location[depth - 1]), (None, None))
+        if description:
+            return description
     return ""

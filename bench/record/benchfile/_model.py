@@ -5,13 +5,59 @@ The sections of devices are their drivers' own models (`drivers.kit.config`).
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    PrivateAttr,
+    SerializationInfo,
+    model_validator,
+)
 
 from drivers.base.constants import earth_rate_north_dph
-from drivers.kit.config import GyroConfig, Section, UnderTestConfig
-from drivers.kit.registry import AnyChamber, AnyGyro, AnyPlatform, AnyTable
+from drivers.kit.config import (
+    ChamberConfig,
+    DeviceConfig,
+    GyroConfig,
+    PlatformConfig,
+    TableConfig,
+    UnderTestConfig,
+)
+from drivers.kit.registry import ROLES, config_class
+
+
+def _by_driver(role: str) -> PlainValidator:
+    """Have a section checked by the configuration of the driver that it names."""
+
+    def checked(value: Any) -> Any:
+        if isinstance(value, ROLES[role]):
+            return value
+        kind = value.get("driver") if isinstance(value, dict) else None
+        return config_class(role, kind).adapter().validate_python(value)
+
+    return PlainValidator(checked)
+
+
+def _plain(section: DeviceConfig, info: SerializationInfo) -> Any:
+    mode: Any = info.mode
+    return type(section).adapter().dump_python(section, mode=mode, exclude_none=bool(info.exclude_none))
+
+
+_PLAIN = PlainSerializer(_plain)
+_Table = Annotated[TableConfig, _by_driver("table"), _PLAIN]
+_Chamber = Annotated[ChamberConfig, _by_driver("chamber"), _PLAIN]
+_Gyro = Annotated[GyroConfig, _by_driver("gyro"), _PLAIN]
+_Platform = Annotated[PlatformConfig, _by_driver("platform"), _PLAIN]
+
+
+class Section(BaseModel):
+    """A section of a bench file: frozen, no type is converted, no unknown key."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
 
 class Emulated(Section):
@@ -164,12 +210,12 @@ class BenchFile(Section):
     """A bench, as its file describes it. `sha256` is the checksum of the file as it was read."""
 
     bench: BenchSection = Field(description="a [bench] section with name and latitude_deg")
-    table: AnyTable = Field(description="a [table] section with driver and port")
-    chamber: AnyChamber = Field(description="a [chamber] section with driver and port")
-    gyro: tuple[AnyGyro, ...] = Field(
+    table: _Table = Field(description="a [table] section with driver and port")
+    chamber: _Chamber = Field(description="a [chamber] section with driver and port")
+    gyro: tuple[_Gyro, ...] = Field(
         default=(), strict=False, description="at least one [[gyro]] with name, driver, unit, axis and a port"
     )
-    platform: tuple[AnyPlatform, ...] = Field(
+    platform: tuple[_Platform, ...] = Field(
         default=(), strict=False, description="[[platform]] with name, driver, unit and a port"
     )
     limits: LimitsSection = Field(default=LimitsSection(), description="a [limits] section")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import binascii
+import dataclasses
 import os
 import pty
 import struct
@@ -153,7 +154,7 @@ def unit() -> Iterator[FrameGyro]:
     tty.setraw(slave)
     clock = StillClock()
     unit = Rlg2t.open(
-        SECTION.model_copy(update={"port": os.ttyname(slave)}), Connection("rlg_1", clock, Recorder())
+        dataclasses.replace(SECTION, port=os.ttyname(slave)), Connection("rlg_1", clock, Recorder())
     )
     assert isinstance(unit, FrameGyro)
     yield unit

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
+from bench.lab.emulated import Plant, lab_config
+from bench.lab.testing import usual_bench
 from simulators.plant.recursion import follow
 from simulators.plant.thermal import AIR, Lag, Link, build_network, tick_matrix
 
@@ -57,8 +59,16 @@ def test_a_lab_starts_without_scipy():
     assert loaded_by_a_lab("scipy pandas torch can") == "[]"
 
 
-@pytest.mark.xfail(
-    reason="the drivers' configurations are pydantic models, and the lab reads them: decision 0021"
-)
 def test_a_lab_starts_without_pydantic():
     assert loaded_by_a_lab("pydantic") == "[]"
+
+
+def test_a_lab_of_a_fog_is_built_without_pydantic():
+    file = usual_bench(None)
+    config = lab_config(file.model_copy(update={"gyro": file.gyro[:1]}), Plant())
+    code = """import sys
+from simulators.config import LabConfig
+from simulators.lab._build import build_lab
+build_lab(LabConfig.from_line(sys.stdin.buffer.read()))
+sys.exit("pydantic" in sys.modules)"""
+    subprocess.run([sys.executable, "-c", code], input=config.to_line(), check=True)

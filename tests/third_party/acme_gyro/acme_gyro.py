@@ -1,9 +1,8 @@
 """A driver of somebody else's: ACME GY1, 12 bytes a sample: A5 5A, rate, temperature, counter, sum."""
 
 import numpy as np
-from pydantic import Field
 
-from drivers.kit.config import GyroConfig, Mistake
+from drivers.kit.config import GyroConfig, Mistake, key
 from drivers.kit.framing import FrameSplitter
 from drivers.kit.instruments import FrameBatch, Identity
 from drivers.kit.kinds import GyroKind
@@ -16,9 +15,7 @@ def checksum(rows):
 
 
 class AcmeConfig(GyroConfig):
-    gain: float = Field(
-        default=1.0, gt=0, le=8, description="what the unit's output was multiplied by, 0 to 8"
-    )
+    gain: float = key(default=1.0, gt=0, le=8, description="what the unit's output was multiplied by, 0 to 8")
 
     @classmethod
     def mistakes(cls, given):
