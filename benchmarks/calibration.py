@@ -30,9 +30,10 @@ from bench.analysis.calibration import (
     unpack,
 )
 from benchmarks._measure import Row, figure
+from benchmarks._turned_imu import Rest, Turn, measure_motion
 from drivers.base.arrays import Array
 from drivers.base.clock import host_seconds
-from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
+from simulators.plant.imu import ImuErrors, ImuNoise
 
 _TASK = Task()
 _RUNS = 5

@@ -31,7 +31,8 @@ from bench.analysis.calibration import (
 from bench.analysis.calibration._model import dwell_transitions, process_noise, turn_transitions
 from bench.analysis.calibration._observability import observability
 from benchmarks._measure import Row, in_turns, row
-from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
+from benchmarks._turned_imu import Rest, Turn, measure_motion
+from simulators.plant.imu import ImuErrors, ImuNoise
 
 _TASK = Task()
 

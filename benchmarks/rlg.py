@@ -14,8 +14,8 @@ from scipy.signal import lfilter
 
 from bench.analysis.common.stepwise import stepwise
 from bench.analysis.rlg import RampRun, load_chamber_cycle, ramp_run, run_rlg_study, study_chamber_cycle
+from benchmarks._rlg_runs import ramp_profile, rlg_run
 from simulators.plant import rlg
-from simulators.plant.rlg_batch import ramp_profile, rlg_run
 
 UNITS = range(6)
 PROFILES: dict[str, dict[str, Any]] = {

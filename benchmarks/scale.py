@@ -17,9 +17,9 @@ from benchmarks import growth
 from benchmarks._marks import fill
 from benchmarks._measure import Cost, Work, all_cpu_s, cost
 from benchmarks._sections import stamp
+from benchmarks._thermal_runs import cold_shock
 from benchmarks.end_to_end import run_once
 from benchmarks.panel import server_load
-from simulators.plant import cold_shock
 
 _PAGE = Path(__file__).parents[1] / "docs" / "scale.md"
 _RUNS, _BENCHES, _CLUSTER = 100_000, 1000, 16

@@ -1,13 +1,5 @@
 """The plant: what happens physically in the emulated lab. Physics, no bytes."""
 
-from simulators.plant.batch import (
-    Phase,
-    RunSetup,
-    ThermalRunData,
-    cold_shock,
-    double_shock,
-    simulate_thermal_run,
-)
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig, unit_model
 from simulators.plant.table import TableAxis, TableParameters
@@ -16,15 +8,9 @@ __all__ = [
     "WEAK_CHAMBER",
     "ChamberParameters",
     "LabPlant",
-    "Phase",
     "PlantConfig",
-    "RunSetup",
     "TableAxis",
     "TableParameters",
-    "ThermalRunData",
     "UnitConfig",
-    "cold_shock",
-    "double_shock",
-    "simulate_thermal_run",
     "unit_model",
 ]

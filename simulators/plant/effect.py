@@ -6,9 +6,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Literal, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects import SamplePath
 from simulators.plant.noise import NoiseParameters
@@ -32,7 +30,7 @@ class RateEffect:
     """One contribution to the scale-factor error in ppm as a function of rate in deg/s, float64 (n,) -> (n,)."""
 
     name: str
-    value: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    value: Callable[[Array], Array]
     source: str
     meaning: str
 
@@ -42,7 +40,7 @@ class SampleEffect:
     """One contribution to the angle increments themselves, rad, float64 (n,), from the way of the axis."""
 
     name: str
-    value: Callable[[SamplePath], NDArray[np.float64]]
+    value: Callable[[SamplePath], Array]
     source: str
     meaning: str
 
@@ -70,7 +68,7 @@ class UnitModel:
 
     axes: str
     axis_models: tuple[AxisModel, ...]
-    step: NDArray[np.float64]
+    step: Array
     state: Callable[..., Any]
     outputs: tuple[str, ...]
     truth: tuple[str, ...]

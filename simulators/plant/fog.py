@@ -12,8 +12,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.plant.effect import AxisModel, RateEffect, StateEffect, UnitModel
 from simulators.plant.fog_parameters import FogCoefficients, FogParameters, spread
 from simulators.plant.shupe import (
@@ -74,7 +74,7 @@ def fog_network(parameters: FogParameters) -> Network:
     return build_network(capacity, links, {"board": t.board_power_w}, lags)
 
 
-def shupe_row(parameters: FogParameters, network: Network, unit_seed: int) -> NDArray[np.float64]:
+def shupe_row(parameters: FogParameters, network: Network, unit_seed: int) -> Array:
     """Return the row vector, float64 (n,), that turns node rates in K/s into the Shupe effect in deg/h."""
     rng = np.random.default_rng((unit_seed, _WINDING_STREAM))
     lengths = layer_lengths_m(parameters.fibre, parameters.layers, parameters.turn_error_m, rng)

@@ -14,7 +14,6 @@ import numpy as np
 
 from drivers.base.arrays import Array
 from drivers.base.constants import EARTH_RATE_DPH
-from simulators.plant.imu import turned_about
 from simulators.plant.table import TableAxis
 
 DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
@@ -34,6 +33,14 @@ def earth_rate_rad_s(latitude_deg: float) -> Array:
     latitude = math.radians(latitude_deg)
     earth = math.radians(EARTH_RATE_DPH / 3600.0)
     return earth * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+
+
+def turned_about(axis: Array, angle: Array) -> Array:
+    """Return turns about a unit vector by angles (n,) in rad, (n, 3, 3)."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    a = angle[:, None, None]
+    return np.asarray(np.eye(3) + np.sin(a) * skew + (1.0 - np.cos(a)) * (skew @ skew))
 
 
 def about_up(angle_deg: float) -> Array:

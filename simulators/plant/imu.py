@@ -1,11 +1,13 @@
-"""An IMU turned on a table: exact increments of three gyros and three accelerometers, with every error term.
+"""An IMU on the inner axis of a table of one to three axes: it measures what the table's axes really do.
 
     gyro           w~ = (I + K_g) w + eps
     accelerometer  f~ = (I + K_a) f + nabla + K_2 (f * f) + lever arms + lag (w x f)
 
 w is the inertial rate in b (Earth's and the table's), f the specific force in b of a point that stays in place.
-Accelerometer i sits at r_i: f_i += row i of ([w' x] + [w x]^2) r_i. Rests are constant; turns are integrated
-over each sample by three-point Gauss quadrature. White noise and first-order Markov biases come on top.
+Accelerometer i sits at r_i: f_i += row i of ([w' x] + [w x]^2) r_i.
+
+Every sample has the angles of the axes at its ends and in its middle (`gimbals`): the turned angle is what the
+axes turned, the specific force is gravity through Simpson's rule. Noise depends on seed and sample index only.
 """
 
 from __future__ import annotations
@@ -13,16 +15,33 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
 from drivers.base.arrays import Array
-from drivers.base.constants import EARTH_RATE_RAD_S
+from drivers.base.constants import ARCSEC_RAD, UG_MPS2, gravity_mps2
 from drivers.base.errors import ConfigurationError
-from simulators.plant.recursion import follow
+from simulators.interfaces import GyroSignal
+from simulators.plant.gimbals import (
+    NORTH_WEST_UP,
+    Gimbals,
+    about_up,
+    earth_rate_rad_s,
+    simpson,
+    turned_about,
+)
+from simulators.plant.mounting import Mount, Mounting
+from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
+from simulators.plant.table import TableAxis
 
-_GAUSS = np.polynomial.legendre.leggauss(3)
+_PRIOR = (0.1, 1000.0, 100.0, 100.0, 100.0)
+"""One sigma of a unit's errors, as after a factory calibration: deg/h, ug, ppm, arcsec, ug/g^2."""
+_ARW_DEG_PER_SQRT_H, _VRW_UG_PER_SQRT_HZ, _VIBRATION_MPS = 0.001, 10.0, 1e-3
+_WANDER_DPH, _WANDER_UG, _WANDER_TIME_S = 0.003, 5.0, 1000.0
+_LEVER_M, _LAG_S = 0.03, 1e-3
+_MOUNT_DEG = 0.05
+_WHITE, _VIBRATION, _WANDER, _MOUNT = 0, 10, 20, 30
+"""Noise streams of a unit; an axis adds its number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,116 +71,187 @@ class ImuNoise:
     vibration_mps: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class Rest:
-    """The table stands for `duration_s`."""
-
-    duration_s: float
-
-
-@dataclass(frozen=True, eq=False)
-class Turn:
-    """The table turns about `axis`, a unit vector in b, by `angle_rad`, at constant rate or smoothly from rest to
-    rest (angle = A (s - sin(2 pi s) / 2 pi)).
+def imu_errors(unit_seed: int, full: bool) -> ImuErrors:
+    """Return the errors of a unit: 24 parameters drawn at prior size, K_a lower triangular; `full`: lever arms of
+    accelerometers x and y and a lag, too.
     """
-
-    axis: Array
-    angle_rad: float
-    duration_s: float
-    profile: Literal["constant", "smooth"] = "smooth"
-
-
-@dataclass(frozen=True, eq=False)
-class ImuRecord:
-    """Increments over consecutive samples of `period_s`: rad and m/s, shape (n, 3) each."""
-
-    period_s: float
-    angle_rad: Array
-    velocity_mps: Array
-
-
-def measure_motion(
-    attitude: Array,
-    legs: Sequence[Rest | Turn],
-    errors: ImuErrors,
-    noise: ImuNoise,
-    *,
-    latitude_deg: float,
-    gravity_mps2: float,
-    rate_hz: float = 100.0,
-    seed: int = 0,
-) -> ImuRecord:
-    """Return what an IMU measures that starts at C (3, 3), body to east-north-up, and goes through `legs`.
-
-    ConfigurationError if a leg is no whole number of samples, or for lever arms on turns of constant rate, whose
-    angular acceleration is not finite.
-    """
-    latitude = math.radians(latitude_deg)
-    earth = EARTH_RATE_RAD_S * np.array([0.0, math.cos(latitude), math.sin(latitude)])
-    period = 1.0 / rate_hz
-    c = np.asarray(attitude, dtype=np.float64)
-    angles, velocities = [], []
-    for number, leg in enumerate(legs):
-        count = _samples(leg, number, rate_hz)
-        if isinstance(leg, Rest):
-            rate, force = _at_rest(c[None], earth, gravity_mps2)
-            w, f = with_errors(rate, force, np.zeros((1, 3)), np.zeros((1, 3)), errors)
-            angles.append(np.repeat(w * period, count, axis=0))
-            velocities.append(np.repeat(f * period, count, axis=0))
-            continue
-        if leg.profile == "constant" and np.any(errors.lever_m):
-            raise ConfigurationError(
-                "lever arms need smooth turns",
-                where=f"leg {number}",
-                found="a turn of constant rate",
-                expected="profile smooth: constant rate starts and stops with infinite angular acceleration",
-            )
-        w, f = _through_turn(leg, c, count, earth, gravity_mps2, errors)
-        angles.append(w * period)
-        velocities.append(f * period)
-        c = c @ turned_about(leg.axis, np.array([leg.angle_rad]))[0]
-    angle, velocity = np.concatenate(angles), np.concatenate(velocities)
-    _add_noise(angle, velocity, noise, period, seed)
-    return ImuRecord(period, angle, velocity)
-
-
-def _samples(leg: Rest | Turn, number: int, rate_hz: float) -> int:
-    count = round(leg.duration_s * rate_hz)
-    if count < 1 or abs(count - leg.duration_s * rate_hz) > 1e-6:
-        raise ConfigurationError(
-            "a leg must last a whole number of samples",
-            where=f"leg {number}",
-            found=f"{leg.duration_s:g} s at {rate_hz:g} Hz",
-        )
-    return count
-
-
-def _at_rest(c: Array, earth: Array, gravity_mps2: float) -> tuple[Array, Array]:
-    return np.asarray(earth @ c), np.asarray(np.array([0.0, 0.0, gravity_mps2]) @ c)
-
-
-def _through_turn(
-    leg: Turn, start: Array, count: int, earth: Array, gravity_mps2: float, errors: ImuErrors
-) -> tuple[Array, Array]:
-    """Return the means over each sample of measured rate and specific force, (count, 3) each."""
-    nodes, weights = _GAUSS
-    s = (np.arange(count)[:, None] + (nodes + 1.0) / 2.0).ravel() / count
-    total, duration = leg.angle_rad, leg.duration_s
-    if leg.profile == "constant":
-        angle, rate, speeding = total * s, np.full_like(s, total / duration), np.zeros_like(s)
-    else:
-        angle = total * (s - np.sin(2.0 * math.pi * s) / (2.0 * math.pi))
-        rate = total / duration * (1.0 - np.cos(2.0 * math.pi * s))
-        speeding = total / duration**2 * 2.0 * math.pi * np.sin(2.0 * math.pi * s)
-    c = start @ turned_about(leg.axis, angle)
-    rest, force = _at_rest(c, earth, gravity_mps2)
-    spin = rate[:, None] * leg.axis
-    w, f = with_errors(rest + spin, force, spin, speeding[:, None] * leg.axis, errors)
-    share = weights / 2.0
-    return (
-        np.einsum("q,nqi->ni", share, w.reshape(count, 3, 3)),
-        np.einsum("q,nqi->ni", share, f.reshape(count, 3, 3)),
+    rng = NoiseSource(unit_seed, "imu").generator(0)
+    bias, nabla, scale, angle, square = _PRIOR
+    size = np.where(np.eye(3) == 1.0, scale * 1e-6, angle * ARCSEC_RAD)
+    kg, ka = rng.standard_normal((3, 3)) * size, np.tril(rng.standard_normal((3, 3)) * size)
+    lever = rng.standard_normal((3, 3)) * _LEVER_M
+    lever[2] = 0.0
+    return ImuErrors(
+        eps_rad_s=rng.standard_normal(3) * bias * ARCSEC_RAD,
+        nabla_mps2=rng.standard_normal(3) * nabla * UG_MPS2,
+        kg=kg,
+        ka=ka,
+        k2_s2pm=rng.standard_normal(3) * square * 1e-6 / (UG_MPS2 * 1e6),
+        lever_m=lever if full else np.zeros((3, 3)),
+        lag_s=_LAG_S if full else 0.0,
     )
+
+
+def imu_noise(full: bool) -> ImuNoise:
+    """Return the noise of a navigation-grade unit on a table that vibrates by 1 mm/s; `full`: biases wander."""
+    return ImuNoise(
+        arw_rad_per_sqrt_s=math.radians(_ARW_DEG_PER_SQRT_H) / 60.0,
+        vrw_mps_per_sqrt_s=_VRW_UG_PER_SQRT_HZ * UG_MPS2,
+        wander_rad_s=_WANDER_DPH * ARCSEC_RAD if full else 0.0,
+        wander_mps2=_WANDER_UG * UG_MPS2 if full else 0.0,
+        wander_time_s=_WANDER_TIME_S,
+        vibration_mps=_VIBRATION_MPS,
+    )
+
+
+class ImuUnit:
+    """A powered IMU (`simulators.interfaces.GyroPlant` with accelerometers), at the temperature of its air.
+
+    `axes` of the table: (direction, axis), outermost first. It is mounted a little askew, by its seed. `axis`:
+    the one under test, which a mounting by name speaks of.
+    """
+
+    axes = "xyz"
+
+    def __init__(
+        self,
+        errors: ImuErrors,
+        noise: ImuNoise,
+        table: Sequence[tuple[str, TableAxis]],
+        latitude_deg: float,
+        source: NoiseSource,
+        *,
+        axis: str = "x",
+        azimuth_error_deg: float = 0.0,
+    ) -> None:
+        self.errors, self.noise = errors, noise
+        self._gimbals = Gimbals(table)
+        self._axis = axis
+        self._earth = earth_rate_rad_s(latitude_deg)
+        self._gravity = np.array([0.0, 0.0, gravity_mps2(latitude_deg)])
+        askew = source.substream(_MOUNT).generator(0).standard_normal(3) * math.radians(_MOUNT_DEG)
+        size = np.array([float(np.linalg.norm(askew))])
+        self._askew = about_up(azimuth_error_deg) @ turned_about(_unit(askew), size)[0]
+        self._mounts: list[tuple[float, Array]] = [(0.0, self._askew)]
+        self._white = [SampleNoise(source.substream(_WHITE + at), "normal") for at in range(6)]
+        self._shaken = [SampleNoise(source.substream(_VIBRATION + at), "normal") for at in range(3)]
+        sizes = [noise.wander_rad_s] * 3 + [noise.wander_mps2] * 3
+        self._wander = [
+            TickNoise(source.substream(_WANDER + at), (noise.wander_time_s,), size)
+            for at, size in enumerate(sizes)
+            if any(sizes)
+        ]
+        self._wandered: list[list[float]] = []
+        self._temps_c: list[float] = []
+        self._anchor_s, self._period_s, self._anchor_index, self._next_index = 0.0, 0.0, 0, 0
+
+    def start(self, temp_c: float) -> None:
+        """Take the room's temperature at tick 0."""
+        self.tick(temp_c)
+
+    def tick(self, air_temp_c: float) -> None:
+        """Advance by 1 s in air of the given temperature."""
+        self._temps_c.append(air_temp_c)
+        self._wandered.append([process.value(len(self._wandered)) for process in self._wander])
+
+    def mount_at(self, now_s: float, attitude: Array) -> None:
+        """Mount it so that with all axes at 0 its attitude C (3, 3) is the given one, as well as hands can."""
+        self._mounts.append((now_s, self._askew @ np.asarray(attitude, dtype=np.float64)))
+
+    def mount(self, now_s: float, mounting: Mounting) -> None:
+        """Mount it as a test of one axis asks for, told with all axes at 0."""
+        self.mount_at(now_s, NORTH_WEST_UP @ Mount(mounting, axis=self._axis).axes_in_table(3).T)
+
+    def case_reading_c(self, now_s: float) -> float:
+        """Return the temperature of its case, held from the last tick."""
+        return self._temps_c[min(int(now_s), len(self._temps_c) - 1)]
+
+    def truth(self) -> dict[str, Array]:
+        """Return its errors, SI: what a calibration should find."""
+        errors = self.errors
+        return {
+            "eps_rad_s": errors.eps_rad_s,
+            "nabla_mps2": errors.nabla_mps2,
+            "kg": errors.kg,
+            "ka": errors.ka,
+            "k2_s2pm": errors.k2_s2pm,
+            "lever_m": errors.lever_m,
+            "lag_s": np.array(errors.lag_s),
+        }
+
+    def measure(self, start_s: float, count: int, period_s: float) -> GyroSignal:
+        """Return `count` samples (see `GyroPlant`); ConfigurationError beyond the last tick."""
+        if count == 0:
+            return GyroSignal(self.axes, np.empty((0, 3)), np.empty(0), np.empty((0, 3)))
+        index = self._locate(start_s, period_s)
+        self._next_index = index + count
+        halves = np.arange(2 * count + 3, dtype=np.float64) - 1.0
+        first = index - self._anchor_index
+        times_s = self._anchor_s + period_s * (first + halves / 2.0)
+        if times_s[-2] > len(self._temps_c) - 1 + 1e-9:
+            raise ConfigurationError(
+                "samples were asked for that the plant has not reached",
+                where="imu plant",
+                found=f"samples up to {times_s[-2]:.6f} s, plant at {len(self._temps_c) - 1} s",
+                expected="the plant advanced past the last sample's end",
+            )
+        angle, velocity = self._exact(np.maximum(times_s, 0.0), count, period_s)
+        self._add_noise(angle, velocity, index, count, times_s[1:-1:2][:count], period_s)
+        held = np.minimum((times_s[3::2][:count] + 1e-9).astype(np.int64), len(self._temps_c) - 1)
+        return GyroSignal(self.axes, angle, np.array(self._temps_c)[held], velocity)
+
+    def _locate(self, start_s: float, period_s: float) -> int:
+        """Return the index of the sample that starts at `start_s`, moving the anchor after a gap."""
+        expected = self._anchor_s + period_s * (self._next_index - self._anchor_index)
+        if period_s != self._period_s or abs(start_s - expected) > 0.25 * period_s:
+            self._anchor_s, self._period_s = start_s, period_s
+            self._anchor_index = self._next_index = round(start_s / period_s)
+        return self._next_index
+
+    def _exact(self, times_s: Array, count: int, period_s: float) -> tuple[Array, Array]:
+        """Return increments without noise, (count, 3) each; `times_s`: half samples, one before and one after."""
+        mount = next(matrix for since_s, matrix in reversed(self._mounts) if since_s <= times_s[1])
+        angles = self._gimbals.angles_rad(times_s)
+        if len(angles[0]) == 1:  # all axes stand still
+            rate, force = self._at(angles, mount)
+            none = np.zeros((1, 3))
+            w, f = with_errors(rate, force, none, none, self.errors)
+            return np.repeat(w * period_s, count, axis=0), np.repeat(f * period_s, count, axis=0)
+        inside = [angle[1:-1] for angle in angles]
+        rate, force = self._at(inside, mount)
+        half = period_s / 2.0
+        spin, speeding = np.zeros((2, 2 * count + 1, 3))
+        turned = np.zeros((count, 3))
+        for u, angle in zip(self._gimbals.lines(inside, mount), angles, strict=True):
+            spin += u * ((angle[2:] - angle[:-2]) / period_s)[:, None]
+            speeding += u * ((angle[2:] - 2.0 * angle[1:-1] + angle[:-2]) / half**2)[:, None]
+            # exact for one axis at a time, whose direction in b stands; the middle's direction for more
+            turned += u[1::2] * np.diff(angle[1:-1:2])[:, None]
+        _, measured = with_errors(rate, force, spin, speeding, self.errors)
+        still, _ = with_errors(simpson(rate), simpson(force), turned * 0.0, turned * 0.0, self.errors)
+        angle = still * period_s + turned @ (np.eye(3) + self.errors.kg).T
+        return angle, simpson(measured) * period_s
+
+    def _at(self, angles: Sequence[Array], mount: Array) -> tuple[Array, Array]:
+        """Return Earth rate and specific force in b, (n, 3), at the axes' angles (n,)."""
+        c = self._gimbals.attitude(angles, mount)
+        return np.einsum("nij,i->nj", c, self._earth), np.einsum("nij,i->nj", c, self._gravity)
+
+    def _add_noise(
+        self, angle: Array, velocity: Array, index: int, count: int, starts_s: Array, period_s: float
+    ) -> None:
+        noise = self.noise
+        white = np.stack([source.values(index, count) for source in self._white], axis=1)
+        angle += white[:, :3] * (noise.arw_rad_per_sqrt_s * math.sqrt(period_s))
+        velocity += white[:, 3:] * (noise.vrw_mps_per_sqrt_s * math.sqrt(period_s))
+        if noise.vibration_mps:
+            shaken = np.stack([source.values(index, count + 1) for source in self._shaken], axis=1)
+            velocity += np.diff(shaken * noise.vibration_mps, axis=0)
+        if self._wander:
+            ticks = np.minimum(starts_s.astype(np.int64), len(self._wandered) - 1)
+            wander = np.array(self._wandered[int(ticks[0]) : int(ticks[-1]) + 1])[ticks - ticks[0]]
+            angle += wander[:, :3] * period_s
+            velocity += wander[:, 3:] * period_s
 
 
 def with_errors(
@@ -178,27 +268,5 @@ def with_errors(
     return w, f + errors.lag_s * np.cross(spin, force)
 
 
-def turned_about(axis: Array, angle: Array) -> Array:
-    """Return turns about a unit vector by angles (n,) in rad, (n, 3, 3)."""
-    x, y, z = axis
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    a = angle[:, None, None]
-    return np.asarray(np.eye(3) + np.sin(a) * skew + (1.0 - np.cos(a)) * (skew @ skew))
-
-
-def _add_noise(angle: Array, velocity: Array, noise: ImuNoise, period_s: float, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    parts = (
-        (angle, noise.arw_rad_per_sqrt_s, noise.wander_rad_s),
-        (velocity, noise.vrw_mps_per_sqrt_s, noise.wander_mps2),
-    )
-    for values, white, wander in parts:
-        if white:
-            values += rng.standard_normal(values.shape) * white * math.sqrt(period_s)
-        if wander:
-            keep = math.exp(-period_s / noise.wander_time_s)
-            drive = rng.standard_normal(values.shape) * math.sqrt(1.0 - keep**2)
-            drive[0] /= math.sqrt(1.0 - keep**2)  # stationary from the start
-            values += wander * period_s * follow(drive, keep)
-    if noise.vibration_mps:
-        velocity += np.diff(rng.standard_normal((len(velocity) + 1, 3)) * noise.vibration_mps, axis=0)
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))

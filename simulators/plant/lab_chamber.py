@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from simulators.plant.chamber import ChamberAir, ChamberDemand
-from simulators.plant.imu_unit import ImuUnit
+from simulators.plant.imu import ImuUnit
 from simulators.plant.unit import GyroUnit
 
 
@@ -65,7 +65,7 @@ class LabChamber:
         self._keep()
         return self._air.unit_air_c(self._ticks)
 
-    def record(self) -> Mapping[str, NDArray[np.float64]]:
+    def record(self) -> Mapping[str, Array]:
         """Return `air_temp_c` and `set_point_c`, float64 (ticks,), tick k at k s."""
         kept = self._record[: self._ticks + 1]
         return {"air_temp_c": kept[:, 0].copy(), "set_point_c": kept[:, 1].copy()}

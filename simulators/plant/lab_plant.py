@@ -13,15 +13,15 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.plant.chamber import ChamberAir, ChamberParameters
 from simulators.plant.effect import UnitModel, leave_out
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
 from simulators.plant.gimbals import Gimbals
-from simulators.plant.imu_unit import ImuUnit, imu_errors, imu_noise
+from simulators.plant.imu import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
 from simulators.plant.modelled_channels import (
@@ -188,7 +188,7 @@ class LabPlant:
             )
         unit.mount_at(self.now_s, np.array(attitude, dtype=np.float64))
 
-    def true_drift(self, unit_name: str) -> Mapping[str, NDArray[np.float64]]:
+    def true_drift(self, unit_name: str) -> Mapping[str, Array]:
         """Return a unit's truth, float64 (ticks,) a name, tick k at k s.
 
         `bias_dph` (effects and turn-on, without flicker), `flicker_dph`, `sf_error_ppm` (without the parts that
@@ -198,7 +198,7 @@ class LabPlant:
         """
         return self.unit(unit_name).truth()
 
-    def air_record(self) -> Mapping[str, NDArray[np.float64]]:
+    def air_record(self) -> Mapping[str, Array]:
         """Return `air_temp_c`, `set_point_c` of the chamber, float64 (ticks,), tick k at k s."""
         return self._chamber.record()
 

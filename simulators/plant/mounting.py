@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, earth_rate_north_dph, earth_rate_up_dph
 
 Mounting = Literal["axis_horizontal", "axis_up", "z_up"]
@@ -41,7 +41,7 @@ class Mount:
     tilt_deg: float = 0.0
     axis: str = "x"
 
-    def axes_in_table(self, count: int) -> NDArray[np.float64]:
+    def axes_in_table(self, count: int) -> Array:
         """Return the first `count` of the axes x, y, z as rows in the table frame, float64 (count, 3).
 
         The only axis of a unit is the one under test, whatever it is called.
@@ -56,11 +56,11 @@ class Mount:
 
 
 def turned_rad(
-    axes_in_table: NDArray[np.float64],
-    scale_angles_deg: NDArray[np.float64],
+    axes_in_table: Array,
+    scale_angles_deg: Array,
     latitude_deg: float,
     period_s: float,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the angle in rad each axis turns through between successive edges, float64 (axes, n).
 
     `scale_angles_deg`: at the ends of n intervals of `period_s`, turns counted, float64 (n + 1,). Within an

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simulators.plant.recursion import follow
+from drivers.base.arrays import Array
 
 BLOCK = 4096
+_STEPS = 32
 FLICKER_TIMES_S = tuple(3.0**power for power in range(9))
 """Correlation times of the flicker's nine processes, 1 s to 1.8 h, a factor of 3 apart."""
 
@@ -49,7 +49,7 @@ class NoiseSource:
         """Return the source with the same seed and owner and another stream number."""
         return NoiseSource(self.seed, self.owner, stream)
 
-    def uniform(self, number: int) -> Callable[[int, int], NDArray[np.float64]]:
+    def uniform(self, number: int) -> Callable[[int, int], Array]:
         """Return what gives numbers of [-0.5, 0.5) by start and count: `number` streams behind this one."""
         return SampleNoise(self.substream(self.stream + number), "uniform").values
 
@@ -60,9 +60,9 @@ class SampleNoise:
     def __init__(self, source: NoiseSource, kind: Literal["normal", "uniform"]) -> None:
         self._source = source
         self._kind = kind
-        self._blocks: dict[int, NDArray[np.float64]] = {}
+        self._blocks: dict[int, Array] = {}
 
-    def values(self, start: int, count: int) -> NDArray[np.float64]:
+    def values(self, start: int, count: int) -> Array:
         """Return samples `start` ... `start + count - 1`, float64 (count,); do not write to the result."""
         first, offset = divmod(start, BLOCK)
         if offset + count <= BLOCK:
@@ -71,7 +71,7 @@ class SampleNoise:
         joined = np.concatenate([self._block(block) for block in range(first, last + 1)])
         return joined[offset : offset + count]
 
-    def _block(self, block: int) -> NDArray[np.float64]:
+    def _block(self, block: int) -> Array:
         found = self._blocks.get(block)
         if found is None:
             rng = self._source.generator(block)
@@ -134,7 +134,7 @@ class GyroNoise:
         self._white_rad_per_sqrt_s = math.radians(parameters.arw_deg_per_sqrt_h) / 60.0
         self._quantum_rad = math.radians(parameters.quantum_arcsec / 3600.0)
 
-    def increments_rad(self, start: int, count: int, period_s: float) -> NDArray[np.float64]:
+    def increments_rad(self, start: int, count: int, period_s: float) -> Array:
         """Return the noise of samples `start` ... in rad, float64 (count,).
 
         Quantising an accumulated angle adds the difference of successive rounding errors, each uniform over one
@@ -143,3 +143,25 @@ class GyroNoise:
         white = self._white.values(start, count) * (self._white_rad_per_sqrt_s * math.sqrt(period_s))
         error = self._quantised.values(start, count + 1)
         return np.asarray(white + (error[1:] - error[:-1]) * self._quantum_rad)
+
+
+def follow(driven: Array, decay: float) -> Array:
+    """Return x with x[k] = decay x[k-1] + driven[k] and x[-1] = 0, along the first axis; shaped like `driven`.
+
+    Blocks of 32 are a matrix product each; only the last values of the blocks follow one another in a loop.
+    """
+    count = len(driven)
+    blocks = -(-count // _STEPS)
+    padded = np.zeros((blocks * _STEPS, *driven.shape[1:]))
+    padded[:count] = driven
+    padded = padded.reshape(blocks, _STEPS, -1)
+    powers = decay ** np.arange(_STEPS + 1)
+    lag = np.subtract.outer(np.arange(_STEPS), np.arange(_STEPS))
+    within = np.where(lag >= 0, powers[np.abs(lag)], 0.0) @ padded
+    carried = np.zeros(within.shape[2])
+    entries = np.empty((blocks, within.shape[2]))
+    for block in range(blocks):
+        entries[block] = carried
+        carried = within[block, -1] + powers[_STEPS] * carried
+    within += powers[1:, None] * entries[:, None, :]
+    return within.reshape(blocks * _STEPS, *driven.shape[1:])[:count]

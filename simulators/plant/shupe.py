@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+
+from drivers.base.arrays import Array
 
 Winding = Literal["cylinder", "dipole", "quadrupole"]
 _PATTERN: dict[Winding, str] = {"dipole": "AB", "quadrupole": "ABBA"}
@@ -29,9 +30,7 @@ class Fibre:
     expansion_per_k: float = 0.8e-6
 
 
-def layer_weights_m2(
-    layer_lengths_m: NDArray[np.float64], winding: Winding, mid_point_offset_m: float = 0.0
-) -> NDArray[np.float64]:
+def layer_weights_m2(layer_lengths_m: Array, winding: Winding, mid_point_offset_m: float = 0.0) -> Array:
     """Return Int over each layer of (2z - L) dz, innermost layer first.
 
     `layer_lengths_m` and the result: float64 (layers,). Half A runs from the fibre's mid-point towards z = 0,
@@ -54,7 +53,7 @@ def layer_weights_m2(
     return weights
 
 
-def pigtail_weight_m2(weights_m2: NDArray[np.float64]) -> float:
+def pigtail_weight_m2(weights_m2: Array) -> float:
     """Return the weight of the fibre outside the coil; with it a uniform Tdot gives exactly zero."""
     return -float(weights_m2.sum())
 
@@ -66,9 +65,7 @@ def rotation_per_integral_dph(fibre: Fibre) -> float:
     return math.degrees(rad_per_s) * 3600.0
 
 
-def layer_lengths_m(
-    fibre: Fibre, layers: int, turn_error_m: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def layer_lengths_m(fibre: Fibre, layers: int, turn_error_m: float, rng: np.random.Generator) -> Array:
     """Return the fibre length in each layer, float64 (layers,): equal but for a random turn error (rms)."""
     error = rng.standard_normal(layers) * turn_error_m
     return np.asarray(fibre.length_m / layers + error)

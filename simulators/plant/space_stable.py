@@ -18,8 +18,8 @@ import numpy as np
 
 from drivers.base.arrays import Array
 from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S
+from simulators.plant.noise import follow
 from simulators.plant.platform_navigation import PlatformNavigator
-from simulators.plant.recursion import follow
 
 Navigation = Literal["linear", "nonlinear"]
 

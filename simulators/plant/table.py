@@ -12,7 +12,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from drivers.base.arrays import Array
 
 _RAD = math.pi / 180.0
 _SETTLED = 20.0
@@ -149,7 +150,7 @@ class TableAxis:
         once, twice = math.sin(math.radians(angle)), math.sin(math.radians(2.0 * angle))
         return angle + self._ripple_once_deg * once + self._ripple_twice_deg * twice
 
-    def total_angles_deg(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def total_angles_deg(self, times_s: Array) -> Array:
         """Return the axis angle at ascending times, turns counted; float64 (n,) -> (n,).
 
         If the axis stands still from the first time to the last, the result is (2,), the angle twice.
@@ -199,7 +200,7 @@ class TableAxis:
         transient = (piece.c1 + piece.c2 * t) * fade
         return angle + transient, rate - 2.0 * a / w + piece.c2 * fade - w * transient
 
-    def _servo_angles(self, piece: _Piece, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _servo_angles(self, piece: _Piece, times_s: Array) -> Array:
         """Return `_servo_state`'s angle for an array of times."""
         w, a = self._w, piece.acceleration
         t = times_s - piece.start_s

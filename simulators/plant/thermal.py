@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from drivers.base.arrays import Array
 
 AIR = "air"
 _TERMS = 14
@@ -40,10 +41,10 @@ class Network:
     """dx/dt = dynamics @ x + drive @ (air temperature, 1); shapes (n, n) and (n, 2); `names` (n,)."""
 
     names: tuple[str, ...]
-    dynamics: NDArray[np.float64]
-    drive: NDArray[np.float64]
+    dynamics: Array
+    drive: Array
 
-    def row(self, *nodes: str) -> NDArray[np.float64]:
+    def row(self, *nodes: str) -> Array:
         """Return the row vector, float64 (n,), that averages the named states."""
         weights = np.zeros(len(self.names))
         for node in nodes:
@@ -81,14 +82,12 @@ def build_network(
     return Network(names, dynamics, drive)
 
 
-def steady_state_c(network: Network, air_temp_c: float) -> NDArray[np.float64]:
+def steady_state_c(network: Network, air_temp_c: float) -> Array:
     """Return the state, float64 (n,), at which nothing changes with the air at `air_temp_c`."""
     return np.asarray(np.linalg.solve(network.dynamics, -network.drive @ [air_temp_c, 1.0]))
 
 
-def tick_matrix(
-    network: Network, of_state: NDArray[np.float64], of_rate: NDArray[np.float64], dt_s: float = 1.0
-) -> NDArray[np.float64]:
+def tick_matrix(network: Network, of_state: Array, of_rate: Array, dt_s: float = 1.0) -> Array:
     """Return the matrix, float64 (n + m, n + 2), that takes (x, u) to (x after `dt_s`, m outputs there).
 
     Outputs are y = of_state @ x + of_rate @ dx/dt, both (m, n), at the end of the tick; dx/dt in K/s.
@@ -103,7 +102,7 @@ def tick_matrix(
     return np.ascontiguousarray(np.vstack((step, of_state @ step + of_rate @ rate)))
 
 
-def _exponential(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def _exponential(matrix: Array) -> Array:
     """Return the matrix exponential: Taylor series of a scaled matrix, squared back (Moler and Van Loan 2003, 3).
 
     scipy's own would be the better one for matrices that are not a heat network's; a lab starts without scipy.

@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects import SamplePath
 from simulators.interfaces import GyroSignal
@@ -116,7 +116,7 @@ class GyroUnit:
         """Return the reading of the sensor on the case, held from the last tick."""
         return float(self._record[min(int(now_s), self._ticks - 1), self.columns.index("case_temp_c")])
 
-    def truth(self) -> Mapping[str, NDArray[np.float64]]:
+    def truth(self) -> Mapping[str, Array]:
         """Return every recorded column, float64 (ticks,), tick k at k s; names as in `columns`."""
         table = self._record[: self._ticks]
         return {name: table[:, index].copy() for index, name in enumerate(self.columns)}
@@ -165,7 +165,7 @@ class GyroUnit:
                 expected="the plant advanced past the last sample's end",
             )
 
-    def _between_ticks(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _between_ticks(self, times_s: Array) -> Array:
         """Return the recorded errors at `times_s`, linear between ticks; float64 (3 axes, n)."""
         errors = self._record[:, : 3 * len(self.axes)]
         tick = int(times_s[0])
@@ -176,9 +176,7 @@ class GyroUnit:
         low, high = errors[before].T, errors[np.minimum(before + 1, self._ticks - 1)].T
         return np.asarray(low + (high - low) * (times_s - before))
 
-    def _turned(
-        self, edges_s: NDArray[np.float64], middle_s: NDArray[np.float64], period_s: float
-    ) -> NDArray[np.float64]:
+    def _turned(self, edges_s: Array, middle_s: Array, period_s: float) -> Array:
         """Return the true angle each axis turned through in each interval, rad, float64 (axes, n)."""
         turned = np.empty((len(self.axes), len(middle_s)))
         if self._gimbals is not None and not self._gimbals.upright(edges_s):
@@ -194,7 +192,7 @@ class GyroUnit:
             turned[:, first:] = turned_rad(matrix, angles_deg, self._latitude_deg, period_s)
         return turned
 
-    def _mounts_from(self, middle_s: NDArray[np.float64]) -> Iterator[tuple[int, Mount, NDArray[np.float64]]]:
+    def _mounts_from(self, middle_s: Array) -> Iterator[tuple[int, Mount, Array]]:
         """Yield the interval from which a mounting holds, and that mounting with its matrix."""
         for since_s, mount, matrix in self._mounts:
             first = 0 if since_s <= middle_s[0] else int(np.searchsorted(middle_s, since_s))
@@ -202,9 +200,7 @@ class GyroUnit:
                 break
             yield first, mount, matrix
 
-    def _mounted(
-        self, edges_s: NDArray[np.float64], middle_s: NDArray[np.float64]
-    ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
+    def _mounted(self, edges_s: Array, middle_s: Array) -> Iterator[tuple[int, Array, Array]]:
         """Yield the interval from which a mounting holds, the table's angle at edges from there, its matrix.
 
         A table at rest gives one pair of equal angles, good for every interval.
@@ -214,9 +210,7 @@ class GyroUnit:
             scale_deg = angles if len(angles) == 2 else angles[first:]
             yield first, scale_deg + mount.azimuth_error_deg, matrix
 
-    def _add_sample_effects(
-        self, increments: NDArray[np.float64], edges_s: NDArray[np.float64], middle_s: NDArray[np.float64]
-    ) -> None:
+    def _add_sample_effects(self, increments: Array, edges_s: Array, middle_s: Array) -> None:
         if not any(model.sample_effects for model in self.model.axis_models):
             return
         before = increments.copy()
@@ -229,7 +223,7 @@ class GyroUnit:
                 added = [effect.value(path) for effect in model.sample_effects]
                 increments[axis, first:] = before[axis, first:] + sum(added)
 
-    def _rate_errors_ppm(self, turned_rad: NDArray[np.float64], period_s: float) -> NDArray[np.float64]:
+    def _rate_errors_ppm(self, turned_rad: Array, period_s: float) -> Array:
         errors = np.zeros_like(turned_rad)
         for axis, model in enumerate(self.model.axis_models):
             if model.rate_effects:

@@ -30,9 +30,10 @@ from bench.analysis.calibration._conventions import pack, to_gauge
 from bench.analysis.calibration._model import observability_matrix
 from bench.analysis.calibration._navigation import navigate
 from bench.analysis.calibration._schedule import parse_moves
+from benchmarks._turned_imu import Rest, Turn, measure_motion
 from drivers.base.constants import UG_MPS2
 from drivers.base.errors import RecordError
-from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
+from simulators.plant.imu import ImuErrors, ImuNoise
 
 TASK = Task()
 UNITS = UNIT_SIZE[PARAMETERS]

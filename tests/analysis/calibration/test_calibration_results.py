@@ -24,8 +24,9 @@ from bench.analysis.calibration._calibrate import read_increments
 from bench.present.cli import _scheme as commands
 from bench.present.cli.fit._calibration import calibration
 from bench.present.report import calibration_content, calibration_page, render_page
+from benchmarks._turned_imu import ImuRecord, Rest, Turn, measure_motion
 from drivers.base.errors import ConfigurationError, RecordError
-from simulators.plant.imu import ImuErrors, ImuNoise, ImuRecord, Rest, Turn, measure_motion
+from simulators.plant.imu import ImuErrors, ImuNoise
 
 TASK = Task()
 HEADER = (

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from bench.analysis.rlg import RampRun, ramp_run
-from simulators.plant.rlg_batch import ramp_profile, rlg_run
+from benchmarks._rlg_runs import ramp_profile, rlg_run
 
 PROFILES = {
     "train": {},

@@ -7,6 +7,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from benchmarks._rlg_runs import ramp_profile, rlg_run
 from drivers.frames import FrameDecoder, load_family
 from simulators.emulators.frames import FrameEmulator
 from simulators.plant import LabPlant, PlantConfig, UnitConfig
@@ -20,7 +21,6 @@ from simulators.plant.rlg import (
     rlg_unit,
 )
 from simulators.plant.rlg import RlgState as State
-from simulators.plant.rlg_batch import ramp_profile, rlg_run
 from simulators.plant.thermal import steady_state_c
 
 

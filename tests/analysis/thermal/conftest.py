@@ -10,7 +10,7 @@ import pytest
 
 from bench.analysis.thermal import ThermalRun
 from bench.analysis.thermal._scale_factor import RateRun, scale_factor_group
-from simulators.plant import ThermalRunData, cold_shock, double_shock
+from benchmarks._thermal_runs import ThermalRunData, cold_shock, double_shock
 
 RATE_DPS = 20.0
 UNIT_ID = "fog-mid-0"

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks._turned_imu import ImuRecord, Rest, Turn, measure_motion
 from drivers.base.errors import ConfigurationError
-from simulators.plant.imu import ImuErrors, ImuNoise, ImuRecord, Rest, Turn, measure_motion
+from simulators.plant.imu import ImuErrors, ImuNoise
 
 EARTH = 7.292115e-5
 G = 9.81

@@ -10,10 +10,10 @@ import pytest
 
 from bench.analysis.calibration import Increments, Site
 from bench.analysis.calibration._navigation import align, navigate
+from benchmarks._turned_imu import Rest, Turn, measure_motion
 from drivers.base.constants import gravity_mps2
 from drivers.base.errors import ConfigurationError
-from simulators.plant.imu import ImuErrors, ImuNoise, Rest, Turn, measure_motion
-from simulators.plant.imu_unit import ImuUnit, imu_errors, imu_noise
+from simulators.plant.imu import ImuErrors, ImuNoise, ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig
 from simulators.plant.noise import NoiseSource
 from simulators.plant.table import TableAxis, TableParameters

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks._thermal_runs import cold_shock, double_shock
 from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
 from simulators.interfaces import ChamberPlant, GyroPlant, TablePlant
-from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig, cold_shock, double_shock
+from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
 from simulators.plant.effect import effect_names
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID

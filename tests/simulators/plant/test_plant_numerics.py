@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from bench.lab.emulated import Plant, lab_config
 from bench.lab.testing import usual_bench
-from simulators.plant.recursion import follow
+from simulators.plant.noise import follow
 from simulators.plant.thermal import AIR, Lag, Link, build_network, tick_matrix
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from simulators.plant.batch import RunSetup, _shock, _start, simulate_thermal_run
+from benchmarks._thermal_runs import RunSetup, _shock, _start, simulate_thermal_run
 from simulators.plant.chamber import ChamberAir, ChamberDemand, ChamberParameters
 from simulators.plant.fog import fog_network, shupe_row
 from simulators.plant.fog_parameters import FOG_MID, FOG_NAV, FogParameters, spread
