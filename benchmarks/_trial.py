@@ -81,6 +81,7 @@ class Copy:
     def __init__(self, folder: Path) -> None:
         self.root, self._log, self._scratch = folder / "copy", folder / "log", folder / "tmp"
         _adopt_orphans()
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # what was started is ended, too
         words = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
         names = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout
         for name in names.splitlines():
@@ -158,6 +159,10 @@ class Copy:
             for end, descriptor in ((0, nothing), (1, log), (2, log)):
                 os.dup2(descriptor, end)
             os.chdir(self.root)
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            signal.signal(
+                signal.SIGINT, signal.default_int_handler
+            )  # ignored where a shell started this behind
             ours = (*_PACKAGES, "benchmarks")  # from here on, they are imported from the copy
             for name in [name for name in sys.modules if name.partition(".")[0] in ours]:
                 del sys.modules[name]

@@ -72,7 +72,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part("bench/control/limits limit_watch", "tests/control/test_limits test_table_axes test_session"),
         _part(
             "bench/control/watchdog/*",
-            "tests/safety/test_starved_runner test_replaced_terminal",
+            "tests/safety/test_takeover test_starved_runner test_replaced_terminal",
             "tests/reliability/test_watchdog",
         ),
     ),
@@ -335,7 +335,13 @@ class _Watch:
     def pytest_unconfigure(self) -> None:
         self._coverage.stop()
         data = self._coverage.get_data()
-        ran = {str(path): data.contexts_by_lineno(str(path)) for path in self._sources}
+        ran = [
+            {
+                line: [test for test in tests if test]
+                for line, tests in data.contexts_by_lineno(str(path)).items()
+            }
+            for path in self._sources
+        ]
         self._notes.write_text(json.dumps([self._seconds, ran]), encoding="utf-8")
 
 
@@ -374,30 +380,32 @@ class Trials:
         return file.is_file() and "pytest.mark.concurrent" in file.read_text(encoding="utf-8")
 
     def _without(self, part: Part) -> Clean:
-        """Run a part's tests without any mutant; RuntimeError if they fail."""
+        """Run a part's tests without any mutant, if these were not run yet; RuntimeError if they fail."""
         if part not in self._clean:
             paths = [path for glob in part.sources for path in sorted(self._copy.root.glob(glob))]
-            self._run_clean(part, [_Watch(paths, self._notes)])
-            seconds, notes = json.loads(self._notes.read_text(encoding="utf-8"))
-            ran = {
-                str(Path(path).relative_to(self._copy.root)): {
-                    int(line): [test for test in tests if test] for line, tests in lines.items()
-                }
-                for path, lines in notes.items()
-            }
-            processor_s = self._run_clean(part, [_Order(sorted(seconds, key=seconds.__getitem__))])
-            self._clean[part] = Clean(seconds, ran, max(_FACTOR * processor_s, _LEAST_S))
+            files = [str(path.relative_to(self._copy.root)) for path in paths]
+            kept = _KEPT / "clean" / f"{_digest(*files, *part.tests)}.json"
+            if kept.exists():
+                self._run_clean(part, ["--collect-only"])  # what the tests import is compiled
+            else:
+                self._run_clean(part, [], _Watch(paths, self._notes))
+                seconds, ran = json.loads(self._notes.read_text(encoding="utf-8"))
+                processor_s = self._run_clean(part, [], _Order(sorted(seconds, key=seconds.__getitem__)))
+                kept.parent.mkdir(parents=True, exist_ok=True)
+                kept.write_text(json.dumps([seconds, dict(zip(files, ran, strict=True)), processor_s]))
+            seconds, ran, processor_s = json.loads(kept.read_text(encoding="utf-8"))
             print(f"{' '.join(part.sources)}: the tests take {processor_s:.1f} s", flush=True)
+            lines = {file: {int(line): tests for line, tests in of.items()} for file, of in ran.items()}
+            self._clean[part] = Clean(seconds, lines, max(_FACTOR * processor_s, _LEAST_S))
         return self._clean[part]
 
-    def _run_clean(self, part: Part, plugins: Sequence[object]) -> float:
+    def _run_clean(self, part: Part, words: Sequence[str], *plugins: object) -> float:
         for _ in range(2):  # of those on the host's clock, one may fail on a busy machine
-            found = self._copy.run(part.tests, _CLEAN_S, plugins, keep_compiled=True)
-            if found.kind == PASSED:
-                return found.processor_s
-        raise RuntimeError(
-            f"{self._copy.said()[-3000:]}\nthe tests fail without a mutant: {found.kind} {found.test}"
-        )
+            outcome = self._copy.run([*words, *part.tests], _CLEAN_S, plugins, keep_compiled=True)
+            if outcome.kind == PASSED:
+                return outcome.processor_s
+        said = self._copy.said()[-3000:]
+        raise RuntimeError(f"{said}\nthe tests fail without a mutant: {outcome.kind} {outcome.test}")
 
 
 class Kept:
