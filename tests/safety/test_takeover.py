@@ -16,6 +16,8 @@ from bench.record.benchfile import load_bench_file
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.kit.instruments import Rest
 
+pytestmark = pytest.mark.concurrent
+
 DEMO = Path(__file__).parents[2] / "examples" / "demo.toml"
 AT_REST = {"table": Rest(True, {"table": 0.0}), "chamber": Rest(True, running=False, set_point_c=25.0)}
 
