@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, dataclass_transform
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -22,19 +22,29 @@ Row = dict[str, Any]
 """A line of events.jsonl as JSON has it: `time_s`, `kind` and the fields of its kind."""
 
 _TIME: TypeAdapter[float] = TypeAdapter(BenchTime)
+_ADAPTERS: dict[type[Event], TypeAdapter[Event]] = {}
+"""Made when a kind is first read: few readers need them all."""
 
 
+@dataclass_transform(frozen_default=True)
 @dataclass(frozen=True)
 class Event:
-    """Something that happened. A subclass names its `kind` and has a field for each fact, units in the names.
+    """Something that happened: `class Step(Event, kind="step")` has a field for each fact, units in the names.
 
-    A field that is None by default is left out of the line when it is None. A field `details` (a dict) holds what
-    a kind has beside its named fields; on the line its entries stand beside them.
+    Subclasses are frozen dataclasses. A field that is None by default is left out of the line when it is None.
+    A field `details` (a dict) holds what a kind has beside its named fields: its entries stand beside them.
     """
 
     kind: ClassVar[str]
-    alarming: ClassVar[bool] = False
+    alarming: ClassVar[bool]
     """Whether an operator has to see it at once, among the alarms."""
+
+    def __init_subclass__(cls, kind: str | None = None, alarming: bool = False) -> None:
+        super().__init_subclass__()
+        if kind is not None:
+            cls.kind = kind
+        cls.alarming = alarming
+        dataclass(frozen=True)(cls)
 
     @property
     def alarms(self) -> bool:
@@ -57,13 +67,11 @@ class Event:
         return {"time_s": round(time_s, 9), "kind": self.kind} | self.fields()
 
 
-@dataclass(frozen=True)
-class Other(Event):
+class Other(Event, kind=""):
     """A line of a kind that this version does not know: `name` is the kind."""
 
     name: str
     details: dict[str, Any]
-    kind: ClassVar[str] = ""
 
     def row(self, time_s: float) -> Row:
         """Return the line as it was."""
@@ -73,18 +81,18 @@ class Other(Event):
 
 def event_from(kind: type[Event], fields: Mapping[str, Any]) -> Event:
     """Return the event of a class that a line's fields describe; ValueError names the field that is wrong."""
-    form = _FORMS.get(kind) or _FORMS.setdefault(kind, _Form(kind))
-    given = {name: fields[name] for name in form.names if name in fields}
-    if form.has_details:
-        spare = fields.keys() - form.names - {"time_s", "kind"}
-        given["details"] = {key: value for key, value in fields.items() if key in spare}
+    names = {field.name for field in dataclasses.fields(kind)}
+    given = dict(fields)
+    if "details" in names:
+        named = names - {"details"} | {"time_s", "kind"}
+        given["details"] = {key: value for key, value in fields.items() if key not in named}
     try:
-        found = form.adapter.validate_python(given)
+        adapter = _ADAPTERS.get(kind) or _ADAPTERS.setdefault(kind, TypeAdapter(kind))
+        return adapter.validate_python(given)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ValueError(f"{kind.kind}: {where}: {first['msg']}") from error
-    return found
 
 
 def time_of(row: object) -> float:
@@ -108,16 +116,3 @@ def plain(value: Any) -> Any:
     if hasattr(value, "item"):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-class _Form:
-    """How the lines of a class are read."""
-
-    def __init__(self, kind: type[Event]) -> None:
-        self.adapter: TypeAdapter[Event] = TypeAdapter(kind)
-        names = {field.name for field in dataclasses.fields(kind)}
-        self.names = names - {"details"}
-        self.has_details = "details" in names
-
-
-_FORMS: dict[type[Event], _Form] = {}

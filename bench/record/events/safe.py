@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 from bench.record.events._base import Event, Flag, Number, Whole
 
@@ -28,8 +28,7 @@ class LastSeen:
     set_point_c: Number | None = None
 
 
-@dataclass(frozen=True)
-class SafeState(Event):
+class SafeState(Event, kind="safe_state"):
     """Whether a device is in its safe state; `state` "pending": not yet, a later line has the end.
 
     `rates_dps` of every axis, `running` and `set_point_c` of a chamber are what it read back. `why` the bench was
@@ -46,7 +45,6 @@ class SafeState(Event):
     running: Flag | None = None
     set_point_c: Number | None = None
     last_seen: LastSeen | None = None
-    kind: ClassVar[str] = "safe_state"
 
     @property
     def confirmed(self) -> bool:
@@ -110,15 +108,13 @@ def read_back_words(rates_dps: Mapping[str, float], running: bool | None, set_po
     return ", ".join(parts)
 
 
-@dataclass(frozen=True)
-class Takeover(Event):
+class Takeover(Event, kind="takeover"):
     """The watchdog takes the bench over: the runner's process ended, or gave no sign of life for `silent_s`."""
 
     cause: Literal["runner_ended", "runner_silent"]
     utc: str
     runner: Whole
     silent_s: Number | None = None
-    kind: ClassVar[str] = "takeover"
 
     def __str__(self) -> str:
         if self.silent_s is None:
@@ -126,12 +122,10 @@ class Takeover(Event):
         return f"no sign of life for {self.silent_s:.1f} s"
 
 
-@dataclass(frozen=True)
-class TakeoverEnded(Event):
+class TakeoverEnded(Event, kind="takeover_ended"):
     """The watchdog has done what it could."""
 
     confirmed: Flag
-    kind: ClassVar[str] = "takeover_ended"
 
     def __str__(self) -> str:
         return "made safe" if self.confirmed else "not confirmed safe"
