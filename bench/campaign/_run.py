@@ -14,13 +14,13 @@ from bench.campaign._notify import Announcing, Notifier
 from bench.campaign._places import EmulatedPlace, Place, Placed, RealPlace
 from bench.campaign._plan import check_limits
 from bench.control.lease import Lease, take_lease
-from bench.control.live import Live, Request
+from bench.control.live import Live
 from bench.control.procedure import Procedure, find_procedure
 from bench.control.progress import Progress
 from bench.control.questions import Assisted, AssumeYes, EmulatedOperator, Operator, Prepared
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.record.events.campaign import Checked, Continued, RunEnded, RunStarted, SetAside, Started, Stopped
-from bench.record.events.run import Note, Paused, Requested, Resumed
+from bench.record.events.run import Paused, Requested, Resumed
 from drivers.base.errors import BenchError, RunAborted
 
 KNOWN_STATE = "known-state"
@@ -230,7 +230,7 @@ class _Session:
                 raise RunAborted(f"stopped by {live.abort.by} before run {run.name}")
             if bool(live.pause_wanted) != paused:
                 paused = bool(live.pause_wanted)
-                live.between_paused(paused)
+                live.paused_between_runs = paused
                 by = live.pause_wanted or self._last_by
                 self._folder.event(Paused(by) if paused else Resumed(by))
             if not paused:
@@ -239,8 +239,6 @@ class _Session:
 
     def _note_requests(self) -> None:
         for request in self._live.take():
-            if isinstance(request, Request):
+            self._folder.event(request)
+            if isinstance(request, Requested):
                 self._last_by = request.by
-                self._folder.event(Requested(request.action, request.by, request.utc))
-            else:
-                self._folder.event(Note(str(request)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from bench.control.history import History
@@ -27,10 +27,6 @@ class GyroProgress:
     lost: int = 0
     rejected: Mapping[str, int] = field(default_factory=dict)
     age_s: float = float("nan")
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return it as plain values."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)

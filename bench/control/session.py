@@ -6,13 +6,14 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from bench.control.chamber_station import ChamberStation
 from bench.control.limit_watch import LimitWatch
-from bench.control.live import Request
+from bench.control.live import Live
 from bench.control.progress import Progress, air_rate_k_per_min, gyro_progress
 from bench.control.questions import Operator, Question
+from bench.control.run_record import RunRecord
 from bench.control.safe_state import Reading, bring_to_rest
 from bench.control.station import Station
 from bench.control.stream_stations import GyroStation, PlatformStation, StreamStation
@@ -49,33 +50,6 @@ _DISPLAY_S = 0.1
 _KEPT_LINES = 20
 
 
-class Record(Protocol):
-    """What the session writes to: the run's event log and journal."""
-
-    def event(self, time_s: float, event: Event) -> None:
-        """Write one line of events.jsonl."""
-        ...
-
-    def check(self) -> None:
-        """Raise RecordError if the record can no longer be written."""
-        ...
-
-
-class Steering(Protocol):
-    """Who may ask the session to stand still; `bench.control.live.Live` does so for files."""
-
-    pause_wanted: str
-    """Who wants a pause; empty when nobody does."""
-
-    def take(self) -> list[Request | BenchError]:
-        """Return what has been asked for since the last call, for the record."""
-        ...
-
-    def wait(self) -> None:
-        """Called while waiting for a human."""
-        ...
-
-
 class Bench:
     """What a procedure drives. All waiting goes through `wait` and `wait_until`, where telemetry is polled,
     limits are watched and the record is flushed.
@@ -85,10 +59,10 @@ class Bench:
         self,
         file: BenchFile,
         clock: Clock,
-        record: Record,
+        record: RunRecord,
         operator: Operator,
         display: Callable[[Progress], None] | None = None,
-        steering: Steering | None = None,
+        steering: Live | None = None,
         tests: Literal["gyro", "platform"] = "gyro",
     ) -> None:
         self.file = file
@@ -367,11 +341,9 @@ class Bench:
     def _note_requests(self) -> None:
         """Write to the record what has been asked of the session."""
         for request in self._steering.take() if self._steering is not None else ():
-            if isinstance(request, Request):
-                self.event(Requested(request.action, request.by, request.utc))
+            self.event(request)
+            if isinstance(request, Requested):
                 self._resumed_by = request.by
-            else:
-                self.event(Note(str(request)))
 
     # How it ends
 

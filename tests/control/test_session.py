@@ -5,11 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.control.live import Request
 from bench.control.questions import AssumeYes
 from bench.control.session import Bench
 from bench.record.benchfile import LimitsSection, SafeSection
-from bench.record.events.run import Invalid
+from bench.record.events.run import Invalid, Requested
 from drivers.base.clock import Interrupt
 from drivers.base.errors import ConfigurationError, DeviceSilent, LimitExceeded, LinkLost, RunAborted
 from drivers.kit.config import TableConfig
@@ -289,7 +288,7 @@ class Human:
 
     def __init__(self, breaths):
         self.pause_wanted, self.breaths = "Ann", breaths
-        self.asked = [Request("pause", "Ann", "t1")]
+        self.asked = [Requested("pause", "Ann", "t1")]
 
     def take(self):
         asked, self.asked = self.asked, []
@@ -299,7 +298,7 @@ class Human:
         self.breaths -= 1
         if not self.breaths:
             self.pause_wanted = ""
-            self.asked.append(Request("resume", "Bob", "t2"))
+            self.asked.append(Requested("resume", "Bob", "t2"))
 
 
 def test_a_pause_comes_before_the_next_step_and_telemetry_goes_on(made):

@@ -3,7 +3,6 @@
 from bench.control.live._files import (
     Action,
     Answer,
-    Request,
     drop_answer,
     drop_request,
     read_history,
@@ -15,7 +14,6 @@ __all__ = [
     "Action",
     "Answer",
     "Live",
-    "Request",
     "drop_answer",
     "drop_request",
     "read_history",

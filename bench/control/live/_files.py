@@ -12,8 +12,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from bench.record.events.run import Note, Requested
 from drivers.base.clock import epoch_seconds, utc_now
-from drivers.base.errors import BenchError, ConfigurationError, RecordError
+from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded
 
 LIVE_FOLDER = "live"
@@ -32,15 +33,6 @@ class Answer:
     """What somebody answered."""
 
     answer: str
-    by: str
-    utc: str
-
-
-@dataclass(frozen=True)
-class Request:
-    """What somebody asked of the session."""
-
-    action: Action
     by: str
     utc: str
 
@@ -121,13 +113,13 @@ def read_answer(session: Path, prompt_id: int) -> Answer | None:
         raise RecordError("this is not an answer", where=str(path), found=f"no {error}") from error
 
 
-def drop_request(session: Path, action: Action, by: str) -> Request:
+def drop_request(session: Path, action: Action, by: str) -> Requested:
     """Ask a session for pause, resume or abort."""
     if action not in get_args(Action):
         raise ConfigurationError("an unknown request", found=action, expected=", ".join(get_args(Action)))
-    request = Request(action, by.strip()[:200] or "unknown", utc_now())
+    request = Requested(action, by.strip()[:200] or "unknown", utc_now())
     folder = live_folder(session) / "requests"
-    part = _write_part(folder, json.dumps(asdict(request), ensure_ascii=False))
+    part = _write_part(folder, json.dumps(request.fields(), ensure_ascii=False))
     # the name sorts by time, then by the order in this process, so that requests are taken in order
     name = f"{epoch_seconds() * 1e3:.0f}-{next(_order):06d}-{secrets.token_hex(4)}.json"
     try:
@@ -138,8 +130,8 @@ def drop_request(session: Path, action: Action, by: str) -> Request:
     return request
 
 
-def take_requests(session: Path) -> Iterator[Request | BenchError]:
-    """Yield the requests there are, oldest first, deleting each; an error stands for a file that is none."""
+def take_requests(session: Path) -> Iterator[Requested | Note]:
+    """Yield the requests there are, oldest first, deleting each; a note says what is wrong with a file."""
     folder = live_folder(session) / "requests"
     with suppress(OSError):
         for name in sorted(entry.name for entry in os.scandir(folder) if entry.name.endswith(".json")):
@@ -149,9 +141,9 @@ def take_requests(session: Path) -> Iterator[Request | BenchError]:
                 action, by, utc = (str(found.get(key, "")) for key in ("action", "by", "utc"))
                 if action not in get_args(Action):
                     raise RecordError("this is not a request", where=str(path), found=repr(action[:40]))
-                yield Request(action, by[:200] or "unknown", utc[:40])  # type: ignore[arg-type]
+                yield Requested(action, by[:200] or "unknown", utc[:40])
             except RecordError as error:
-                yield error
+                yield Note(str(error))
             finally:
                 path.unlink(missing_ok=True)
 

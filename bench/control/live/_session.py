@@ -7,7 +7,7 @@ import math
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +16,6 @@ from typing import Any
 from bench.control.live._files import (
     HISTORY_FILE,
     NOW_FILE,
-    Request,
     clear,
     drop_answer,
     live_folder,
@@ -25,6 +24,8 @@ from bench.control.live._files import (
 )
 from bench.control.progress import Progress
 from bench.control.questions import Operator, Question
+from bench.record.events import plain
+from bench.record.events.run import Note, Requested
 from bench.record.events.safe import SafeState
 from drivers.base.clock import Interrupt, epoch_seconds, host_seconds, utc_now
 from drivers.base.errors import BenchError
@@ -52,7 +53,7 @@ class Live:
         self.problem = ""
         self.pause_wanted = ""
         """Who wants a pause; empty when nobody does."""
-        self.abort: Request | None = None
+        self.abort: Requested | None = None
         self._session = session
         self._campaign: dict[str, Any] | None = None
         self._run: dict[str, Any] | None = None
@@ -61,9 +62,11 @@ class Live:
         self._progress: Progress | None = None
         self._prompts: dict[int, dict[str, Any]] = {}
         self._next_id = int(epoch_seconds() * 1000.0)
-        self._taken: deque[Request | BenchError] = deque()
+        self._taken: deque[Requested | Note] = deque()
         self._ending: dict[str, Any] = _NO_END
-        self._ended = self._between_paused = False
+        self.paused_between_runs = False
+        """Whether the session stands still between two runs."""
+        self._ended = False
         self._interrupt: Interrupt | None = None
         self._paced = False
         self._lock = threading.Lock()
@@ -125,10 +128,6 @@ class Live:
             "warnings": list(warnings),
         }
 
-    def between_paused(self, paused: bool) -> None:
-        """Say that the session stands still between two runs, or goes on."""
-        self._between_paused = paused
-
     def __call__(self, progress: Progress) -> None:
         """Take where the run is; the thread writes it down."""
         self._progress = progress
@@ -151,12 +150,9 @@ class Live:
             with self._lock:
                 self._interrupt, self._paced = None, False
 
-    def take(self) -> list[Request | BenchError]:
+    def take(self) -> list[Requested | Note]:
         """Return what has been asked for since the last call, for the record."""
-        taken = []
-        while self._taken:
-            taken.append(self._taken.popleft())
-        return taken
+        return [self._taken.popleft() for _ in range(len(self._taken))]
 
     def wait(self) -> None:
         """Called while waiting for a human: on a clock that is not the host's, wait a little on the host."""
@@ -182,7 +178,7 @@ class Live:
             try:
                 found = read_answer(self._session, number)
             except BenchError as error:
-                self._taken.append(error)
+                self._taken.append(Note(str(error)))
                 (live_folder(self._session) / "answers" / f"{number}.json").unlink(missing_ok=True)
                 return None
             if found is None:
@@ -237,11 +233,11 @@ class Live:
             return
         for request in take_requests(self._session):
             self._taken.append(request)
-            if isinstance(request, Request):
+            if isinstance(request, Requested):
                 self._obey(request)
             self._news.set()
 
-    def _obey(self, request: Request) -> None:
+    def _obey(self, request: Requested) -> None:
         if request.action == "pause":
             self.pause_wanted = request.by
         elif request.action == "resume":
@@ -257,7 +253,7 @@ class Live:
         if self._session is None:
             return
         try:
-            text = json.dumps(_finite(self._now()), ensure_ascii=False, allow_nan=False)
+            text = json.dumps(plain(self._now()), ensure_ascii=False, allow_nan=False)
             replace_file(live_folder(self._session) / NOW_FILE, text, sync=False)
             self._write_history()
             self.problem = ""
@@ -282,7 +278,7 @@ class Live:
         folder = live_folder(self._run_folder)
         folder.mkdir(exist_ok=True)
         with (folder / HISTORY_FILE).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(_finite(row), ensure_ascii=False, allow_nan=False) + "\n")
+            file.write(json.dumps(plain(row), ensure_ascii=False, allow_nan=False) + "\n")
 
     def _now(self) -> dict[str, Any]:
         progress, run = self._progress, self._run
@@ -312,16 +308,16 @@ class Live:
                 "air_temp_c": progress.air_temp_c,
                 "set_point_c": progress.set_point_c,
                 "rate_k_per_min": progress.air_rate_k_per_min,
-                "auxiliary_c": dict(progress.auxiliary_c),
+                "auxiliary_c": progress.auxiliary_c,
             },
             "table": {
                 "angle_deg": progress.angle_deg,
                 "rate_dps": progress.rate_dps,
-                "demands": dict(progress.demands),
+                "demands": progress.demands,
             },
-            "gyros": {name: gyro.as_dict() for name, gyro in progress.gyros.items()},
-            "alarms": list(progress.alarms),
-            "log": list(progress.log),
+            "gyros": progress.gyros,
+            "alarms": progress.alarms,
+            "log": progress.log,
         }
 
     def _state(self, progress: Progress | None) -> str:
@@ -329,7 +325,7 @@ class Live:
             return "ended"
         if self._prompts:
             return "asking"
-        if self._between_paused or (progress is not None and progress.paused):
+        if self.paused_between_runs or (progress is not None and progress.paused):
             return "paused"
         return "starting" if progress is None else "running"
 
@@ -366,14 +362,5 @@ _NOTHING_YET: dict[str, Any] = {
 }
 
 
-def _aborted_by(request: Request) -> str:
+def _aborted_by(request: Requested) -> str:
     return f"stopped by {request.by}"
-
-
-def _finite(value: Any) -> Any:
-    """Return `value` with numbers that are not finite as None, which JSON can say."""
-    if isinstance(value, Mapping):
-        return {str(key): _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -8,7 +8,7 @@ from __future__ import annotations
 from types import ModuleType
 
 from bench.record.events import campaign, run, safe
-from bench.record.events._base import Event, Other, Row, event_from, time_of
+from bench.record.events._base import Event, Other, Row, event_from, plain, time_of
 from bench.record.events._legacy import typed
 
 
@@ -39,4 +39,4 @@ def read_event(row: object) -> tuple[float, Event]:
     return time_s, Other(kind, {key: value for key, value in row.items() if key not in ("time_s", "kind")})
 
 
-__all__ = ["CAMPAIGN_EVENTS", "RUN_EVENTS", "Event", "Other", "Row", "read_event"]
+__all__ = ["CAMPAIGN_EVENTS", "RUN_EVENTS", "Event", "Other", "Row", "plain", "read_event"]
