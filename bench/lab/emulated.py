@@ -13,7 +13,7 @@ import subprocess
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -24,6 +24,9 @@ from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
 from drivers.kit.config import GyroConfig
 from simulators.config import Bearing, GyroInLab, LabConfig, PlatformInLab, Rotation
 from simulators.faults import Fault
+
+if TYPE_CHECKING:
+    from bench.analysis.gap import Model
 
 _MODELS = {"fog": "fog_mid", "mems": "mems", "rlg": "rlg"}
 """Technology of a gyro -> the model that an emulated one usually has."""
@@ -53,13 +56,18 @@ class Plant(BaseModel):
     unit's own errors. Relative to the plant file."""
     fault: tuple[Fault, ...] = ()
 
-    def errors_of(self, unit: str) -> dict[str, Any] | None:
-        """Return terms and noise of the model that a unit is to follow, as JSON values, None without one."""
+    def _modelled(self, unit: str) -> Model | None:
         if unit not in self.gap_model:
             return None
         from bench.analysis.gap import read_model  # scipy takes its time to import
 
-        model = read_model(self.gap_model[unit])
+        return read_model(self.gap_model[unit])
+
+    def errors_of(self, unit: str) -> dict[str, Any] | None:
+        """Return terms and noise of the model that a unit is to follow, as JSON values, None without one."""
+        model = self._modelled(unit)
+        if model is None:
+            return None
         terms = [
             {"effect": term.name, "values": list(term.values), "shape": dict(term.variant.shape)}
             for term in model.terms
@@ -67,28 +75,39 @@ class Plant(BaseModel):
         terms += [
             {"effect": term.name, "values": list(term.values), "shape": {}} for term in model.disturbances
         ]
-        channels = {term.name: list(term.values) for term in model.channel_terms}
-        return {"terms": terms, "noise": dataclasses.asdict(model.noise), "channels": channels}
+        return {
+            "terms": terms,
+            "noise": dataclasses.asdict(model.noise),
+            "channels": {term.name: list(term.values) for term in model.channel_terms},
+        }
 
-    def heading_effect_of(self, unit: str) -> list[float] | None:
-        """Return the values of the `heading_effect` of the model that a platform is to follow, None without one.
+    def platform_drift_of(self, unit: str) -> list[float] | None:
+        """Return the drift of the model that a platform is to follow: the values of its effect, None without one.
 
         ConfigurationError for a model with effects that a platform does not have.
         """
-        errors = self.errors_of(unit)
-        if errors is None:
+        model = self._modelled(unit)
+        if model is None:
             return None
-        others = [term["effect"] for term in errors["terms"]]
-        others += [name for name in errors["channels"] if name != "heading_effect"]
+        drifts = [term for term in model.channel_terms if term.effect.emulated_by == "platform"]
+        others = [term.name for term in model.terms] + [term.name for term in model.disturbances]
+        others += [term.name for term in model.channel_terms if term not in drifts]
         if others:
             raise ConfigurationError(
                 "an emulated platform cannot follow these effects of its model",
                 where=str(self.gap_model[unit]),
                 found=", ".join(others),
-                expected="heading_effect, or none",
+                expected="the effect of heading on its drift, or none",
             )
-        values: list[float] | None = errors["channels"].get("heading_effect")
-        return values
+        return list(drifts[0].values) if drifts else None
+
+    def sample_clock_error_ppm(self, gyro: GyroConfig) -> float:
+        """Return how fast a gyro's sample clock is: as its model has it, else as the plant file says."""
+        model = self._modelled(gyro.unit)
+        for term in model.channel_terms if model is not None else ():
+            if term.effect.emulated_by == "sample_clock":
+                return term.values[0]
+        return self.clock_error_ppm.get(gyro.name, 0.0)
 
     def model_of(self, gyro: GyroConfig, axes: int = 1) -> str:
         """Return the name of the physics behind a gyro on a table of so many axes.
@@ -261,12 +280,11 @@ def lab_config(
                 model=plant.model_of(gyro, len(file.table.all_axes)),
                 unit_seed=unit_seed(gyro.unit),
                 mount_azimuth_error_deg=plant.mount_azimuth_error_deg,
-                clock_error_ppm=_clock_error_ppm(plant, gyro, errors),
+                clock_error_ppm=plant.sample_clock_error_ppm(gyro),
                 bearing=plant.bearing.get(gyro.unit),
-                errors=errors,
+                errors=plant.errors_of(gyro.unit),
             )
             for gyro in file.gyro
-            for errors in [plant.errors_of(gyro.unit)]
         ),
         rotation=plant.rotation,
         faults=plant.fault,
@@ -276,18 +294,12 @@ def lab_config(
                 unit_seed=unit_seed(platform.unit),
                 effect_dph=plant.heading_effect_dph,
                 modelled=platform.unit in plant.gap_model,
-                heading_effect=plant.heading_effect_of(platform.unit),
+                heading_effect=plant.platform_drift_of(platform.unit),
             )
             for platform in file.platform
         ),
         cpu=cpu,
     )
-
-
-def _clock_error_ppm(plant: Plant, gyro: GyroConfig, errors: dict[str, Any] | None) -> float:
-    """Return how fast a gyro's sample clock is: as its model has it, else as the plant file says."""
-    modelled = (errors or {}).get("channels", {}).get("sample_clock_skew")
-    return float(modelled[0]) if modelled else plant.clock_error_ppm.get(gyro.name, 0.0)
 
 
 def _with_ports(

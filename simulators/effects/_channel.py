@@ -34,6 +34,7 @@ CHANNEL_UNITS: Mapping[Channel, str] = {
     "table_rate": "deg/s",
     "time_stamps": "ms",
 }
+EmulatedBy = Literal["plant", "sample_clock", "platform"]
 Values = Mapping[str, tuple[float, ...]]
 """Effect's name to the values of its parameters."""
 
@@ -72,7 +73,8 @@ class ChannelEffect:
     simulator has. A third party's effect needs `apply`. `needed` says that the channel has no simulation without
     values for it in the model (a heat capacity has no neutral value). `known` ones are fitted within their
     uncertainty and never called a cause (a mass is weighed). `starts` are values from which a fit begins as well,
-    where the signal is far from linear in them.
+    where the signal is far from linear in them. `emulated_by`: the part of an emulated lab that has the effect; a
+    `sample_clock` takes its one value as the clock's error in ppm, a `platform` its values as the drift.
     """
 
     name: str
@@ -86,6 +88,7 @@ class ChannelEffect:
     needed: bool = False
     known: bool = False
     starts: tuple[tuple[float, ...], ...] = ()
+    emulated_by: EmulatedBy = "plant"
 
     def of(self, values: Values) -> tuple[float, ...]:
         """Return the effect's own values, the neutral ones where it has none."""

@@ -19,6 +19,7 @@ PLATFORM_EFFECTS = (
         "change of the platform's temperature against the reference heading, times gravity's turn in its axes",
         "temperature change after a lag, and its cos and sin over the sidereal angle: nine gains",
         "The platform's temperature changes with heading, and its gyros drift with it where gravity pulls.",
+        emulated_by="platform",
     ),
     ChannelEffect(
         "heading_steps",

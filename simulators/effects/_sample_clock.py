@@ -16,6 +16,7 @@ SAMPLE_CLOCK_SKEW = ChannelEffect(
     "time in the run",
     "oscillator's data sheet",
     "The gyro's sample clock is fast (positive) or slow against the bench's.",
+    emulated_by="sample_clock",
 )
 
 

@@ -135,9 +135,9 @@ def test_a_platform_follows_its_model_and_no_other_sort_of_model(tmp_path: Path)
     nominal.write_text(model_text(NOMINAL))
     examples = Path(__file__).parents[3] / "examples" / "nominal"
     plant = Plant(gap_model={"PINS-001": nominal, "PINS-002": examples / "rlg_ramp.toml"})
-    assert plant.heading_effect_of("PINS-001") is None
+    assert plant.platform_drift_of("PINS-001") is None
     with pytest.raises(ConfigurationError, match=r"cannot follow.*scale_factor"):
-        plant.heading_effect_of("PINS-002")
+        plant.platform_drift_of("PINS-002")
 
 
 def test_a_rehearsals_table_has_a_row_for_every_heading(capsys: pytest.CaptureFixture[str]) -> None:
