@@ -6,7 +6,8 @@ import contextlib
 import math
 from collections.abc import Mapping
 
-from drivers.acutrol._codec import (
+from drivers.acutrol._exchange import Exchanges
+from drivers.acutrol.codec import (
     DIAGNOSTIC_BITS,
     DYNAMIC_BITS,
     ERROR_BITS,
@@ -17,7 +18,6 @@ from drivers.acutrol._codec import (
     encode_command,
     encode_state_query,
 )
-from drivers.acutrol._exchange import Exchanges
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
 from drivers.kit.link import Link

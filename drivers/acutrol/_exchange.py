@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.acutrol._codec import (
+from drivers.acutrol.codec import (
     HEADER_BYTES,
     Reply,
     decode_header,

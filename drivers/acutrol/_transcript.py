@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.acutrol._codec import decode_numbers, encode_state_query, split_reply
+from drivers.acutrol.codec import decode_numbers, encode_state_query, split_reply
 from drivers.base.errors import ProtocolError
 
 _ONE_AXIS: Mapping[str, int] = {"table": 1}

@@ -9,7 +9,7 @@ from functools import partial
 from typing import TypeVar
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
-from drivers.espec._codec import (
+from drivers.espec.codec import (
     END,
     MINUTE_S,
     RESOLUTION_C,

@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from drivers.base.errors import ProtocolError
-from drivers.espec._codec import END, decode_temperatures
+from drivers.espec.codec import END, decode_temperatures
 from drivers.kit.kinds import Exchange
 from drivers.kit.matching import match_replies, table
 

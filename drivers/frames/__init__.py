@@ -1,44 +1,24 @@
 """Gyros on a serial port described by a TOML file: decoder, encoder and driver made from the description."""
 
-from drivers.frames._decode import (
-    FrameDecoder,
-    MessageReader,
-    Messages,
-    channels,
-    messages_of,
-    reader_of,
-)
-from drivers.frames._driver import FrameGyro, bits_a_byte
+from drivers.frames._decode import FrameDecoder, MessageReader, Messages, channels, messages_of, reader_of
+from drivers.frames._driver import bits_a_byte
 from drivers.frames._encode import FrameEncoder
 from drivers.frames._form import Form
 from drivers.frames._kind import Frames, FramesConfig
 from drivers.frames._line_encode import LineEncoder
 from drivers.frames._lines import LineDescription, LineSection
-from drivers.frames._load import (
-    FrameFamily,
-    description_path,
-    family_from,
-    family_of,
-    is_path,
-    load_family,
-    load_toml,
-    refusal,
-    shipped,
-)
-from drivers.frames._model import GYRO_ROLES, Description
+from drivers.frames._load import FrameFamily, family_of, load_family, refusal, shipped
+from drivers.frames._model import GYRO_ROLES
 from drivers.frames._settings import choices_of
-from drivers.frames._split import StreamSplitter
 from drivers.frames._units import factor as to_bench_unit
 from drivers.frames._vectors import vector_mistakes
 
 __all__ = [
     "GYRO_ROLES",
-    "Description",
     "Form",
     "FrameDecoder",
     "FrameEncoder",
     "FrameFamily",
-    "FrameGyro",
     "Frames",
     "FramesConfig",
     "LineDescription",
@@ -46,16 +26,11 @@ __all__ = [
     "LineSection",
     "MessageReader",
     "Messages",
-    "StreamSplitter",
     "bits_a_byte",
     "channels",
     "choices_of",
-    "description_path",
-    "family_from",
     "family_of",
-    "is_path",
     "load_family",
-    "load_toml",
     "messages_of",
     "reader_of",
     "refusal",

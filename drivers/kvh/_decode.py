@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.kit.framing import FrameSplitter
 from drivers.kit.instruments import FrameBatch
-from drivers.kvh._format import (
+from drivers.kvh.format import (
     AXES,
     COUNTER_MODULO,
     TEMP_EVERY,

@@ -8,9 +8,9 @@ from drivers.base.errors import DeviceRefused, DeviceSilent, WrongDevice
 from drivers.kit.conversation import TRIES, ConversingGyro
 from drivers.kit.instruments import Identity
 from drivers.kit.link import Link
-from drivers.kvh._commands import SETTINGS
 from drivers.kvh._decode import KvhDecoder
-from drivers.kvh._format import AXES, Format, Rotation, TempUnits
+from drivers.kvh.commands import SETTINGS
+from drivers.kvh.format import AXES, Format, Rotation, TempUnits
 
 _REFUSAL = rb"(?:INVALID|USAGE|ERROR)[ -~]*(?=[\r\n])"
 _HEADER = re.compile(rb"\xfe\x81\xff[\x55-\x57]")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drivers.kvh._format import ALL_VALID, TEMP_EVERY, Format, TempUnits, layout, temperature_field
+from drivers.kvh.format import ALL_VALID, TEMP_EVERY, Format, TempUnits, layout, temperature_field
 
 
 def encode_frames(

@@ -10,7 +10,7 @@ from drivers.kit.config import GyroConfig, key
 from drivers.kit.kinds import Columns, Connection, GyroKind, Probe
 from drivers.kvh._decode import KvhDecoder
 from drivers.kvh._driver import KvhGyro
-from drivers.kvh._format import Format, rate_dps
+from drivers.kvh.format import Format, rate_dps
 
 _SENT_AS: dict[str, Any] = {"rotation": "delta", "temp_units": "C_100"}
 """A delta angle leaves nothing of the rotation out between samples; hundredths are the best resolution."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
 from drivers.kit.instruments import Identity
 from drivers.kit.link import Link
-from drivers.platform._codec import LONGEST, parse, sentence
+from drivers.platform.codec import LONGEST, parse, sentence
 
 _REPLY_S = 2.0
 BAUDRATE = 38400

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from drivers.kit.config import PlatformConfig
 from drivers.kit.kinds import Connection, PlatformKind
-from drivers.platform._codec import PlatformDecoder
 from drivers.platform._driver import PlatformIns
+from drivers.platform.codec import PlatformDecoder
 
 
 def _open(config: PlatformConfig, connection: Connection) -> PlatformIns:

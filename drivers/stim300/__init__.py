@@ -4,28 +4,6 @@ Source: Sensonor TS1524 rev. 31 (February 2024), sections 7.5, 8.7 and 9. The da
 description `stim300`.
 """
 
-from drivers.stim300._commands import (
-    BANNER,
-    DATAGRAMS,
-    OUTPUTS,
-    RATES,
-    SETTINGS,
-    bits_per_s,
-    datagram_words,
-)
-from drivers.stim300._driver import Stim300Gyro
 from drivers.stim300._kind import Stim300, Stim300Config, family
 
-__all__ = [
-    "BANNER",
-    "DATAGRAMS",
-    "OUTPUTS",
-    "RATES",
-    "SETTINGS",
-    "Stim300",
-    "Stim300Config",
-    "Stim300Gyro",
-    "bits_per_s",
-    "datagram_words",
-    "family",
-]
+__all__ = ["Stim300", "Stim300Config", "family"]

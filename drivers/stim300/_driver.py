@@ -10,7 +10,7 @@ from drivers.frames import FrameDecoder
 from drivers.kit.conversation import TRIES, ConversingGyro
 from drivers.kit.instruments import Identity
 from drivers.kit.link import Link
-from drivers.stim300._commands import (
+from drivers.stim300.commands import (
     BANNER,
     DATAGRAMS,
     ENTER,

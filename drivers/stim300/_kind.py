@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from drivers.frames import FrameDecoder, FrameFamily, Frames, FramesConfig, family_of, load_family
 from drivers.kit.config import GyroConfig, Mistake
 from drivers.kit.kinds import Columns, Connection, GyroKind
-from drivers.stim300._commands import DATAGRAMS, OUTPUTS, RATES
 from drivers.stim300._driver import Stim300Gyro
+from drivers.stim300.commands import DATAGRAMS, OUTPUTS, RATES
 
 _MESSAGE = "rate_temp"
 

@@ -8,7 +8,7 @@ from typing import Protocol
 from drivers.base.errors import ProtocolError
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits
 from drivers.kit.modbus import ModbusMaster, float_words, words_float
-from drivers.watlow._registers import F4, F4T, F4Readings, F4TReadings, scaled, unscaled
+from drivers.watlow.registers import F4, F4T, F4Readings, F4TReadings, scaled, unscaled
 
 
 class Controller(Protocol):

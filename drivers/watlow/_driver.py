@@ -12,7 +12,7 @@ from drivers.kit.link import Link
 from drivers.kit.modbus import ModbusMaster
 from drivers.kit.retry import query_with_retry
 from drivers.watlow._controllers import Controller
-from drivers.watlow._registers import chamber_state
+from drivers.watlow.registers import chamber_state
 
 
 class WatlowChamber(PolledChamber):

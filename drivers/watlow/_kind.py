@@ -11,8 +11,8 @@ from drivers.kit.link import Link
 from drivers.kit.modbus import Framing, ModbusMaster
 from drivers.watlow._controllers import Controller, F4Controller, F4TController
 from drivers.watlow._driver import WatlowChamber
-from drivers.watlow._registers import F4_WORDS, F4T_WORDS
 from drivers.watlow._transcript import decode_f4, decode_f4t
+from drivers.watlow.registers import F4_WORDS, F4T_WORDS
 
 
 class _WatlowConfig(ChamberConfig):

@@ -12,7 +12,7 @@ from drivers.base.errors import ProtocolError
 from drivers.kit.kinds import Exchange
 from drivers.kit.matching import match_replies, table
 from drivers.kit.modbus import Frames, Framing
-from drivers.watlow._registers import F4, F4T, F4Readings, F4TReadings, Readings
+from drivers.watlow.registers import F4, F4T, F4Readings, F4TReadings, Readings
 
 
 def decode_f4(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:

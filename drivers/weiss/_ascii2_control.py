@@ -8,8 +8,8 @@ from drivers.base.errors import DeviceRefused, ProtocolError
 from drivers.kit.instruments import ChamberState
 from drivers.kit.link import Link
 from drivers.kit.retry import command_with_retry, query_with_retry
-from drivers.weiss._ascii2 import CR, Values, decode_values, encode_gradient, encode_read, encode_set
-from drivers.weiss._configuration import Configuration
+from drivers.weiss.ascii2 import CR, Values, decode_values, encode_gradient, encode_read, encode_set
+from drivers.weiss.configuration import Configuration
 
 _TIMEOUT_S = 2.0
 _RESOLUTION_C = 0.11

@@ -12,11 +12,11 @@ from drivers.kit.chamber import PolledChamber
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.kit.link import Link
 from drivers.kit.retry import query_with_retry
-from drivers.weiss._ascii2 import encode_configuration_query
 from drivers.weiss._ascii2_control import Ascii2Control
-from drivers.weiss._configuration import Configuration, decode_configuration
-from drivers.weiss._simserv import MESSAGE_TYPES, ChamberStatus, Number, encode_request
 from drivers.weiss._simserv_control import SimServControl
+from drivers.weiss.ascii2 import encode_configuration_query
+from drivers.weiss.configuration import Configuration, decode_configuration
+from drivers.weiss.simserv import MESSAGE_TYPES, ChamberStatus, Number, encode_request
 
 REPLY_TIMEOUT_S = 2.0
 """Public drivers wait 1 to 2 s for a reply."""

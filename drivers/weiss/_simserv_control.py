@@ -7,7 +7,7 @@ import math
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
 from drivers.kit.retry import command_with_retry, query_with_retry
-from drivers.weiss._simserv import (
+from drivers.weiss.simserv import (
     OK,
     REPLY_END,
     STATUS_TEXTS,

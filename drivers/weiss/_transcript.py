@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ProtocolError
-from drivers.weiss._ascii2 import decode_values
-from drivers.weiss._configuration import Configuration, decode_configuration
-from drivers.weiss._simserv import Number, decode_simserv_reply, encode_request
+from drivers.weiss.ascii2 import decode_values
+from drivers.weiss.configuration import Configuration, decode_configuration
+from drivers.weiss.simserv import Number, decode_simserv_reply, encode_request
 
 _AIR = encode_request(Number.GET_ACTUAL, 1).strip()
 _SET_POINT = encode_request(Number.GET_SET_POINT, 1).strip()

@@ -5,15 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from drivers.acutrol import (
-    DATA_TYPE_ERROR,
-    DIAGNOSTIC_BITS,
-    INTERLOCK_BITS,
-    NOT_IMPLEMENTED,
-    PARAMETER_OUT_OF_RANGE,
-    SOFTWARE_FAULT_BITS,
-    Refusal,
-)
+from drivers.acutrol.codec import DIAGNOSTIC_BITS, INTERLOCK_BITS, SOFTWARE_FAULT_BITS
+from drivers.acutrol.grammar import DATA_TYPE_ERROR, NOT_IMPLEMENTED, PARAMETER_OUT_OF_RANGE, Refusal
 from simulators.interfaces import TablePlant
 
 # Modes an axis has, with the number A<n>STATE shows in bits 0-3. The manual refers to the list in 4.7 for the

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from functools import lru_cache
 
-from drivers.acutrol import (
-    MAX_TEXT_BYTES,
+from drivers.acutrol.codec import MAX_TEXT_BYTES, encode_reply
+from drivers.acutrol.grammar import (
     MESSAGE_TOO_LONG,
     NOT_IMPLEMENTED,
     PARAMETER_OUT_OF_RANGE,
@@ -14,7 +14,6 @@ from drivers.acutrol import (
     WRONG_PARAMETER_COUNT,
     Command,
     Refusal,
-    encode_reply,
     parse_message,
 )
 from drivers.base.errors import ConfigurationError

@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from drivers.espec import END, EspecConfig, encode_line
+from drivers.espec import EspecConfig
+from drivers.espec.codec import END, encode_line
 from simulators.faults import DeviceFault, Fault
 from simulators.interfaces import ChamberPlant, Installation, Reply
 

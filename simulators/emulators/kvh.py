@@ -16,18 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ConfigurationError
-from drivers.kvh import (
+from drivers.kvh import KvhConfig, encode_bit, encode_frames
+from drivers.kvh.commands import FACTORY, SETTINGS
+from drivers.kvh.format import (
     ALL_VALID,
     AXES,
     COUNTER_MODULO,
-    FACTORY,
     RATES_HZ,
-    SETTINGS,
     Format,
-    KvhConfig,
     TempUnits,
-    encode_bit,
-    encode_frames,
     layout,
     temperature_field,
 )

@@ -7,15 +7,8 @@ import math
 import numpy as np
 
 from drivers.kit.config import PlatformConfig
-from drivers.platform import (
-    BAUDRATE,
-    NAVIGATING,
-    POSITION_VALID,
-    REGULATED,
-    encode_position,
-    parse,
-    sentence,
-)
+from drivers.platform import BAUDRATE
+from drivers.platform.codec import NAVIGATING, POSITION_VALID, REGULATED, encode_position, parse, sentence
 from simulators.interfaces import Installation, Reply, StreamBlock
 from simulators.platform_interface import PlatformPlant
 

@@ -9,15 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drivers.stim300 import (
-    DATAGRAMS,
-    OUTPUTS,
-    RATES,
-    Stim300Config,
-    bits_per_s,
-    datagram_words,
-    family,
-)
+from drivers.stim300 import Stim300Config, family
+from drivers.stim300.commands import DATAGRAMS, OUTPUTS, RATES, bits_per_s, datagram_words
 from simulators.emulators.frames import CasePlant, FrameEmulator
 from simulators.faults import DeviceFault, Fault, WireShape
 from simulators.interfaces import Installation, Reply, StreamBlock

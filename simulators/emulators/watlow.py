@@ -24,7 +24,8 @@ from pymodbus.pdu.register_message import (
 
 from drivers.base.errors import ProtocolError
 from drivers.kit.modbus import Frames, Framing, float_words, to_signed, words_float
-from drivers.watlow import F4, F4T, F4Config, F4TConfig, scaled, unscaled
+from drivers.watlow import F4Config, F4TConfig
+from drivers.watlow.registers import F4, F4T, scaled, unscaled
 from simulators.faults import DeviceFault, Fault, WireShape
 from simulators.interfaces import ChamberPlant, Installation, Reply
 

@@ -10,7 +10,8 @@ from bench.control.history import History
 from bench.control.limit_watch import LimitWatch
 from bench.control.table_station import TableStation
 from bench.record.benchfile import Band, ForbiddenState, LimitsSection, bench_file_from, bench_file_text
-from drivers.acutrol import Acutrol3000, AcutrolTable
+from drivers.acutrol import Acutrol3000
+from drivers.acutrol._driver import AcutrolTable
 from drivers.base.errors import ConfigurationError, DeviceRefused, LimitExceeded
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from simulators.plant.table import TableAxis, TableParameters

@@ -7,26 +7,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.acutrol import (
+from drivers.acutrol import decode_transcript, encode_state_query
+from drivers.acutrol.codec import (
     DIAGNOSTIC_BITS,
     DYNAMIC_BITS,
     ERROR_BITS,
     INTERLOCK_BITS,
     SOFTWARE_FAULT_BITS,
     STATE_BITS,
-    Command,
-    Refusal,
     Reply,
     bits_in_words,
     decode_header,
     decode_numbers,
-    decode_transcript,
     encode_command,
     encode_reply,
-    encode_state_query,
-    parse_message,
     split_reply,
 )
+from drivers.acutrol.grammar import Command, Refusal, parse_message
 from drivers.base.errors import ProtocolError
 
 POSITION_3 = Command(("DEMAND", "POSITION"), False, ("3", "10.5"))

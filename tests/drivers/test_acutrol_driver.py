@@ -6,7 +6,8 @@ import struct
 import numpy as np
 import pytest
 
-from drivers.acutrol import AcutrolTable, decode_transcript
+from drivers.acutrol import decode_transcript
+from drivers.acutrol._driver import AcutrolTable
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.kit.instruments import Rest, TableLimits, TableState
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator

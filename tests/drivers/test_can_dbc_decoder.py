@@ -16,16 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base.errors import ConfigurationError
-from drivers.can_dbc import (
-    CanConfig,
-    CanDecoder,
-    can_kind,
-    layout_from_mapping,
-    layout_from_plain,
-    layout_to_plain,
-    load_layout,
-    shipped_layouts,
-)
+from drivers.can_dbc import CanConfig, CanDecoder, can_kind, layout_from_mapping, load_layout, shipped_layouts
+from drivers.can_dbc._layout import layout_from_plain, layout_to_plain
 from drivers.slcan import from_messages
 from simulators.emulators.can_dbc import CanEmulator
 from simulators.interfaces import GyroSignal

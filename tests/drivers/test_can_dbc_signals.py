@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import drivers.can_dbc._dbc
 from drivers.base.errors import ConfigurationError
-from drivers.can_dbc import MAX_FILE_BYTES, compile_message, find_message, load_database
+from drivers.can_dbc._dbc import MAX_FILE_BYTES, compile_message, find_message, load_database
 
 HEAD = 'VERSION ""\nBU_: A\n'
 

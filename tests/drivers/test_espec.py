@@ -6,15 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base.errors import DeviceRefused, LimitExceeded, ProtocolError, WrongDevice
-from drivers.espec import (
-    EspecChamber,
-    Temperatures,
-    decode_alarms,
-    decode_temperatures,
-    decode_transcript,
-    ramp_minutes,
-    ramp_text,
-)
+from drivers.espec._driver import EspecChamber
+from drivers.espec._transcript import decode_transcript
+from drivers.espec.codec import Temperatures, decode_alarms, decode_temperatures, ramp_minutes, ramp_text
 from drivers.kit.instruments import ChamberLimits, Rest
 from simulators.emulators.espec import EspecEmulator
 from simulators.faults import Fault

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.ideal_atl import AtlTable, decode_number, decode_transcript, encode, split_reply
+from drivers.ideal_atl import decode_transcript
+from drivers.ideal_atl._codec import decode_number, encode, split_reply
+from drivers.ideal_atl._driver import AtlTable
 from drivers.kit.instruments import Rest
 from simulators.emulators.ideal_atl import AtlEmulator
 from simulators.faults import Fault

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.kit.instruments import FrameBatch
-from drivers.kvh import CRC, Format, KvhDecoder, encode_bit, encode_frames, layout, rate_dps, valid_mask
+from drivers.kvh import KvhDecoder, encode_bit, encode_frames, rate_dps
+from drivers.kvh.format import CRC, Format, layout, valid_mask
 
 # KVH 56-0298 Rev B, section 5.2.1, sample output of Format A, and table 5-10, its breakdown.
 PUBLISHED = bytes.fromhex(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import BenchError, ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
-from drivers.kvh import Kvh1750, KvhGyro, encode_frames, rate_dps
+from drivers.kvh import Kvh1750, encode_frames, rate_dps
+from drivers.kvh._driver import KvhGyro
 from simulators.emulators.kvh import KvhEmulator
 from simulators.interfaces import Emulator
 from tests.memory_link import Fake, MemoryLink, TurningPlant

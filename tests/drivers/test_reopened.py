@@ -17,7 +17,8 @@ import pytest
 from drivers.base.clock import WallClock
 from drivers.base.errors import ConfigurationError, LinkLost
 from drivers.kit.link import Link
-from drivers.slcan import MessageLink, open_can
+from drivers.slcan import open_can
+from drivers.slcan._messages import MessageLink
 from tests.drivers.test_slcan_bus import SocketBus
 from tests.ptys import read_exactly
 

@@ -14,7 +14,8 @@ import pytest
 
 from drivers.base.clock import WallClock, epoch_seconds
 from drivers.base.errors import ConfigurationError, DeviceSilent, LimitExceeded, LinkLost, ProtocolError
-from drivers.slcan import BufferedSlcanBus, MessageLink, open_can
+from drivers.slcan import BufferedSlcanBus, open_can
+from drivers.slcan._messages import MessageLink
 from tests.ptys import read_exactly
 
 pytestmark = pytest.mark.concurrent

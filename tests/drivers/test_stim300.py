@@ -14,7 +14,9 @@ from bench.record.benchfile import load_bench_file
 from bench.record.recording import read_manifest, verify
 from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
 from drivers.frames import FrameDecoder
-from drivers.stim300 import DATAGRAMS, Stim300, Stim300Config, Stim300Gyro, bits_per_s, family
+from drivers.stim300 import Stim300, Stim300Config, family
+from drivers.stim300._driver import Stim300Gyro
+from drivers.stim300.commands import DATAGRAMS, bits_per_s
 from simulators.emulators.stim300 import Stim300Emulator
 from simulators.faults import Fault
 from simulators.interfaces import Emulator

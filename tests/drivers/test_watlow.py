@@ -8,9 +8,10 @@ import pytest
 from drivers.base.errors import DeviceRefused, DeviceSilent, LimitExceeded, WrongDevice
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Rest
 from drivers.kit.modbus import ModbusMaster
-from drivers.watlow import WatlowChamber, decode_f4, decode_f4t, scaled, unscaled
 from drivers.watlow._controllers import F4Controller, F4TController
-from drivers.watlow._registers import F4_WORDS, F4T_WORDS
+from drivers.watlow._driver import WatlowChamber
+from drivers.watlow._transcript import decode_f4, decode_f4t
+from drivers.watlow.registers import F4_WORDS, F4T_WORDS, scaled, unscaled
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
 from simulators.faults import Fault
 from tests.memory_link import ChamberPlant, MemoryLink

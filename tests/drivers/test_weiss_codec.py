@@ -6,21 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base.errors import ProtocolError
-from drivers.weiss import (
-    ChamberStatus,
-    SimServReply,
+from drivers.weiss._transcript import decode_transcript
+from drivers.weiss.ascii2 import (
     Values,
-    decode_configuration,
-    decode_simserv_reply,
-    decode_transcript,
     decode_values,
     encode_configuration_query,
     encode_gradient,
     encode_read,
-    encode_request,
     encode_set,
     encode_values,
 )
+from drivers.weiss.configuration import decode_configuration
+from drivers.weiss.simserv import ChamberStatus, SimServReply, decode_simserv_reply, encode_request
 
 OUTPUTS = """DO00  unused
 DO01  Start

@@ -4,7 +4,8 @@ import pytest
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, LimitExceeded, ProtocolError, WrongDevice
 from drivers.kit.instruments import ChamberLimits, ChamberState, Rest
-from drivers.weiss import WeissChamber, decode_transcript
+from drivers.weiss._driver import WeissChamber
+from drivers.weiss._transcript import decode_transcript
 from simulators.emulators.weiss import WeissEmulator
 from tests.memory_link import ChamberPlant, MemoryLink
 from tests.memory_link import scripted as answers

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from drivers.acutrol import AcutrolTable
+from drivers.acutrol._driver import AcutrolTable
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
-from drivers.espec import EspecChamber
-from drivers.ideal_atl import AtlTable
+from drivers.espec._driver import EspecChamber
+from drivers.ideal_atl._driver import AtlTable
 from drivers.kit.modbus import ModbusMaster
-from drivers.watlow import WatlowChamber
 from drivers.watlow._controllers import F4Controller, F4TController
-from drivers.weiss import WeissChamber
+from drivers.watlow._driver import WatlowChamber
+from drivers.weiss._driver import WeissChamber
 from simulators.emulators.acutrol import AcutrolEmulator
 from simulators.emulators.espec import EspecEmulator
 from simulators.emulators.ideal_atl import AtlEmulator

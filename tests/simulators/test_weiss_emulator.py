@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.weiss import decode_configuration
+from drivers.weiss.configuration import decode_configuration
 from simulators.emulators.weiss import WeissEmulator
 
 

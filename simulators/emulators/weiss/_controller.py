@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.weiss import ChamberStatus, Number
+from drivers.weiss.simserv import ChamberStatus, Number
 from simulators.interfaces import ChamberPlant
 
 _START_BIT = 1

@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from drivers.weiss import (
+from drivers.weiss.ascii2 import encode_values
+from drivers.weiss.configuration import Configuration, Setting, encode_configuration
+from drivers.weiss.simserv import (
     NOT_AVAILABLE,
     NOT_READABLE,
     OK,
     SEPARATOR,
     UNKNOWN_COMMAND,
     WRONG_PARAMETERS,
-    Configuration,
     Number,
-    Setting,
-    encode_configuration,
     encode_simserv_reply,
-    encode_values,
 )
 from simulators.emulators.weiss._controller import MESSAGE_READS, OUTPUT_NAMES, VARIABLE_READS, Controller
 from simulators.faults import DeviceFault, Fault

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from bench.analysis.heading import fit_lagged
 from bench.analysis.heading._log import log_from_positions
 from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
-from drivers.platform import PlatformDecoder, PlatformIns, checksum, encode_position, parse, sentence
+from drivers.platform._driver import PlatformIns
+from drivers.platform.codec import PlatformDecoder, checksum, encode_position, parse, sentence
 from simulators.emulators.platform import PlatformEmulator
 from simulators.plant.lab_platform import LabPlatform
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform

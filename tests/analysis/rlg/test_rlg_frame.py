@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from drivers.base.clock import WallClock
 from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
-from drivers.frames import FrameDecoder, FrameEncoder, FrameGyro, load_family
+from drivers.frames import FrameDecoder, FrameEncoder, load_family
+from drivers.frames._driver import FrameGyro
 from drivers.kit.kinds import Connection
 from drivers.rlg import Rlg2t
 from simulators.emulators.frames import FrameEmulator

@@ -8,7 +8,8 @@ import struct
 import tomllib
 from pathlib import Path
 
-from drivers.frames import FrameDecoder, family_from, shipped, vector_mistakes
+from drivers.frames import FrameDecoder, shipped, vector_mistakes
+from drivers.frames._load import family_from
 
 PAGE = Path(__file__).parents[3] / "docs" / "frames.md"
 

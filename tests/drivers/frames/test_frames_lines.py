@@ -11,17 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base.errors import ConfigurationError
-from drivers.frames import (
-    FrameDecoder,
-    LineEncoder,
-    family_from,
-    load_family,
-    load_toml,
-    reader_of,
-    shipped,
-    vector_mistakes,
-)
+from drivers.frames import FrameDecoder, LineEncoder, load_family, reader_of, shipped, vector_mistakes
 from drivers.frames._kind import Frames
+from drivers.frames._load import family_from, load_toml
 from drivers.kit.instruments import has_counter
 from tests.drivers.frames.test_frames_bench import bench_file
 from tests.drivers.frames.test_frames_bench import run as run_bench

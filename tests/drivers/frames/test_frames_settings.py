@@ -21,12 +21,11 @@ from drivers.frames import (
     Frames,
     FramesConfig,
     choices_of,
-    family_from,
     load_family,
-    load_toml,
     shipped,
     vector_mistakes,
 )
+from drivers.frames._load import family_from, load_toml
 from tests.benches import BENCH
 from tests.drivers.frames.test_frames_bench import STIM, bench_file, run
 

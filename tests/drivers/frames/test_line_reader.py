@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.frames import family_from, reader_of
+from drivers.frames import reader_of
 from drivers.frames._lines import LineDescription
+from drivers.frames._load import family_from
 
 HEAD = {"schema": 1, "name": "lines", "title": "lines of a test", "frame": {}}
 RATE = {"name": "rate_z", "axis": "z", "at": 0, "type": "f64", "unit": "deg/s", "role": "rate"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.kvh._format import RATES_HZ
+from drivers.kvh.format import RATES_HZ
 
 SETTINGS: dict[str, tuple[str, ...]] = {
     "DR": tuple(str(rate) for rate in RATES_HZ),
