@@ -17,7 +17,7 @@ from drivers.kvh import KvhDecoder
 from simulators.emulators.acutrol import AcutrolEmulator
 from simulators.emulators.kvh import KvhEmulator
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
-from simulators.plant.effect import effect_names
+from simulators.plant.model import effect_names
 from simulators.plant.triad import triad_unit
 from simulators.plant.wobble import EncoderParameters, Wobble
 

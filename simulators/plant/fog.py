@@ -7,24 +7,23 @@ winding that follows the coil's temperature rate and stiffens in the cold, and s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from drivers.base.arrays import Array
-from simulators.plant.effect import AxisModel, RateEffect, StateEffect, UnitModel
+from simulators.effects import REFERENCE_C
 from simulators.plant.fog_parameters import FogCoefficients, FogParameters, spread
+from simulators.plant.model import AxisModel, UnitModel
 from simulators.plant.shupe import (
     layer_lengths_m,
     layer_weights_m2,
     pigtail_weight_m2,
     rotation_per_integral_dph,
 )
-from simulators.plant.thermal import AIR, Lag, Link, Network, build_network, tick_matrix
+from simulators.plant.thermal import AIR, Lag, Link, Network, build_network, step_of
 
-REFERENCE_C = 25.0
 COIL_HEIGHT_M = 0.020
 _WINDING_STREAM = 59
 """Random stream of the turn errors: with it unit 0 of the mid grade shows 0.32 deg/h peak to peak of Shupe
@@ -86,87 +85,39 @@ def shupe_row(parameters: FogParameters, network: Network, unit_seed: int) -> Ar
     return row * rotation_per_integral_dph(parameters.fibre)
 
 
-def fog_effects(c: FogCoefficients) -> tuple[StateEffect[FogState], ...]:
-    """Return the effects on bias and scale factor that the thermal state drives."""
-    return (
-        StateEffect("bias_offset", "bias_dph", lambda s: c.offset_dph, "calibration", "A constant bias."),
-        StateEffect(
-            "coil_static",
-            "bias_dph",
-            _polynomial(c.coil_static_dph, lambda s: s.coil_temp_c),
-            "usual static temperature model",
-            "Bias that follows the coil's temperature.",
-        ),
-        StateEffect(
-            "board_static",
-            "bias_dph",
-            _polynomial(c.board_static_dph, lambda s: s.board_temp_c),
-            "usual static temperature model",
-            "Bias of the electronics that follows the board's temperature.",
-        ),
-        StateEffect(
-            "shupe",
-            "bias_dph",
-            lambda s: s.shupe_dph,
-            "Shupe 1980; Mohr 1996",
-            "Fibre that warms unequally about its mid-point looks like rotation.",
-        ),
-        StateEffect(
-            "winding_stress",
-            "bias_dph",
-            lambda s: _stress_dph(c, s),
-            "non-linear Shupe coefficient: potting stiffens below its glass transition",
-            "Stress in the potted coil follows its temperature rate, more so in the cold.",
-        ),
-        StateEffect(
-            "bias_relaxation",
-            "bias_dph",
-            lambda s: c.relaxation_dph_per_k * (s.coil_temp_c - s.relaxed_temp_c),
-            "slow tail after a shock",
-            "Bias decays slowly after the coil has reached its temperature.",
-        ),
-        StateEffect(
-            "sf_offset", "sf_error_ppm", lambda s: c.offset_ppm, "calibration", "A constant SF error."
-        ),
-        StateEffect(
-            "sf_board",
-            "sf_error_ppm",
-            lambda s: _board_sf_ppm(c, s),
-            "source wavelength and electronics over temperature",
-            "Scale factor follows the board's temperature.",
-        ),
-        StateEffect(
-            "sf_coil",
-            "sf_error_ppm",
-            lambda s: c.coil_ppm_per_k * (s.coil_temp_c - REFERENCE_C),
-            "thermal expansion of the coil's area",
-            "Scale factor follows the coil's temperature.",
-        ),
-        StateEffect(
-            "sf_relaxation",
-            "sf_error_ppm",
-            lambda s: c.relaxation_ppm_per_k * (s.coil_temp_c - s.relaxed_temp_c),
-            "scale-factor hysteresis over a cycle",
-            "Scale factor lags behind the coil's temperature.",
-        ),
-    )
-
-
-def fog_rate_effects(c: FogCoefficients) -> tuple[RateEffect, ...]:
-    """Return the effects on scale factor that the rate itself drives."""
-    return (
-        RateEffect(
-            "sf_asymmetry",
-            lambda rate_dps: 0.5 * c.asymmetry_ppm * np.sign(rate_dps),
-            "IEEE Std 952, scale-factor asymmetry",
-            "Positive and negative rates have slightly different scale factors.",
-        ),
-        RateEffect(
-            "sf_nonlinearity",
-            lambda rate_dps: c.nonlinearity_ppm * (rate_dps / c.nonlinearity_at_dps) ** 2,
-            "IEEE Std 952, scale-factor nonlinearity",
-            "Scale factor grows with the square of rate.",
-        ),
+def fog_axis(p: FogParameters) -> AxisModel:
+    """Return what the thermal state and the rate do to bias and scale factor, with the noise."""
+    c = p.coefficients
+    return AxisModel(
+        bias_dph={
+            "bias_offset": lambda s: c.offset_dph,
+            # usual static temperature models, of the coil and of the electronics
+            "coil_static": lambda s: _polynomial(c.coil_static_dph, s.coil_temp_c),
+            "board_static": lambda s: _polynomial(c.board_static_dph, s.board_temp_c),
+            # Shupe 1980; Mohr 1996: fibre that warms unequally about its mid-point looks like rotation
+            "shupe": lambda s: s.shupe_dph,
+            # non-linear Shupe coefficient: potting stiffens below its glass transition
+            "winding_stress": lambda s: _stress_dph(c, s),
+            # slow tail after a shock: bias decays after the coil has reached its temperature
+            "bias_relaxation": lambda s: c.relaxation_dph_per_k * (s.coil_temp_c - s.relaxed_temp_c),
+        },
+        sf_error_ppm={
+            "sf_offset": lambda s: c.offset_ppm,
+            # source wavelength and electronics over temperature
+            "sf_board": lambda s: _board_sf_ppm(c, s),
+            # thermal expansion of the coil's area
+            "sf_coil": lambda s: c.coil_ppm_per_k * (s.coil_temp_c - REFERENCE_C),
+            # scale-factor hysteresis over a cycle
+            "sf_relaxation": lambda s: c.relaxation_ppm_per_k * (s.coil_temp_c - s.relaxed_temp_c),
+        },
+        noise=p.noise,
+        turn_on_bias_dph=p.turn_on_bias_dph,
+        turn_on_sf_ppm=p.turn_on_sf_ppm,
+        rate_ppm={
+            # IEEE Std 952, scale-factor asymmetry and nonlinearity
+            "sf_asymmetry": lambda rate_dps: 0.5 * c.asymmetry_ppm * np.sign(rate_dps),
+            "sf_nonlinearity": lambda rate_dps: c.nonlinearity_ppm * (rate_dps / c.nonlinearity_at_dps) ** 2,
+        },
     )
 
 
@@ -174,43 +125,31 @@ def fog_unit(parameters: FogParameters, unit_seed: int) -> UnitModel:
     """Return a unit of a grade; unit 0 has the nominal coefficients."""
     p = spread(parameters, unit_seed)
     network = fog_network(p)
-    layers = [f"layer_{index}" for index in range(p.layers)]
-    none = np.zeros(len(network.names))
-    of_state = [network.row(*layers), none, network.row("board"), network.row("relaxed"), none]
-    of_state += [network.row("spool_sensor"), network.row("case_sensor")]
-    of_rate = [none, 60.0 * network.row(*layers), none, none, shupe_row(p, network, unit_seed), none, none]
-    axis = AxisModel(
-        fog_effects(p.coefficients),
-        fog_rate_effects(p.coefficients),
-        p.noise,
-        p.turn_on_bias_dph,
-        p.turn_on_sf_ppm,
-    )
+    coil = network.row(*(f"layer_{index}" for index in range(p.layers)))
+    of_state = {
+        "coil_temp_c": coil,
+        "board_temp_c": network.row("board"),
+        "relaxed_temp_c": network.row("relaxed"),
+        "sensor_temp_c": network.row("spool_sensor"),
+        "case_temp_c": network.row("case_sensor"),
+    }
+    of_rate = {"coil_rate_k_per_min": 60.0 * coil, "shupe_dph": shupe_row(p, network, unit_seed)}
     return UnitModel(
         axes="x",
-        axis_models=(axis,),
-        step=tick_matrix(network, np.array(of_state), np.array(of_rate)),
+        axis_models=(fog_axis(p),),
+        step=step_of(network, FogState._fields, of_state, of_rate),
         state=FogState,
-        outputs=FogState._fields,
         truth=("coil_temp_c", "coil_rate_k_per_min", "board_temp_c"),
-        sensor_noise_c=0.01,
-        sensor_lsb_c=0.01,
     )
 
 
-def _polynomial(
-    coefficients: tuple[float, ...], temperature: Callable[[FogState], float]
-) -> Callable[[FogState], float]:
+def _polynomial(coefficients: tuple[float, ...], temp_c: float) -> float:
     """Return c1 w + c2 w^2 + ... with w = (temperature - 25)/50."""
-
-    def value(state: FogState) -> float:
-        w = (temperature(state) - REFERENCE_C) / 50.0
-        total = 0.0
-        for coefficient in reversed(coefficients):
-            total = (total + coefficient) * w
-        return total
-
-    return value
+    w = (temp_c - REFERENCE_C) / 50.0
+    total = 0.0
+    for coefficient in reversed(coefficients):
+        total = (total + coefficient) * w
+    return total
 
 
 def _stress_dph(c: FogCoefficients, s: FogState) -> float:

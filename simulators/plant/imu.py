@@ -20,7 +20,6 @@ import numpy as np
 
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, UG_MPS2, gravity_mps2
-from drivers.base.errors import ConfigurationError
 from simulators.interfaces import GyroSignal
 from simulators.plant.gimbals import (
     NORTH_WEST_UP,
@@ -33,6 +32,7 @@ from simulators.plant.gimbals import (
 from simulators.plant.mounting import Mount, Mounting
 from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
 from simulators.plant.table import TableAxis
+from simulators.plant.unit import SampleTimes, check_advanced
 
 _PRIOR = (0.1, 1000.0, 100.0, 100.0, 100.0)
 """One sigma of a unit's errors, as after a factory calibration: deg/h, ug, ppm, arcsec, ug/g^2."""
@@ -143,7 +143,7 @@ class ImuUnit:
         ]
         self._wandered: list[list[float]] = []
         self._temps_c: list[float] = []
-        self._anchor_s, self._period_s, self._anchor_index, self._next_index = 0.0, 0.0, 0, 0
+        self._samples = SampleTimes()
 
     def start(self, temp_c: float) -> None:
         """Take the room's temperature at tick 0."""
@@ -183,30 +183,14 @@ class ImuUnit:
         """Return `count` samples (see `GyroPlant`); ConfigurationError beyond the last tick."""
         if count == 0:
             return GyroSignal(self.axes, np.empty((0, 3)), np.empty(0), np.empty((0, 3)))
-        index = self._locate(start_s, period_s)
-        self._next_index = index + count
+        index = self._samples.take(start_s, count, period_s)
         halves = np.arange(2 * count + 3, dtype=np.float64) - 1.0
-        first = index - self._anchor_index
-        times_s = self._anchor_s + period_s * (first + halves / 2.0)
-        if times_s[-2] > len(self._temps_c) - 1 + 1e-9:
-            raise ConfigurationError(
-                "samples were asked for that the plant has not reached",
-                where="imu plant",
-                found=f"samples up to {times_s[-2]:.6f} s, plant at {len(self._temps_c) - 1} s",
-                expected="the plant advanced past the last sample's end",
-            )
+        times_s = self._samples.time_s(index + halves / 2.0)
+        check_advanced("imu plant", float(times_s[-2]), len(self._temps_c))
         angle, velocity = self._exact(np.maximum(times_s, 0.0), count, period_s)
         self._add_noise(angle, velocity, index, count, times_s[1:-1:2][:count], period_s)
         held = np.minimum((times_s[3::2][:count] + 1e-9).astype(np.int64), len(self._temps_c) - 1)
         return GyroSignal(self.axes, angle, np.array(self._temps_c)[held], velocity)
-
-    def _locate(self, start_s: float, period_s: float) -> int:
-        """Return the index of the sample that starts at `start_s`, moving the anchor after a gap."""
-        expected = self._anchor_s + period_s * (self._next_index - self._anchor_index)
-        if period_s != self._period_s or abs(start_s - expected) > 0.25 * period_s:
-            self._anchor_s, self._period_s = start_s, period_s
-            self._anchor_index = self._next_index = round(start_s / period_s)
-        return self._next_index
 
     def _exact(self, times_s: Array, count: int, period_s: float) -> tuple[Array, Array]:
         """Return increments without noise, (count, 3) each; `times_s`: half samples, one before and one after."""

@@ -17,13 +17,13 @@ import numpy as np
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.plant.chamber import ChamberAir, ChamberParameters
-from simulators.plant.effect import UnitModel, leave_out
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
 from simulators.plant.gimbals import Gimbals
 from simulators.plant.imu import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
+from simulators.plant.model import UnitModel, leave_out
 from simulators.plant.modelled_channels import (
     ModelledAir,
     ModelledTable,

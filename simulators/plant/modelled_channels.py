@@ -19,7 +19,7 @@ from simulators.effects.chamber import AirBySecond
 from simulators.effects.heat import CASE_HEAT, GYRO_HEAT, heat_of, reading_of
 from simulators.effects.table import ahead_deg, missed_dps, reading_error_arcsec, ripple_ppm
 from simulators.plant.chamber import ChamberAir, ChamberDemand
-from simulators.plant.effect import UnitModel
+from simulators.plant.model import UnitModel
 from simulators.plant.noise import NoiseSource
 from simulators.plant.table import TableParameters
 from simulators.plant.thermal import AIR, Link, build_network, tick_matrix

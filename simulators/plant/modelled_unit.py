@@ -6,9 +6,10 @@ Each run's turn-on bias is not part of a model and is zero.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from drivers.base.errors import ConfigurationError
 from simulators.effects import (
     PPM,
     REFERENCE_C,
+    AnyEffect,
     Causal,
     Disturbance,
     Effect,
@@ -25,23 +27,9 @@ from simulators.effects import (
     Variant,
     catalogue,
 )
-from simulators.plant.effect import AxisModel, RateEffect, SampleEffect, StateEffect, UnitModel
+from simulators.plant.model import EFFECTS, AxisModel, UnitModel
 from simulators.plant.modelled_channels import check_channels, with_heat
 from simulators.plant.noise import NoiseParameters, NoiseSource
-
-_SOURCE = "model file"
-
-
-class Temperatures(Protocol):
-    """What every unit's state holds: its own sensor and that on its case."""
-
-    @property
-    def sensor_temp_c(self) -> float:
-        """Inside, degC."""
-
-    @property
-    def case_temp_c(self) -> float:
-        """On the case, degC."""
 
 
 @dataclass(frozen=True)
@@ -77,41 +65,6 @@ class ModelledErrors:
         return cls(terms, NoiseParameters(**noise), walk, channels)
 
 
-def _by_tick(term: ModelledTerm, variant: Variant) -> StateEffect[Temperatures]:
-    step = variant.stepper(term.values)
-    part: Literal["bias_dph", "sf_error_ppm"] = "sf_error_ppm" if variant.effect.unit == PPM else "bias_dph"
-    return StateEffect(
-        term.effect, part, lambda state: step(state.sensor_temp_c, state.case_temp_c), _SOURCE, ""
-    )
-
-
-def _by_rate(term: ModelledTerm, variant: Variant) -> RateEffect:
-    """Return the scale-factor error that adds to the output what the effect does at a rate."""
-
-    def error_ppm(rate_dps: Array) -> Array:
-        rate_dph = 3600.0 * rate_dps
-        added = variant.response_dph(term.values, rate_dph)
-        return np.asarray(1e6 * added / np.where(rate_dph == 0.0, 1.0, rate_dph))
-
-    return RateEffect(term.effect, error_ppm, _SOURCE, "")
-
-
-def _by_sample(term: ModelledTerm, variant: Variant) -> SampleEffect:
-    def increments_rad(path: SamplePath) -> Array:
-        n = len(path.edges_s) - 1
-        room = np.full(n, REFERENCE_C)
-        elevation = np.full(n, path.elevation_deg)
-        s = Stimulus(
-            path.edges_s[1:], room, room, path.angle_deg, elevation, path.latitude_deg, path.period_s
-        )
-        total = np.zeros(n)
-        for value, column in zip(term.values, variant.columns(s), strict=True):
-            total += value * column
-        return total * (math.radians(path.period_s) / 3600.0)
-
-    return SampleEffect(term.effect, increments_rad, _SOURCE, "")
-
-
 def modelled(unit: UnitModel, errors: ModelledErrors, seed: tuple[int, ...]) -> UnitModel:
     """Return a single-axis unit with its thermal network kept and its errors those of a model.
 
@@ -126,35 +79,55 @@ def modelled(unit: UnitModel, errors: ModelledErrors, seed: tuple[int, ...]) -> 
             expected="a unit of the model fog_mid, fog_nav or rlg",
         )
     check_channels(errors.channels)
-    effects: list[StateEffect[Any]] = []
-    rates: list[RateEffect] = []
-    samples: list[SampleEffect] = []
+    effects: dict[str, dict[str, Callable[[Any], Any]]] = {kind: {} for kind in EFFECTS}
     known = catalogue()
     for number, term in enumerate(errors.terms):
-        effect = known[term.effect]
-        if isinstance(effect, Disturbance):
-            source = NoiseSource(seed[0], f"disturbance {(*seed, 0)[1:]}", 10 * number)
-            samples.append(SampleEffect(term.effect, effect.emulate(term.values, source), _SOURCE, ""))
-            continue
-        assert isinstance(effect, Effect)
-        variant = Variant(effect, term.shape)
-        if effect.causal is Causal.TICK:
-            effects.append(_by_tick(term, variant))
-        elif effect.causal is Causal.RATE:
-            rates.append(_by_rate(term, variant))
-        else:
-            samples.append(_by_sample(term, variant))
+        source = NoiseSource(seed[0], f"disturbance {(*seed, 0)[1:]}", 10 * number)
+        kind, value = _executed(known[term.effect], term, source)
+        effects[kind][f"{term.effect} {number}"] = value
     if errors.rate_random_walk_dph_per_sqrt_h:
-        walk = _walk(errors.rate_random_walk_dph_per_sqrt_h, seed)
-        effects.append(StateEffect("rate_random_walk", "bias_dph", walk, _SOURCE, ""))
-    axis = AxisModel(tuple(effects), tuple(rates), errors.noise, 0.0, 0.0, tuple(samples))
+        effects["bias_dph"]["rate_random_walk"] = _walk(errors.rate_random_walk_dph_per_sqrt_h, seed)
+    axis = AxisModel(noise=errors.noise, turn_on_bias_dph=0.0, turn_on_sf_ppm=0.0, **effects)
     return replace(with_heat(unit, errors.channels), axis_models=(axis,))
 
 
-def _walk(coefficient: float, seed: tuple[int, ...]) -> Callable[[Temperatures], float]:
+def _executed(effect: AnyEffect, term: ModelledTerm, source: NoiseSource) -> tuple[str, Callable[[Any], Any]]:
+    """Return what a term adds to, as an `AxisModel` calls it, and the function that gives it."""
+    if isinstance(effect, Disturbance):
+        return "sample_rad", effect.emulate(term.values, source)
+    assert isinstance(effect, Effect)
+    variant = Variant(effect, term.shape)
+    if effect.causal is Causal.TICK:
+        step = variant.stepper(term.values)
+        kind = "sf_error_ppm" if effect.unit == PPM else "bias_dph"
+        return kind, lambda state: step(state.sensor_temp_c, state.case_temp_c)
+    if effect.causal is Causal.RATE:
+        return "rate_ppm", partial(_rate_ppm, variant, term.values)
+    return "sample_rad", partial(_sample_rad, variant, term.values)
+
+
+def _rate_ppm(variant: Variant, values: Sequence[float], rate_dps: Array) -> Array:
+    """Return the scale-factor error that adds to the output what an effect does at a rate."""
+    rate_dph = 3600.0 * rate_dps
+    added = variant.response_dph(values, rate_dph)
+    return np.asarray(1e6 * added / np.where(rate_dph == 0.0, 1.0, rate_dph))
+
+
+def _sample_rad(variant: Variant, values: Sequence[float], path: SamplePath) -> Array:
+    """Return what an effect adds to the angle increments on the way of the axis."""
+    n = len(path.edges_s) - 1
+    room, elevation = np.full(n, REFERENCE_C), np.full(n, path.elevation_deg)
+    s = Stimulus(path.edges_s[1:], room, room, path.angle_deg, elevation, path.latitude_deg, path.period_s)
+    total = np.zeros(n)
+    for value, column in zip(values, variant.columns(s), strict=True):
+        total += value * column
+    return total * (math.radians(path.period_s) / 3600.0)
+
+
+def _walk(coefficient: float, seed: tuple[int, ...]) -> Callable[[Any], float]:
     rng, value = np.random.default_rng(seed), 0.0
 
-    def walked(_: Temperatures) -> float:
+    def walked(_: Any) -> float:
         nonlocal value
         value += coefficient / 60.0 * float(rng.standard_normal())
         return value

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simulators.plant.effect import AxisModel, RateEffect, StateEffect, UnitModel
+from simulators.effects import REFERENCE_C
+from simulators.plant.model import AxisModel, UnitModel
 from simulators.plant.noise import NoiseParameters
-from simulators.plant.thermal import AIR, Lag, Link, Network, build_network, tick_matrix
+from simulators.plant.thermal import Network, case_and_inside, step_of
 
-REFERENCE_C = 25.0
 UNIT_SPREAD = 0.15
 """How far coefficients of units lie apart (1 sigma)."""
 RUN_SPREAD = 0.03
@@ -75,10 +75,7 @@ RLG_NOISE = NoiseParameters(lock_in_random_walk(4.0e-3), 8e-4, 0.3)
 
 def rlg_network() -> Network:
     """Return the heat-flow network: the case in the air, the cavity block in the case, 2 W in the block."""
-    capacity = {"case": 900.0, "block": 350.0}
-    links = (Link(AIR, "case", 1.2), Link("case", "block", 0.30))
-    lags = (Lag("block_sensor", ("block",), 8.0), Lag("case_sensor", ("case",), 5.0))
-    return build_network(capacity, links, {"block": 2.0}, lags)
+    return case_and_inside("block", (900.0, 350.0), (1.2, 0.30), 2.0, sensor_lag_s=8.0)
 
 
 def rlg_coefficients(unit_seed: int, run_seed: int = 0, power_on: int = 0) -> RlgCoefficients:
@@ -100,90 +97,58 @@ def _varied(
     return replace(c, **changes)
 
 
-def rlg_effects(c: RlgCoefficients) -> tuple[StateEffect[RlgState], ...]:
-    """Return the effects on bias and scale factor that the thermal state drives."""
-    return (
-        StateEffect("bias_offset", "bias_dph", lambda s: c.offset, "calibration", "A constant bias."),
-        StateEffect(
-            "case_static",
-            "bias_dph",
-            lambda s: (c.per_k + c.per_k2 * (s.case_c - REFERENCE_C)) * (s.case_c - REFERENCE_C),
-            "usual static temperature model",
-            "Bias that follows the case's temperature.",
-        ),
-        StateEffect(
-            "case_rate",
-            "bias_dph",
-            lambda s: (c.per_rate + c.per_k_rate * s.case_c + c.per_rate2 * s.case_rate) * s.case_rate,
-            "regression models of laser gyros over temperature",
-            "Bias that follows the case's temperature rate, its square and its product with temperature.",
-        ),
-        StateEffect(
-            "discharge_imbalance",
-            "bias_dph",
-            lambda s: c.per_gradient_k * (s.case_c - s.block_c),
-            "Langmuir flow of the discharge",
-            "A gradient unbalances the currents of the two discharge arms; the gas flow then drags the light.",
-        ),
-        StateEffect(
-            "mode_ripple",
-            "bias_dph",
-            lambda s: c.ripple * math.sin(2.0 * math.pi * s.block_c / RIPPLE_PERIOD_K),
-            "path-length control over an expanding cavity",
-            "The cavity passes through modes as it expands, and the bias ripples with its temperature.",
-        ),
-        StateEffect(
-            "bias_hysteresis",
-            "bias_dph",
-            lambda s: c.hysteresis * math.tanh(s.case_rate / 0.1),
-            "joints that hold until they slip",
-            "Bias differs between warming and cooling.",
-        ),
-        StateEffect(
-            "sf_offset", "sf_error_ppm", lambda s: c.sf_offset_ppm, "calibration", "A constant SF error."
-        ),
-        StateEffect(
-            "sf_temperature",
-            "sf_error_ppm",
-            lambda s: c.sf_ppm_per_k * (s.block_c - REFERENCE_C),
-            "expansion of the cavity",
-            "Scale factor follows the block's temperature.",
-        ),
-    )
-
-
-def rlg_rate_effects(c: RlgCoefficients) -> tuple[RateEffect, ...]:
-    """Return the effects on scale factor that the rate itself drives."""
-    return (
-        RateEffect(
-            "sf_asymmetry",
-            lambda rate_dps: 0.5 * c.sf_asymmetry_ppm * np.sign(rate_dps),
-            "IEEE Std 647, scale-factor asymmetry",
-            "Positive and negative rates have slightly different scale factors.",
-        ),
-        RateEffect(
-            "sf_nonlinearity",
-            lambda rate_dps: c.sf_nonlinearity_ppm / (1.0 + np.abs(rate_dps)),
-            "what is left of lock-in at low rates",
-            "Scale factor is off at low rates.",
-        ),
+def rlg_axis(c: RlgCoefficients) -> AxisModel:
+    """Return what the thermal state and the rate do to bias and scale factor, with the noise."""
+    return AxisModel(
+        bias_dph={
+            "bias_offset": lambda s: c.offset,
+            # usual static temperature model
+            "case_static": lambda s: (
+                (c.per_k + c.per_k2 * (s.case_c - REFERENCE_C)) * (s.case_c - REFERENCE_C)
+            ),
+            # regression models of laser gyros over temperature: rate, its square, its product with temperature
+            "case_rate": lambda s: (
+                (c.per_rate + c.per_k_rate * s.case_c + c.per_rate2 * s.case_rate) * s.case_rate
+            ),
+            # a gradient unbalances the currents of the discharge arms; the gas flow (Langmuir) drags the light
+            "discharge_imbalance": lambda s: c.per_gradient_k * (s.case_c - s.block_c),
+            # path-length control: the cavity passes through modes as it expands
+            "mode_ripple": lambda s: c.ripple * math.sin(2.0 * math.pi * s.block_c / RIPPLE_PERIOD_K),
+            # joints that hold until they slip: bias differs between warming and cooling
+            "bias_hysteresis": lambda s: c.hysteresis * math.tanh(s.case_rate / 0.1),
+        },
+        sf_error_ppm={
+            "sf_offset": lambda s: c.sf_offset_ppm,
+            # expansion of the cavity
+            "sf_temperature": lambda s: c.sf_ppm_per_k * (s.block_c - REFERENCE_C),
+        },
+        noise=RLG_NOISE,
+        turn_on_bias_dph=8e-4,
+        turn_on_sf_ppm=0.3,
+        rate_ppm={
+            # IEEE Std 647, scale-factor asymmetry
+            "sf_asymmetry": lambda rate_dps: 0.5 * c.sf_asymmetry_ppm * np.sign(rate_dps),
+            # what is left of lock-in at low rates
+            "sf_nonlinearity": lambda rate_dps: c.sf_nonlinearity_ppm / (1.0 + np.abs(rate_dps)),
+        },
     )
 
 
 def rlg_unit(unit_seed: int, run_seed: int = 0, power_on: int = 0) -> UnitModel:
     """Return a single-axis unit, switched on for run `run_seed` and again `power_on` times since."""
-    c = rlg_coefficients(unit_seed, run_seed, power_on)
     network = rlg_network()
-    case, block, none = network.row("case"), network.row("block"), np.zeros(len(network.names))
-    of_state = [case, block, none, none, network.row("block_sensor"), network.row("case_sensor")]
-    of_rate = [none, none, 60.0 * case, 60.0 * block, none, none]
+    case, block = network.row("case"), network.row("block")
+    of_state = {
+        "case_c": case,
+        "block_c": block,
+        "sensor_temp_c": network.row("block_sensor"),
+        "case_temp_c": network.row("case_sensor"),
+    }
+    of_rate = {"case_rate": 60.0 * case, "block_rate": 60.0 * block}
     return UnitModel(
         axes="x",
-        axis_models=(AxisModel(rlg_effects(c), rlg_rate_effects(c), RLG_NOISE, 8e-4, 0.3),),
-        step=tick_matrix(network, np.array(of_state), np.array(of_rate)),
+        axis_models=(rlg_axis(rlg_coefficients(unit_seed, run_seed, power_on)),),
+        step=step_of(network, RlgState._fields, of_state, of_rate),
         state=RlgState,
-        outputs=RlgState._fields,
         truth=("case_c", "block_c"),
-        sensor_noise_c=0.01,
-        sensor_lsb_c=0.01,
     )

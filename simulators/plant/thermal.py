@@ -82,6 +82,29 @@ def build_network(
     return Network(names, dynamics, drive)
 
 
+def case_and_inside(
+    inside: str,
+    capacity_j_per_k: tuple[float, float],
+    conductance_w_per_k: tuple[float, float],
+    power_w: float,
+    sensor_lag_s: float,
+    case_sensor_lag_s: float = 5.0,
+) -> Network:
+    """Return a case in the air and one body in it that makes heat, each with a sensor that lags.
+
+    Capacities of case and body; conductances from air to case and from case to body. The states are `case`, the
+    body's name, and these with `_sensor`.
+    """
+    capacity = dict(zip(("case", inside), capacity_j_per_k, strict=True))
+    to_air, between = conductance_w_per_k
+    links = (Link(AIR, "case", to_air), Link("case", inside, between))
+    lags = (
+        Lag(f"{inside}_sensor", (inside,), sensor_lag_s),
+        Lag("case_sensor", ("case",), case_sensor_lag_s),
+    )
+    return build_network(capacity, links, {inside: power_w}, lags)
+
+
 def steady_state_c(network: Network, air_temp_c: float) -> Array:
     """Return the state, float64 (n,), at which nothing changes with the air at `air_temp_c`."""
     return np.asarray(np.linalg.solve(network.dynamics, -network.drive @ [air_temp_c, 1.0]))
@@ -100,6 +123,22 @@ def tick_matrix(network: Network, of_state: Array, of_rate: Array, dt_s: float =
     rate = network.dynamics @ step
     rate[:, n:] += network.drive
     return np.ascontiguousarray(np.vstack((step, of_state @ step + of_rate @ rate)))
+
+
+def step_of(
+    network: Network,
+    outputs: Sequence[str],
+    of_state: Mapping[str, Array],
+    of_rate: Mapping[str, Array] | None = None,
+) -> Array:
+    """Return the `tick_matrix` of named outputs: each a row (n,) of states, of their rates in K/s, or both."""
+    none = np.zeros(len(network.names))
+    rates = of_rate or {}
+    return tick_matrix(
+        network,
+        np.array([of_state.get(name, none) for name in outputs]),
+        np.array([rates.get(name, none) for name in outputs]),
+    )
 
 
 def _exponential(matrix: Array) -> Array:

@@ -14,13 +14,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects import SamplePath
 from simulators.interfaces import GyroSignal
-from simulators.plant.effect import UnitModel
 from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up
+from simulators.plant.model import UnitModel
 from simulators.plant.mounting import Mount, Mounting, turned_rad
 from simulators.plant.noise import BLOCK, GyroNoise, NoiseSource, flicker
 from simulators.plant.table import TableAxis
@@ -29,6 +30,42 @@ _FLICKER, _SAMPLES, _SENSORS, _TURN_ON = 0, 100, 200, 300
 """Noise streams of a unit; an axis adds its number (samples: two an axis)."""
 _READINGS = ("sensor_temp_c", "case_temp_c")
 _Channel = tuple[tuple[Callable[[Any], float], ...], float]
+
+
+class SampleTimes:
+    """When the samples of a unit begin.
+
+    A measurement whose start is where the last one ended continues its sample count, so that any chunking of a
+    stream gives the same bits; after a gap the count restarts at `start_s / period_s`.
+    """
+
+    def __init__(self) -> None:
+        self._anchor_s, self._period_s = 0.0, 0.0
+        self._anchor_index = self._next_index = 0
+
+    def take(self, start_s: float, count: int, period_s: float) -> int:
+        """Return the index of the first of `count` samples from `start_s` on."""
+        expected = self._anchor_s + period_s * (self._next_index - self._anchor_index)
+        if period_s != self._period_s or abs(start_s - expected) > 0.25 * period_s:
+            self._anchor_s, self._period_s = start_s, period_s
+            self._anchor_index = self._next_index = round(start_s / period_s)
+        self._next_index += count
+        return self._next_index - count
+
+    def time_s(self, index: Array | NDArray[np.int64]) -> Array:
+        """Return the times at which samples of these indices begin, (n,); halves are the middles."""
+        return np.asarray(self._anchor_s + self._period_s * (index - self._anchor_index))
+
+
+def check_advanced(where: str, end_s: float, ticks: int) -> None:
+    """Raise ConfigurationError for samples up to a time that a plant of so many ticks has not reached."""
+    if end_s > ticks - 1 + 1e-9:
+        raise ConfigurationError(
+            "samples were asked for that the plant has not reached",
+            where=where,
+            found=f"samples up to {end_s:.6f} s, plant at {ticks - 1} s",
+            expected="the plant advanced past the last sample's end",
+        )
 
 
 class GyroUnit:
@@ -76,8 +113,7 @@ class GyroUnit:
         self.columns = _columns(model)
         self._record = np.empty((BLOCK, len(self.columns)))
         self._ticks = 0
-        self._anchor_s, self._period_s = 0.0, 0.0
-        self._anchor_index = self._next_index = 0
+        self._samples = SampleTimes()
 
     def start(self, temp_c: float) -> None:
         """Put every node at `temp_c` and record tick 0."""
@@ -122,18 +158,12 @@ class GyroUnit:
         return {name: table[:, index].copy() for index, name in enumerate(self.columns)}
 
     def measure(self, start_s: float, count: int, period_s: float) -> GyroSignal:
-        """Return `count` samples (see `GyroPlant`); ConfigurationError beyond the last tick.
-
-        Calls whose start is where the last one ended continue its sample count, so that any chunking of a
-        stream gives the same bits; after a gap the count restarts at `start_s / period_s`.
-        """
+        """Return `count` samples (see `GyroPlant`); ConfigurationError beyond the last tick."""
         if count == 0:
             return GyroSignal(self.axes, np.empty((0, len(self.axes))), np.empty(0))
-        index = self._locate(start_s, period_s)
-        self._next_index = index + count
-        first = index - self._anchor_index
-        edges_s = self._anchor_s + period_s * np.arange(first, first + count + 1, dtype=np.float64)
-        self._check_advanced(float(edges_s[-1]))
+        index = self._samples.take(start_s, count, period_s)
+        edges_s = self._samples.time_s(index + np.arange(count + 1))
+        check_advanced("gyro plant", float(edges_s[-1]), self._ticks)
         middle_s = 0.5 * (edges_s[1:] + edges_s[:-1])
         axes = len(self.axes)
         values = self._between_ticks(middle_s)
@@ -143,27 +173,10 @@ class GyroUnit:
         increments = turned * (1.0 + 1e-6 * sf_ppm) + bias_dph * (math.radians(period_s) / 3600.0)
         for axis, noise in enumerate(self._noise):
             increments[axis] += noise.increments_rad(index, count, period_s)
-        self._add_sample_effects(increments, edges_s, middle_s)
+        self._add_sample_effects(increments, edges_s, middle_s, period_s)
         # a sample that ends on a tick holds that tick's reading, whatever the rounding of its end
         held = (edges_s[1:] + 1e-9).astype(np.int64)
         return GyroSignal(self.axes, np.ascontiguousarray(increments.T), self._record[held, 3 * axes])
-
-    def _locate(self, start_s: float, period_s: float) -> int:
-        """Return the index of the sample that starts at `start_s`, moving the anchor after a gap."""
-        expected = self._anchor_s + period_s * (self._next_index - self._anchor_index)
-        if period_s != self._period_s or abs(start_s - expected) > 0.25 * period_s:
-            self._anchor_s, self._period_s = start_s, period_s
-            self._anchor_index = self._next_index = round(start_s / period_s)
-        return self._next_index
-
-    def _check_advanced(self, end_s: float) -> None:
-        if end_s > self._ticks - 1 + 1e-9:
-            raise ConfigurationError(
-                "samples were asked for that the plant has not reached",
-                where="gyro plant",
-                found=f"samples up to {end_s:.6f} s, plant at {self._ticks - 1} s",
-                expected="the plant advanced past the last sample's end",
-            )
 
     def _between_ticks(self, times_s: Array) -> Array:
         """Return the recorded errors at `times_s`, linear between ticks; float64 (3 axes, n)."""
@@ -210,8 +223,10 @@ class GyroUnit:
             scale_deg = angles if len(angles) == 2 else angles[first:]
             yield first, scale_deg + mount.azimuth_error_deg, matrix
 
-    def _add_sample_effects(self, increments: Array, edges_s: Array, middle_s: Array) -> None:
-        if not any(model.sample_effects for model in self.model.axis_models):
+    def _add_sample_effects(
+        self, increments: Array, edges_s: Array, middle_s: Array, period_s: float
+    ) -> None:
+        if not any(model.sample_rad for model in self.model.axis_models):
             return
         before = increments.copy()
         for first, angles_deg, matrix in self._mounted(edges_s, middle_s):
@@ -219,17 +234,17 @@ class GyroUnit:
             angle = angles_deg if len(angles_deg) == len(own_s) else np.full(len(own_s), angles_deg[0])
             for axis, model in enumerate(self.model.axis_models):
                 elevation = math.degrees(math.asin(min(max(float(matrix[axis, 2]), -1.0), 1.0)))
-                path = SamplePath(own_s, angle, elevation, self._latitude_deg, self._period_s)
-                added = [effect.value(path) for effect in model.sample_effects]
+                path = SamplePath(own_s, angle, elevation, self._latitude_deg, period_s)
+                added = [effect(path) for effect in model.sample_rad.values()]
                 increments[axis, first:] = before[axis, first:] + sum(added)
 
     def _rate_errors_ppm(self, turned_rad: Array, period_s: float) -> Array:
         errors = np.zeros_like(turned_rad)
         for axis, model in enumerate(self.model.axis_models):
-            if model.rate_effects:
+            if model.rate_ppm:
                 rate_dps = turned_rad[axis] * math.degrees(1.0 / period_s)
-                for effect in model.rate_effects:
-                    errors[axis] += effect.value(rate_dps)
+                for effect in model.rate_ppm.values():
+                    errors[axis] += effect(rate_dps)
         return errors
 
     def _switch(self, model: UnitModel | None) -> None:
@@ -272,10 +287,6 @@ def _terms(model: UnitModel, source: NoiseSource, power_on: int) -> tuple[list[_
     bias: list[_Channel] = []
     scale: list[_Channel] = []
     for axis, (on_bias, on_scale) in zip(model.axis_models, drawn, strict=True):
-        by_channel = {
-            channel: tuple(effect.value for effect in axis.effects if effect.channel == channel)
-            for channel in ("bias_dph", "sf_error_ppm")
-        }
-        bias.append((by_channel["bias_dph"], on_bias * axis.turn_on_bias_dph))
-        scale.append((by_channel["sf_error_ppm"], on_scale * axis.turn_on_sf_ppm))
+        bias.append((tuple(axis.bias_dph.values()), on_bias * axis.turn_on_bias_dph))
+        scale.append((tuple(axis.sf_error_ppm.values()), on_scale * axis.turn_on_sf_ppm))
     return bias, scale

@@ -15,8 +15,8 @@ from simulators.plant.rlg import (
     RLG_NOISE,
     RlgCoefficients,
     lock_in_random_walk,
+    rlg_axis,
     rlg_coefficients,
-    rlg_effects,
     rlg_network,
     rlg_unit,
 )
@@ -44,7 +44,7 @@ def test_bias_is_the_documented_sum() -> None:
     c = RlgCoefficients()
     t1, t2, d1 = -13.0, -9.5, 0.4
     state = State(t1, t2, d1, 0.3, 0.0, 0.0)
-    total = sum(effect.value(state) for effect in rlg_effects(c) if effect.channel == "bias_dph")
+    total = sum(effect(state) for effect in rlg_axis(c).bias_dph.values())
     by_hand = (
         0.004 - 2.2e-4 * (t1 - 25) + 4e-7 * (t1 - 25) ** 2 + 0.024 * d1 - 1.6e-4 * t1 * d1 + 0.012 * d1**2
     )
@@ -78,7 +78,7 @@ def test_units_and_runs_differ_as_documented_and_come_again() -> None:
 
 def test_without_effects_nothing_is_left_but_the_earth_free_output() -> None:
     model = rlg_unit(0)
-    everything = [effect.name for axis in model.axis_models for effect in axis.effects]
+    everything = [name for axis in model.axis_models for name in (*axis.bias_dph, *axis.sf_error_ppm)]
     run = rlg_run(
         ramp_profile(dwell_min=2.0, low_c=20.0, high_c=22.0),
         without=(*everything, "turn_on", "angle_random_walk", "bias_instability", "quantisation"),

@@ -12,9 +12,9 @@ from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_r
 from drivers.base.errors import ConfigurationError
 from simulators.interfaces import ChamberPlant, GyroPlant, TablePlant
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
-from simulators.plant.effect import effect_names
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID
+from simulators.plant.model import effect_names
 from simulators.plant.mounting import Mounting
 
 QUIET = tuple(effect_names(fog_unit(FOG_MID, 0)))

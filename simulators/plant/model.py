@@ -1,0 +1,93 @@
+"""What a unit of the plant is made of: named effects and noise for each axis, and one thermal step for all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+from simulators.effects import SamplePath
+from simulators.plant.noise import NoiseParameters
+
+
+@dataclass(frozen=True)
+class AxisModel:
+    """One sensitive axis: its effects by name, its noise, and 1 sigma of what a power-on draws.
+
+    `bias_dph` and `sf_error_ppm` are functions of the unit's thermal state, evaluated once a tick. `rate_ppm`
+    adds to the scale-factor error by the rate in deg/s, float64 (n,) -> (n,); `sample_rad` adds to the angle
+    increments themselves, rad, float64 (n,), by the way of the axis.
+    """
+
+    bias_dph: Mapping[str, Callable[[Any], float]]
+    sf_error_ppm: Mapping[str, Callable[[Any], float]]
+    noise: NoiseParameters
+    turn_on_bias_dph: float
+    turn_on_sf_ppm: float
+    rate_ppm: Mapping[str, Callable[[Array], Array]] = field(default_factory=dict)
+    sample_rad: Mapping[str, Callable[[SamplePath], Array]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class UnitModel:
+    """A gyro unit: its axes, its thermal step (see `thermal.tick_matrix`) and how to read the outputs.
+
+    `state` is the named tuple of a tick's outputs that effects take. Two of these are `sensor_temp_c` (the
+    unit's own sensor) and `case_temp_c` (a sensor on its case), read with noise and rounded to the LSB; `truth`
+    names the outputs that are recorded beside them.
+    """
+
+    axes: str
+    axis_models: tuple[AxisModel, ...]
+    step: Array
+    state: type[Any]
+    truth: tuple[str, ...]
+    sensor_noise_c: float = 0.01
+    sensor_lsb_c: float = 0.01
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of a tick's outputs, in the order of the step's last rows."""
+        return tuple(self.state._fields)
+
+
+EFFECTS = ("bias_dph", "sf_error_ppm", "rate_ppm", "sample_rad")
+"""Fields of an `AxisModel` that hold effects."""
+_NOISE = {
+    "angle_random_walk": "arw_deg_per_sqrt_h",
+    "bias_instability": "bias_instability_dph",
+    "quantisation": "quantum_arcsec",
+}
+
+
+def effect_names(model: UnitModel) -> tuple[str, ...]:
+    """Return every name that `leave_out` understands for this unit, sorted."""
+    names = {*_NOISE, "turn_on"}
+    for axis in model.axis_models:
+        names.update(*(getattr(axis, kind) for kind in EFFECTS))
+    return tuple(sorted(names))
+
+
+def leave_out(model: UnitModel, names: Collection[str]) -> UnitModel:
+    """Return the unit without the named effects; ConfigurationError for a name it does not have."""
+    unknown = sorted(set(names) - set(effect_names(model)))
+    if unknown:
+        raise ConfigurationError(
+            "an effect to leave out is not one of this unit's",
+            where="plant",
+            found=", ".join(unknown),
+            expected="any of " + ", ".join(effect_names(model)),
+        )
+    return replace(model, axis_models=tuple(_axis_without(axis, names) for axis in model.axis_models))
+
+
+def _axis_without(axis: AxisModel, names: Collection[str]) -> AxisModel:
+    silent = {coefficient: 0.0 for name, coefficient in _NOISE.items() if name in names}
+    changes: dict[str, Any] = {"noise": replace(axis.noise, **silent)}
+    for kind in EFFECTS:
+        changes[kind] = {name: value for name, value in getattr(axis, kind).items() if name not in names}
+    if "turn_on" in names:
+        changes |= {"turn_on_bias_dph": 0.0, "turn_on_sf_ppm": 0.0}
+    return replace(axis, **changes)
