@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bench.control.limits import Reach, between, breaks, check_ramp, check_stops
+from bench.control.limits import Reach, between, breaks, check_ramp, check_rules, check_stops, check_telemetry
 from bench.record.benchfile import (
     Band,
     ForbiddenState,
@@ -178,3 +178,73 @@ def test_half_a_degree_beyond_either_stop_is_allowed_and_no_more(low, width, out
     else:
         with pytest.raises(LimitExceeded, match="beyond its stops"):
             check_stops(axis, angle_deg, "table")
+
+
+def test_a_twentieth_of_rate_and_ten_kelvin_beyond_the_limits_are_allowed_and_no_more():
+    limits = LimitsSection(max_rate_dps=20.0, min_temp_c=-60.0, max_temp_c=85.0)
+    for rate_dps, air_c in ((21.0, 20.0), (-21.0, 20.0), (0.0, -70.0), (0.0, 95.0)):
+        check_telemetry(limits, rate_dps, air_c)
+    for rate_dps, found in ((21.001, "21.001 deg/s"), (-21.001, "-21.001 deg/s"), (math.inf, "inf deg/s")):
+        with pytest.raises(LimitExceeded, match="turns faster") as refused:
+            check_telemetry(limits, rate_dps, 20.0)
+        assert (refused.value.where, refused.value.found) == ("table", found)
+        assert "at most 20 deg/s" in refused.value.expected
+    for air_c, found in ((-70.1, "-70.1 degC"), (95.1, "95.1 degC"), (math.nan, "nan degC")):
+        with pytest.raises(LimitExceeded, match="outside the allowed range") as refused:
+            check_telemetry(limits, 0.0, air_c)
+        assert (refused.value.where, refused.value.found) == ("chamber", found)
+        assert refused.value.expected == "-60 .. 85 degC within 10 K"
+
+
+def test_a_ramp_that_is_faster_by_exactly_a_fifth_is_allowed():
+    limits = LimitsSection(max_ramp_k_per_min=5.0)
+    check_ramp(limits, 12.0, 120.0)
+    check_ramp(limits, -3.0, 30.0)
+    with pytest.raises(LimitExceeded) as refused:
+        check_ramp(limits, -3.1, 30.0)
+    assert refused.value.found == "6.2 K/min over 30 s"
+    assert "at most 5 K/min" in refused.value.expected
+
+
+def test_a_rule_is_named_with_what_was_found_and_what_to_do():
+    limits = LimitsSection(forbid=(COLD,))
+    check_rules(limits, reach(rate=5.0, air=-41.0), "found", "remedy")
+    with pytest.raises(LimitExceeded, match="forbidden on this bench: c") as refused:
+        check_rules(limits, reach(rate=6.0, air=-41.0), "6 deg/s", "warm up")
+    assert (refused.value.found, refused.value.remedy) == ("6 deg/s", "warm up")
+    assert refused.value.expected == "never together: rate_dps above 5, air_temp_c below -40"
+
+
+@pytest.mark.parametrize(
+    ("quantity", "inside", "outside"),
+    [
+        ("rate_dps", {"rate": 6.0}, {"rate": 4.0}),
+        ("angle_deg", {"angle": 6.0}, {"angle": 4.0}),
+        ("air_temp_c", {"air": 6.0}, {"air": 4.0}),
+        ("set_point_c", {"set_point": 6.0}, {"set_point": 4.0}),
+        ("aux_temp_c", {"aux": (4.0, 6.0)}, {"aux": (4.0, 4.5)}),
+    ],
+)
+def test_each_quantity_has_its_condition(quantity, inside, outside):
+    rule = ForbiddenState(name="r", **{quantity: Band(above=5.0)})
+    elsewhere = {"rate": 0.0, "angle": 0.0, "air": 0.0, "set_point": 0.0, "aux": (0.0,)}
+    assert breaks(rule, reach(**elsewhere | inside))
+    assert not breaks(rule, reach(**elsewhere | outside))
+
+
+def test_a_rule_for_a_closed_door_holds_while_it_is_closed():
+    rule = ForbiddenState(name="d", door="closed", rate_dps=Band(below=1.0))
+    assert breaks(rule, reach(door=False)) and not breaks(rule, reach(door=True))
+    assert breaks(ForbiddenState(name="n", rate_dps=Band(below=1.0)), reach(door=True))
+
+
+def test_an_axis_without_stops_or_with_a_whole_turn_has_none_to_be_beyond():
+    for low, high in ((None, None), (-180.0, 180.0), (-179.5, 179.5)):
+        axis = AxisConfig(name="tilt", number=1, direction="up", min_angle_deg=low, max_angle_deg=high)
+        for angle_deg in (-180.0, 0.0, 180.0, 1234.5):
+            check_stops(axis, angle_deg, "table")
+    axis = AxisConfig(name="tilt", number=1, direction="up", min_angle_deg=-170.0, max_angle_deg=160.0)
+    with pytest.raises(LimitExceeded) as refused:
+        check_stops(axis, 161.0, "outer")
+    assert (refused.value.where, refused.value.found) == ("outer", "161.000 deg")
+    assert refused.value.expected == "-170 .. 160 deg (bench file)"

@@ -147,6 +147,28 @@ def test_telemetry_beyond_the_limits_ends_the_wait(made, table, air_c, words):
         made.bench.wait(5.0)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("share", "refused"), [(1.195, False), (1.205, True)])
+def test_the_ramp_is_the_change_within_a_minute_and_a_fifth_more_is_allowed(
+    made, monkeypatch, sign, share, refused
+):
+    """A step is a minute's whole change, whenever it is looked at: at 59 s the one would be too fast,
+    at 61 s the other would not."""
+    step_k = sign * share * LIMITS.max_ramp_k_per_min
+
+    def state(device):
+        device.clock.ns += 20_000_000
+        return ChamberState(25.0 + (step_k if device.clock.now() > 200.0 else 0.0), 25.0, {1: 25.0})
+
+    monkeypatch.setattr(made.chamber, "read_state", lambda: state(made.chamber))
+    if not refused:
+        made.bench.wait(400.0)
+        return
+    with pytest.raises(LimitExceeded, match="changes faster"):
+        made.bench.wait(400.0)
+    assert 200.0 < made.clock.now() < 202.0
+
+
 def test_alarms_are_asked_once_a_minute_recorded_and_end_the_run(made):
     made.bench.wait(59.0)
     made.chamber.faults = ["alarm: door open", "alarm: fan"]
