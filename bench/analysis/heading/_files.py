@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bench.analysis.heading._frames import earth_rotation_deg
 from bench.analysis.heading._log import PlatformLog, log_from_positions
 from bench.record.benchfile import bench_file_from
-from bench.record.recording import Run, Table, checksum, platform_table_name, read_table
+from bench.record.recording import Run, Table, checksum, read_table, table_name
 from bench.record.run_folder import url_of
 from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
@@ -69,7 +69,7 @@ def platform_of(run: Run) -> str:
             "a run folder with one platform INS is needed",
             where=str(run.place),
             found=", ".join(found) or "no table of a platform INS",
-            expected=f"one {platform_table_name('<name>')}",
+            expected=f"one {table_name('platform', '<name>')}",
             remedy="name the table itself instead of the run folder" if found else "",
         )
     return found[0]
@@ -80,7 +80,7 @@ def checksum_of_log(path: Path) -> tuple[str, str]:
     if not (path.is_dir() or url_of(path)):
         return f"{path.parent.name}/{path.name}", checksum(path).sha256
     run = Run.open(path)
-    table = platform_table_name(platform_of(run))
+    table = table_name("platform", platform_of(run))
     sealed = run.manifest.files.get(table) or checksum(run.file(table))
     return f"{path.name}/{table}", sealed.sha256
 

@@ -189,10 +189,7 @@ def _write_gyro(path: Path, gyro: str, time_s: NDArray[np.float64], data: Log) -
     return StreamReport(
         frames=len(time_s),
         lost=int(lost.sum()),
-        duplicates=0,
         invalid=int((~valid).sum()),
-        bytes_received=0,
-        bytes_skipped=0,
         sample_rate_hz=1.0 / period_s,
         warnings=("imported: lost samples are gaps in the time column",),
     )

@@ -8,7 +8,7 @@ from bench.record.recording._decode import (
     StreamSource,
     decode_instrument,
     decode_stream,
-    platform_table_name,
+    table_name,
     units_off_s,
 )
 from bench.record.recording._events import EventLog, Events, read_events
@@ -55,7 +55,6 @@ __all__ = [
     "local_manifests",
     "local_run",
     "names_at",
-    "platform_table_name",
     "read_events",
     "read_exchanges",
     "read_manifest",
@@ -64,6 +63,7 @@ __all__ = [
     "seal",
     "second_rows",
     "seconds",
+    "table_name",
     "table_writer",
     "unit_of",
     "units_off_s",

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,68 +36,48 @@ _MOST_LOST = 2**31 - 1
 _LEAST_OFF_S = 1.0
 
 
-class StreamSource(Protocol):
+@dataclass(frozen=True)
+class StreamSource(ABC):
     """How the bytes of one streaming unit become a table.
 
-    `start_offset`: bytes on the port before the stream began (answers to configuration). `baudrate`: of a serial
-    port, to take the time on the wire off; None where a frame is stamped when it is complete.
+    `name` is that of unit and port, `decoder` makes a fresh decoder. `start_offset`: bytes on the port before the
+    stream began (answers to configuration). `baudrate`: of a serial port, to take the time on the wire off; None
+    where a frame is stamped when it is complete.
     """
 
-    @property
-    def name(self) -> str:
-        """Name of unit and port."""
-        ...
-
-    @property
-    def decoder(self) -> Callable[[], StreamDecoder]:
-        """What makes a fresh decoder."""
-        ...
-
-    @property
-    def start_offset(self) -> int:
-        """See above."""
-        ...
-
-    @property
-    def baudrate(self) -> int | None:
-        """See above."""
-        ...
+    role: ClassVar[Literal["gyro", "platform"]]
+    name: str
+    decoder: Callable[[], StreamDecoder]
+    start_offset: int = field(default=0, kw_only=True)
+    baudrate: int | None = field(default=None, kw_only=True)
 
     @property
     def table(self) -> str:
         """File name of the decoded table."""
-        ...
+        return table_name(self.role, self.name)
 
     @property
+    @abstractmethod
     def description(self) -> str:
         """What the table holds, in words."""
-        ...
 
+    @abstractmethod
     def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
         """Return what the table holds beside time, counter, losses and status; arrays of shape (n,)."""
-        ...
 
 
 @dataclass(frozen=True)
-class GyroSource:
+class GyroSource(StreamSource):
     """A gyro's stream: `rates` turns decoded columns into deg/s by axis, given the true sample rate in Hz,
     `accelerations` into m/s2 by axis where the unit has accelerometers, `temperatures` into further ones in degC
     by column; `axis` is the one under test.
     """
 
-    name: str
-    decoder: Callable[[], StreamDecoder]
+    role = "gyro"
     rates: Rates
     axis: str
     accelerations: Rates | None = None
     temperatures: Rates | None = None
-    start_offset: int = 0
-    baudrate: int | None = None
-
-    @property
-    def table(self) -> str:
-        """File name of the decoded table."""
-        return gyro_table(self.name)
 
     @property
     def description(self) -> str:
@@ -117,19 +98,11 @@ class GyroSource:
 
 
 @dataclass(frozen=True)
-class PlatformSource:
-    """A platform INS's stream: positions and temperatures as decoded."""
+class PlatformSource(StreamSource):
+    """A platform INS's stream: positions and temperatures (`columns`) as decoded."""
 
-    name: str
-    decoder: Callable[[], StreamDecoder]
+    role = "platform"
     columns: tuple[str, ...]
-    start_offset: int = 0
-    baudrate: int | None = None
-
-    @property
-    def table(self) -> str:
-        """File name of the decoded table."""
-        return platform_table_name(self.name)
 
     @property
     def description(self) -> str:
@@ -151,11 +124,11 @@ class StreamReport:
     """
 
     frames: int
-    lost: int
-    duplicates: int
-    invalid: int
-    bytes_received: int
-    bytes_skipped: int
+    lost: int = 0
+    duplicates: int = 0
+    invalid: int = 0
+    bytes_received: int = 0
+    bytes_skipped: int = 0
     rejected: dict[str, int] = field(default_factory=dict)
     start_offset: int = 0
     off: int = 0
@@ -165,14 +138,9 @@ class StreamReport:
     warnings: tuple[str, ...] = ()
 
 
-def gyro_table(name: str) -> str:
-    """Return the file name of a gyro's decoded table."""
-    return f"gyro_{name}.parquet"
-
-
-def platform_table_name(name: str) -> str:
-    """Return the file name of a platform INS's decoded table."""
-    return f"platform_{name}.parquet"
+def table_name(role: Literal["gyro", "platform"], unit: str) -> str:
+    """Return the file name of a unit's decoded table."""
+    return f"{role}_{unit}.parquet"
 
 
 def decode_stream(
@@ -200,9 +168,6 @@ def decode_stream(
             frame_bytes = int(np.diff(batch.end_offset).min())
     report = StreamReport(
         frames=decoder.counts.frames,
-        lost=0,
-        duplicates=0,
-        invalid=0,
         bytes_received=path.stat().st_size if path.exists() else 0,
         bytes_skipped=decoder.counts.bytes_skipped,
         rejected=dict(decoder.counts.rejected),
@@ -211,7 +176,7 @@ def decode_stream(
     target = (out or folder) / source.table
     if not timer.has_arrivals:
         target.unlink(missing_ok=True)
-        return _with(report, warnings=("no frame with an arrival time",))
+        return replace(report, warnings=("no frame with an arrival time",))
     timing = timer.fit(_BITS_A_BYTE * frame_bytes / source.baudrate if source.baudrate else 0.0)
     return _write_table(path, source, timing, report, target, off_s)
 
@@ -298,7 +263,7 @@ def _write_table(
             invalid += int((~table["valid"]).sum())
         writer.write(rows.kept)
         invalid += int((~rows.kept["valid"]).sum())
-    return _with(
+    return replace(
         report,
         lost=lost - off,
         off=off,
@@ -376,7 +341,3 @@ def _batches(path: Path, source: StreamSource, decoder: StreamDecoder) -> Iterat
         batch = decoder.feed(block)
         if len(batch):
             yield FrameBatch(batch.columns, batch.end_offset + source.start_offset)
-
-
-def _with(report: StreamReport, **changes: Any) -> StreamReport:
-    return StreamReport(**{**report.__dict__, **changes})

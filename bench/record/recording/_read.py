@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -21,9 +21,8 @@ from bench.record.recording._arrow import from_arrow
 from bench.record.recording._decode import (
     Arrivals,
     StreamSource,
-    gyro_table,
-    platform_table_name,
     read_arrivals,
+    table_name,
 )
 from bench.record.recording._events import Events, Line, read_events
 from bench.record.recording._journal import RAW_FOLDER
@@ -131,15 +130,15 @@ class Run:
     @property
     def gyros(self) -> tuple[str, ...]:
         """Names of the gyros with a decoded table."""
-        return self._named(gyro_table)
+        return self._named("gyro")
 
     @property
     def platforms(self) -> tuple[str, ...]:
         """Names of the platform INSs with a decoded table."""
-        return self._named(platform_table_name)
+        return self._named("platform")
 
-    def _named(self, table: Callable[[str], str]) -> tuple[str, ...]:
-        prefix = table("*").split("*")[0]
+    def _named(self, role: Literal["gyro", "platform"]) -> tuple[str, ...]:
+        prefix = f"{role}_"
         return tuple(name.removeprefix(prefix) for name in self.tables if name.startswith(prefix))
 
     def gyro(
@@ -150,7 +149,7 @@ class Run:
         end_s: float | None = None,
     ) -> Table:
         """Return columns of a gyro, shape (n,) each, for start_s <= time < end_s; see `read_table`."""
-        return self._table(gyro_table(name), columns, start_s, end_s)
+        return self._table(table_name("gyro", name), columns, start_s, end_s)
 
     def turntable(
         self, columns: Sequence[str] | None = None, start_s: float | None = None, end_s: float | None = None
@@ -166,7 +165,7 @@ class Run:
 
     def platform(self, name: str) -> Table:
         """Return all columns of a platform INS."""
-        return self._table(platform_table_name(name), None, None, None)
+        return self._table(table_name("platform", name), None, None, None)
 
     def second_means(self, gyro: str, start_s: int, end_s: int, *, from_start: bool = False) -> SecondMeans:
         """Return 1 s means of a gyro, (end_s - start_s,): row k is of start_s + k < time <= start_s + k + 1.
