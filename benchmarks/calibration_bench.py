@@ -27,7 +27,7 @@ from bench.analysis.calibration import (
 from bench.control.procedure import find_procedure
 from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
-from bench.lab.emulated import EmulatedLab, Plant, save_truth
+from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import load_bench_file
 from benchmarks._measure import Row, figure
 
@@ -48,8 +48,8 @@ def calibrated(scheme: str, dwell_s: float, seed: int = 1) -> tuple[Estimate, Ev
             lab.file,
             Path(folder),
             EmulatedOperator(lab.perform),
-            emulated=plant.told(file),
-            before_close=lambda run: save_truth(lab, run),
+            emulated=lab.emulated,
+            before_close=lab.save_truth,
         )
         result = run_procedure(request)
         if result.outcome != "completed":

@@ -3,7 +3,6 @@
 from bench.campaign._begin import begin_campaign, campaign_to_rehearse, resume_campaign
 from bench.campaign._file import Campaign, CampaignRun, Notice, bench_of, load_campaign
 from bench.campaign._folder import CampaignFolder, RunState
-from bench.campaign._places import Place
 from bench.campaign._plan import PlannedRun, check_limits, not_measured, plan_campaign
 from bench.campaign._rehearse import rehearse_campaign
 from bench.campaign._run import CampaignEnding, CampaignRunner
@@ -15,7 +14,6 @@ __all__ = [
     "CampaignRun",
     "CampaignRunner",
     "Notice",
-    "Place",
     "PlannedRun",
     "RunState",
     "begin_campaign",

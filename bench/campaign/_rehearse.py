@@ -102,5 +102,5 @@ def rehearse_run(
     run: CampaignRun, file: BenchFile, plant: Plant, number: int, runs_folder: Path, lane: int | None = None
 ) -> RunResult:
     """Run one run of a campaign, `number` counted from 0, on an emulated lab of its own."""
-    seeded = plant.model_copy(update={"seed": plant.seed + number})
-    return rehearse_procedure(run.test, run.values, file, seeded, runs_folder, run_id=run.name, lane=lane)
+    numbered = plant.for_run(number)
+    return rehearse_procedure(run.test, run.values, file, numbered, runs_folder, run_id=run.name, lane=lane)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,6 @@ from typing import Any
 from bench.campaign._file import CampaignRun, bench_of
 from bench.campaign._folder import CampaignFolder, RunState
 from bench.campaign._notify import Announcing, Notifier
-from bench.campaign._places import EmulatedPlace, Place, Placed, RealPlace
 from bench.campaign._plan import check_limits
 from bench.control.lease import Lease, take_lease
 from bench.control.live import Live
@@ -19,6 +18,8 @@ from bench.control.procedure import Procedure, find_procedure
 from bench.control.progress import Progress
 from bench.control.questions import Assisted, AssumeYes, EmulatedOperator, Operator, Prepared
 from bench.control.runner import RunRequest, RunResult, run_procedure
+from bench.lab.emulated import EmulatedLab
+from bench.record.benchfile import BenchFile
 from bench.record.events.campaign import Checked, Continued, RunEnded, RunStarted, SetAside, Started, Stopped
 from bench.record.events.run import Paused, Requested, Resumed
 from drivers.base.errors import BenchError, RunAborted
@@ -67,15 +68,14 @@ class CampaignRunner:
         folder, campaign = self.folder, self.folder.campaign
         file = bench_of(campaign, folder.file, str(folder.path))
         check_limits(campaign, file)
-        place = RealPlace(file) if folder.plant is None else EmulatedPlace(file, folder.plant)
         notifier = Notifier(campaign.notify, campaign.title)
         with ExitStack() as stack:
             stack.enter_context(folder.lock())
             lease: Lease | None = None
-            if place.plant is None:
+            if folder.plant is None:
                 lease = stack.enter_context(take_lease(file, f"campaign {campaign.title}"))
             live = stack.enter_context(Live(folder.path))
-            session = _Session(self, place, lease, live, notifier)
+            session = _Session(self, file, lease, live, notifier)
             outcome, reason = "failed", "the process was stopped"
             try:
                 outcome, reason = session.work()
@@ -98,11 +98,11 @@ class _Session:
     """One process at work on a campaign."""
 
     def __init__(
-        self, runner: CampaignRunner, place: Place, lease: Lease | None, live: Live, notifier: Notifier
+        self, runner: CampaignRunner, file: BenchFile, lease: Lease | None, live: Live, notifier: Notifier
     ) -> None:
         self._runner = runner
         self._folder = runner.folder
-        self._place = place
+        self._file = file
         self._lease = lease
         self._live = live
         self._notifier = notifier
@@ -116,7 +116,7 @@ class _Session:
         moved = folder.moved()
         by = self._lease.holder.user if self._lease is not None else "emulated"
         begun = Continued if before else Started
-        folder.event(begun(by, self._place.plant is not None))
+        folder.event(begun(by, folder.plant is not None))
         for state in states:
             if state.state == "open" and state.folder is not None:
                 where = state.folder.relative_to(folder.path).as_posix()
@@ -149,11 +149,21 @@ class _Session:
         while self._notifier.sent:
             self._folder.event(self._notifier.sent.popleft())
 
+    @contextmanager
+    def _lab(self, number: int) -> Iterator[EmulatedLab | None]:
+        """Give a fresh emulated lab for run `number`, None where the bench is a real one."""
+        plant = self._folder.plant
+        if plant is None:
+            yield None
+            return
+        with EmulatedLab(self._file, plant.for_run(number)) as lab:
+            yield lab
+
     def _run_one(self, run: CampaignRun, number: int) -> RunResult:
         run_id = self._folder.next_id(run)
         self._folder.event(RunStarted(run.name, f"runs/{run_id}"))
-        with self._place.open(number) as placed:
-            result = self._procedure(run.test, run.values, placed, self._folder.runs, run_id)
+        with self._lab(number) as lab:
+            result = self._procedure(run.test, run.values, lab, self._folder.runs, run_id)
         damage, _ = self._folder.judge(run, result.folder)
         if damage and result.outcome != "aborted":
             result.outcome, result.reason = "aborted", f"the record is not sound: {damage}"
@@ -170,11 +180,11 @@ class _Session:
         procedure = find_procedure(KNOWN_STATE)
         file = self._folder.file
         checks = self._folder.path / "checks"
-        with self._place.open(0) as placed:
+        with self._lab(0) as lab:
             values = procedure.parse({"air_c": file.safe.chamber_set_point_c})
             ramp = min(values.model_dump()["ramp_k_per_min"], file.limits.max_ramp_k_per_min)
             values = values.model_copy(update={"ramp_k_per_min": ramp})
-            result = self._procedure(procedure, values, placed, checks, f"{KNOWN_STATE}-{attempt}")
+            result = self._procedure(procedure, values, lab, checks, f"{KNOWN_STATE}-{attempt}")
         where = result.folder.relative_to(self._folder.path).as_posix()
         self._folder.event(Checked(where, result.outcome, result.reason))
         if self._runner.say is not None:
@@ -189,7 +199,7 @@ class _Session:
             )
 
     def _procedure(
-        self, procedure: Procedure, values: Any, placed: Placed, runs: Path, run_id: str
+        self, procedure: Procedure, values: Any, lab: EmulatedLab | None, runs: Path, run_id: str
     ) -> RunResult:
         show = None
         if self._runner.display is not None:
@@ -198,28 +208,28 @@ class _Session:
             RunRequest(
                 procedure,
                 values,
-                placed.file,
+                self._file if lab is None else lab.file,
                 runs,
-                self._operator(placed),
+                self._operator(lab),
                 show,
                 run_id=run_id,
-                emulated=placed.emulated,
-                before_close=placed.before_close,
+                emulated=None if lab is None else lab.emulated,
+                before_close=None if lab is None else lab.save_truth,
                 lease=self._lease,
                 live=self._live,
             )
         )
 
-    def _operator(self, placed: Placed) -> Operator:
-        if placed.perform is not None and not self._folder.ask:
-            return EmulatedOperator(placed.perform)
+    def _operator(self, lab: EmulatedLab | None) -> Operator:
+        if lab is not None and not self._folder.ask:
+            return EmulatedOperator(lab.perform)
         human: Operator = self._live
         if self._runner.operator is not None:
             human = self._live.beside(self._runner.operator)
         asked: Operator = AssumeYes() if self._runner.yes else Announcing(human, self._notifier)
         answers = [(prepared.question, prepared.answer) for prepared in self._folder.campaign.answer]
         operator: Operator = Prepared(answers, "campaign file", asked)
-        return operator if placed.perform is None else Assisted(operator, placed.perform)
+        return operator if lab is None else Assisted(operator, lab.perform)
 
     def _pause_between(self, run: CampaignRun) -> None:
         """Stand still before a run as long as somebody wants a pause; an abort ends the campaign here."""

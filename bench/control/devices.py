@@ -39,12 +39,12 @@ def platform_kind(section: PlatformConfig) -> PlatformKind[Any]:
     return cast(PlatformKind[Any], load_kind("platform", section.driver))
 
 
-def open_table(file: BenchFile, clock: Clock, tap: Tap) -> Turntable:
+def open_table(file: BenchFile, clock: Clock, tap: Tap | None) -> Turntable:
     """Open the table's port."""
     return table_kind(file).open(file.table, Connection("table", clock, tap))
 
 
-def open_chamber(file: BenchFile, clock: Clock, tap: Tap) -> Chamber:
+def open_chamber(file: BenchFile, clock: Clock, tap: Tap | None) -> Chamber:
     """Open the chamber's port."""
     connection = Connection("chamber", clock, tap, safe_set_point_c=file.safe.chamber_set_point_c)
     return chamber_kind(file).open(file.chamber, connection)

@@ -20,16 +20,6 @@ _ENOUGH = 3
 _COVERED = 0.8
 
 
-class _Deaf:
-    """A tap that records nothing."""
-
-    def received(self, data: bytes, arrival_s: float) -> None:
-        """Nothing."""
-
-    def sent(self, data: bytes, time_s: float) -> None:
-        """Nothing."""
-
-
 @dataclass(frozen=True)
 class Finding:
     """What answers on a port: its driver, empty if nothing known does, and who it says it is."""
@@ -54,7 +44,7 @@ def identify_port(port: str, clock: Clock, say: Callable[[str], None], name: str
     for name_of_kind, kind, probe in _probes("table", "chamber"):
         say(f"{port}: {name_of_kind} at {probe.baudrate} Bd")
         try:
-            identity = _ask(name_of_kind, kind, probe, port, Connection(name, clock, _Deaf()))
+            identity = _ask(name_of_kind, kind, probe, port, Connection(name, clock, None))
         except (ConfigurationError, LinkLost) as error:
             return Finding(port, "", f"lost: {error.found or error}")
         except BenchError:

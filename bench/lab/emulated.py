@@ -118,9 +118,16 @@ class Plant(BaseModel):
             return self.models.get(gyro.unit, "imu")
         return self.models.get(gyro.unit, _MODELS[gyro.technology])
 
-    def told(self, file: BenchFile) -> dict[str, Any]:
+    def metadata(self, file: BenchFile) -> dict[str, Any]:
         """Return what the manifest of a run on this plant says of it."""
         return {"seed": self.seed, "model": self.summary(file)}
+
+    def for_run(self, number: int) -> Plant:
+        """Return the plant of run `number` of a campaign, counted from 0, with a seed of its own.
+
+        A campaign then gives the same bytes however it was interrupted and however many runs go on side by side.
+        """
+        return self.model_copy(update={"seed": self.seed + number})
 
     def summary(self, file: BenchFile) -> str:
         """Return in a few words what is emulated."""
@@ -168,9 +175,11 @@ class EmulatedLab:
             raise
         self.ports: dict[str, str] = ready["ports"]
         self.clock_url: str | None = ready["clock"]
+        self.emulated = plant.metadata(file)
+        """What the manifest of a run on this lab says of it."""
         # On a lab's own clock the greeting says what is emulated, on the wall clock only the bench file can.
-        told = plant.told(file) if self.clock_url is None else None
-        self.file = _with_ports(file, self.ports, self.clock_url, told)
+        metadata = self.emulated if self.clock_url is None else None
+        self.file = _with_ports(file, self.ports, self.clock_url, metadata)
 
     def perform(self, act: dict[str, Any]) -> dict[str, Any]:
         """Have the emulated operator do `act` in the lab; BenchError says why it could not."""
@@ -206,6 +215,15 @@ class EmulatedLab:
         if self._answers is not None:
             self._answers.close()
 
+    def save_truth(self, folder: Path) -> None:
+        """Keep the true drift of every emulated unit, and the faults, beside the run: for judging only."""
+        for gyro in self.file.gyro:
+            path = (folder / f"truth_{gyro.name}.npz").resolve()
+            self.perform({"act": "truth", "unit": gyro.name, "path": str(path)})
+        if struck := self.perform({"act": "struck"})["struck"]:
+            lines = "".join(json.dumps(entry) + "\n" for entry in struck)
+            (folder / "truth_faults.jsonl").write_text(lines, encoding="utf-8")
+
     def __enter__(self) -> EmulatedLab:
         return self
 
@@ -218,16 +236,6 @@ class EmulatedLab:
             raise _ended()
         answer: dict[str, Any] = json.loads(line)
         return answer
-
-
-def save_truth(lab: EmulatedLab, folder: Path) -> None:
-    """Keep the true drift of every emulated unit, and which faults struck, beside the run: for judging only."""
-    for gyro in lab.file.gyro:
-        path = (folder / f"truth_{gyro.name}.npz").resolve()
-        lab.perform({"act": "truth", "unit": gyro.name, "path": str(path)})
-    if struck := lab.perform({"act": "struck"})["struck"]:
-        lines = "".join(json.dumps(entry) + "\n" for entry in struck)
-        (folder / "truth_faults.jsonl").write_text(lines, encoding="utf-8")
 
 
 def _ended() -> BenchError:
@@ -267,7 +275,7 @@ def lab_config(
     return LabConfig(
         clock=clock,
         seed=plant.seed,
-        emulated=plant.told(file),
+        emulated=plant.metadata(file),
         latitude_deg=file.bench.latitude_deg,
         room_temp_c=plant.room_temp_c,
         chamber_model=plant.chamber,
@@ -303,7 +311,7 @@ def lab_config(
 
 
 def _with_ports(
-    file: BenchFile, ports: dict[str, str], clock_url: str | None, told: dict[str, Any] | None = None
+    file: BenchFile, ports: dict[str, str], clock_url: str | None, metadata: dict[str, Any] | None
 ) -> BenchFile:
     gyros = tuple(
         dataclasses.replace(gyro, interface="gyrobench_slcan", channel=ports[gyro.name])
@@ -314,7 +322,7 @@ def _with_ports(
     return file.model_copy(
         update={
             "bench": file.bench.model_copy(
-                update={"clock": clock_url, "emulated": told and Emulated(**told)}
+                update={"clock": clock_url, "emulated": metadata and Emulated(**metadata)}
             ),
             "table": dataclasses.replace(file.table, port=ports["table"]),
             "chamber": dataclasses.replace(file.chamber, port=ports["chamber"]),

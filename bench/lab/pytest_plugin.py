@@ -60,7 +60,7 @@ def emulated_bench(
     from bench.lab.testing import TestBench
 
     with _bench_labs.lab(bench_plant) as lab:
-        yield TestBench(lab.file, _runs_folder(request), _report(request), lab=lab, plant=bench_plant)
+        yield TestBench(lab.file, _runs_folder(request), _report(request), lab=lab)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from bench.control.procedure import Parameters, Procedure
 from bench.control.progress import Progress
 from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, RunResult, run_procedure
-from bench.lab.emulated import EmulatedLab, Plant, save_truth
+from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import BenchFile
 
 
@@ -38,8 +38,8 @@ def rehearse_procedure(
             EmulatedOperator(lab.perform),
             display,
             run_id=run_id,
-            emulated=plant.told(file),
-            before_close=lambda folder: save_truth(lab, folder),
+            emulated=lab.emulated,
+            before_close=lab.save_truth,
             live=live,
         )
         return run_procedure(request)

@@ -11,7 +11,7 @@ from bench.control.procedure import Demands, Parameters, Procedure, find_procedu
 from bench.control.questions import AssumeYes, EmulatedOperator, Operator, Question
 from bench.control.runner import RunRequest, run_procedure
 from bench.control.session import Bench
-from bench.lab.emulated import EmulatedLab, Plant, lab_config, save_truth
+from bench.lab.emulated import EmulatedLab, Plant, lab_config
 from bench.lab.prefork import PreforkServer
 from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.recording import Run
@@ -80,13 +80,12 @@ class TestBench:
         report: Callable[[str, object], None],
         *,
         lab: EmulatedLab | None = None,
-        plant: Plant | None = None,
         yes: bool = False,
     ) -> None:
         self.file = file
         self.runs = runs
         self._report = report
-        self._lab, self._plant = lab, plant
+        self._lab = lab
         self._yes = yes
         self._used = False
 
@@ -149,8 +148,8 @@ class TestBench:
                 self.file,
                 self.runs,
                 self._operator(),
-                emulated=self._emulated(),
-                before_close=None if self._lab is None else self._keep_truth,
+                emulated=None if self._lab is None else self._lab.emulated,
+                before_close=None if self._lab is None else self._lab.save_truth,
             )
         )
         recorded = Run.open(result.folder).manifest.measurements
@@ -176,15 +175,6 @@ class TestBench:
         if self._lab is not None:
             return EmulatedOperator(self._lab.perform)
         return AssumeYes() if self._yes else _Nobody()
-
-    def _emulated(self) -> dict[str, Any] | None:
-        if self._lab is None or self._plant is None:
-            return None
-        return self._plant.told(self.file)
-
-    def _keep_truth(self, folder: Path) -> None:
-        assert self._lab is not None
-        save_truth(self._lab, folder)
 
     def _tell(self, measured: Measurement) -> None:
         self._report(measured.name, measured.value)

@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.record.capture import Columns, counter_note, draw_panels
 from drivers.base.errors import ConfigurationError
 from drivers.can_dbc import CanDecoder, CanLayout, identifier_names
 from drivers.kit.slcan_codec import SlcanParser
 
-Columns = dict[str, NDArray[Any]]
 LOG_SUFFIXES = (".asc", ".blf", ".csv", ".db", ".log", ".trc")
 """Logs that python-can reads; every other file is read as the text of an slcan adapter, as raw/<gyro>.bin is."""
 _NOMINAL_HZ = 100.0
 _BLOCK = 1 << 20
-_POINTS = 4000
 
 
 @dataclass
@@ -103,12 +101,7 @@ def _notes(decoder: CanDecoder, columns: Columns) -> list[str]:
     if "time_s" in columns and (span_s := float(np.ptp(columns["time_s"]))) > 0.0:
         notes.append(f"{(rows - 1) / span_s:.6g} samples a second by the log's times")
     if decoder.layout.use("time", "counter") is not None:
-        step = np.mod(np.diff(columns["counter"]), decoder.counter_modulo)
-        usual = float(np.median(step))
-        lost = int(np.maximum(0.0, np.rint(step / usual) - 1.0).sum()) if usual else 0
-        notes.append(
-            f"the counter steps by {usual:g}; {lost} samples lost, {int((step == 0).sum())} repeated"
-        )
+        notes.append(counter_note(columns["counter"], decoder.counter_modulo, "samples"))
     return notes
 
 
@@ -129,24 +122,16 @@ def others_on_the_bus(layout: CanLayout, capture: CanCapture, most: int = 12) ->
 
 def write_can_plot(target: Path, layout: CanLayout, columns: Columns) -> None:
     """Draw rates and temperatures over the log's time, or the number of the sample."""
-    from matplotlib.figure import Figure
-
     rates = [name for name in columns if name.startswith(("rate_", "angle_"))]
     temps = [name for name in ("temp_c", "case_temp_c") if np.isfinite(columns.get(name, [np.nan])).any()]
     forces = [name for name in columns if name.startswith("accelerometer_")]
-    step = max(1, len(columns["counter"]) // _POINTS)
-    at = columns.get("time_s", np.arange(len(columns["counter"])))[::step]
-    panels = [(rates, "rate, deg/s" if rates[0].startswith("rate_") else "angle increment, deg")]
-    panels += [(forces, "specific force, m/s2")] if forces else []
-    panels += [(temps, "temperature, degC")] if temps else []
-    figure = Figure(figsize=(9.0, 2.2 * len(panels) + 0.6), layout="constrained")
-    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, (names, title) in zip(axes, panels, strict=True):
-        for name in names:
-            panel.plot(at, columns[name][::step], label=name, linewidth=0.8)
-        panel.set_ylabel(title)
-        panel.legend(loc="upper right", fontsize=8, ncol=3)
-        panel.grid(alpha=0.3)
-    axes[0].set_title(f"{layout.maker} {layout.model}".strip() or layout.name, loc="left")
-    axes[-1].set_xlabel("time in the log, s" if "time_s" in columns else "sample number")
-    figure.savefig(target, dpi=110)
+    panels = [("rate, deg/s" if rates[0].startswith("rate_") else "angle increment, deg", rates)]
+    panels += [("specific force, m/s2", forces)] if forces else []
+    panels += [("temperature, degC", temps)] if temps else []
+    draw_panels(
+        target,
+        f"{layout.maker} {layout.model}".strip() or layout.name,
+        "time in the log, s" if "time_s" in columns else "sample number",
+        columns.get("time_s", np.arange(len(columns["counter"]))),
+        [(y_label, {name: columns[name] for name in names}) for y_label, names in panels],
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -72,8 +73,6 @@ def write_table(target: Path, columns: Columns) -> None:
 
 def write_plot(target: Path, family: FrameFamily, capture: Capture) -> bool:
     """Draw rates, accelerations and temperatures of the commonest message with rates; False if there is none."""
-    from matplotlib.figure import Figure
-
     names = [form.name for form in family.forms if form.measures and form.name in capture.tables]
     if not names:
         return False
@@ -83,21 +82,39 @@ def write_plot(target: Path, family: FrameFamily, capture: Capture) -> bool:
     for roles, title in _PANELS:
         specs = [spec for spec in form.fields if spec.role in roles and spec.name in columns]
         if specs:
-            panels.append((title, specs))
-    step = max(1, len(columns["end_offset"]) // _POINTS)
-    number = np.arange(len(columns["end_offset"]))[::step]
+            panels.append((f"{title}, {specs[0].unit}", {spec.name: columns[spec.name] for spec in specs}))
+    number = np.arange(len(columns["end_offset"]))
+    draw_panels(target, f"{family.description.title}: {name}", "message number", number, panels)
+    return True
+
+
+def draw_panels(
+    target: Path, title: str, x_label: str, x: NDArray[Any], panels: Sequence[tuple[str, Columns]]
+) -> None:
+    """Draw curves (n,) over a common `x` (n,): `panels` has what stands on the axis, and the curves by name."""
+    from matplotlib.figure import Figure
+
+    step = max(1, len(x) // _POINTS)
     figure = Figure(figsize=(9.0, 2.2 * len(panels) + 0.6), layout="constrained")
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, (title, specs) in zip(axes, panels, strict=True):
-        for spec in specs:
-            panel.plot(number, columns[spec.name][::step], label=spec.name, linewidth=0.8)
-        panel.set_ylabel(f"{title}, {specs[0].unit}")
+    for panel, (y_label, curves) in zip(axes, panels, strict=True):
+        for name, values in curves.items():
+            panel.plot(x[::step], values[::step], label=name, linewidth=0.8)
+        panel.set_ylabel(y_label)
         panel.legend(loc="upper right", fontsize=8, ncol=3)
         panel.grid(alpha=0.3)
-    axes[0].set_title(f"{family.description.title}: {name}", loc="left")
-    axes[-1].set_xlabel("message number")
+    axes[0].set_title(title, loc="left")
+    axes[-1].set_xlabel(x_label)
     figure.savefig(target, dpi=110)
-    return True
+
+
+def counter_note(counter: NDArray[Any], modulo: float, what: str, ticks_per_s: float | None = None) -> str:
+    """Return the usual step of a counter (n,) of `what`, its rate, and how many are lost or repeated."""
+    step = np.mod(np.diff(counter), modulo)
+    usual = float(np.median(step))
+    lost = int(np.maximum(0.0, np.rint(step / usual) - 1.0).sum()) if usual else 0
+    per_s = f", {ticks_per_s / usual:.6g} {what} a second" if ticks_per_s and usual else ""
+    return f"the counter steps by {usual:g}{per_s}; {lost} {what} lost, {int((step == 0).sum())} repeated"
 
 
 def _losses(family: FrameFamily, name: str, columns: Columns) -> str:
@@ -111,12 +128,8 @@ def _losses(family: FrameFamily, name: str, columns: Columns) -> str:
     spec = next(spec for spec in form.fields if spec.name == counter.field)
     bits = 8 * spec.bytes if spec.bits is None else spec.bits[1]
     raw = np.rint((columns[counter.field] - spec.offset) / spec.scale.factor)
-    step = np.mod(np.diff(raw), float(counter.modulo or 2.0**bits))
-    usual = float(np.median(step))
-    lost = int(np.maximum(0.0, np.rint(step / usual) - 1.0).sum()) if usual else 0
-    per_s = f", {counter.ticks_per_s / usual:.6g} messages a second" if counter.ticks_per_s and usual else ""
-    repeated = int((step == 0).sum())
-    return f"{name}: the counter steps by {usual:g}{per_s}; {lost} messages lost, {repeated} repeated"
+    modulo = float(counter.modulo or 2.0**bits)
+    return f"{name}: {counter_note(raw, modulo, 'messages', counter.ticks_per_s)}"
 
 
 def _joined(parts: list[Columns]) -> Columns:

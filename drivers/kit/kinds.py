@@ -25,12 +25,12 @@ Transcript = tuple[dict[str, NDArray[Any]], dict[str, int]]
 class Connection:
     """What a driver opens its port with: the port's name on the bench, the clock, the recorder of its bytes.
 
-    `safe_set_point_c`: where a chamber is left when something goes wrong.
+    `tap` None: nobody records. `safe_set_point_c`: where a chamber is left when something goes wrong.
     """
 
     name: str
     clock: Clock
-    tap: Tap
+    tap: Tap | None
     safe_set_point_c: float = 25.0
 
     def link(self, port: str | None, baudrate: int, **serial: Any) -> Link:

@@ -37,7 +37,7 @@ _FIRST_TRY_S = 1.0
 _AGAIN_S = 0.02
 
 
-_Opener = Callable[[Clock, Tap], Instrument]
+_Opener = Callable[[Clock, Tap | None], Instrument]
 
 
 class _Replaced(BenchError):
@@ -52,16 +52,6 @@ class Order:
     runner: int
     lease: tuple[int, ...]
     openers: dict[str, _Opener]
-
-
-class _Quiet:
-    """A tap that keeps nothing, for a run folder that can no longer be written."""
-
-    def received(self, data: bytes, arrival_s: float) -> None:
-        """Let them pass."""
-
-    def sent(self, data: bytes, time_s: float) -> None:
-        """Let them pass."""
 
 
 def main() -> int:
@@ -155,7 +145,7 @@ def _of(port: str, opener: _Opener) -> _Opener:
     """
     device = device_at(port)
 
-    def opened(clock: Clock, tap: Tap) -> Instrument:
+    def opened(clock: Clock, tap: Tap | None) -> Instrument:
         if device_at(port) != device:
             raise _Replaced("the device is no more", where=port, found="nothing, or another of its name")
         return opener(clock, tap)
@@ -238,7 +228,7 @@ class _Notes:
 
     def __init__(self, folder: Path, clock: Clock) -> None:
         self._clock, self._run = clock, folder.parent
-        self._taps: dict[str, Tap] = {}
+        self._taps: dict[str, Tap | None] = {}
         self._journal: Journal | None = None
         self._events: EventLog | None = None
         try:
@@ -248,13 +238,13 @@ class _Notes:
         except (OSError, RecordError) as error:
             _tell(str(error))
 
-    def tap(self, port: str) -> Tap:
-        if port not in self._taps:
-            self._taps[port] = _Quiet()
-            if self._journal is not None:
-                with suppress(RecordError):
-                    self._taps[port] = self._journal.port(port)
-        return self._taps[port]
+    def tap(self, port: str) -> Tap | None:
+        """Return the journal of a port, None for a run folder that can no longer be written."""
+        if port not in self._taps and self._journal is not None:
+            self._taps[port] = None
+            with suppress(RecordError):
+                self._taps[port] = self._journal.port(port)
+        return self._taps.get(port)
 
     def say(self, event: Event) -> None:
         if self._events is not None:
