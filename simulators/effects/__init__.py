@@ -1,8 +1,7 @@
 """The catalogue of effects: what a gyro's output can depend on, as columns of a linear model of the stimulus."""
 
-from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue
+from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue, simulate
 from simulators.effects._channel import CHANNEL_UNITS, Channel, ChannelEffect, ChannelInputs, Demand, Values
-from simulators.effects._channel_simulators import simulate
 from simulators.effects._disturbance import Disturbance, Draws, Finding, Record, SamplePath
 from simulators.effects._effect import (
     DPH,
@@ -15,10 +14,10 @@ from simulators.effects._effect import (
     NoiseEffect,
     Parameter,
     Shape,
+    SlowRates,
     Unit,
     Variant,
 )
-from simulators.effects._slow_rates import SlowRates
 from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 __all__ = [

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from drivers.base.plugins import entry_points_of
-from simulators.effects._acceleration import ACCELERATION_EFFECTS
-from simulators.effects._alignment import ALIGNMENT_EFFECTS
-from simulators.effects._channel import ChannelEffect
+from simulators.effects._channel import Channel, ChannelEffect, ChannelInputs, Values
 from simulators.effects._disturbance import Disturbance
 from simulators.effects._effect import Effect, NoiseEffect
 from simulators.effects._impulses import IMPULSES
 from simulators.effects._limits import LIMIT_EFFECTS
-from simulators.effects._memory import MEMORY_EFFECTS
 from simulators.effects._mode_hop import MODE_HOP
+from simulators.effects._motion import ACCELERATION_EFFECTS, ALIGNMENT_EFFECTS, TABLE_ANGLE_EFFECTS
 from simulators.effects._noise_effects import NOISE_EFFECTS
 from simulators.effects._platform_effects import PLATFORM_EFFECTS
-from simulators.effects._polynomial import POLYNOMIAL_EFFECTS
-from simulators.effects._sample_clock import SAMPLE_CLOCK_SKEW
-from simulators.effects._sample_times import SAMPLE_TIME_EFFECTS
+from simulators.effects._sample_times import SAMPLE_CLOCK_SKEW, SAMPLE_TIME_EFFECTS, time_stamps
 from simulators.effects._scale_factor import SCALE_FACTOR_OVER_RATE, SCALE_FACTOR_OVER_TEMPERATURE
-from simulators.effects._shupe import SHUPE_EFFECTS
 from simulators.effects._steady_line import STEADY_LINE
-from simulators.effects._table_angle import TABLE_ANGLE_EFFECTS
-from simulators.effects._time import BIAS_RAMP, WARM_UP
-from simulators.effects.chamber import CHAMBER_EFFECTS
-from simulators.effects.heat import CASE_HEAT, GYRO_HEAT, TEMPERATURE_SENSOR
-from simulators.effects.table import TABLE_EFFECTS
+from simulators.effects._thermal import BIAS_RAMP, MEMORY_EFFECTS, POLYNOMIAL_EFFECTS, SHUPE_EFFECTS, WARM_UP
+from simulators.effects.chamber import CHAMBER_EFFECTS, chamber_air
+from simulators.effects.heat import (
+    CASE_HEAT,
+    GYRO_HEAT,
+    TEMPERATURE_SENSOR,
+    case_temperature,
+    gyro_temperature,
+)
+from simulators.effects.table import TABLE_EFFECTS, table_angle, table_rate
 
 GROUP = "gyrobench.effects"
 AnyEffect = Effect | NoiseEffect | Disturbance | ChannelEffect
@@ -89,3 +92,27 @@ def _check(effect: object, where: str, found: dict[str, AnyEffect]) -> None:
         )
     if effect.name in found:
         raise ConfigurationError("two effects of one name", where=where, found=effect.name)
+
+
+def simulate(
+    channel: Channel, inputs: ChannelInputs, values: Values, effects: Iterable[ChannelEffect]
+) -> Array:
+    """Return what a channel should have shown, (n,): its simulator, then every effect with an `apply`, in order.
+
+    `effects` are the channel's; one that `values` lacks is at its neutral values.
+    """
+    signal = _SIMULATORS[channel](inputs, values)
+    for effect in effects:
+        if effect.channel == channel and effect.apply is not None and effect.of(values) != effect.neutral:
+            signal = effect.apply(inputs, signal, effect.of(values))
+    return signal
+
+
+_SIMULATORS = {
+    "chamber_air": chamber_air,
+    "case_temperature": case_temperature,
+    "gyro_temperature": gyro_temperature,
+    "table_angle": table_angle,
+    "table_rate": table_rate,
+    "time_stamps": time_stamps,
+}

@@ -6,17 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, Flag, auto
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects._stimulus import Stimulus
 from simulators.effects._tick import AtRate, Tick
-
-if TYPE_CHECKING:
-    from simulators.effects._slow_rates import SlowRates
 
 Shape = Mapping[str, float]
 Formula = Callable[[Stimulus, Shape], Array | tuple[Array, ...] | float]
@@ -95,6 +93,21 @@ class Curve:
 
     over: Input
     of_rate: bool = False
+
+
+class SlowRates:
+    """Means over blocks at one rate: input and output rate in deg/h, run number, each (m,)."""
+
+    def __init__(self, rate: Array, output: Array, run: NDArray[np.int64]) -> None:
+        self.rate, self.output, self.run = rate, output, run
+
+    def apart(self, values: Array, use: NDArray[np.bool_]) -> Array:
+        """Return values less the mean over their run of those in `use`; of a run without any they stay."""
+        result = values.copy()
+        for run in np.unique(self.run[use]):
+            at = self.run == run
+            result[at] -= values[at & use].mean()
+        return result
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
-from simulators.effects._effect import Effect, Input, Parameter, Shape, Unit
-from simulators.effects._slow_rates import SlowRates
+from simulators.effects._effect import Effect, Input, Parameter, Shape, SlowRates, Unit
 from simulators.effects._stimulus import Stimulus
 
 _SHARE = Unit("share")

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from simulators.effects._effect import PPM, Curve, Effect, Input, Parameter
-from simulators.effects._memory import RELAXATIONS, behind
-from simulators.effects._polynomial import power
+from simulators.effects._thermal import RELAXATIONS, behind, power
 
 _AT_DPS = 100.0
 

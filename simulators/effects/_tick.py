@@ -12,8 +12,7 @@ from typing import NoReturn, cast
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
-from simulators.effects._follower import gain
-from simulators.effects._stimulus import REFERENCE_C, Stimulus
+from simulators.effects._stimulus import REFERENCE_C, Stimulus, gain
 
 
 class _InPlaceOfStimulus:

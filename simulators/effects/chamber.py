@@ -9,7 +9,7 @@ import numpy as np
 from drivers.base.arrays import Array
 from simulators.effects._channel import ChannelEffect, ChannelInputs, Values
 from simulators.effects._effect import Parameter, Unit
-from simulators.effects._follower import follower, gain
+from simulators.effects._stimulus import follower, gain
 
 _K, _S = Unit("K"), Unit("s")
 CHAMBER_RAMP = ChannelEffect(

@@ -11,8 +11,7 @@ from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects._channel import ChannelEffect, ChannelInputs, Values
 from simulators.effects._effect import Parameter, Unit
-from simulators.effects._follower import follower, gain
-from simulators.effects._stimulus import REFERENCE_C
+from simulators.effects._stimulus import REFERENCE_C, follower, gain
 
 _K, _S, _W, _J = Unit("K"), Unit("s"), Unit("W"), Unit("J")
 _HEAT = "lumped heat balance of a body in air (Incropera, Fundamentals of Heat and Mass Transfer, ch. 5)"

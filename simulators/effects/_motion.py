@@ -1,0 +1,167 @@
+"""What follows attitude and motion: misaligned axes, gravity, vibration, the direction of the unit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from drivers.base.arrays import Array
+from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
+from simulators.effects._effect import DPH, PPM, Curve, Effect, Formula, Input, Parameter, Shape, Unit
+from simulators.effects._stimulus import Stimulus
+
+_DEG = Unit("deg")
+
+
+def _angle(name: str) -> Parameter:
+    return Parameter(name, -10.0, 10.0, _DEG)
+
+
+def _azimuth(s: Stimulus, _: Shape) -> Array:
+    level = earth_rate_north_dph(s.latitude_deg) * np.cos(np.radians(s.elevation_deg))
+    return np.asarray(-math.radians(1.0) * level * s.harmonic(1)[1])
+
+
+def _tilt(s: Stimulus, _: Shape) -> Array:
+    """Earth rate on an axis that leans with the whole table: (turn x axis) . Earth rate for a turn of 1 deg.
+
+    Turned about north, an axis to the side of it rises; turned about east, one to the north rises and one that
+    points up leans to the south. The table's own rate stays along its axis.
+    """
+    elevation = np.radians(s.elevation_deg)
+    vertical = earth_rate_up_dph(s.latitude_deg)
+    cosine, sine = s.harmonic(1) * np.cos(elevation)
+    leaned = -earth_rate_north_dph(s.latitude_deg) * np.sin(elevation)
+    return np.asarray(math.radians(1.0) * np.stack((vertical * sine, vertical * cosine + leaned)))
+
+
+def _misalignment(s: Stimulus, _: Shape) -> Array:
+    """Sensitive axis leaning in its frame: an upright one picks up level Earth rate, a level one the table's."""
+    upright, level = np.sin(np.radians(s.elevation_deg)), np.cos(np.radians(s.elevation_deg))
+    cosine, sine = s.harmonic(1) * earth_rate_north_dph(s.latitude_deg) * np.abs(upright)
+    vertical = earth_rate_up_dph(s.latitude_deg) + 3600.0 * s.table_rate_dps
+    return np.asarray(math.radians(1.0) * np.stack((cosine + level * vertical, sine)))
+
+
+ALIGNMENT_EFFECTS = (
+    Effect(
+        "azimuth_error",
+        (_angle("azimuth_deg"),),
+        _azimuth,
+        Input.ANGLE | Input.ATTITUDE,
+        "table angle with the axis level",
+        "Earth-rate projection",
+        "The axis does not point where the table's angle says: Earth rate enters differently.",
+    ),
+    Effect(
+        "table_tilt",
+        (_angle("about_north_deg"), _angle("about_east_deg")),
+        _tilt,
+        Input.ANGLE | Input.ATTITUDE,
+        "table angle with the axis level, and the axis level against upright",
+        "Earth-rate projection; IEEE Std 952, test-table alignment",
+        "The table's axis is not plumb: the unit leans with it and sees Earth rate otherwise in every direction.",
+    ),
+    Effect(
+        "axis_misalignment",
+        (_angle("lean_deg_cos"), _angle("lean_deg_sin")),
+        _misalignment,
+        Input.ANGLE | Input.ATTITUDE | Input.TABLE_RATE,
+        "table angle with the axis upright",
+        "IEEE Std 952, input-axis misalignment",
+        "The sensitive axis leans against its mounting and picks up other components of rate.",
+    ),
+)
+
+
+def _pair(name: str, bound: float, unit: Unit) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"{name}_{part}", -bound, bound, unit) for part in ("cos", "sin"))
+
+
+def _ripple(order: int, s: Stimulus) -> Array:
+    """Mean over each sample of rate times cos and sin of the angle: exact differences of sin and -cos."""
+    angle = np.radians(order * s.angle_deg)
+    swing = np.stack((np.diff(np.sin(angle)), -np.diff(np.cos(angle))))
+    per_rate = math.degrees(1.0) / order / s.period_s * 3600.0
+    return np.asarray(1e-6 * per_rate * swing * np.sin(np.radians(s.elevation_deg)))
+
+
+def _wobble(order: int) -> Formula:
+    """A ripple with its first odd overtone: bearings and encoders seldom give a pure sine."""
+    return lambda s, _: np.concatenate((_ripple(order, s), _ripple(3 * order, s)))
+
+
+_RIPPLES = (*_pair("ripple_ppm", 1e5, PPM), *_pair("overtone_ppm", 1e5, PPM))
+_WOBBLE_INPUTS = Input.ANGLE | Input.TABLE_RATE | Input.ATTITUDE | Input.TURN
+TABLE_ANGLE_EFFECTS = (
+    Effect(
+        "heading_sensitivity",
+        _pair("bias_dph", 100.0, DPH),
+        lambda s, _: s.harmonic(1),
+        Input.ANGLE,
+        "table angle",
+        "magnetic sensitivity, IEEE Std 952",
+        "Bias depends on the direction in which the unit points, as in a magnetic field.",
+        curve=Curve(Input.ANGLE),
+    ),
+    Effect(
+        "table_wobble_once",
+        _RIPPLES,
+        _wobble(1),
+        _WOBBLE_INPUTS,
+        "once a turn, proportional to rate",
+        "table axis wobble and eccentric encoder",
+        "The table's rate varies once a turn beside its telemetry.",
+        curve=Curve(Input.ANGLE, of_rate=True),
+    ),
+    Effect(
+        "table_wobble_twice",
+        _RIPPLES,
+        _wobble(2),
+        _WOBBLE_INPUTS,
+        "twice a turn, proportional to rate",
+        "oval encoder disc, bearing",
+        "The table's rate varies twice a turn beside its telemetry.",
+        curve=Curve(Input.ANGLE, of_rate=True),
+    ),
+)
+
+
+_AT_DPS = 100.0
+
+
+def _acceleration(s: Stimulus, _: Shape) -> Array:
+    elevation = np.radians(s.elevation_deg)
+    return np.stack((np.sin(elevation), np.cos(elevation)))
+
+
+ACCELERATION_EFFECTS = (
+    Effect(
+        "acceleration_sensitivity",
+        tuple(Parameter(f"bias_dph_per_g_{way}", -100.0, 100.0, DPH.per("g")) for way in ("axial", "cross")),
+        _acceleration,
+        Input.ATTITUDE,
+        "attitude against gravity",
+        "IEEE Std 952, acceleration sensitivity",
+        "Bias depends on the direction of gravity.",
+    ),
+    Effect(
+        "acceleration_squared",
+        (Parameter("bias_dph_per_g2", -100.0, 100.0, DPH.per("g^2")),),
+        lambda s, _: np.asarray(np.sin(np.radians(s.elevation_deg)) ** 2),
+        Input.ATTITUDE,
+        "attitude against gravity, squared",
+        "IEEE Std 952, acceleration-squared sensitivity",
+        "Bias depends on the square of gravity along the axis.",
+    ),
+    Effect(
+        "vibration_rectification",
+        (Parameter("bias_dph_at_100dps", -1000.0, 1000.0, DPH),),
+        lambda s, _: np.asarray((s.table_rate_dps / _AT_DPS) ** 2),
+        Input.TABLE_RATE,
+        "square of the table's rate",
+        "IEEE Std 952, vibration rectification; bearing vibration grows with speed, its power with the square",
+        "Bias shifts while the table turns, by the power of its vibration.",
+    ),
+)

@@ -1,0 +1,207 @@
+"""A bias that follows temperature or time: static, by the rate of change, with memory, after power-on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivers.base.arrays import Array
+from simulators.effects._effect import DPH, Curve, Effect, Formula, Input, Parameter, Shape, Unit
+from simulators.effects._stimulus import REFERENCE_C, Stimulus
+
+SPAN_K = 50.0
+"""Temperatures count in this many kelvins, so that the coefficients of all powers are of one size."""
+_LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0))
+
+
+def power(order: int) -> Formula:
+    """Return the formula (T_in above 25 degC, late by `lag_s`, over 50 K) ** order."""
+
+    def formula(s: Stimulus, shape: Shape) -> Array:
+        relative = s.lagged(s.warm_k, shape.get("lag_s", 0.0)) / SPAN_K
+        result = relative
+        for _ in range(order - 1):
+            result = result * relative
+        return result
+
+    return formula
+
+
+def _bias(name: str, unit: Unit) -> tuple[Parameter, ...]:
+    return (Parameter(name, -500.0, 500.0, unit),)
+
+
+_CURVE = Curve(Input.T_IN)
+POLYNOMIAL_EFFECTS = (
+    Effect(
+        "bias_linear",
+        _bias("bias_dph_per_50k", DPH.per("50K")),
+        power(1),
+        Input.T_IN,
+        "T_in",
+        "IEEE Std 952, bias temperature sensitivity",
+        "Bias is proportional to temperature.",
+        curve=_CURVE,
+    ),
+    Effect(
+        "bias_quadratic",
+        _bias("bias_dph_per_50k2", DPH.per("(50K)^2")),
+        power(2),
+        Input.T_IN,
+        "T_in",
+        "usual static temperature model",
+        "Bias bends with temperature.",
+        _LAGS,
+        curve=_CURVE,
+    ),
+    Effect(
+        "bias_cubic",
+        _bias("bias_dph_per_50k3", DPH.per("(50K)^3")),
+        power(3),
+        Input.T_IN,
+        "T_in",
+        "usual static temperature model",
+        "Bias follows the cube of temperature: it bends one way in the cold, the other in the warm.",
+        _LAGS,
+        curve=_CURVE,
+    ),
+)
+
+
+_SHUPE_LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 60.0, 180.0, 400.0, 800.0))
+_STIFFENING: tuple[Shape, ...] = tuple(
+    {"lag_s": lag, "glass_c": glass, "width_k": width}
+    for lag in (0.0, 180.0, 400.0)
+    for glass in (-35.0, -25.0, -15.0, -5.0)
+    for width in (5.0, 12.0)
+)
+_PER_WARMING = DPH.per("(K/min)")
+
+
+def _shupe(s: Stimulus, shape: Shape) -> tuple[Array, ...]:
+    """Mohr's integral in two terms: the coil warms as a whole, and unequally to what holds the fibre's ends."""
+    lag_s = shape["lag_s"]
+    return s.lagged(s.warming_k_per_min, lag_s), s.lagged(s.gradient_rate_k_per_min, lag_s)
+
+
+def _cross(s: Stimulus, shape: Shape) -> Array:
+    lag_s = shape["lag_s"]
+    return s.lagged(s.warm_k, lag_s) / SPAN_K * s.lagged(s.warming_k_per_min, lag_s)
+
+
+def _cold_stress(s: Stimulus, shape: Shape) -> Array:
+    lag_s = shape["lag_s"]
+    above = (s.lagged(s.warm_k, lag_s) + REFERENCE_C - shape["glass_c"]) / shape["width_k"]
+    return s.lagged(s.warming_k_per_min, lag_s) / (1.0 + np.exp(np.minimum(np.maximum(above, -50.0), 50.0)))
+
+
+SHUPE_EFFECTS = (
+    Effect(
+        "shupe",
+        (
+            Parameter("bias_dph_per_k_per_min", -100.0, 100.0, _PER_WARMING),
+            Parameter("gradient_dph_per_k_per_min", -100.0, 100.0, _PER_WARMING),
+        ),
+        _shupe,
+        Input.WARMING | Input.GRADIENT,
+        "dT_in/dt and d(T_in - T_out)/dt",
+        "Shupe 1980; Mohr 1996",
+        "Bias follows the coil's rate of temperature change.",
+        _SHUPE_LAGS,
+    ),
+    Effect(
+        "shupe_cross",
+        (Parameter("bias_dph_per_50k_k_per_min", -100.0, 100.0, _PER_WARMING.per("50K")),),
+        _cross,
+        Input.T_IN | Input.WARMING,
+        "T_in times dT_in/dt",
+        "stepwise regression of laser gyros: terms T dT/dt",
+        "The sensitivity to the rate of temperature change grows with temperature.",
+        _SHUPE_LAGS,
+    ),
+    Effect(
+        "cold_stress",
+        (Parameter("bias_dph_per_k_per_min", -100.0, 100.0, _PER_WARMING),),
+        _cold_stress,
+        Input.T_IN | Input.WARMING,
+        "dT_in/dt below a temperature",
+        "potting stiffens below its glass transition",
+        "Stress in the winding follows the rate of temperature change, in the cold only.",
+        _STIFFENING,
+        curve=Curve(Input.WARMING),
+    ),
+    Effect(
+        "gradient",
+        (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),),
+        lambda s, shape: s.lagged(s.gradient_k, shape["lag_s"]),
+        Input.GRADIENT,
+        "T_in - T_out",
+        "usual dynamic temperature model",
+        "Bias follows the temperature difference between inside and case.",
+        ({"lag_s": 0.0}, {"lag_s": 400.0}),
+        curve=Curve(Input.GRADIENT),
+    ),
+)
+
+
+RELAXATIONS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (1500.0, 2700.0, 5400.0))
+_PER_KELVIN = (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),)
+
+
+def behind(s: Stimulus, shape: Shape) -> Array:
+    """T_in less its slow follower."""
+    return s.warm_k - s.lagged(s.warm_k, shape["lag_s"])
+
+
+MEMORY_EFFECTS = (
+    Effect(
+        "thermal_lag",
+        _PER_KELVIN,
+        behind,
+        Input.T_IN | Input.HISTORY,
+        "T_in less its slow follower",
+        "heat flow between sensor and coil",
+        "What sets the bias follows the temperature sensor late.",
+        tuple({"lag_s": lag} for lag in (60.0, 200.0, 500.0)),
+    ),
+    Effect(
+        "relaxation",
+        _PER_KELVIN,
+        behind,
+        Input.T_IN | Input.HISTORY,
+        "T_in less its slow follower",
+        "slow tail after a shock; hysteresis in lag form",
+        "Bias relaxes slowly after the temperature has settled.",
+        RELAXATIONS,
+    ),
+    Effect(
+        "hysteresis",
+        _PER_KELVIN,
+        lambda s, shape: s.slack(s.warm_k, shape["half_width_k"]),
+        Input.T_IN | Input.HISTORY,
+        "direction of the last change of T_in",
+        "play operator, Visintin, Differential Models of Hysteresis, 1994",
+        "Bias differs between cooling and warming at the same temperature, however slow.",
+        tuple({"half_width_k": half} for half in (3.0, 8.0, 16.0, 28.0)),
+    ),
+)
+
+
+WARM_UP = Effect(
+    "warm_up",
+    (Parameter("bias_dph", -500.0, 500.0, DPH),),
+    lambda s, shape: np.asarray(np.exp(-s.time_s / shape["time_constant_s"])),
+    Input.TIME,
+    "time since power-on",
+    "self-heating of the electronics",
+    "Bias settles after power-on.",
+    tuple({"time_constant_s": tau} for tau in (300.0, 900.0, 1800.0, 3600.0)),
+)
+BIAS_RAMP = Effect(
+    "bias_ramp",
+    (Parameter("bias_dph_per_h", -100.0, 100.0, DPH.per("h")),),
+    lambda s, _: s.time_s / 3600.0,
+    Input.TIME,
+    "time in the run",
+    "IEEE Std 952, rate ramp",
+    "Bias drifts steadily with time.",
+)
