@@ -66,7 +66,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
     "safe": (
         _part(
             "bench/control/safe_state",
-            "tests/safety/test_port_that_stays_away",
+            "tests/safety/test_way_to_rest test_port_that_stays_away",
             "tests/control/test_session test_table_axes",
         ),
         _part("bench/control/limits limit_watch", "tests/control/test_limits test_table_axes test_session"),
@@ -93,19 +93,24 @@ ROOMS: dict[str, tuple[Part, ...]] = {
     "decoders": (
         _part("drivers/kvh/*", "tests/drivers/test_kvh_codec test_kvh_driver"),
         _part("drivers/kit/slcan_codec", "tests/drivers/test_slcan_codec test_slcan_bus"),
-        _part("drivers/can_dbc/*", "tests/drivers/test_can_dbc_decoder test_can_dbc_signals"),
+        _part(
+            "drivers/can_dbc/*",
+            "tests/drivers/test_can_dbc_mapping test_can_dbc_decoder test_can_dbc_signals",
+        ),
         _part(
             "drivers/frames/_line*",
-            "tests/drivers/frames/test_printed_lines test_frames_lines",
+            "tests/drivers/frames/test_frames_rules test_printed_lines test_frames_lines",
             "tests/drivers/frames/test_frames_shipped test_line_reader test_fuzz",
         ),
         _part(
             "drivers/frames/_candidates _find _split _verify _vectors",
-            "tests/drivers/frames/test_frames_split test_frames_document test_frames_shipped test_frames_command",
+            "tests/drivers/frames/test_frames_rules test_frames_split test_frames_document test_frames_settings",
+            "tests/drivers/frames/test_frames_lines test_frames_shipped test_frames_command",
         ),
         _part(
             "drivers/frames/*",
-            "tests/drivers/frames/test_frames_document test_printed_lines test_frames_resync test_frames_shipped",
+            "tests/drivers/frames/test_frames_rules test_frames_document test_printed_lines test_frames_resync",
+            "tests/drivers/frames/test_frames_shipped",
             "tests/drivers/frames/test_frames_settings test_frames_lines test_fuzz",
         ),
     ),

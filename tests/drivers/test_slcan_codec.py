@@ -279,3 +279,18 @@ def test_real_recording_comes_through(tmp_path: Path) -> None:
     log = list(can.CanutilsLogReader(str(CANDUMP)))
     assert parsed["id"].tolist() == [message.arbitration_id for message in log]
     assert encode_frames(parsed) == b"".join(map(line, wanted))
+
+
+def test_the_longest_legal_line_arrives_in_any_two_pieces() -> None:
+    """T, 8 digits, length, 8 bytes and a time stamp: 30 characters, and one of them more is too many."""
+    line = b"T1FFFFFFF8" + b"0123456789ABCDEF" + b"EA5F"
+    assert len(line) == 30
+    for cut in range(len(line) + 2):
+        parser = SlcanParser()
+        stream = line + b"\r"
+        frames = np.concatenate([parser.feed(b"t0010\r" + stream[:cut]), parser.feed(stream[cut:])])
+        assert frames["id"].tolist() == [1, 0x1FFFFFFF] and not parser.counts.rejected
+        parser, stream = SlcanParser(), line + b"0\r"
+        frames = np.concatenate([parser.feed(b"t0010\r" + stream[:cut]), parser.feed(stream[cut:])])
+        assert frames["id"].tolist() == [1] and parser.counts.rejected == {"long": 1}, cut
+        assert parser.counts.bytes_skipped == len(stream)
