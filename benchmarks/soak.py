@@ -26,7 +26,7 @@ from unittest import mock
 import numpy as np
 import pyarrow.parquet as pq
 
-from bench.control.devices import gyro_kind, open_chamber, open_table
+from bench.control.devices import open_chamber, open_table
 from bench.control.procedure import Demands, Parameters, Procedure
 from bench.control.questions import Question
 from bench.control.run_record import decode_run
@@ -41,6 +41,7 @@ from drivers.base import clock as host
 from drivers.base.errors import BenchError, RunAborted
 from drivers.base.virtual_clock import VirtualClock
 from drivers.kit.instruments import Instrument
+from drivers.kit.registry import load_kind
 from simulators.faults import Fault
 
 _GYROS = ("fog_1", "can_1")
@@ -309,7 +310,7 @@ def _frames(folder: Path, name: str) -> Counter[tuple[str, ...]]:
     manifest = read_manifest(folder)
     section = next(each for each in bench_file_from(manifest.bench).gyro if each.name == name)
     data = (folder / "raw" / f"{name}.bin").read_bytes()[int(manifest.stream[name]["start_offset"]) :]
-    columns = gyro_kind(section).decoder(section).feed(data).columns
+    columns = load_kind("gyro", section.driver).decoder(section).feed(data).columns
     path = folder / f"gyro_{name}.parquet"
     if not path.exists():
         return Counter()

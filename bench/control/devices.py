@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 from bench.record.benchfile import BenchFile
 from drivers.base.clock import Clock, WallClock
 from drivers.base.virtual_clock import VirtualClock
-from drivers.kit.config import GyroConfig, PlatformConfig
 from drivers.kit.instruments import Chamber, Turntable
-from drivers.kit.kinds import ChamberKind, Connection, GyroKind, PlatformKind, TableKind
+from drivers.kit.kinds import ChamberKind, Connection, TableKind
 from drivers.kit.link import Tap
 from drivers.kit.registry import load_kind
 
@@ -19,32 +18,14 @@ def open_clock(url: str | None) -> Clock:
     return WallClock() if url is None else VirtualClock(url)
 
 
-def table_kind(file: BenchFile) -> TableKind[Any]:
-    """Return the table's driver."""
-    return cast(TableKind[Any], load_kind("table", file.table.driver))
-
-
-def chamber_kind(file: BenchFile) -> ChamberKind[Any]:
-    """Return the chamber's driver."""
-    return cast(ChamberKind[Any], load_kind("chamber", file.chamber.driver))
-
-
-def gyro_kind(section: GyroConfig) -> GyroKind[Any]:
-    """Return a gyro's driver."""
-    return cast(GyroKind[Any], load_kind("gyro", section.driver))
-
-
-def platform_kind(section: PlatformConfig) -> PlatformKind[Any]:
-    """Return a platform INS's driver."""
-    return cast(PlatformKind[Any], load_kind("platform", section.driver))
-
-
 def open_table(file: BenchFile, clock: Clock, tap: Tap | None) -> Turntable:
     """Open the table's port."""
-    return table_kind(file).open(file.table, Connection("table", clock, tap))
+    kind: TableKind[Any] = load_kind("table", file.table.driver)
+    return kind.open(file.table, Connection("table", clock, tap))
 
 
 def open_chamber(file: BenchFile, clock: Clock, tap: Tap | None) -> Chamber:
     """Open the chamber's port."""
     connection = Connection("chamber", clock, tap, safe_set_point_c=file.safe.chamber_set_point_c)
-    return chamber_kind(file).open(file.chamber, connection)
+    kind: ChamberKind[Any] = load_kind("chamber", file.chamber.driver)
+    return kind.open(file.chamber, connection)

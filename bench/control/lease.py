@@ -20,7 +20,7 @@ import json
 import os
 import socket
 import struct
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
@@ -81,10 +81,10 @@ class Lease:
 
     def update(self, *, purpose: str | None = None, watchdog_pid: int | None = None) -> None:
         """Say anew what the bench is used for, and which watchdog guards it."""
-        fields = asdict(self.holder)
-        fields["purpose"] = self.holder.purpose if purpose is None else purpose
-        fields["watchdog_pid"] = self.holder.watchdog_pid if watchdog_pid is None else watchdog_pid
-        self.holder = Holder(**fields)
+        if purpose is not None:
+            self.holder = replace(self.holder, purpose=purpose)
+        if watchdog_pid is not None:
+            self.holder = replace(self.holder, watchdog_pid=watchdog_pid)
         for descriptor in self._files.values():
             _write(descriptor, self.holder)
 

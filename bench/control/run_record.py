@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import platform
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -14,12 +14,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from bench.control.devices import (
-    chamber_kind,
-    gyro_kind,
-    platform_kind,
-    table_kind,
-)
 from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.events import Event
 from bench.record.events.run import Answer, Measured, Outcome, Repeat
@@ -46,6 +40,8 @@ from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, RecordError
 from drivers.kit.config import GyroConfig, PlatformConfig
 from drivers.kit.instruments import Identity
+from drivers.kit.kinds import ChamberKind, GyroKind, PlatformKind, TableKind
+from drivers.kit.registry import load_kind
 
 _SOFTWARE = ("gyrobench", "numpy", "scipy", "pyserial", "python-can")
 
@@ -122,18 +118,17 @@ class RunRecord:
             self._mounting = event.mounting
         self._events.event(time_s, event)
 
-    def emulated(self, told: Mapping[str, Any]) -> None:
+    def emulated(self, metadata: Mapping[str, Any]) -> None:
         """Note what the lab that serves the clock says it emulates."""
-        self._manifest = self._manifest.model_copy(update={"emulated": EmulatedLab.model_validate(told)})
+        self._manifest = self._manifest.model_copy(update={"emulated": EmulatedLab.model_validate(metadata)})
 
     def check(self) -> None:
         """Raise what the journal met."""
         self._journal.check()
 
-    def identify(
-        self, name: str, role: str, kind: str, identity: Identity, section: GyroConfig | None = None
-    ) -> None:
-        """Note who answered on a port."""
+    def identify(self, name: str, role: str, kind: str, identity: Identity, gyro: object = None) -> None:
+        """Note who answered on a port; `gyro`: its section of the bench file, if it is one."""
+        section = gyro if isinstance(gyro, GyroConfig) else None
         self._devices[name] = DeviceEntry(
             kind=kind,
             role=role,
@@ -151,15 +146,15 @@ class RunRecord:
         write_manifest(self.folder, self._with_sources())  # a run that is never closed can be decoded too
 
     def close(
-        self, outcome: str, reason: str, duration_s: float, told: BaseException | None = None
+        self, outcome: str, reason: str, duration_s: float, cause: BaseException | None = None
     ) -> Ending:
         """Close the raw files, decode them, write the outcome and seal the folder; return how it ended.
 
-        `told` is what `reason` tells already, and is not told twice if the journal met it too.
+        `cause` is what `reason` says already; it is not said twice if the journal met it too.
         A run that could not be recorded or decoded whole is sealed as aborted with what there is. RecordError
         only if not even the seal can be written.
         """
-        problems = self._close_journal()
+        problems = _problem_of(self._journal.close)
         manifest = self._with_sources()
         streams: dict[str, StreamReport] = {}
         try:
@@ -169,8 +164,8 @@ class RunRecord:
             problems.append(f"The record could not be decoded: {error}")
         if problems:
             outcome = "aborted"
-            reason = " ".join([reason, *(text for text in problems if text != str(told))]).strip()
-        problems += self._close_events(duration_s, outcome, reason)
+            reason = " ".join([reason, *(text for text in problems if text != str(cause))]).strip()
+        problems += _problem_of(partial(self._close_events, duration_s, outcome, reason))
         manifest = manifest.model_copy(
             update={
                 "outcome": outcome,
@@ -199,20 +194,18 @@ class RunRecord:
             }
         )
 
-    def _close_journal(self) -> list[str]:
-        try:
-            self._journal.close()
-        except BenchError as error:
-            return [str(error)]
-        return []
+    def _close_events(self, duration_s: float, outcome: str, reason: str) -> None:
+        self._events.event(duration_s, Outcome(outcome, reason))
+        self._events.close()
 
-    def _close_events(self, duration_s: float, outcome: str, reason: str) -> list[str]:
-        try:
-            self._events.event(duration_s, Outcome(outcome, reason))
-            self._events.close()
-        except BenchError as error:
-            return [str(error)]
-        return []
+
+def _problem_of(work: Callable[[], None]) -> list[str]:
+    """Do `work`; return what went wrong."""
+    try:
+        work()
+    except BenchError as error:
+        return [str(error)]
+    return []
 
 
 def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]:
@@ -223,14 +216,12 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
 
         return decode_imported(folder, out or folder)
     file = bench_file_from(manifest.bench)
+    table: TableKind[Any] = load_kind("table", file.table.driver)
+    chamber: ChamberKind[Any] = load_kind("chamber", file.chamber.driver)
     decode_instrument(
-        folder,
-        "table",
-        "turntable",
-        lambda exchanges: table_kind(file).decode_transcript(exchanges, file.table),
-        out,
+        folder, "table", "turntable", lambda rows: table.decode_transcript(rows, file.table), out
     )
-    decode_instrument(folder, "chamber", "chamber", chamber_kind(file).decode_transcript, out)
+    decode_instrument(folder, "chamber", "chamber", chamber.decode_transcript, out)
     starts = {name: int(entry.get("start_offset", 0)) for name, entry in manifest.stream.items()}
     sources: list[StreamSource] = [
         _gyro_source(gyro, starts[gyro.name]) for gyro in file.gyro if gyro.name in starts
@@ -253,7 +244,7 @@ def gyro_source(manifest: Manifest, name: str) -> GyroSource:
 
 
 def _platform_source(section: PlatformConfig, start_offset: int) -> PlatformSource:
-    kind = platform_kind(section)
+    kind: PlatformKind[Any] = load_kind("platform", section.driver)
     return PlatformSource(
         name=section.name,
         decoder=lambda: kind.decoder(section),
@@ -264,7 +255,7 @@ def _platform_source(section: PlatformConfig, start_offset: int) -> PlatformSour
 
 
 def _gyro_source(section: GyroConfig, start_offset: int) -> GyroSource:
-    kind = gyro_kind(section)
+    kind: GyroKind[Any] = load_kind("gyro", section.driver)
     return GyroSource(
         name=section.name,
         decoder=lambda: kind.decoder(section),

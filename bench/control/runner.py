@@ -10,13 +10,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from bench.control.devices import (
-    gyro_kind,
-    open_chamber,
-    open_clock,
-    open_table,
-    platform_kind,
-)
+from bench.control.devices import open_chamber, open_clock, open_table
 from bench.control.lease import Lease, take_lease
 from bench.control.live import Live
 from bench.control.procedure import Parameters, Procedure
@@ -40,9 +34,10 @@ from drivers.base.errors import (
     WrongDevice,
 )
 from drivers.base.virtual_clock import VirtualClock
-from drivers.kit.config import GyroConfig, PlatformConfig
-from drivers.kit.instruments import Gyro, Identity
+from drivers.kit.config import UnderTestConfig
+from drivers.kit.instruments import Gyro
 from drivers.kit.kinds import Connection
+from drivers.kit.registry import load_kind
 
 
 @dataclass(frozen=True)
@@ -203,8 +198,13 @@ def _drive(
     record.identify("table", "table", file.table.driver, table.identify())
     record.identify("chamber", "chamber", file.chamber.driver, chamber.identify())
     _check_limits(request, bench)
-    streams = [_open_gyro(bench, record, clock, section, stack) for section in file.gyro]
-    streams += [_open_platform(bench, record, clock, section, stack) for section in file.platform]
+    streams: list[tuple[Gyro, StreamStation]] = []
+    for gyro in file.gyro:
+        bench.gyros[gyro.name] = GyroStation(load_kind("gyro", gyro.driver), gyro)
+        streams.append(_open_unit(record, clock, gyro, bench.gyros[gyro.name], stack))
+    for platform in file.platform:
+        bench.platforms[platform.name] = PlatformStation(load_kind("platform", platform.driver), platform)
+        streams.append(_open_unit(record, clock, platform, bench.platforms[platform.name], stack))
     if watchdog is not None:
         stack.callback(watchdog.dismiss)  # before the ports are closed, which may take its time
     stack.callback(lambda: safe.extend(bench.safe))
@@ -263,31 +263,17 @@ def _check_limits(request: RunRequest, bench: Bench) -> None:
     bench.chamber.check(demands.min_temp_c, demands.max_temp_c, demands.max_ramp_k_per_min)
 
 
-def _open_gyro(
-    bench: Bench, record: RunRecord, clock: Clock, section: GyroConfig, stack: ExitStack
+def _open_unit(
+    record: RunRecord, clock: Clock, config: UnderTestConfig, station: StreamStation, stack: ExitStack
 ) -> tuple[Gyro, StreamStation]:
-    kind = gyro_kind(section)
-    station = GyroStation(kind, section)
-    tap = StreamTap(record.tap(section.name), station.take)
-    gyro = kind.open(section, Connection(section.name, clock, tap))
-    stack.callback(gyro.close)
-    identity: Identity = gyro.identify()
-    record.identify(section.name, "gyro", section.driver, identity, section)
-    bench.gyros[section.name] = station
-    return gyro, station
-
-
-def _open_platform(
-    bench: Bench, record: RunRecord, clock: Clock, section: PlatformConfig, stack: ExitStack
-) -> tuple[Gyro, StreamStation]:
-    kind = platform_kind(section)
-    station = PlatformStation(kind, section)
-    tap = StreamTap(record.tap(section.name), station.take)
-    station.device = kind.open(section, Connection(section.name, clock, tap))
-    stack.callback(station.device.close)
-    record.identify(section.name, "platform", section.driver, station.device.identify())
-    bench.platforms[section.name] = station
-    return station.device, station
+    """Open a unit under test whose bytes go to the record and its station; return device and station."""
+    tap = StreamTap(record.tap(config.name), station.take)
+    device = load_kind(station.role, config.driver).open(config, Connection(config.name, clock, tap))
+    stack.callback(device.close)
+    record.identify(config.name, station.role, config.driver, device.identify(), config)
+    if isinstance(station, PlatformStation):
+        station.device = device
+    return device, station
 
 
 @contextmanager

@@ -311,7 +311,7 @@ def lab_config(
 
 
 def _with_ports(
-    file: BenchFile, ports: dict[str, str], clock_url: str | None, metadata: dict[str, Any] | None
+    file: BenchFile, ports: dict[str, str], clock_url: str | None, metadata: dict[str, Any] | None = None
 ) -> BenchFile:
     gyros = tuple(
         dataclasses.replace(gyro, interface="gyrobench_slcan", channel=ports[gyro.name])

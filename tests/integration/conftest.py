@@ -58,7 +58,7 @@ class ThreadLab:
 
     file: BenchFile
     lab: object
-    door_write: int
+    channel_write: int
     answers: int
     failures: list = field(default_factory=list)
 
@@ -75,23 +75,23 @@ def thread_lab(file: BenchFile, plant: Plant, swap: Mapping[str, Callable] | Non
             lab._streams = [(i, s) for i, s in lab._streams if i != index]
             if hasattr(emulator, "stream"):
                 lab._streams.append((index, emulator))
-    door_read, door_write = os.pipe()
+    channel_read, channel_write = os.pipe()
     answer_read, answer_write = os.pipe()
     service = VirtualService(
-        lab, ControlChannel(acts, input_fd=door_read, output_fd=answer_write), emulated=config.emulated
+        lab, ControlChannel(acts, input_fd=channel_read, output_fd=answer_write), emulated=config.emulated
     )
     thread = threading.Thread(target=service.run, name="lab", daemon=True)
     thread.start()
     try:
         urls = {port.name: port.url for port in lab.ports}
-        yield ThreadLab(_with_ports(file, urls, service.url), lab, door_write, answer_read)
+        yield ThreadLab(_with_ports(file, urls, service.url), lab, channel_write, answer_read)
     finally:
-        os.close(door_write)
+        os.close(channel_write)
         thread.join()
         service._listener.close()
         for port in lab.ports:
             port.close()
-        for descriptor in (door_read, answer_read, answer_write):
+        for descriptor in (channel_read, answer_read, answer_write):
             os.close(descriptor)
 
 

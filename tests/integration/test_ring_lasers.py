@@ -79,7 +79,7 @@ def record(
     ):
 
         def perform(act):
-            os.write(lab.door_write, json.dumps(act).encode() + b"\n")
+            os.write(lab.channel_write, json.dumps(act).encode() + b"\n")
             answer = json.loads(door.readline())
             assert answer["ok"], answer
             return answer

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.control.devices import gyro_kind
 from bench.record.benchfile import bench_file_from, bench_file_text, load_bench_file
 from drivers.base.errors import ConfigurationError
+from drivers.kit.registry import load_kind
 
 BENCH = """
 [bench]
@@ -56,7 +56,7 @@ def test_a_run_keeps_what_it_was_decoded_by(tmp_path: Path) -> None:
         (tmp_path / "elsewhere").mkdir(exist_ok=True)
         for other in (bench_file_from(kept), load_bench_file(write(tmp_path / "elsewhere", written))):
             assert other.gyro[0].layout == file.gyro[0].layout
-            decoder = gyro_kind(other.gyro[0]).decoder(other.gyro[0])
+            decoder = load_kind("gyro", other.gyro[0].driver).decoder(other.gyro[0])
             assert decoder.feed(b"t0072FF9C\r").columns["rate_z_dps"].tolist() == [-1.0]
 
 

@@ -29,7 +29,7 @@ from bench.record.benchfile import load_bench_file
 from bench.record.catalogue._rows import read_row
 from bench.record.exchange import export_run, read_mapping
 from bench.record.recording import Run, read_events, read_manifest, read_table, verify
-from bench.record.recording._truth import read_truth
+from bench.record.recording._read import read_truth
 from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import parse_json, parse_toml, read_bounded
 from drivers.can_dbc import load_layout

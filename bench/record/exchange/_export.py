@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import json
 import shutil
 import tempfile
@@ -111,7 +112,8 @@ def _mdf4(run: Run, part: Path) -> None:
     with MDF(version="4.10") as mdf:
         mdf.start_time = datetime.fromisoformat(run.manifest.started_utc)
         for path in _tables(run):
-            columns = _columns(path)
+            table = pq.read_table(path, use_threads=False)
+            columns: dict[str, Any] = {name: table[name].to_numpy() for name in table.column_names}
             time_s = columns.pop("time_ns").astype(np.float64) * 1e-9
             signals = [
                 Signal(
@@ -144,11 +146,6 @@ def _mdf4(run: Run, part: Path) -> None:
         part.with_suffix(".mf4").rename(part)
 
 
-def _columns(path: Path) -> dict[str, Any]:
-    table = pq.read_table(path, use_threads=False)
-    return {name: table[name].to_numpy() for name in table.column_names}
-
-
 def _blf(run: Run, part: Path) -> None:
     """Write the frames of every gyro on CAN, a channel each in the order of the bench file."""
     import can
@@ -166,7 +163,7 @@ def _blf(run: Run, part: Path) -> None:
     written = part.with_suffix(".blf")
     with can.BLFWriter(written) as writer:
         streams = [_messages(run, name, number, started_s) for number, name in enumerate(on_can)]
-        for message in _in_time_order(streams):
+        for message in heapq.merge(*streams, key=lambda message: message.timestamp):
             writer.on_message_received(message)
     if written != part:
         written.rename(part)
@@ -179,9 +176,3 @@ def _messages(run: Run, port: str, channel: int, started_s: float) -> Iterator[A
         for message in to_messages(frames, time_s + started_s):
             message.channel = channel
             yield message
-
-
-def _in_time_order(streams: list[Iterator[Any]]) -> Iterator[Any]:
-    import heapq
-
-    return heapq.merge(*streams, key=lambda message: message.timestamp)

@@ -30,9 +30,8 @@ from bench.record.recording._manifest import Manifest, checksum, read_manifest
 from bench.record.recording._raw import can_frames
 from bench.record.recording._remote import fetch_file, local_run, remote_file
 from bench.record.recording._seconds import SecondMeans, names_at, row_means, second_rows, seconds
-from bench.record.recording._truth import read_truth, truth_file
 from bench.record.run_folder import MANIFEST_FILE, url_of
-from drivers.base.arrays import Array
+from drivers.base.arrays import ARCHIVE_DAMAGE, Array, array_of, read_archive
 from drivers.base.constants import earth_rate_north_dph
 from drivers.base.errors import RecordError
 
@@ -213,7 +212,7 @@ class Run:
 
     def truth(self, gyro: str) -> dict[str, NDArray[Any]]:
         """Return what is known of an emulated unit, arrays by name; empty on a real one."""
-        return read_truth(self._folder / truth_file(gyro))
+        return read_truth(self._folder / f"truth_{gyro}.npz")
 
     def true_means(self, gyro: str, name: str, start_s: int, end_s: int) -> Array | None:
         """Return 1 s means, (end_s - start_s,), of a drift known at whole seconds; None where it is not."""
@@ -259,6 +258,25 @@ class Run:
             return read_table(self._folder / name, columns, start_s, end_s)
         with remote_file(f"{self._url}/{name}") as file, pq.ParquetFile(file, pre_buffer=True) as table:
             return _stretch(table, f"{self._url}/{name}", columns, start_s, end_s)
+
+
+def read_truth(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a truth file by name, empty without one.
+
+    RecordError if it is damaged or unpacks to more than 256 MiB.
+    """
+    if not path.exists():
+        return {}
+    try:
+        return {name.removesuffix(".npy"): array_of(data) for name, data in read_archive(path).items()}
+    except ARCHIVE_DAMAGE as error:
+        raise RecordError(
+            "this is not a readable file of arrays",
+            where=str(path),
+            found=f"{type(error).__name__}: {error}",
+            expected="a zip of .npy arrays of numbers",
+            remedy="copy the file again; a truth file may also be deleted, nothing but comparisons needs it",
+        ) from error
 
 
 def read_table(
