@@ -5,11 +5,11 @@ import re
 import signal
 
 import pytest
-from rich.console import Console
 
 from bench.control.runner import RunResult
 from bench.control.watchdog._process import _words
 from bench.lab.emulated import Plant
+from bench.present.cli._console import Terminal
 from bench.present.cli._shown_run import say_result
 from bench.record.events.safe import Takeover, TakeoverEnded
 from simulators.faults import Fault
@@ -17,7 +17,7 @@ from simulators.faults import Fault
 
 def said(result):
     stream = io.StringIO()
-    say_result(Console(file=stream, width=1000), result, kind="result")
+    say_result(Terminal(file=stream, width=1000), result, kind="result")
     return stream.getvalue()
 
 

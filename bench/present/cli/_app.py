@@ -134,4 +134,4 @@ def main() -> None:
 def _complain(text: str) -> None:
     from bench.present.cli._console import Terminal
 
-    Terminal(stderr=True).print(f"error: {text}", style="bold red", highlight=False)
+    Terminal(stderr=True).say(f"error: {text}", style="bold red")

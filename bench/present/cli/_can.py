@@ -10,8 +10,7 @@ import typer
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from bench.present.cli._console import Terminal
     from drivers.can_dbc import CanLayout
 
 app = typer.Typer(
@@ -60,13 +59,13 @@ def check(
         _decode(console, loaded, capture, out, parquet, source_address)
 
 
-def _show(console: Console, layout: CanLayout) -> None:
+def _show(console: Terminal, layout: CanLayout) -> None:
     from rich.table import Table
 
     from drivers.can_dbc import identifier_names
 
     unit = f"{layout.maker} {layout.model}".strip()
-    console.print(f"{layout.name}: {unit}, {layout.dbc}", highlight=False)
+    console.say(f"{layout.name}: {unit}, {layout.dbc}")
     grid = Table("message", "identifier", "bytes", "signal", "is", "type", "resolution")
     for use in layout.uses:
         message, signal = layout.messages[use.message], layout.signal(use)
@@ -87,15 +86,13 @@ def _show(console: Console, layout: CanLayout) -> None:
     console.print(grid)
     for rule in layout.valid:
         axis = f" for {rule.axis}" if rule.axis else ""
-        console.print(
-            f"valid{axis}: {rule.message}.{rule.signal} & {rule.mask:#x} = {rule.equals:#x}", highlight=False
-        )
+        console.say(f"valid{axis}: {rule.message}.{rule.signal} & {rule.mask:#x} = {rule.equals:#x}")
     if layout.use("time", "counter") is None:
-        console.print("note: without time or counter lost samples cannot be told", highlight=False)
+        console.say("note: without time or counter lost samples cannot be told")
 
 
 def _decode(
-    console: Console, layout: CanLayout, path: Path, out: Path, parquet: bool, source_address: int | None
+    console: Terminal, layout: CanLayout, path: Path, out: Path, parquet: bool, source_address: int | None
 ) -> None:
     from bench.record.can_capture import others_on_the_bus, read_can_capture, write_can_plot
     from bench.record.capture import write_table
@@ -120,16 +117,16 @@ def _decode(
     target = out / f"{path.stem}_{layout.name}.{'parquet' if parquet else 'csv'}"
     write_table(target, capture.columns)
     valid = capture.columns["valid"]
-    console.print(f"{len(valid)} samples, {int((~valid).sum())} not valid: {target}", highlight=False)
+    console.say(f"{len(valid)} samples, {int((~valid).sum())} not valid: {target}")
     rejected = (
         ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in capture.rejected.items()) or "none"
     )
     left_out = "".join(f", {count} {kind} left out" for kind, count in capture.left_out.items())
-    console.print(f"{capture.frames} CAN frames{left_out}; rejected: {rejected}", highlight=False)
+    console.say(f"{capture.frames} CAN frames{left_out}; rejected: {rejected}")
     for text in capture.notes:
-        console.print(text, highlight=False)
+        console.say(text)
     if others:
-        console.print(f"identifiers that the DBC file does not have: {others}", highlight=False)
+        console.say(f"identifiers that the DBC file does not have: {others}")
     plot = out / f"{path.stem}.png"
     write_can_plot(plot, layout, capture.columns)
-    console.print(f"plot: {plot}", highlight=False)
+    console.say(f"plot: {plot}")

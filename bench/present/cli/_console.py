@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,8 +16,20 @@ from bench.present.cli._texts import printable
 class Terminal(Console):
     """A console whose text is shown as it is, letter by letter; style it with `style=` or `rich.text.Text`."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, *, as_json: bool = False, **options: Any) -> None:
         super().__init__(**{"markup": False, "emoji": False} | options)
+        self.as_json = as_json
+        """Whether what is printed is for machines."""
+
+    def say(self, text: str, style: str | None = None, *, soft_wrap: bool = False) -> None:
+        """Print a text in one style, without colours for the numbers in it."""
+        self.print(text, style=style, highlight=False, soft_wrap=soft_wrap)
+
+    def say_json(self, kind: str, **fields: Any) -> None:
+        """Print one JSON object on a line; numbers that are not finite become null."""
+        line = json.dumps({"kind": kind} | _finite(fields), ensure_ascii=False, allow_nan=False, default=str)
+        self.file.write(line + "\n")
+        self.file.flush()
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Render, and replace what a terminal would act on."""
@@ -25,6 +39,14 @@ class Terminal(Console):
             yield segment
 
 
-def console_for(as_json: bool) -> Console:
+def console_for(as_json: bool) -> Terminal:
     """Return where a command prints; JSON is never wrapped or coloured, so that it goes to the bare stream."""
-    return Terminal(highlight=False, color_system=None) if as_json else Terminal()
+    return Terminal(as_json=True, highlight=False, color_system=None) if as_json else Terminal()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -8,13 +8,13 @@ from dataclasses import asdict
 from types import TracebackType
 from typing import Any
 
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from bench.control.progress import GyroProgress, Progress
-from bench.present.cli._texts import duration, say_json
+from bench.present.cli._console import Terminal
+from bench.present.cli._texts import duration
 from bench.present.sentences import demands_words, event_of, sentence
 from drivers.base.clock import host_seconds
 
@@ -31,7 +31,7 @@ class RunDisplay:
     `as_json`: a line of JSON a second on `console` in place of anything for human eyes.
     """
 
-    def __init__(self, console: Console, title: str, expected_s: float, *, as_json: bool = False) -> None:
+    def __init__(self, console: Terminal, title: str, expected_s: float, *, as_json: bool = False) -> None:
         self._console = console
         self._title = title
         self._expected_s = expected_s
@@ -63,15 +63,10 @@ class RunDisplay:
             self._alarm = progress.alarms[-1:]
             self._said_at, self._said = host_seconds(), progress.step + progress.doing
             if self._json:
-                say_json(
-                    self._console,
-                    "progress",
-                    run=self._title,
-                    left_s=self._left_s(progress),
-                    **asdict(progress),
-                )
+                left_s = self._left_s(progress)
+                self._console.say_json("progress", run=self._title, left_s=left_s, **asdict(progress))
             else:
-                self._console.print(self._line(progress), highlight=False, soft_wrap=True)
+                self._console.say(self._line(progress), soft_wrap=True)
 
     def _wait_s(self, progress: Progress) -> float:
         same = not self._json and progress.step + progress.doing == self._said

@@ -11,8 +11,7 @@ import typer
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from bench.present.cli._console import Terminal
     from bench.record.capture import Capture
     from drivers.frames import Form, FrameFamily
 
@@ -74,13 +73,13 @@ def check(
         _decode(console, family, capture, out, parquet)
 
 
-def _show(console: Console, family: FrameFamily, settings: Mapping[str, str]) -> None:
+def _show(console: Terminal, family: FrameFamily, settings: Mapping[str, str]) -> None:
     from rich.table import Table
 
     from drivers.frames import LineDescription
 
     about = family.description
-    console.print(f"{about.name}: {about.title}", highlight=False)
+    console.say(f"{about.name}: {about.title}")
     grid = Table(
         "message", "begins with", "bytes", "check", "gyro channels", "false frames in 1e9 random bytes"
     )
@@ -99,19 +98,17 @@ def _show(console: Console, family: FrameFamily, settings: Mapping[str, str]) ->
     for name, setting in about.setting.items():
         chosen = settings.get(name, setting.default)
         others = ", ".join(choice for choice in setting.choice if choice != chosen)
-        console.print(f"setting {name} = {chosen} (or {others}): {setting.what}", highlight=False)
+        console.say(f"setting {name} = {chosen} (or {others}): {setting.what}")
     weak = sum(form.false_per_byte for form in family.forms if form.measures)
     if _RANDOM_BYTES * weak > 1.0:
-        console.print(
+        console.say(
             f"note: head and check together let {_RANDOM_BYTES * weak:.3g} frames with rates pass in 1e9 random "
-            "bytes; on a noisy line name the message (frame_format) or use a longer check",
-            highlight=False,
+            "bytes; on a noisy line name the message (frame_format) or use a longer check"
         )
-    console.print(
+    console.say(
         f"vectors: {len(about.vector)} right, and every single-bit flip of them that a check covers noticed"
         if about.vector
-        else "no vectors: nothing says that this description fits a real unit",
-        highlight=False,
+        else "no vectors: nothing says that this description fits a real unit"
     )
 
 
@@ -130,7 +127,7 @@ def _channels(form: Form) -> str:
     return "; ".join(f"{role} {axes}, {unit}" for (role, unit), axes in axes_of.items())
 
 
-def _decode(console: Console, family: FrameFamily, path: Path, out: Path, parquet: bool) -> None:
+def _decode(console: Terminal, family: FrameFamily, path: Path, out: Path, parquet: bool) -> None:
     from bench.record.capture import read_capture, write_plot, write_table
 
     capture = read_capture(family, path)
@@ -146,18 +143,17 @@ def _decode(console: Console, family: FrameFamily, path: Path, out: Path, parque
     for name, columns in capture.tables.items():
         target = out / f"{path.stem}_{name}.{'parquet' if parquet else 'csv'}"
         write_table(target, columns)
-        console.print(f"{len(next(iter(columns.values()), ()))} {name}: {target}", highlight=False)
+        console.say(f"{len(next(iter(columns.values()), ()))} {name}: {target}")
     rejected = ", ".join(f"{n} by {why}" for why, n in capture.counts.rejected.items()) or "none"
-    console.print(
+    console.say(
         f"{capture.size} bytes: {capture.counts.bytes_skipped} skipped, {capture.pending} left of an unfinished "
-        f"message, candidates rejected: {rejected}",
-        highlight=False,
+        f"message, candidates rejected: {rejected}"
     )
     for text in capture.counter_notes:
-        console.print(text, highlight=False)
+        console.say(text)
     plot = out / f"{path.stem}.png"
     if write_plot(plot, family, capture):
-        console.print(f"plot: {plot}", highlight=False)
+        console.say(f"plot: {plot}")
 
 
 def _remedy(path: Path) -> str:

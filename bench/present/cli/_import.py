@@ -26,4 +26,4 @@ def import_(
     for path in log:
         with console.status(f"reading {path.name}"):
             folder = import_log(path, mapping, out)
-        console.print(f"{folder}", highlight=False)
+        console.say(f"{folder}")

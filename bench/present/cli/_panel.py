@@ -41,5 +41,5 @@ def panel(
     settings.check()
     shown = f"[{host}]" if ":" in host else host
     query = "/?token=..." if token else "/"
-    Terminal().print(f"panel of {runs}: http://{shown}:{port}{query}   Ctrl-C ends it", highlight=False)
+    Terminal().say(f"panel of {runs}: http://{shown}:{port}{query}   Ctrl-C ends it")
     serve(settings)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from bench.present.cli._console import Terminal
     from bench.present.report import CertificateContent
 
 app = typer.Typer()
@@ -62,13 +61,13 @@ def report(
             certificate = certify(run, path, judged or NO_LIMITS)
     if certificate is not None:
         say_certificate(console, certificate)
-    console.print(f"{path}", highlight=False, soft_wrap=True)
+    console.say(f"{path}", soft_wrap=True)
     if pdf:
-        console.print(f"{write_pdf(path)}", highlight=False, soft_wrap=True)
+        console.say(f"{write_pdf(path)}", soft_wrap=True)
     sys.exit(NOT_PASSED if certificate is not None and certificate.verdict == "not passed" else 0)
 
 
-def say_certificate(console: Console, content: CertificateContent) -> None:
+def say_certificate(console: Terminal, content: CertificateContent) -> None:
     """Print every unit's verdict and what stands against it."""
     from rich.table import Table
     from rich.text import Text
@@ -82,4 +81,4 @@ def say_certificate(console: Console, content: CertificateContent) -> None:
     for unit in content.units:
         failed = [f"{f.name}: {f.judgement}" for f in unit.figures if f.judgement in ("fail", "not measured")]
         for text in [*unit.against, *failed]:
-            console.print(f"{unit.unit_id}: {text}", style="red", highlight=False)
+            console.say(f"{unit.unit_id}: {text}", style="red")

@@ -53,9 +53,8 @@ def run(
     from bench.record.benchfile import load_bench_file
 
     console = console_for(json)
-    chosen, parameters = _chosen(procedure, set_, context.args)
-    result = perform(chosen, parameters, load_bench_file(bench), runs, yes, console, json)
-    say_result(console, result, as_json=json, kind="result")
+    result = perform(console, *_chosen(procedure, set_, context.args), load_bench_file(bench), runs, yes=yes)
+    say_result(console, result, kind="result")
     sys.exit(EXIT_CODES[result.outcome])
 
 
@@ -76,7 +75,7 @@ def rehearse(
     """
     from bench.lab.emulated import load_plant
     from bench.present.cli._console import console_for
-    from bench.present.cli._shown_run import EXIT_CODES, perform_emulated, say_result
+    from bench.present.cli._shown_run import EXIT_CODES, perform, say_result
     from bench.record.benchfile import load_bench_file
     from drivers.base.clock import host_seconds
 
@@ -84,7 +83,7 @@ def rehearse(
     chosen, parameters = _chosen(procedure, set_, context.args)
     emulated = load_plant(plant, seed)
     started = host_seconds()
-    result = perform_emulated(chosen, parameters, load_bench_file(bench), emulated, runs, console, json)
+    result = perform(console, chosen, parameters, load_bench_file(bench), runs, plant=emulated)
     log_bytes = sum(path.stat().st_size for path in result.folder.rglob("*") if path.is_file())
     wall_s = host_seconds() - started
     page = None
@@ -93,17 +92,16 @@ def rehearse(
         from bench.record.recording import Run
 
         page = write_report(result.folder / "report.html", run_page(run_content(Run.open(result.folder))))
-    if json:
-        say_result(console, result, as_json=True, kind="result", bytes=log_bytes, wall_s=wall_s)
-        sys.exit(EXIT_CODES[result.outcome])
-    say_result(console, result, kind="result")
-    console.print(_time_plan(result.folder))
-    console.print(
-        f"{duration(result.duration_s)} of bench time in {wall_s:.1f} s ({result.duration_s / wall_s:,.0f} x); "
-        f"the run folder takes {size(log_bytes)}"
-    )
-    if page is not None:
-        console.print(f"plots: {page}")
+    told = {"bytes": log_bytes, "wall_s": wall_s} if json else {}
+    say_result(console, result, kind="result", **told)
+    if not json:
+        console.print(_time_plan(result.folder))
+        console.print(
+            f"{duration(result.duration_s)} of bench time in {wall_s:.1f} s "
+            f"({result.duration_s / wall_s:,.0f} x); the run folder takes {size(log_bytes)}"
+        )
+        if page is not None:
+            console.print(f"plots: {page}")
     sys.exit(EXIT_CODES[result.outcome])
 
 
@@ -140,7 +138,7 @@ def lab(
             console.print("Every run begins at bench time 0; the lab goes on where the run before left it.")
         if write is not None:
             write.write_text(bench_file_text(served.file), encoding="utf-8")
-            console.print(f"bench file for these ports: {write}", highlight=False)
+            console.say(f"bench file for these ports: {write}")
         try:
             signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGINT is ignored in the background
             console.print("Ctrl-C ends the lab.")

@@ -109,7 +109,7 @@ def export(
         target = export_run(run, format_, out)
     files = [target] if target.is_file() else sorted(target.iterdir())
     total = sum(path.stat().st_size for path in files)
-    console.print(f"{target}: {len(files)} files, {size(total)}", highlight=False)
+    console.say(f"{target}: {len(files)} files, {size(total)}")
 
 
 @app.command()
@@ -128,12 +128,8 @@ def show(run: Path) -> None:
         Text.assemble((manifest.run_id, "bold"), "  ", (manifest.outcome, style), f"  {manifest.reason}")
     )
     length = "not closed" if manifest.duration_s is None else duration(manifest.duration_s)
-    console.print(
-        f"{manifest.procedure}, started {manifest.started_utc}, bench time {length}", highlight=False
-    )
-    console.print(
-        "parameters: " + ", ".join(f"{k}={v}" for k, v in manifest.parameters.items()), highlight=False
-    )
+    console.say(f"{manifest.procedure}, started {manifest.started_utc}, bench time {length}")
+    console.say("parameters: " + ", ".join(f"{k}={v}" for k, v in manifest.parameters.items()))
     devices = Table("device", "kind", "maker", "model", "serial number", "firmware")
     for name, device in manifest.devices.items():
         devices.add_row(name, device.kind, device.maker, device.model, device.serial_number, device.firmware)
@@ -186,9 +182,9 @@ def recover(
             manifest = complete(folder)
         except BenchError as error:
             failed = True
-            console.print(f"not recovered  {folder}: {error}", style="red", highlight=False)
+            console.say(f"not recovered  {folder}: {error}", style="red")
         else:
-            console.print(f"{manifest.outcome}  {folder}: {manifest.reason}", highlight=False)
+            console.say(f"{manifest.outcome}  {folder}: {manifest.reason}")
     sys.exit(1 if failed else 0)
 
 
@@ -216,7 +212,7 @@ def verify(run: list[Path]) -> None:
         failed = True
         console.print(Text.assemble(("differs", "red"), f"  {name}"))
         for problem in report.problems:
-            console.print(f"  {problem.path}: {problem.text}", highlight=False)
+            console.say(f"  {problem.path}: {problem.text}")
     sys.exit(1 if failed else 0)
 
 

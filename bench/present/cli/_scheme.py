@@ -13,9 +13,8 @@ from bench.present.cli._texts import duration
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bench.analysis.calibration import Evaluation, Table, TableAxis, Task
+    from bench.present.cli._console import Terminal
 
 app = typer.Typer(
     name="scheme", help="Rotation schemes of the system-level calibration.", no_args_is_help=True
@@ -136,13 +135,12 @@ def search(
             outer=axes[0].direction if axes else None,
         )
     console = Terminal()
-    console.print(
-        f"{calibration.moves_text(result.schedule.moves)}\nhome: {calibration.home_text(result.schedule.home)}",
-        highlight=False,
+    console.say(
+        f"{calibration.moves_text(result.schedule.moves)}\nhome: {calibration.home_text(result.schedule.home)}"
     )
     if axes:
         plan = calibration.plan_turns(result.schedule, axes)
-        console.print(f"mount with all axes at 0: {plan.mount_text}", highlight=False)
+        console.say(f"mount with all axes at 0: {plan.mount_text}")
     grid = Grid("scheme", "turns", "time", "worst sigma/target", "rms")
     classical = [calibration.load_scheme(name) for name in ("19-position", "23-position", "t22")]
     for schedule in (result.schedule, *classical):
@@ -156,11 +154,11 @@ def search(
         merit, length = evaluation.merit, duration(evaluation.schedule.duration_s)
         grid.add_row(timed.name, str(len(timed.moves)), length, f"{merit.worst:.3f}", f"{merit.rms:.3f}")
     console.print(grid)
-    console.print(result.statement, highlight=False)
+    console.say(result.statement)
     if out is not None:
         named = result.schedule.with_(name=out.stem, source="gyrobench scheme search", notes=result.statement)
         save_file(out, calibration.scheme_file(named))
-        console.print(f"{out}", highlight=False)
+        console.say(f"{out}")
 
 
 def _of_bench(path: Path) -> tuple[str, float, list[TableAxis]]:
@@ -214,7 +212,7 @@ def _positive(name: str, value: float) -> float:
     return value
 
 
-def _print(console: Console, evaluation: Evaluation) -> None:
+def _print(console: Terminal, evaluation: Evaluation) -> None:
     from rich.table import Table as Grid
 
     from bench.analysis.calibration import (
@@ -227,10 +225,9 @@ def _print(console: Console, evaluation: Evaluation) -> None:
     )
 
     schedule, ratio = evaluation.schedule, evaluation.sigma[PARAMETERS] / evaluation.task.target_sigma
-    console.print(
+    console.say(
         f"{schedule.name}: {schedule.positions} positions, {duration(schedule.duration_s)}, home "
-        f"{home_text(schedule.home)}, table {evaluation.table}\n{moves_text(schedule.moves)}",
-        highlight=False,
+        f"{home_text(schedule.home)}, table {evaluation.table}\n{moves_text(schedule.moves)}"
     )
     grid = Grid(
         "state", "unit", "prior", "sigma", "target", "sigma/target", "gain ratio", "white-noise degree"
@@ -249,12 +246,11 @@ def _print(console: Console, evaluation: Evaluation) -> None:
             name, STATE_UNITS[number], *cells, style="red" if judged is not None and judged > 1 else ""
         )
     console.print(grid)
-    console.print(
+    console.say(
         f"worst sigma/target {evaluation.merit.worst:.3f}, rms {evaluation.merit.rms:.3f}, rank "
-        f"{evaluation.degrees.rank} of {len(STATE_NAMES)}",
-        highlight=False,
+        f"{evaluation.degrees.rank} of {len(STATE_NAMES)}"
     )
     for combination in evaluation.combinations:
-        console.print(f"poorly seen: {combination}", highlight=False)
+        console.say(f"poorly seen: {combination}")
     for text in evaluation.warnings:
-        console.print(f"note: {text}", highlight=False)
+        console.say(f"note: {text}")

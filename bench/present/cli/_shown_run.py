@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.text import Text
 
 from bench.control.disk import check_disk, estimated_bytes
@@ -16,8 +15,9 @@ from bench.control.questions import Console as ConsoleOperator
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.lab.emulated import Plant
 from bench.lab.rehearsal import rehearse_procedure
+from bench.present.cli._console import Terminal
 from bench.present.cli._display import RunDisplay
-from bench.present.cli._texts import duration, say_json
+from bench.present.cli._texts import duration
 from bench.present.sentences import safe_sentence
 from bench.record.benchfile import BenchFile
 from bench.record.recording import read_manifest
@@ -26,73 +26,64 @@ EXIT_CODES = {"completed": 0, "invalid": 4, "aborted": 3}
 
 
 def perform(
+    console: Terminal,
     procedure: Procedure,
     parameters: Parameters,
     file: BenchFile,
     runs: Path,
-    yes: bool,
-    console: Console,
-    as_json: bool,
+    *,
+    plant: Plant | None = None,
+    yes: bool = False,
 ) -> RunResult:
-    """Run a procedure on the devices of a bench, shown on `console`; `yes` answers all questions."""
+    """Run a procedure, shown on `console`; with `plant` in virtual time, on a lab emulated after the bench.
+
+    `yes` answers the questions of a run on real devices.
+    """
     expected_s = procedure.expected_duration_s(parameters)
-    check_disk(estimated_bytes(expected_s, file), runs, "the run", "--runs")
-    name = procedure.name
-    with Live() as live, RunDisplay(console, name, expected_s, as_json=as_json) as display:
-        human = live if as_json else live.beside(console_operator(console))
-        operator = AssumeYes() if yes else human
-        return run_procedure(RunRequest(procedure, parameters, file, runs, operator, display, live=live))
+    bytes_ = estimated_bytes(expected_s, file)
+    check_disk(bytes_, runs, "the run" if plant is None else "the rehearsal", "--runs")
+    title = procedure.name if plant is None else f"rehearsal of {procedure.name}"
+    with RunDisplay(console, title, expected_s, as_json=console.as_json) as display:
+        if plant is not None:
+            return rehearse_procedure(procedure, parameters, file, plant, runs, display)
+        with Live() as live:
+            human = live if console.as_json else live.beside(console_operator(console))
+            operator = AssumeYes() if yes else human
+            return run_procedure(RunRequest(procedure, parameters, file, runs, operator, display, live=live))
 
 
-def perform_emulated(
-    procedure: Procedure,
-    parameters: Parameters,
-    file: BenchFile,
-    plant: Plant,
-    runs: Path,
-    console: Console,
-    as_json: bool,
-) -> RunResult:
-    """Run a procedure on an emulated lab that matches a bench, in virtual time, shown on `console`."""
-    expected_s = procedure.expected_duration_s(parameters)
-    check_disk(estimated_bytes(expected_s, file), runs, "the rehearsal", "--runs")
-    title = f"rehearsal of {procedure.name}"
-    with RunDisplay(console, title, expected_s, as_json=as_json) as display:
-        return rehearse_procedure(procedure, parameters, file, plant, runs, display)
-
-
-def console_operator(console: Console) -> ConsoleOperator:
+def console_operator(console: Terminal) -> ConsoleOperator:
     """Return the operator at the terminal."""
     return ConsoleOperator(
         lambda text: console.input(Text.assemble((text, "bold"), " [yes/no] ")),
-        lambda text: console.print(f"{text} [yes/no] ", style="bold", highlight=False),
+        lambda text: console.say(f"{text} [yes/no] ", style="bold"),
     )
 
 
-def say_result(
-    console: Console, result: RunResult, *, as_json: bool = False, kind: str = "run", **fields: Any
-) -> None:
+def say_result(console: Terminal, result: RunResult, *, kind: str = "run", **fields: Any) -> None:
     """Print how a run ended; `kind` "result": it is all that the command does, "run": one of several."""
-    if as_json:
-        said: dict[str, Any] = {
-            "outcome": result.outcome,
-            "reason": result.reason,
-            "folder": str(result.folder),
-        }
-        safe = [state.fields() for state in result.safe]
-        said |= {"duration_s": result.duration_s, "warnings": result.warnings, "safe": safe}
-        measured = read_manifest(result.folder).measurements
-        say_json(console, kind, **said, measurements=list(measured), **fields)
+    if console.as_json:
+        console.say_json(
+            kind,
+            outcome=result.outcome,
+            reason=result.reason,
+            folder=str(result.folder),
+            duration_s=result.duration_s,
+            warnings=result.warnings,
+            safe=[state.fields() for state in result.safe],
+            measurements=list(read_manifest(result.folder).measurements),
+            **fields,
+        )
         return
     style = {"completed": "green", "invalid": "yellow", "aborted": "red"}[result.outcome]
     console.print(Text.assemble((result.outcome, style), f"  {result.folder}"))
     if result.reason:
-        console.print(result.reason, style=style, highlight=False)
+        console.say(result.reason, style=style)
     if result.outcome == "aborted":
         for line in _aftermath(result, alone=kind == "result"):
-            console.print(line, highlight=False)
+            console.say(line)
     for warning in result.warnings:
-        console.print(f"warning: {warning}", style="yellow", highlight=False)
+        console.say(f"warning: {warning}", style="yellow")
 
 
 def _aftermath(result: RunResult, *, alone: bool) -> list[str]:

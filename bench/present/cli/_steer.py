@@ -41,7 +41,7 @@ def steer(
         )
     if action in get_args(Action):
         drop_request(session, cast(Action, action), by)
-        console.print(f"{action} asked for", highlight=False)
+        console.say(f"{action} asked for")
         return
     if action != "answer":
         raise ConfigurationError(
@@ -51,5 +51,5 @@ def steer(
         raise ConfigurationError("no question is open", where=str(session))
     prompt = now["prompts"][0]
     counts = drop_answer(session, int(prompt["id"]), answer, by)
-    console.print(f"{prompt['question']}\n{counts.answer} ({counts.by})", highlight=False)
+    console.say(f"{prompt['question']}\n{counts.answer} ({counts.by})")
     sys.exit(0 if counts.by == by else 1)

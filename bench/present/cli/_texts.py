@@ -1,32 +1,8 @@
-"""Values as text for reading, and as JSON for machines."""
+"""Values as text for reading."""
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
-
-
-def say_json(console: Console, kind: str, **fields: Any) -> None:
-    """Print one JSON object on a line; numbers that are not finite become null."""
-    import json
-
-    text = json.dumps({"kind": kind} | _finite(fields), ensure_ascii=False, allow_nan=False, default=str)
-    console.file.write(text + "\n")
-    console.file.flush()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def duration(seconds: float) -> str:

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bench.present.cli._options import DEFAULT_BENCH, Bench, CampaignFile, JsonLines, PlantFile, Seed
-from bench.present.cli._texts import duration, say_json, size
+from bench.present.cli._texts import duration, size
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bench.campaign import Campaign, PlannedRun
     from bench.lab.emulated import Plant
+    from bench.present.cli._console import Terminal
     from bench.record.benchfile import BenchFile
 
 
@@ -44,27 +43,20 @@ def plan(
     file = load_bench_file(bench)
     campaign = load_campaign(campaign_file, file)
     plant = None if quick else load_plant(plant_file, seed)
-    planned = _planned(campaign, file, plant, console, as_json)
+    planned = _planned(campaign, file, plant, quiet=as_json)
     begin = datetime.fromisoformat(utc_now())
     bytes_ = sum(row.bytes for row in planned)
     warnings = plan_warnings(campaign)
     if as_json:
         for row in planned:
-            say_json(console, "run", **_plan_json(row, begin))
+            console.say_json("run", **_plan_json(row, begin))
     else:
         _print_plan(console, campaign, bench_of(campaign, file), planned, begin)
     check_disk(bytes_, out, "the campaign", "--out")
     if as_json:
-        total_s, chamber_s = planned[-1].end_s, sum(row.chamber_s for row in planned)
-        say_json(
-            console,
-            "result",
-            outcome="planned",
-            duration_s=total_s,
-            chamber_s=chamber_s,
-            bytes=bytes_,
-            warnings=warnings,
-        )
+        facts = {"outcome": "planned", "duration_s": planned[-1].end_s}
+        facts |= {"chamber_s": sum(row.chamber_s for row in planned), "bytes": bytes_, "warnings": warnings}
+        console.say_json("result", **facts)
     else:
         say_warnings(console, warnings)
 
@@ -82,18 +74,16 @@ def plan_warnings(campaign: Campaign) -> list[str]:
     ]
 
 
-def say_warnings(console: Console, warnings: list[str], *, as_json: bool = False) -> None:
+def say_warnings(console: Terminal, warnings: list[str]) -> None:
     """Print warnings."""
     for warning in warnings:
-        if as_json:
-            say_json(console, "warning", text=warning)
-            continue
-        console.print(f"warning: {warning}", style="yellow", highlight=False)
+        if console.as_json:
+            console.say_json("warning", text=warning)
+        else:
+            console.say(f"warning: {warning}", style="yellow")
 
 
-def _planned(
-    campaign: Campaign, file: BenchFile, plant: Plant | None, console: Console, as_json: bool
-) -> list[PlannedRun]:
+def _planned(campaign: Campaign, file: BenchFile, plant: Plant | None, *, quiet: bool) -> list[PlannedRun]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from bench.campaign import plan_campaign
@@ -104,7 +94,7 @@ def _planned(
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        console=Terminal(stderr=True, quiet=as_json or plant is None),
+        console=Terminal(stderr=True, quiet=quiet or plant is None),
         transient=True,
     ) as progress:
         task = progress.add_task("runs", total=None)
@@ -114,13 +104,13 @@ def _planned(
 
 
 def _print_plan(
-    console: Console, campaign: Campaign, file: BenchFile, planned: list[PlannedRun], begin: datetime
+    console: Terminal, campaign: Campaign, file: BenchFile, planned: list[PlannedRun], begin: datetime
 ) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
 
-    console.print(campaign.title, style="bold", highlight=False)
+    console.say(campaign.title, style="bold")
     table = Table("from", "to", "length", "what", box=SIMPLE_HEAD, pad_edge=False)
     for column in table.columns[:3]:
         column.no_wrap = True
@@ -137,21 +127,21 @@ def _print_plan(
     console.print(table)
     units = ", ".join(f"{gyro.unit} on {gyro.name} ({gyro.port or gyro.channel})" for gyro in file.gyro)
     chamber_h = sum(row.chamber_s for row in planned) / 3600.0
-    console.print(f"units: {units}", highlight=False)
-    console.print(f"total {about}{duration(planned[-1].end_s)}, chamber {chamber_h:.1f} h", highlight=False)
-    console.print(f"on disk {about}{size(sum(row.bytes for row in planned))}", highlight=False)
+    console.say(f"units: {units}")
+    console.say(f"total {about}{duration(planned[-1].end_s)}, chamber {chamber_h:.1f} h")
+    console.say(f"on disk {about}{size(sum(row.bytes for row in planned))}")
     if about:
         console.print("estimates of the procedures; without --quick a rehearsal gives steps and bytes")
     asked = list(dict.fromkeys(question for row in planned for question in row.questions))
     for question in asked:
-        console.print(f"will ask: {question}", highlight=False)
+        console.say(f"will ask: {question}")
     for notice in campaign.notify:
         to = notice.webhook or notice.file or " ".join(notice.command or ())
-        console.print(f"tells {to}: {', '.join(notice.on)}", highlight=False)
+        console.say(f"tells {to}: {', '.join(notice.on)}")
     for row in planned:
         if row.rehearsed not in ("", "completed"):
             text = f"rehearsal of {row.run.name} was {row.rehearsed}: {row.reason}"
-            console.print(text, style="yellow", highlight=False)
+            console.say(text, style="yellow")
 
 
 def _times(begin: datetime, start_s: float, end_s: float) -> tuple[str, str, str]:

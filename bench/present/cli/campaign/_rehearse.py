@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.present.cli._options import DEFAULT_BENCH, Bench, CampaignFile, Cluster, JsonLines, PlantFile, Seed
-from bench.present.cli._texts import duration, say_json
+from bench.present.cli._texts import duration
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bench.analysis.common.fan_out import FanOut
     from bench.campaign import Campaign
     from bench.control.runner import RunResult
+    from bench.present.cli._console import Terminal
 
 
 def rehearse(
@@ -64,7 +63,7 @@ def rehearse(
         task = progress.add_task("runs", total=len(campaign.runs))
 
         def finished(result: RunResult) -> None:
-            say_result(console if as_json else progress.console, result, as_json=as_json)
+            say_result(console, result)
             progress.advance(task)
 
         results = rehearse_campaign(campaign, file, plant, runs_folder, jobs=count, finished=finished)
@@ -76,23 +75,16 @@ def rehearse(
     if not aborted and campaign.gyro is not None:
         folders = {name: result.folder for name, result in results.items()}
         with fan_out(None if cluster else count, cluster) as fan:
-            fit_campaign(campaign, folders, out, fan=fan, console=console, quiet=as_json)
+            fit_campaign(campaign, folders, out, fan, console)
     if as_json:
         outcome = "aborted" if aborted else "completed"
-        say_json(
-            console,
-            "result",
-            outcome=outcome,
-            aborted=aborted,
-            duration_s=bench_s,
-            wall_s=wall,
-            folder=str(out),
-        )
+        times = {"duration_s": bench_s, "wall_s": wall}
+        console.say_json("result", outcome=outcome, aborted=aborted, **times, folder=str(out))
     sys.exit(3 if aborted else 0)
 
 
 def fit_campaign(
-    campaign: Campaign, folders: dict[str, Path], out: Path, *, fan: FanOut, console: Console, quiet: bool
+    campaign: Campaign, folders: dict[str, Path], out: Path, fan: FanOut, console: Terminal
 ) -> None:
     """Fit on the training runs, choose on the validation runs, judge on the tests; write everything to `out`."""
     from rich.text import Text
@@ -102,7 +94,7 @@ def fit_campaign(
     from bench.present.cli.fit._cold_shock import score_table
     from bench.present.report import write_study
 
-    shown = Terminal(quiet=True) if quiet else console
+    shown = Terminal(quiet=True) if console.as_json else console
     with shown.status("fitting models"):
         study = study_of(campaign, folders, fan=fan)
         write_study(study, list(folders.values()), out, title=campaign.title)
@@ -110,4 +102,4 @@ def fit_campaign(
     shown.print(Text.assemble("chosen on the validation runs: ", (study.chosen, "bold")))
     for name in ("compensation.gyrocomp", "compensation.h", "lstm.onnx", "report.html"):
         if (out / name).exists():
-            shown.print(f"  {out / name}", highlight=False)
+            shown.say(f"  {out / name}")

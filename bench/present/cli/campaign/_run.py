@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bench.present.cli._options import DEFAULT_BENCH, Bench, CampaignFile, JsonLines, PlantFile, Seed, Yes
-from bench.present.cli._texts import duration, say_json
+from bench.present.cli._texts import duration
 from drivers.base.errors import BenchError, ConfigurationError, RecordError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bench.campaign import CampaignEnding, CampaignFolder
     from bench.control.runner import RunResult
+    from bench.present.cli._console import Terminal
     from bench.present.cli._display import RunDisplay
     from bench.record.events.campaign import Stopped
 
@@ -43,6 +42,7 @@ def run(
     """Run a campaign on the bench, one run after the other; `resume` goes on after a stop."""
     from bench.campaign import begin_campaign
     from bench.lab.emulated import load_plant
+    from bench.present.cli._console import console_for
     from bench.record.benchfile import load_bench_file
 
     file = load_bench_file(bench)
@@ -52,14 +52,15 @@ def run(
         )
     plant = load_plant(plant_file, seed) if emulated else None
     folder = begin_campaign(campaign_file, file, out, plant=plant, ask=ask)
-    sys.exit(_work(folder, yes=yes, as_json=as_json))
+    sys.exit(_work(folder, console_for(as_json), yes=yes))
 
 
 def resume(path: Folder, yes: Yes = False, as_json: JsonLines = False) -> None:
     """Go on at the first run that is not complete, after a check that the bench is in a known state."""
     from bench.campaign import resume_campaign
+    from bench.present.cli._console import console_for
 
-    sys.exit(_work(resume_campaign(path), yes=yes, as_json=as_json))
+    sys.exit(_work(resume_campaign(path), console_for(as_json), yes=yes))
 
 
 def status(path: Folder, as_json: JsonLines = False) -> None:
@@ -76,35 +77,27 @@ def status(path: Folder, as_json: JsonLines = False) -> None:
     now, states = read_now(path), folder.states()
     stopped = [(utc, event) for utc, event in folder.events() if isinstance(event, Stopped)]
     if as_json:
-        for each in states:
-            where = None if each.folder is None else str(each.folder)
-            say_json(
-                console,
-                "run",
-                run=each.run.name,
-                state=each.state,
-                outcome=each.outcome,
-                reason=each.reason,
-                attempts=each.attempts,
-                folder=where,
-            )
-        done = sum(each.state == "done" for each in states)
-        say_json(console, "result", title=folder.campaign.title, done=done, count=len(states), now=now)
+        for run in states:
+            where = None if run.folder is None else str(run.folder)
+            facts = {"run": run.run.name, "state": run.state, "outcome": run.outcome, "reason": run.reason}
+            console.say_json("run", **facts, attempts=run.attempts, folder=where)
+        done = sum(run.state == "done" for run in states)
+        console.say_json("result", title=folder.campaign.title, done=done, count=len(states), now=now)
         return
     table = Table("run", "procedure", "state", "bench time", "attempts", "", title=folder.campaign.title)
     going = str(((now or {}).get("run") or {}).get("run_id", "")) if now and now["alive"] else ""
-    for each in states:
-        doing = bool(going) and each.folder is not None and each.folder.name == going
-        state = str(now["state"]) if now and doing else each.outcome if each.state == "done" else "to do"
-        length = "" if each.duration_s is None else duration(each.duration_s)
-        reason = "" if doing else each.reason
-        table.add_row(each.run.name, each.run.procedure, state, length, str(each.attempts), reason)
+    for run in states:
+        doing = bool(going) and run.folder is not None and run.folder.name == going
+        state = str(now["state"]) if now and doing else run.outcome if run.state == "done" else "to do"
+        length = "" if run.duration_s is None else duration(run.duration_s)
+        reason = "" if doing else run.reason
+        table.add_row(run.run.name, run.run.procedure, state, length, str(run.attempts), reason)
     console.print(table)
     _print_now(console, now, stopped[-1] if stopped else None, path)
 
 
 def _print_now(
-    console: Console, now: dict[str, Any] | None, stopped: tuple[str, Stopped] | None, path: Path
+    console: Terminal, now: dict[str, Any] | None, stopped: tuple[str, Stopped] | None, path: Path
 ) -> None:
     from bench.present.sentences import event_of, sentence
 
@@ -119,41 +112,35 @@ def _print_now(
             text = f"{how.outcome} at {utc}"
             console.print(f"{text}: {how.reason}" if how.reason else text)
         if died or stopped is None or stopped[1].outcome != "completed":
-            console.print(f"`gyrobench campaign resume {path}` goes on", highlight=False)
+            console.say(f"`gyrobench campaign resume {path}` goes on")
         return
-    console.print(
+    console.say(
         f"{now['state']}: {now['step']}: {'an operator is asked' if now['prompts'] else now['doing']}; "
-        f"{duration(now['left_s'] or 0.0)} left of this run, process {now['pid']}",
-        highlight=False,
+        f"{duration(now['left_s'] or 0.0)} left of this run, process {now['pid']}"
     )
     for prompt in now["prompts"]:
         console.print(f"waits for an answer: {prompt['question']}", style="bold yellow")
-        console.print(f"`gyrobench steer {path} answer yes` answers it", highlight=False)
+        console.say(f"`gyrobench steer {path} answer yes` answers it")
     for row in now["log"][-5:]:
-        console.print(
-            f"  {duration(float(row['time_s']))} {sentence(event_of(row))}", style="dim", highlight=False
-        )
+        console.say(f"  {duration(float(row['time_s']))} {sentence(event_of(row))}", style="dim")
 
 
-def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
+def _work(folder: CampaignFolder, console: Terminal, *, yes: bool) -> int:
     from bench.analysis.common.fan_out import ALONE
     from bench.campaign import CampaignRunner
-    from bench.present.cli._console import console_for
     from bench.present.cli._display import RunDisplay
     from bench.present.cli._shown_run import console_operator, say_result
     from bench.present.cli.campaign._plan import plan_warnings, say_warnings
     from bench.present.cli.campaign._rehearse import fit_campaign
     from bench.record.events.campaign import Fitted, Fitting
 
-    console = console_for(as_json)
-    campaign = folder.campaign
+    campaign, as_json = folder.campaign, console.as_json
     if not as_json:
         expected = duration(campaign.expected_duration_s())
-        console.print(
-            f"{campaign.title}: {len(campaign.runs)} runs, about {expected} of bench time, in {folder.path}",
-            highlight=False,
+        console.say(
+            f"{campaign.title}: {len(campaign.runs)} runs, about {expected} of bench time, in {folder.path}"
         )
-    say_warnings(console, plan_warnings(campaign), as_json=as_json)
+    say_warnings(console, plan_warnings(campaign))
     with ExitStack() as stack:
         shown: list[ExitStack] = []
         reasons = [""]
@@ -171,21 +158,21 @@ def _work(folder: CampaignFolder, *, yes: bool, as_json: bool) -> int:
         def say(result: RunResult) -> None:
             hide()
             reasons.append(result.reason)
-            say_result(console, result, as_json=as_json)
-            _report_run(result, console, as_json)
+            say_result(console, result)
+            _report_run(result, console)
 
         stack.callback(hide)
         operator = None if as_json else console_operator(console)
         ending = CampaignRunner(folder, operator, yes, display, say).run()
     if ending.outcome == "completed" and campaign.gyro is not None:
         folder.event(Fitting(campaign.gyro))
-        fit_campaign(campaign, ending.folders, folder.path, fan=ALONE, console=console, quiet=as_json)
+        fit_campaign(campaign, ending.folders, folder.path, ALONE, console)
         folder.event(Fitted(campaign.gyro, "."))
     verdict = _certify(folder, console, quiet=as_json or ending.outcome != "completed")
-    return _say_ending(console, folder, ending, verdict, as_json, said=reasons[-1])
+    return _say_ending(console, folder, ending, verdict, said=reasons[-1])
 
 
-def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
+def _report_run(result: RunResult, console: Terminal) -> None:
     """Write a run's report beside it; a report that cannot be made is said and stops nothing."""
     if result.outcome == "aborted":
         return
@@ -194,11 +181,11 @@ def _report_run(result: RunResult, console: Console, as_json: bool) -> None:
     try:
         report_run(result.folder)
     except BenchError as error:
-        if not as_json:
-            console.print(f"no report of this run: {error}", style="yellow", highlight=False)
+        if not console.as_json:
+            console.say(f"no report of this run: {error}", style="yellow")
 
 
-def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
+def _certify(folder: CampaignFolder, console: Terminal, *, quiet: bool) -> str:
     """Write the campaign's certificate, whatever became of it; return its verdict, if there is one."""
     from bench.present.cli._console import Terminal
     from bench.present.cli._report import say_certificate
@@ -212,7 +199,7 @@ def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
     except ConfigurationError:  # not one run was begun: nothing to certify
         return ""
     except RecordError as error:
-        console.print(str(error), style="red", highlight=False)
+        console.say(str(error), style="red")
         return "not passed"
     verdict = certificate.verdict
     say_certificate(shown, certificate)
@@ -220,18 +207,17 @@ def _certify(folder: CampaignFolder, console: Console, *, quiet: bool) -> str:
     folder.event(CertificateMade(CERTIFICATE_FILE, passed))
     if not quiet:
         path = folder.path / CERTIFICATE_FILE
-        console.print(f"certificate: {path}", highlight=False, soft_wrap=True)
+        console.say(f"certificate: {path}", soft_wrap=True)
     return verdict
 
 
 def _say_ending(
-    console: Console, folder: CampaignFolder, ending: CampaignEnding, verdict: str, as_json: bool, said: str
+    console: Terminal, folder: CampaignFolder, ending: CampaignEnding, verdict: str, said: str
 ) -> int:
     invalid = [state.run.name for state in ending.states if state.outcome == "invalid"]
     done = sum(state.state == "done" for state in ending.states)
-    if as_json:
-        say_json(
-            console,
+    if console.as_json:
+        console.say_json(
             "result",
             outcome=ending.outcome,
             reason=ending.reason,
@@ -246,8 +232,8 @@ def _say_ending(
         console.print(f"campaign {ending.outcome}, {done} of {len(ending.states)} runs recorded", style=style)
         if ending.reason:
             if ending.reason != said:  # else it stands above, with the run
-                console.print(ending.reason, style=style, highlight=False)
-            console.print(f"`gyrobench campaign resume {folder.path}` goes on", highlight=False)
+                console.say(ending.reason, style=style)
+            console.say(f"`gyrobench campaign resume {folder.path}` goes on")
         if invalid:
             console.print(f"invalid for their purpose: {', '.join(invalid)}", style="yellow")
     if ending.outcome != "completed":

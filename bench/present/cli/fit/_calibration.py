@@ -11,9 +11,8 @@ import typer
 from bench.present.cli._options import FitFolder, GyroToFit
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bench.analysis.calibration import Estimate
+    from bench.present.cli._console import Terminal
     from bench.present.report import CalibrationContent
 
 
@@ -76,10 +75,10 @@ def calibration(
         save_file(part / "calibration.json", json.dumps(compensation.describe(), indent=2))
         write_report(part / "report.html", calibration_page(content))
     _print(console, result.estimate, content)
-    console.print(f"{out}/compensation.gyrocomp, calibration.json, report.html", highlight=False)
+    console.say(f"{out}/compensation.gyrocomp, calibration.json, report.html")
 
 
-def _print(console: Console, estimate: Estimate, content: CalibrationContent) -> None:
+def _print(console: Terminal, estimate: Estimate, content: CalibrationContent) -> None:
     from rich.table import Table
 
     from bench.analysis.calibration import PARAMETER_NAMES, STATE_UNITS, UNIT_SIZE
@@ -96,10 +95,8 @@ def _print(console: Console, estimate: Estimate, content: CalibrationContent) ->
             cells += [f"{truth:.4f}", f"{(value - truth) / sigma:+.2f}"]
         grid.add_row(*cells, style="red" if sigma > target else "")
     console.print(grid)
-    console.print(
-        f"innovations rms {estimate.innovation_rms:.3f} (1 if the noise is as assumed)", highlight=False
-    )
+    console.say(f"innovations rms {estimate.innovation_rms:.3f} (1 if the noise is as assumed)")
     for text in content.poorly_seen:
-        console.print(f"poorly seen: {text}", highlight=False)
+        console.say(f"poorly seen: {text}")
     for text in content.warnings:
-        console.print(f"note: {text}", highlight=False)
+        console.say(f"note: {text}")

@@ -38,7 +38,7 @@ def chamber_cycle(
     console = Terminal()
     console.print(table)
     for axis in study.axes:
-        console.print(f"{axis.axis}: {axis.verdict}", highlight=False)
+        console.say(f"{axis.axis}: {axis.verdict}")
     for remark in study.remarks:
-        console.print(remark, style="yellow", highlight=False)
-    console.print(f"{out}", highlight=False)
+        console.say(remark, style="yellow")
+    console.say(f"{out}")

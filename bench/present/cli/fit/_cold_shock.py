@@ -47,7 +47,7 @@ def cold_shock(
     write_study(study, [*runs, *validate, *test], out, title="Cold-shock compensation")
     console.print(score_table(study))
     chosen_on = ", ".join(run.run_id for run in study.validation)
-    console.print(f"chosen on {chosen_on}: {study.chosen}; files in {out}", highlight=False)
+    console.say(f"chosen on {chosen_on}: {study.chosen}; files in {out}")
     if study.judged_on_chosen:
         console.print("no --test runs: the figures are on the runs that chose the model", style="yellow")
 

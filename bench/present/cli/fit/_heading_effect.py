@@ -73,14 +73,14 @@ def heading_effect(
             HeadingCompensation.from_fit(study.model, unit_of_log(log), runs).save(part / MODEL_FILE)
         write_report(part / "report.html", heading_page(content))
     for finding in study.findings:
-        console.print(f"{finding.what}: {finding.consequence}", style="yellow", highlight=False)
+        console.say(f"{finding.what}: {finding.consequence}", style="yellow")
     if not caused:
-        console.print(_not_temperature(study), style="bold red", highlight=False)
+        console.say(_not_temperature(study), style="bold red")
         sys.exit(4)
     if evidence.mixed:
-        console.print(mixed_text(study), style="yellow", highlight=False)
+        console.say(mixed_text(study), style="yellow")
     console.print(_judgements(study))
-    console.print(f"time constant {study.model.tau_s / 3600.0:.2f} h; files in {out}", highlight=False)
+    console.say(f"time constant {study.model.tau_s / 3600.0:.2f} h; files in {out}")
 
 
 def _columns(pairs: Sequence[str]) -> dict[str, str]:

@@ -47,10 +47,10 @@ def standard_test(
     for result in results:
         console.print(_table(result.run_id, result.figures))
         for what, why in result.missing:
-            console.print(f"{result.run_id}: no {what}. {why}", style="yellow", highlight=False)
+            console.say(f"{result.run_id}: no {what}. {why}", style="yellow")
     if over_runs:
         console.print(_table("over runs", over_runs))
-    console.print(f"{out}", highlight=False)
+    console.say(f"{out}")
 
 
 def _table(title: str, figures: Sequence[Figure]) -> Table:

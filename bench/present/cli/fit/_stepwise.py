@@ -54,13 +54,13 @@ def stepwise(
         console.print(_equations(study))
         if study.tests:
             console.print(_judged(study))
-        console.print(f"{study.chosen.name}: {study.chosen.compensation.equation()}", highlight=False)
+        console.say(f"{study.chosen.name}: {study.chosen.compensation.equation()}")
         for name, why in study.left_out:
-            console.print(f"{name} left out: {why}", style="yellow", highlight=False)
+            console.say(f"{name} left out: {why}", style="yellow")
         for run in (*study.training, *study.tests):
             for remark in run.remarks:
-                console.print(f"{run.run_id}: {remark}", style="yellow", highlight=False)
-        console.print(f"files in {folder}", highlight=False)
+                console.say(f"{run.run_id}: {remark}", style="yellow")
+        console.say(f"files in {folder}")
 
 
 def _equations(study: RlgStudy) -> Table:

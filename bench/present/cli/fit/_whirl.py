@@ -50,10 +50,10 @@ def whirl(
     console.print(_lines(study))
     console.print(_judgements(study))
     for text in (*study.compensation.declared, *(finding.text for finding in study.findings)):
-        console.print(f"- {text}", highlight=False)
+        console.say(f"- {text}")
     if study.judged_on_fitted:
         console.print("no --test run: the figures are on the runs that were fitted", style="yellow")
-    console.print(f"files in {out}", highlight=False)
+    console.say(f"files in {out}")
 
 
 def _lines(study: WhirlStudy) -> Table:

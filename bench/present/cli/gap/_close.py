@@ -29,8 +29,8 @@ def close(
     if not found.closing:
         named = "".join(f", {cause.name}" for cause in found.causes)
         text = f"{found.verdict}{named}: there is no effect to put into the model"
-        console.print(text, style="yellow", highlight=False)
+        console.say(text, style="yellow")
         return
     path = out or model.with_name(f"{model.stem}+{'+'.join(found.closing)}.toml")
     save_file(path, gap.model_text(gap.closed_model(found)))
-    console.print(f"{path}", highlight=False)
+    console.say(f"{path}")

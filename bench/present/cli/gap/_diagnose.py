@@ -14,8 +14,6 @@ from bench.present.cli._options import DiagnosedGyro, DiagnosedRuns, Json, Nomin
 from drivers.base.errors import BenchError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bench.analysis.gap import Diagnosis, Recordings, Suggestion
     from bench.present.report import Page
 
@@ -94,7 +92,11 @@ def _diagnose(
         following = gap.suggest(found)
     if then is not None and following:
         if not as_json:
-            _say_next(console, following[0], found)
+            causes = ", ".join(cause.name for cause in found.rate.causes) or "no cause named"
+            console.say(
+                f"so far: {found.verdict}, {causes}; now {following[0].procedure} ({following[0].parameters}, "
+                f"{following[0].hours:.1f} h of bench time) to decide {following[0].decides}"
+            )
         folder = run_suggestion(following[0], then, as_json=as_json)
         _diagnose([*runs, folder], model, held_out, gyro, as_json, report, None)
         return
@@ -110,7 +112,7 @@ def _diagnose(
     if then is not None:
         console.print("  nothing was run: no procedure of the bench would decide more")
     if report is not None:
-        console.print(f"report: {report}", highlight=False, soft_wrap=True)
+        console.say(f"report: {report}", soft_wrap=True)
 
 
 def _page(found: Diagnosis, given: Recordings, following: Sequence[Suggestion], model: Path) -> Page:
@@ -125,32 +127,20 @@ def _page(found: Diagnosis, given: Recordings, following: Sequence[Suggestion], 
     return gap_page(GapContent(found, shown, utc_now(), model.name, following))
 
 
-def _say_next(console: Console, suggestion: Suggestion, found: Diagnosis) -> None:
-    named = ", ".join(cause.name for cause in found.rate.causes) or "no cause named"
-    console.print(
-        f"so far: {found.verdict}, {named}; now {suggestion.procedure} ({suggestion.parameters}, "
-        f"{suggestion.hours:.1f} h of bench time) to decide {suggestion.decides}",
-        highlight=False,
-    )
-
-
 def run_suggestion(suggestion: Suggestion, then: NextRun, *, as_json: bool) -> Path:
     """Run what a diagnosis suggested on a bench, real or emulated; return the new run's folder."""
     from bench.control.procedure import find_procedure
     from bench.lab.emulated import load_plant
     from bench.present.cli._console import console_for
-    from bench.present.cli._shown_run import perform, perform_emulated
+    from bench.present.cli._shown_run import perform
     from bench.record.benchfile import load_bench_file
 
     console = console_for(as_json)
     procedure = find_procedure(suggestion.procedure)
     parameters = procedure.parse(dict(suggestion.settings))
     file = load_bench_file(then.bench)
-    if then.emulated:
-        plant = load_plant(then.plant, then.seed)
-        result = perform_emulated(procedure, parameters, file, plant, then.runs, console, as_json)
-    else:
-        result = perform(procedure, parameters, file, then.runs, then.yes, console, as_json)
+    plant = load_plant(then.plant, then.seed) if then.emulated else None
+    result = perform(console, procedure, parameters, file, then.runs, plant=plant, yes=then.yes)
     if result.outcome == "aborted":
         raise BenchError(f"{suggestion.procedure} was aborted: {result.reason}")
     return result.folder

@@ -54,7 +54,7 @@ def exam(
         text = exam_text(Exam(seed, cases, tuple(marked)))
         if out is not None:
             (out / TABLE_FILE).write_text(text, encoding="utf-8")
-    Terminal().print(text, highlight=False, soft_wrap=True)
+    Terminal().say(text, soft_wrap=True)
 
 
 def _watched(exam: Iterator[tuple[str, Marked | None]], cases: int) -> list[Marked]:
@@ -65,10 +65,10 @@ def _watched(exam: Iterator[tuple[str, Marked | None]], cases: int) -> list[Mark
     try:
         for shown, one in exam:
             if one is None:
-                console.print(f"{shown} sealed", style="dim", highlight=False)
+                console.say(f"{shown} sealed", style="dim")
                 continue
             marked.append(one)
-            console.print(f"{shown} {_line(one)}", highlight=False, soft_wrap=True)
+            console.say(f"{shown} {_line(one)}", soft_wrap=True)
     except KeyboardInterrupt:
         if not marked:
             raise

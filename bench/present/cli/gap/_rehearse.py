@@ -14,11 +14,11 @@ from bench.present.cli._options import DiagnosedGyro, Json, NominalModel
 from drivers.base.errors import BenchError, ConfigurationError
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.table import Table
 
     from bench.analysis.gap import LogGap
     from bench.lab.emulated import Plant
+    from bench.present.cli._console import Terminal
     from bench.record.recording import Run
 
 
@@ -43,21 +43,24 @@ def rehearse(
 
     console = console_for(as_json)
     recorded = Run.open(run)
-    _check_model(run, closed)
+    _check_model(recorded.manifest.run_id, closed)
     real = read_recordings([run], gyro=gyro)
     if report is not None and real.of_platform:
         raise ConfigurationError(
             "there is no report of a platform's rehearsal", expected="the table, or --json"
         )
-    models = ((model, seed), (closed, seed), (closed, seed + 1))
-    folders = _rehearsals(recorded, load_plant(plant), real.unit_id, models, runs, console, as_json)
-    gaps = log_gaps(*(each.runs for each in (real, *(read_recordings([f], gyro=gyro) for f in folders))))
+    lab, folders = load_plant(plant), []
+    for file, its_seed in ((model, seed), (closed, seed), (closed, seed + 1)):
+        models = {**lab.gap_model, real.unit_id: file.resolve()}
+        followed = lab.model_copy(update={"seed": its_seed, "gap_model": models})
+        folders.append(_rehearsed(recorded, followed, runs, console))
+    gaps = log_gaps(real.runs, *(read_recordings([folder], gyro=gyro).runs for folder in folders))
     run_id = recorded.manifest.run_id
     if report is not None:
         names = (model.name, closed.name)
         write_report(report, log_gaps_page(run_id, real.unit_id, names, gaps, utc_now()))
     if as_json:
-        facts = {"run": run_id, "rehearsals": [str(each) for each in folders]}
+        facts = {"run": run_id, "rehearsals": [str(folder) for folder in folders]}
         console.print_json(json.dumps(facts | log_gap_facts(gaps)))
         return
     if gaps.headings:
@@ -67,44 +70,25 @@ def rehearse(
     if gaps.channels:
         console.print(_table("channel", "rms of 100 s means", gaps.channels, ".3g", unit=True))
     if report is not None:
-        console.print(f"report: {report}", highlight=False, soft_wrap=True)
+        console.say(f"report: {report}", soft_wrap=True)
 
 
-def _rehearsals(
-    recorded: Run,
-    plant: Plant,
-    unit: str,
-    models: Sequence[tuple[Path, int]],
-    runs: Path,
-    console: Console,
-    as_json: bool,
-) -> list[Path]:
-    """Rehearse a run with the unit following each model, with its seed; return the new folders."""
-    folders = []
-    for file, seed in models:
-        own = plant.model_copy(update={"seed": seed, "gap_model": {**plant.gap_model, unit: file.resolve()}})
-        folders.append(rehearsed(recorded, own, runs, console, as_json))
-    return folders
-
-
-def _check_model(run: Path, closed: Path) -> None:
+def _check_model(run_id: str, closed: Path) -> None:
     from bench.analysis.gap import read_model
-    from bench.record.recording import Run
 
-    name = Run.open(run).manifest.run_id
-    if name in {each.split(" ")[0] for each in read_model(closed).fitted_on}:
+    if run_id in {run.split(" ")[0] for run in read_model(closed).fitted_on}:
         raise ConfigurationError(
             "a run that the model was fitted on cannot judge it",
             where=str(closed),
-            found=name,
+            found=run_id,
             expected="a held-out run",
         )
 
 
-def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, as_json: bool) -> Path:
+def _rehearsed(recorded: Run, plant: Plant, runs: Path, console: Terminal) -> Path:
     """Run a recorded run's procedure with its parameters on its bench, emulated; return the new run's folder."""
     from bench.control.procedure import find_procedure
-    from bench.present.cli._shown_run import perform_emulated
+    from bench.present.cli._shown_run import perform
     from bench.record.benchfile import bench_file_from
 
     manifest = recorded.manifest
@@ -116,9 +100,7 @@ def rehearsed(recorded: Run, plant: Plant, runs: Path, console: Console, as_json
         )
     procedure = find_procedure(manifest.procedure)
     parameters = procedure.parse(dict(manifest.parameters))
-    result = perform_emulated(
-        procedure, parameters, bench_file_from(manifest.bench), plant, runs, console, as_json
-    )
+    result = perform(console, procedure, parameters, bench_file_from(manifest.bench), runs, plant=plant)
     if result.outcome == "aborted":
         raise BenchError(f"a rehearsal was aborted: {result.reason}")
     return result.folder

@@ -5,63 +5,60 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from bench.analysis.gap import Cause, ChannelFinding, Diagnosis, Place, PositionFinding, Shrinkage, Suggestion
+from bench.present.cli._console import Terminal
 
 _SHOWN = 8
 
 
-def print_rate(console: Console, diagnosis: Diagnosis, following: Sequence[Suggestion]) -> None:
+def print_rate(console: Terminal, diagnosis: Diagnosis, following: Sequence[Suggestion]) -> None:
     """Print what was found in the rate and the channels beside it, and what to do next."""
     found = diagnosis.rate
     shrunk = next(iter(found.held_out), None)
     _print_verdict(console, diagnosis.unit_id, found.verdict)
     for cause in found.causes:
         values = cause.term.fitted(found.model.noise.coarseness, "+-")
-        console.print(f"  {_said(cause)} {values}{_rivals(cause)}", highlight=False)
+        console.say(f"  {_said(cause)} {values}{_rivals(cause)}")
     for name, probability in found.stochastic.items():
         parts = [f"  {name} ({100 * probability:.0f} %)", found.size_of(name)]
-        console.print(": ".join(filter(None, parts)), highlight=False)
+        console.say(": ".join(filter(None, parts)))
     if found.unknown_probability > 0.5:
         near = ", ".join(cause.name for cause in found.resembles) or "nothing in the catalogue"
         chance = f"{100 * found.unknown_probability:.0f} %"
-        console.print(
-            f"  something that the catalogue lacks ({chance}); it resembles {near}", highlight=False
-        )
+        console.say(f"  something that the catalogue lacks ({chance}); it resembles {near}")
         for part in found.unknown_parts:
-            console.print(f"  {part.sentence}", highlight=False)
+            console.say(f"  {part.sentence}")
     console.print(_map("where", found.places))
     if any(place.clear for place in found.left):
         console.print(_map("left", found.left))
-    console.print(_closing(shrunk), highlight=False)
+    console.say(_closing(shrunk))
     if shrunk is not None and shrunk.caution and found.causes:
-        console.print(f"  {shrunk.caution}", style="bold red", highlight=False)
+        console.say(f"  {shrunk.caution}", style="bold red")
     _print_warnings(console, found.warnings)
     if found.unidentifiable:
         names = ", ".join(found.unidentifiable)
-        console.print(f"  not to be seen in these runs: {names}", style="dim", highlight=False)
+        console.say(f"  not to be seen in these runs: {names}", style="dim")
     _print_channels(console, diagnosis.channels)
     for each in following[:2]:
-        console.print(
+        console.say(
             f"  next: {each.procedure} ({each.parameters}, {each.hours:.1f} h): {each.decides}, "
-            f"expected log odds {each.log_odds:.3g}",
-            highlight=False,
+            f"expected log odds {each.log_odds:.3g}"
         )
 
 
-def print_position(console: Console, unit_id: str, found: PositionFinding) -> None:
+def print_position(console: Terminal, unit_id: str, found: PositionFinding) -> None:
     """Print what was found in a platform's position."""
     _print_verdict(console, unit_id, found.verdict)
     for cause in found.causes:
         term = cause.term
         rows = zip(term.effect.parameters, term.values, term.sigmas, strict=True) if term else ()
         values = ", ".join(f"{p.name} = {value:.3g} +- {sigma:.1g}" for p, value, sigma in rows)
-        console.print(f"  {_said(cause)}{values and ' '}{values}{_rivals(cause)}", highlight=False)
+        console.say(f"  {_said(cause)}{values and ' '}{values}{_rivals(cause)}")
     if found.unknown:
-        console.print("  part of the gap follows neither temperature nor heading alone", highlight=False)
+        console.say("  part of the gap follows neither temperature nor heading alone")
     table = Table(
         "heading", "hours", "before arcsec", "after arcsec", "share %", title="where: position error rms"
     )
@@ -75,24 +72,23 @@ def print_position(console: Console, unit_id: str, found: PositionFinding) -> No
         )
     console.print(table)
     for each in found.held_out:
-        console.print(
+        console.say(
             f"on held-out run {each.run_id} {100 * each.share:.1f} % of the position error's energy is gone "
             f"({100 * each.low:.1f} to {100 * each.high:.1f} %): {each.rms_before:.1f} -> "
-            f"{each.rms_after:.1f} arcsec rms",
-            highlight=False,
+            f"{each.rms_after:.1f} arcsec rms"
         )
     if not found.held_out and found.closing:
-        console.print("no held-out runs: how far the gap shrinks is not known", highlight=False)
+        console.say("no held-out runs: how far the gap shrinks is not known")
     _print_warnings(console, found.warnings)
 
 
-def _print_verdict(console: Console, unit_id: str, verdict: str) -> None:
+def _print_verdict(console: Terminal, unit_id: str, verdict: str) -> None:
     console.print(Text.assemble(f"unit {unit_id}: ", (verdict, "bold")))
 
 
-def _print_warnings(console: Console, warnings: Sequence[str]) -> None:
+def _print_warnings(console: Terminal, warnings: Sequence[str]) -> None:
     for warning in warnings:
-        console.print(f"  {warning}", style="yellow", highlight=False)
+        console.say(f"  {warning}", style="yellow")
 
 
 def _said(cause: Cause[Any]) -> str:
@@ -130,7 +126,7 @@ def _closing(shrunk: Shrinkage | None) -> str:
     )
 
 
-def _print_channels(console: Console, channels: Sequence[ChannelFinding]) -> None:
+def _print_channels(console: Terminal, channels: Sequence[ChannelFinding]) -> None:
     """Print a line for each channel, its causes, and what cannot be seen."""
     seen = [each for each in channels if not each.reason]
     if not seen:
@@ -152,14 +148,12 @@ def _print_channels(console: Console, channels: Sequence[ChannelFinding]) -> Non
     for each in seen:
         for cause in each.causes:
             chance = f"{100 * cause.probability:.0f} %"
-            console.print(f"  {cause.name} ({chance}): {each.told(cause)}", highlight=False)
+            console.say(f"  {cause.name} ({chance}): {each.told(cause)}")
         for name in each.stochastic:
-            console.print(f"  {each.scatter(name)}", highlight=False)
+            console.say(f"  {each.scatter(name)}")
     for each in channels:
         if each.reason:
-            console.print(
-                f"  not seen: {each.signal.replace('_', ' ')}: {each.reason}", style="dim", highlight=False
-            )
+            console.say(f"  not seen: {each.signal.replace('_', ' ')}: {each.reason}", style="dim")
 
 
 def _most(places: Sequence[Place]) -> str:
