@@ -13,7 +13,7 @@ from bench.present.report._cycle import chamber_cycle_page
 from bench.present.report._file import write_pdf, write_report
 from bench.present.report._gap import GapContent, gap_page
 from bench.present.report._gap_rehearsal import log_gaps_page
-from bench.present.report._heading import HeadingContent, heading_page, mixed_text
+from bench.present.report._heading import heading_page, mixed_text
 from bench.present.report._layout import render_page
 from bench.present.report._page import Page
 from bench.present.report._rlg import stepwise_page
@@ -28,7 +28,6 @@ __all__ = [
     "CalibrationContent",
     "CertificateContent",
     "GapContent",
-    "HeadingContent",
     "Page",
     "calibration_content",
     "calibration_page",

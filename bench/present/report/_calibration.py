@@ -14,7 +14,6 @@ from bench.present.report._numbers import DASH, duration, significant
 from bench.present.report._page import (
     Block,
     Cell,
-    Column,
     Definitions,
     Fact,
     Facts,
@@ -26,6 +25,9 @@ from bench.present.report._page import (
     Section,
     Table,
     Verdict,
+    named,
+    numbers,
+    texts,
 )
 from bench.present.report._palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, SAND
 from bench.present.report._parts import made, warnings
@@ -139,7 +141,7 @@ def calibration_content(
         sigma=sigma,
         target=np.concatenate([np.full(6, np.nan), task.target_sigma]) / size,
         course=course,
-        poorly_seen=[str(each) for each in evaluation.combinations],
+        poorly_seen=[str(combination) for combination in evaluation.combinations],
         warnings=warnings,
         estimate=None if estimate is None else estimate.parameters / size[parameters],
         truth=None if truth is None else truth / size[parameters],
@@ -227,13 +229,10 @@ def _verdict(content: CalibrationContent) -> Verdict:
 
 
 def _states(content: CalibrationContent) -> Table:
-    columns = [Column("State"), Column("Unit")]
-    columns += [Column(title, number=True) for title in ("Prior σ", "σ", "Target", "σ / target")]
-    columns += [Column("Gain ratio", number=True), Column("Degree", number=True)]
-    if content.estimate is not None:
-        columns.append(Column("Estimate", number=True))
-    if content.truth is not None:
-        columns += [Column("Truth", number=True), Column("Error / σ", number=True)]
+    columns = texts("State", "Unit")
+    columns += numbers("Prior σ", "σ", "Target", "σ / target", "Gain ratio", "Degree")
+    columns += numbers("Estimate") if content.estimate is not None else []
+    columns += numbers("Truth", "Error / σ") if content.truth is not None else []
     ratio = _ratio(content)
     rows = [_state(content, number, float(ratio[number])) for number in range(len(content.names))]
     return Table(columns, rows, "Prior and reached sigma by state; φ and δv have no target.")
@@ -241,39 +240,33 @@ def _states(content: CalibrationContent) -> Table:
 
 def _state(content: CalibrationContent, number: int, ratio: float) -> Row:
     prior, sigma = float(content.prior[number]), float(content.sigma[number])
-    cells = [
-        Cell(content.names[number], strong=True),
-        Cell(content.units[number]),
-        Cell(significant(prior)),
-        Cell(significant(sigma)),
-        Cell(significant(float(content.target[number]))),
+    cells: list[str | Cell] = [
+        content.units[number],
+        significant(prior),
+        significant(sigma),
+        significant(float(content.target[number])),
         Cell(significant(ratio), "bad" if ratio > 1.0 else "plain"),
-        Cell(significant(prior / sigma)),
-        Cell(significant(float(content.evaluation.degrees.normalised[number]))),
+        significant(prior / sigma),
+        significant(float(content.evaluation.degrees.normalised[number])),
     ]
     parameter = number - 6
     cells += [
-        Cell(significant(float(values[parameter]), 4) if parameter >= 0 else DASH)
+        significant(float(values[parameter]), 4) if parameter >= 0 else DASH
         for values in (content.estimate, content.truth)
         if values is not None
     ]
     if content.estimate is not None and content.truth is not None:
         z = float((content.estimate - content.truth)[parameter]) / sigma if parameter >= 0 else float("nan")
         cells.append(Cell(significant(z, 2), "doubt" if abs(z) > 3.0 else "plain"))
-    return Row(cells)
+    return named(content.names[number], *cells)
 
 
 def _degrees(columns: Sequence[SchemeColumn], content: CalibrationContent) -> Table:
-    heads = [Column("State")]
+    heads = texts("State")
     for column in columns:
-        heads += [Column(f"{column.title}: degree", number=True), Column("gain", number=True)]
+        heads += numbers(f"{column.title}: degree", "gain")
     rows = [
-        Row(
-            [
-                Cell(name, strong=True),
-                *(cell for column in columns for cell in _seen(column, number)),
-            ]
-        )
+        named(name, *(cell for column in columns for cell in _seen(column, number)))
         for number, name in enumerate(content.names)
     ]
     ranks = "; ".join(f"{column.title} {column.rank}" for column in columns)
@@ -315,19 +308,20 @@ def _convergence(content: CalibrationContent) -> Block:
         Lane(
             title,
             [
-                Curve(content.names[at], position, ratio[:, at], paint)
-                for at, paint in zip(members, _PAINTS, strict=False)
+                Curve(content.names[state], position, ratio[:, state], paint)
+                for state, paint in zip(members, _PAINTS, strict=False)
             ]
             + [Curve("target", position, np.zeros(len(position)), MUTED, "--", 1.0)],
             height=105.0,
         )
         for title, members in _groups(list(content.names))
     ]
-    figure = lanes("convergence", plots, "Position", description="Sigma over target after each position")
-    return Figures(
-        [figure],
-        "Decimal logarithm of sigma over target after each dwell; below the broken line the target is reached.",
+    caption = (
+        "Decimal logarithm of sigma over target after each dwell; below the broken line the target is "
+        "reached."
     )
+    about = "Sigma over target after each position"
+    return lanes("convergence", plots, "Position", caption, description=about)
 
 
 def _heat_map(content: CalibrationContent) -> Block:
@@ -361,13 +355,13 @@ def _first_turns(evaluation: Evaluation) -> list[SchemeColumn]:
     from bench.analysis.calibration import evaluate
 
     schedule = evaluation.schedule
-    found = []
+    columns = []
     for count in (1, 2, 3):
         if count < len(schedule.moves):
             part = schedule.with_(moves=schedule.moves[:count])
             title = " ".join(str(move) for move in part.moves)
-            found.append(_column(title, evaluate(evaluation.task, part)))
-    return [*found, _column("whole scheme", evaluation)]
+            columns.append(_column(title, evaluate(evaluation.task, part)))
+    return [*columns, _column("whole scheme", evaluation)]
 
 
 def _others(evaluation: Evaluation) -> list[SchemeColumn]:

@@ -23,15 +23,17 @@ from bench.present.report._file import REPORT_FILE, write_report
 from bench.present.report._numbers import DASH, known, moment, significant, with_unit
 from bench.present.report._page import (
     Block,
-    Column,
     Definitions,
     Fact,
     Facts,
     Page,
     Section,
     Table,
+    named,
+    numbers,
+    texts,
 )
-from bench.present.report._parts import made, named, warnings
+from bench.present.report._parts import made, warnings
 from bench.present.report._plots import (
     bias_panels,
     model_chart,
@@ -322,10 +324,8 @@ def _compensation(compensation: CompensationSummary | None) -> list[Block]:
             )
             for item in compensation.valid_ranges
         ]
-        heads = [Column("Input"), Column("From", number=True), Column("To", number=True)]
-        blocks.append(
-            Table(heads, rows, "Where the compensation is valid. Outside it says so and is not to be used.")
-        )
+        caption = "Where the compensation is valid. Outside it says so and is not to be used."
+        blocks.append(Table(texts("Input") + numbers("From", "To"), rows, caption))
     blocks += checksum_table(compensation.training_runs, "Runs the model was fitted on.")
     blocks += checksum_table(compensation.validation_runs, "Runs the model was chosen on.")
     return blocks

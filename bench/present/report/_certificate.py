@@ -17,7 +17,6 @@ from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import (
     Block,
     Cell,
-    Column,
     Definitions,
     Fact,
     Headline,
@@ -27,6 +26,10 @@ from bench.present.report._page import (
     Table,
     Tone,
     Verdict,
+    named,
+    numbers,
+    table,
+    texts,
 )
 from bench.present.report._tables import (
     checks_table,
@@ -221,17 +224,10 @@ def _verdict(content: CertificateContent) -> Verdict:
 
 def _unit(unit: UnitCertificate) -> list[Block]:
     blocks: list[Block] = [Notes(list(unit.against), "bad")] if unit.against else []
-    heads = [
-        Column("Figure"),
-        Column("Value", number=True),
-        Column("Unit"),
-        Column("95 % interval", number=True),
-        Column("Over runs", number=True),
-        Column("Limits", number=True),
-        Column("Verdict"),
-    ]
+    heads = texts("Figure") + numbers("Value") + texts("Unit")
+    heads += numbers("95 % interval", "Over runs", "Limits") + texts("Verdict")
     caption = f"Test summary of unit {unit.unit_id}."
-    return [*blocks, Table(heads, [parts.named(f.name, *_cells(f)) for f in unit.figures], caption)]
+    return [*blocks, Table(heads, [named(f.name, *_cells(f)) for f in unit.figures], caption)]
 
 
 def _cells(figure: CertifiedFigure) -> list[Cell]:
@@ -254,11 +250,11 @@ def _cells(figure: CertifiedFigure) -> list[Cell]:
 
 def _checks(content: CertificateContent) -> list[Block]:
     rows = [
-        parts.named(run, Cell(text, "good" if text == "verified" else "bad"))
+        named(run, Cell(text, "good" if text == "verified" else "bad"))
         for run, text in content.checks.items()
     ]
     caption = "Each record as it was when the certificate was made."
-    return [Table([Column("Run"), Column("Record")], rows, caption)] if rows else []
+    return table(texts("Run", "Record"), rows, caption)
 
 
 def _provenance(content: CertificateContent) -> list[Block]:

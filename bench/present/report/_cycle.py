@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.present.report import _parts as parts
 from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import fixed, moment, significant
 from bench.present.report._page import (
     Block,
     Cell,
-    Column,
     Definitions,
     Fact,
     Figures,
@@ -22,6 +20,9 @@ from bench.present.report._page import (
     Section,
     Table,
     Verdict,
+    named,
+    numbers,
+    texts,
 )
 from bench.present.report._palette import AFTER, BEFORE, GREEN, SAND
 
@@ -58,7 +59,7 @@ def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created
     if losing:
         sentences.append(f"At least one equation makes {', '.join(losing)} worse than no compensation.")
     rows = [
-        parts.named(
+        named(
             axis.axis,
             significant(axis.before, 4),
             significant(axis.after_static, 4),
@@ -69,16 +70,10 @@ def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created
         )
         for axis in study.axes
     ]
-    heads = [Column("Axis")] + [
-        Column(title, unit, number=True)
-        for title, unit in (
-            ("Before", ""), ("Temperature only", ""), ("Gain", "%"), ("Rate and past", ""), ("Gain", "%"),
-        )
-    ] + [Column("Verdict")]  # fmt: skip
+    heads = numbers("Before", "Temperature only", "Gain [%]", "Rate and past", "Gain [%]")
+    heads = texts("Axis") + heads + texts("Verdict")
     terms = [
-        parts.named(
-            axis.axis, ", ".join(axis.terms_static) or "none", ", ".join(axis.terms_dynamic) or "none"
-        )
+        named(axis.axis, ", ".join(axis.terms_static) or "none", ", ".join(axis.terms_dynamic) or "none")
         for axis in study.axes
     ]
     blocks: list[Block] = [
@@ -102,7 +97,7 @@ def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created
             *([Section("Left out of the recording", remarks)] if remarks else []),
             Section(
                 "Terms",
-                [Table([Column("Axis"), Column("Temperature only"), Column("Rate and past")], terms)],
+                [Table(texts("Axis", "Temperature only", "Rate and past"), terms)],
                 "Chosen on the fitted legs, autocorrelation of the residuals taken off first.",
             ),
             Section("Definitions", [Definitions(_TERMS)]),
@@ -125,7 +120,7 @@ def _courses(study: CycleStudy) -> Figures:
         plots.append(Lane(f"Axis {axis.axis}", curves, height=110.0))
     legs = [(0.0, float(study.turn), "fitted"), (float(study.turn), number[-1], "held out")]
     caption = "Means of 25 rows, in the table's unit, from their mean over the held-out leg."
-    return Figures([lanes("cycle", plots, "Number of the mean", phases=legs, description=caption)], caption)
+    return lanes("cycle", plots, "Number of the mean", caption, phases=legs)
 
 
 def _gain(percent: float) -> Cell:

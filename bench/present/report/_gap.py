@@ -4,32 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.present.report._figures import Curve, Lane, Panel, lanes
 from bench.present.report._gap_channels import channel_blocks
-from bench.present.report._gap_curves import left_over_panels
-from bench.present.report._gap_where import rate_map, where_blocks
-from bench.present.report._numbers import DASH, fixed, moment, significant
+from bench.present.report._gap_where import left_over_panels, rate_map, where_blocks
+from bench.present.report._numbers import DASH, fixed, moment, plain_name, significant
 from bench.present.report._page import (
     Block,
     Cell,
-    Column,
     Definitions,
     Fact,
-    Figures,
     Headline,
     Key,
     Notes,
     Page,
     Row,
     Section,
-    Table,
     Tone,
     Verdict,
+    named,
+    numbers,
+    table,
+    texts,
 )
 from bench.present.report._palette import AFTER, BEFORE, PURPLE
 from bench.present.report._tables import checksum_table
@@ -135,9 +135,11 @@ def gap_page(content: GapContent) -> Page:
 def _verdict(content: GapContent) -> Verdict:
     found, shrunk = content.found, content.shrunk
     sentences = [
-        f"{_plain(cause.name).capitalize()}: {cause.meaning}{_rivals(cause)}" for cause in found.causes
+        f"{plain_name(cause.name).capitalize()}: {cause.meaning}{_rivals(cause)}" for cause in found.causes
     ]
-    sentences += [f"Noise: {_plain(name)}{_told(found.size_of(name))}." for name in found.stochastic]
+    for name in found.stochastic:
+        noise = ": ".join(filter(None, (plain_name(name), found.size_of(name))))
+        sentences.append(f"Noise: {noise}.")
     sentences += [part.sentence for part in found.unknown_parts]
     if shrunk is not None and shrunk.caution and found.causes:
         sentences.append(f"But {shrunk.caution}.")
@@ -148,7 +150,7 @@ def _verdict(content: GapContent) -> Verdict:
                 "The stimulus is constant in these runs; they cannot show what an effect depends on."
             ]
     headlines = [
-        Headline(_plain(cause.name), fixed(100.0 * cause.probability, 0), "%", note="probability")
+        Headline(plain_name(cause.name), fixed(100.0 * cause.probability, 0), "%", note="probability")
         for cause in found.causes
     ]
     if shrunk is not None and shrunk.cells:
@@ -170,16 +172,10 @@ def _verdict(content: GapContent) -> Verdict:
 def _rivals(cause: Cause[Term]) -> str:
     if not cause.alternatives:
         return ""
-    rivals = ", ".join(f"{_plain(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
+    rivals = ", ".join(
+        f"{plain_name(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items()
+    )
     return f" These runs do not tell it from {rivals}."
-
-
-def _told(size: str) -> str:
-    return f": {size}" if size else ""
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def _causes(found: RateFinding) -> list[Block]:
@@ -187,45 +183,32 @@ def _causes(found: RateFinding) -> list[Block]:
     rows = [_cause_row(cause, coarseness, "named") for cause in found.causes]
     rows += [_cause_row(cause, coarseness, "resembles a part") for cause in found.resembles]
     rows += [
-        Row(
-            [
-                Cell(_plain(name), strong=True),
-                Cell(f"{100 * p:.0f}"),
-                Cell("noise"),
-                Cell(found.size_of(name) or DASH),
-                Cell(DASH),
-            ]
-        )
+        named(plain_name(name), f"{100 * p:.0f}", "noise", found.size_of(name) or DASH, DASH)
         for name, p in found.stochastic.items()
     ]
-    if not rows:
-        return []
-    heads = [
-        Column("Effect"),
-        Column("Probability", "%", True),
-        Column("Status"),
-        Column("Fitted parameters, 1σ"),
-        Column("In its place could stand"),
-    ]
-    return [Table(heads, rows, "Effects that explain the gap.")]
+    heads = texts("Effect") + numbers("Probability [%]")
+    heads += texts("Status", "Fitted parameters, 1σ", "In its place could stand")
+    return table(heads, rows, "Effects that explain the gap.")
 
 
 def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
     fitted = cause.term.fitted(coarseness, "±")
     shape = ", ".join(f"{key} = {value:g}" for key, value in cause.term.variant.shape.items())
-    rivals = ", ".join(f"{_plain(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
+    rivals = ", ".join(
+        f"{plain_name(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items()
+    )
     effect = cause.term.variant.effect
     note = f"{cause.meaning} Follows {effect.follows}. Source: {effect.source}."
     if rivals:
         note += " The alternatives move together with it in these runs."
-    cells = [
-        Cell(_plain(cause.name), strong=True),
-        Cell(f"{100 * cause.probability:.0f}"),
-        Cell(status),
-        Cell(f"{fitted}; {shape}" if shape else fitted),
-        Cell(rivals or "nothing"),
-    ]
-    return Row(cells, emphasis=status == "named", note=note)
+    row = named(
+        plain_name(cause.name),
+        f"{100 * cause.probability:.0f}",
+        status,
+        f"{fitted}; {shape}" if shape else fitted,
+        rivals or "nothing",
+    )
+    return replace(row, emphasis=status == "named", note=note)
 
 
 def _unknown(parts: Sequence[UnknownPart]) -> list[Block]:
@@ -236,13 +219,8 @@ def _unknown(parts: Sequence[UnknownPart]) -> list[Block]:
         if part.curve:
             curve = Curve("missing effect", np.array(part.at), np.array(part.curve), PURPLE)
             caption = f"What the missing effect looks like over {part.follows}."
-            drawn = lanes(
-                f"unknown-{number}",
-                [Lane(part.unit, [curve], 130.0)],
-                _input(part.follows),
-                description=caption,
-            )
-            blocks.append(Figures([drawn], caption))
+            plot = Lane(part.unit, [curve], 130.0)
+            blocks.append(lanes(f"unknown-{number}", [plot], _input(part.follows), caption))
     return blocks
 
 
@@ -254,12 +232,8 @@ def _how_far(content: GapContent) -> list[Block]:
     blocks: list[Block] = []
     shrunk = content.shrunk
     if shrunk is None:
-        blocks.append(
-            Notes(
-                ["No run was held out: the curves below are of the fitted runs and prove less."],
-                "doubt",
-            )
-        )
+        text = "No run was held out: the curves below are of the fitted runs and prove less."
+        blocks.append(Notes([text], "doubt"))
     elif not shrunk.cells:
         blocks.append(Notes(["No gap above the floor on the held-out runs."]))
     else:
@@ -268,14 +242,13 @@ def _how_far(content: GapContent) -> list[Block]:
             Row([Cell("all"), Cell("", strong=True), Cell(fixed(100 * shrunk.share, 1), strong=True)], True)
         ]
         rows += [
-            Row([Cell(kind), Cell(name.replace("_", " ")), Cell(fixed(100 * value, 1))])
+            Row([Cell(kind), Cell(plain_name(name)), Cell(fixed(100 * value, 1))])
             for kind, shares in parts
             for name, value in shares.items()
             if math.isfinite(value)
         ]
-        heads = [Column("By"), Column("Part"), Column("Reducible gap gone", "%", True)]
         caption = "Held-out runs, nothing fitted to them but each run's bias."
-        blocks.append(Table(heads, rows, caption))
+        blocks += table(texts("By", "Part") + numbers("Reducible gap gone [%]"), rows, caption)
     return blocks + _difference_panels(content)
 
 
@@ -284,17 +257,14 @@ def _difference_panels(content: GapContent) -> list[Block]:
     if not shown:
         return []
     closed = bool(content.found.causes)
-    plots = [
-        Panel(
-            [
-                Curve("before", each.time_s / _HOUR_S, each.before_dph, BEFORE),
-                *([Curve("after", each.time_s / _HOUR_S, each.after_dph, AFTER)] if closed else []),
-            ],
-            f"{each.profile}, {each.condition}" if each.condition else each.profile,
-            description=f"Output less model in {each.profile}, {each.condition}",
-        )
-        for each in shown
-    ]
+    plots = []
+    for difference in shown:
+        hours = difference.time_s / _HOUR_S
+        curves = [Curve("before", hours, difference.before_dph, BEFORE)]
+        curves += [Curve("after", hours, difference.after_dph, AFTER)] if closed else []
+        title = ", ".join(filter(None, (difference.profile, difference.condition)))
+        about = f"Output less model in {difference.profile}, {difference.condition}"
+        plots.append(Panel(curves, title, description=about))
     whose = "held-out runs" if content.shrunk is not None else "the runs that were fitted"
     keys = [Key("nominal model", BEFORE), *([Key("with the effects in it", AFTER)] if closed else [])]
     caption = f"Output less model, mean of repeats of {whose}, 100 s means, each run's bias taken out."
@@ -310,32 +280,17 @@ def _left(found: RateFinding) -> list[Block]:
 
 
 def _next(suggestions: Sequence[Suggestion]) -> list[Block]:
-    if not suggestions:
-        return []
-    rows = [
-        Row(
-            [
-                Cell(each.procedure, strong=True),
-                Cell(each.parameters),
-                Cell(fixed(each.hours, 1)),
-                Cell(significant(each.log_odds)),
-                Cell(each.decides),
-            ],
-            emphasis=number == 0,
-        )
-        for number, each in enumerate(suggestions)
-    ]
-    heads = [
-        Column("Procedure"),
-        Column("Parameters"),
-        Column("Bench time", "h", True),
-        Column("Expected log odds", "", True),
-        Column("Decides"),
-    ]
-    return [Table(heads, rows, "What would separate the candidates best, most log odds an hour first.")]
+    rows = []
+    for number, plan in enumerate(suggestions):
+        cells = (plan.parameters, fixed(plan.hours, 1), significant(plan.log_odds), plan.decides)
+        rows.append(replace(named(plan.procedure, *cells), emphasis=number == 0))
+    heads = (
+        texts("Procedure", "Parameters") + numbers("Bench time [h]", "Expected log odds") + texts("Decides")
+    )
+    return table(heads, rows, "What would separate the candidates best, most log odds an hour first.")
 
 
 def _hidden(found: RateFinding) -> list[Block]:
     if not found.unidentifiable:
         return []
-    return [Notes([f"{_plain(name)}: {reason}" for name, reason in found.unidentifiable.items()])]
+    return [Notes([f"{plain_name(name)}: {reason}" for name, reason in found.unidentifiable.items()])]

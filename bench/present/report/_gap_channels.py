@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._gap_where import in_words, place_map
-from bench.present.report._numbers import DASH, fixed, significant
-from bench.present.report._page import Block, Cell, Column, Figures, Key, Notes, Row, Table
+from bench.present.report._numbers import DASH, fixed, plain_name, significant
+from bench.present.report._page import (
+    Block,
+    Figures,
+    Key,
+    Notes,
+    Row,
+    named,
+    numbers,
+    table,
+    texts,
+)
 from bench.present.report._palette import AFTER, BEFORE
 
 if TYPE_CHECKING:
@@ -21,52 +32,38 @@ _HOUR_S = 3600.0
 
 def channel_blocks(channels: Sequence[ChannelFinding]) -> list[Block]:
     """Return a table of all channels, and for each with a gap its causes, map and curves."""
-    seen = [each for each in channels if not each.reason]
+    seen = [channel for channel in channels if not channel.reason]
     if not seen:
         return []
-    heads = [
-        Column("Channel"),
-        Column("Gap, rms", "", True),
-        Column("Floor, rms", "", True),
-        Column("Unit"),
-        Column("Verdict"),
-        Column("Explained", "%", True),
-        Column("Gone on held-out runs", "%", True),
-    ]
-    blocks: list[Block] = [
-        Table(
-            heads,
-            [_row(each) for each in seen],
-            "Each channel against its own model and its own noise floor.",
-        )
-    ]
-    for each in seen:
-        if each.verdict not in ("no gap", "within the model's accuracy"):
-            blocks += _of_channel(each)
-    hidden = [f"{_plain(each.signal)}: {each.reason}" for each in channels if each.reason]
-    if hidden:
-        blocks.append(Notes(["Not seen: " + "; ".join(hidden) + "."]))
-    return blocks
+    heads = texts("Channel") + numbers("Gap, rms", "Floor, rms") + texts("Unit", "Verdict")
+    heads += numbers("Explained [%]", "Gone on held-out runs [%]")
+    rows = [_row(channel) for channel in seen]
+    blocks = table(heads, rows, "Each channel against its own model and its own noise floor.")
+    for channel in seen:
+        if channel.verdict not in ("no gap", "within the model's accuracy"):
+            blocks += _of_channel(channel)
+    hidden = [f"{plain_name(channel.signal)}: {channel.reason}" for channel in channels if channel.reason]
+    return [*blocks, Notes(["Not seen: " + "; ".join(hidden) + "."])] if hidden else blocks
 
 
 def _row(found: ChannelFinding) -> Row:
     held = next(iter(found.held_out), None)
-    cells = [
-        Cell(_plain(found.signal).capitalize(), strong=True),
-        Cell(significant(found.rms)),
-        Cell(significant(found.floor_rms)),
-        Cell(found.unit),
-        Cell(found.verdict),
-        Cell(fixed(100.0 * found.explained, 0) if found.causes else DASH),
-        Cell(fixed(100.0 * held.share, 1) if held is not None else DASH),
-    ]
-    notes = [f"{_plain(cause.name).capitalize()}: {found.told(cause)}" for cause in found.causes]
+    row = named(
+        plain_name(found.signal).capitalize(),
+        significant(found.rms),
+        significant(found.floor_rms),
+        found.unit,
+        found.verdict,
+        fixed(100.0 * found.explained, 0) if found.causes else DASH,
+        fixed(100.0 * held.share, 1) if held is not None else DASH,
+    )
+    notes = [f"{plain_name(cause.name).capitalize()}: {found.told(cause)}" for cause in found.causes]
     notes += [found.scatter(name) + "." for name in found.stochastic]
-    return Row(cells, note=" ".join(notes))
+    return replace(row, note=" ".join(notes))
 
 
 def _of_channel(found: ChannelFinding) -> list[Block]:
-    name = _plain(found.signal)
+    name = plain_name(found.signal)
     blocks: list[Block] = []
     if any(place.clear for place in found.places):
         caption = f"{name.capitalize()}: where its gap lies, rms in {found.unit} where significant."
@@ -82,12 +79,5 @@ def _of_channel(found: ChannelFinding) -> list[Block]:
         plots.append(Curve("closed", hours, np.where(apart, np.nan, curve.after), AFTER))
         keys.append(Key("with the effects in it", AFTER))
     caption = f"{name.capitalize()}: recorded less simulated in {curve.run_id}."
-    drawn = lanes(
-        f"{found.signal}-curve", [Lane(found.unit, plots, 120.0)], "Time in the run, h", description=caption
-    )
-    blocks.append(Figures([drawn], caption, keys))
-    return blocks
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
+    lane = Lane(found.unit, plots, 120.0)
+    return [*blocks, lanes(f"{found.signal}-curve", [lane], "Time in the run, h", caption, keys)]

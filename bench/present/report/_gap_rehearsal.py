@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from bench.present.report._figures import Curve, Panel
-from bench.present.report._gap_curves import left_over_panels
-from bench.present.report._numbers import DASH, fixed, moment, significant
+from bench.present.report._gap_where import left_over_panels
+from bench.present.report._numbers import fixed, moment, plain_name, significant
 from bench.present.report._page import (
     Cell,
-    Column,
     Fact,
     Figures,
     Headline,
@@ -21,6 +20,8 @@ from bench.present.report._page import (
     Section,
     Table,
     Verdict,
+    numbers,
+    texts,
 )
 from bench.present.report._palette import AFTER, BEFORE
 
@@ -43,7 +44,7 @@ def log_gaps_page(
     """Return the page; `models` are the files of the nominal and the closed model."""
     whole = gaps.rate[0]
     closed = math.isfinite(whole.share) and whole.share > _MOSTLY
-    share = fixed(100.0 * whole.share, 1) if math.isfinite(whole.share) else DASH
+    share = fixed(100.0 * whole.share, 1)
     return Page(
         title=f"The gap in the log: {run_id}",
         kind="Sim-to-real gap, rehearsed",
@@ -81,42 +82,29 @@ def log_gaps_page(
 def _table(gaps: Sequence[LogGap], caption: str, unit: str = "") -> Table:
     """Return a table of gaps of one unit, all of them first, or of a channel each in its own."""
     size = f"{unit} rms".strip()
-    heads = [
-        Column("Phase" if unit else "Channel"),
-        *([] if unit else [Column("Unit")]),
-        Column("Nominal", size, True),
-        Column("Closed", size, True),
-        Column("Floor", size, True),
-        Column("Reducible gap gone", "%", True),
-    ]
-    rows = [
-        Row(
-            [
-                Cell(each.part.replace("_", " "), strong=bool(unit) and number == 0),
-                *([] if unit else [Cell(each.unit)]),
-                Cell(significant(each.rms_nominal)),
-                Cell(significant(each.rms_closed)),
-                Cell(significant(each.rms_floor)),
-                Cell(fixed(100.0 * each.share, 1) if math.isfinite(each.share) else DASH),
-            ],
-            emphasis=bool(unit) and number == 0,
-        )
-        for number, each in enumerate(gaps)
-    ]
+    heads = texts("Phase") if unit else texts("Channel", "Unit")
+    heads += numbers(
+        *(f"{model} [{size}]" for model in ("Nominal", "Closed", "Floor")), "Reducible gap gone [%]"
+    )
+    rows = []
+    for number, gap in enumerate(gaps):
+        whole = bool(unit) and number == 0
+        cells = [gap.unit] if not unit else []
+        cells += [significant(rms) for rms in (gap.rms_nominal, gap.rms_closed, gap.rms_floor)]
+        cells.append(fixed(100.0 * gap.share, 1))
+        name = Cell(plain_name(gap.part), strong=whole)
+        rows.append(Row([name, *map(Cell, cells)], emphasis=whole))
     return Table(heads, rows, caption)
 
 
 def _figures(curves: Sequence[LogCurve]) -> Figures:
-    plots = [
-        Panel(
-            [
-                Curve("nominal", each.time_s / _HOUR_S, each.nominal_dph, BEFORE),
-                Curve("closed", each.time_s / _HOUR_S, each.closed_dph, AFTER),
-            ],
-            each.run_id,
-            description=f"Run less rehearsal in {each.run_id}",
+    plots = []
+    for curve in curves:
+        hours = curve.time_s / _HOUR_S
+        nominal = Curve("nominal", hours, curve.nominal_dph, BEFORE)
+        closed = Curve("closed", hours, curve.closed_dph, AFTER)
+        plots.append(
+            Panel([nominal, closed], curve.run_id, description=f"Run less rehearsal in {curve.run_id}")
         )
-        for each in curves
-    ]
     keys = [Key("nominal model", BEFORE), Key("closed model", AFTER)]
     return left_over_panels("log", plots, "Run less rehearsal, 100 s means.", keys)

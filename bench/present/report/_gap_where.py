@@ -1,4 +1,4 @@
-"""Maps of where a gap lies: by runs, phases and operating regimes, each against the time scale."""
+"""Where a gap lies: maps of runs, phases and operating regimes against the time scale, and curves over time."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from bench.present.report._figures import Panel, panels
 from bench.present.report._heat_map import HeatCell, heat_map
-from bench.present.report._numbers import significant
-from bench.present.report._page import Block, Figures, Notes
+from bench.present.report._numbers import plain_name, significant
+from bench.present.report._page import Block, Figures, Key, Notes
 
 if TYPE_CHECKING:
     from bench.analysis.gap import Place, RateFinding
@@ -53,7 +54,14 @@ def place_map(figure_id: str, places: Sequence[Place], bands: Sequence[str], cap
 
 def in_words(places: Sequence[Place]) -> list[Place]:
     """Return places of phases with the phases' names in words."""
-    return [replace(place, part=place.part.replace("_", " ")) for place in places]
+    return [replace(place, part=plain_name(place.part)) for place in places]
+
+
+def left_over_panels(figure_id: str, plots: Sequence[Panel], caption: str, keys: Sequence[Key]) -> Figures:
+    """Return curves of what runs have left: a panel a run, two side by side, all on common axes."""
+    columns = min(len(plots), 2)
+    x_label = "Time since power-on, h"
+    return panels(figure_id, plots, caption, keys, x_label=x_label, y_label="°/h", columns=columns)
 
 
 def _phase_map(found: RateFinding) -> list[Block]:
@@ -69,14 +77,14 @@ def _phase_map(found: RateFinding) -> list[Block]:
 def _regime_maps(found: RateFinding) -> list[Block]:
     drawn: list[Markup] = []
     for of in dict.fromkeys(place.of for place in found.regimes):
-        own = [place for place in found.regimes if place.of == of]
-        if len(own) < 2 or not any(place.p_value < 0.01 for place in own):
+        regimes = [place for place in found.regimes if place.of == of]
+        if len(regimes) < 2 or not any(place.p_value < 0.01 for place in regimes):
             continue
-        columns = [f"{place.low:g}..{place.high:g}" for place in own]
-        row = f"{of}, {own[0].unit}"
+        columns = [f"{place.low:g}..{place.high:g}" for place in regimes]
+        row = f"{of}, {regimes[0].unit}"
         cells = {
             (row, column): HeatCell(place.rms_dph, significant(place.rms_dph, 2), place.p_value < 0.01)
-            for column, place in zip(columns, own, strict=True)
+            for column, place in zip(columns, regimes, strict=True)
         }
         drawn.append(heat_map(f"regime-{len(drawn)}", [row], columns, cells, description=f"The gap by {of}"))
     if not drawn:

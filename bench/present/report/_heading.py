@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.present.report._figures import Curve, Panel, lanes, limits, panels
+from bench.present.report._figures import Curve, Panel, lanes, panels
 from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
     Block,
     Cell,
-    Column,
     Definitions,
     Fact,
     Facts,
-    Figures,
     Headline,
     Key,
     Notes,
@@ -26,42 +23,36 @@ from bench.present.report._page import (
     Table,
     Tone,
     Verdict,
+    named,
+    numbers,
+    table,
+    texts,
 )
 from bench.present.report._palette import MUTED, PURPLE
-from bench.present.report._parts import BEFORE_AFTER, before_after, made, named, warnings
+from bench.present.report._parts import BEFORE_AFTER, before_after, made, warnings
 from bench.present.report._tables import checksum_table
 
 if TYPE_CHECKING:
-    from bench.analysis.heading import HeadingStudy, Judgement, NineCoefficients
+    from bench.analysis.heading import HeadingStudy, Judgement, LaggedModel, NineCoefficients
 
 _HOUR = 3600.0
 _SIGNIFICANT = 0.05
 _AXES = "xyz"
 
 
-@dataclass(frozen=True, eq=False)
-class HeadingContent:
-    """A study with where it came from; `checksums` of the logs by file name, `model_file` empty if none."""
-
-    study: HeadingStudy
-    title: str
-    created_utc: str
-    checksums: Mapping[str, str]
-    model_file: str = ""
-
-
-def heading_page(content: HeadingContent) -> Page:
-    """Return the report."""
-    study = content.study
+def heading_page(
+    study: HeadingStudy, title: str, checksums: Mapping[str, str], *, created_utc: str, model_file: str = ""
+) -> Page:
+    """Return the report; `checksums` of the logs by file name, `model_file` empty if none was written."""
     model = study.model
     return Page(
-        title=f"Heading effect: {content.title}",
+        title=f"Heading effect: {title}",
         kind="Heading compensation report",
         facts=[
             Fact("Calibration", f"{model.headings} headings beside the reference, {fixed(model.hours, 0)} h"),
             Fact("Reference heading", f"{fixed(model.reference_heading_deg, 1)}°"),
             Fact("Latitude in the equations", f"{fixed(model.latitude_deg, 3)}°"),
-            Fact("Report made", moment(content.created_utc)),
+            Fact("Report made", moment(created_utc)),
         ],
         verdict=_verdict(study),
         sections=[
@@ -69,13 +60,13 @@ def heading_page(content: HeadingContent) -> Page:
             Section("Position before and after", _errors(study)),
             Section("Reduction of heading sensitivity", _reductions(study.judgements)),
             Section("Temperature and drift", _temperature(study)),
-            Section("Lagged model", _lagged(content)),
+            Section("Lagged model", _lagged(model, model_file)),
             Section("Nine coefficients", _nine(study.nine, study.nine_refused)),
             Section("Where the drift comes from", _evidence(study)),
-            Section("Provenance", checksum_table(content.checksums, "Logs and their checksums.")),
+            Section("Provenance", checksum_table(checksums, "Logs and their checksums.")),
             Section("Definitions", [Definitions(_TERMS)]),
         ],
-        colophon=made(content.created_utc, "Errors are computed minus true position."),
+        colophon=made(created_utc, "Errors are computed minus true position."),
     )
 
 
@@ -134,9 +125,8 @@ def mixed_text(study: HeadingStudy) -> str:
     """Say that temperature explains a part only."""
     share = fixed(100.0 * study.model.evidence.other_share, 0)
     return (
-        f"{share} % of the heading effect goes with heading at once and not with the measured "
-        "temperature (friction, "
-        "magnetic field, or a gradient that no sensor sees): that part stays after compensation."
+        f"{share} % of the heading effect goes with heading at once and not with the measured temperature "
+        "(friction, magnetic field, or a gradient that no sensor sees): that part stays after compensation."
     )
 
 
@@ -153,12 +143,10 @@ def _errors(study: HeadingStudy) -> list[Block]:
             )
         ]
         caption = (
-            f"{row.name}: position error before and after {row.method}, less what the first stay "
-            "foretells; longitude "
-            "error times cos(latitude)."
+            f"{row.name}: position error before and after {row.method}, less what the first stay foretells; "
+            "longitude error times cos(latitude)."
         )
-        drawn = lanes(f"errors-{number}", plots, "Time, h", description=caption)
-        blocks.append(Figures([drawn], caption, BEFORE_AFTER))
+        blocks.append(lanes(f"errors-{number}", plots, "Time, h", caption, BEFORE_AFTER))
     return blocks
 
 
@@ -174,16 +162,8 @@ def _reductions(judgements: Sequence[Judgement]) -> list[Block]:
         )
         for judged in judgements
     ]
-    heads = [
-        Column("Log"),
-        Column("Role"),
-        Column("Model"),
-        Column("Before", "′", number=True),
-        Column("After", "′", number=True),
-        Column("Reduction", "%", number=True),
-    ]
-    caption = "Rms position error after the first turn, both channels together."
-    return [Table(heads, rows, caption)] if rows else []
+    heads = texts("Log", "Role", "Model") + numbers("Before [′]", "After [′]", "Reduction [%]")
+    return table(heads, rows, "Rms position error after the first turn, both channels together.")
 
 
 def _temperature(study: HeadingStudy) -> list[Block]:
@@ -191,89 +171,60 @@ def _temperature(study: HeadingStudy) -> list[Block]:
     if not len(course.time_s):
         return []
     calm = np.where(course.settled, 1e3, np.nan)
-    drawn = panels(
-        "temperature-drift",
-        [
-            Panel(
-                [
-                    Curve("after a turn", course.change_k, 1e3 * course.drift_dph[:, at], MUTED, width=0.8),
-                    Curve("settled", course.change_k, calm * course.drift_dph[:, at], PURPLE, width=3.0),
-                ],
-                f"axis {axis}",
-                description=f"Drift about {axis} against temperature change",
-            )
-            for at, axis in enumerate(_AXES)
-        ],
-        x_label="Temperature change, K",
-        y_label="Drift, 10⁻³ °/h",
-        x_limits=limits([course.change_k]),
-        y_limits=limits([1e3 * course.drift_dph]),
-        width=240.0,
-    )
+    plots = [
+        Panel(
+            [
+                Curve("after a turn", course.change_k, 1e3 * drift_dph, MUTED, width=0.8),
+                Curve("settled", course.change_k, calm * drift_dph, PURPLE, width=3.0),
+            ],
+            f"axis {axis}",
+            description=f"Drift about {axis} against temperature change",
+        )
+        for axis, drift_dph in zip(_AXES, course.drift_dph.T, strict=True)
+    ]
     caption = (
-        "Drift over the moving window against the mean temperature change of the last sidereal day. "
-        "A function of "
-        "temperature would be a line; loops and crossings are why a polynomial in temperature does "
-        "not compensate it."
+        "Drift over the moving window against the mean temperature change of the last sidereal day. A function "
+        "of temperature would be a line; loops and crossings are why a polynomial in temperature does not "
+        "compensate it."
     )
     keys = [Key("settled", PURPLE), Key("after a turn", MUTED)]
-    return [Figures(drawn, caption, keys, columns=3)]
-
-
-def _lagged(content: HeadingContent) -> list[Block]:
-    model = content.study.model
-    heads = [Column("Term")] + [
-        Column(f"{name} {axis}", "10⁻³ °/h/K", number=True) for axis in _AXES for name in ("k", "σ")
+    x_label, y_label = "Temperature change, K", "Drift, 10⁻³ °/h"
+    return [
+        panels("temperature-drift", plots, caption, keys, x_label=x_label, y_label=y_label, x_margin=0.05)
     ]
+
+
+def _lagged(model: LaggedModel, model_file: str) -> list[Block]:
+    heads = texts("Term") + numbers(*(f"{name} {axis} [10⁻³ °/h/K]" for axis in _AXES for name in ("k", "σ")))
+    pairs = np.stack((model.gain, model.sigma), axis=1).reshape(6, -1)
     rows = [
-        named(
-            term,
-            *(
-                fixed(1e3 * value, 3)
-                for axis in range(3)
-                for value in (model.gain[axis, at], model.sigma[axis, at])
-            ),
-        )
-        for at, term in enumerate(model.terms)
+        named(term, *(fixed(1e3 * value, 3) for value in values))
+        for term, values in zip(model.terms, pairs.T, strict=True)
     ]
     facts = [
         Fact("Time constant", f"{fixed(model.tau_s / _HOUR, 2)} h"),
         Fact("Reference temperature", f"{fixed(model.reference.coefficients[0], 3)} °C"),
     ]
-    if content.model_file:
-        facts.append(Fact("File", content.model_file))
+    facts += [Fact("File", model_file)] if model_file else []
     return [Facts(facts), Table(heads, rows, "Gains of the lagged temperature change x, 1 sigma.")]
 
 
 def _nine(nine: NineCoefficients | None, refused: str) -> list[Block]:
     if nine is None:
         return [Notes([refused])] if refused else []
-    heads = [
-        Column("Coefficient"),
-        Column("Value", "10⁻³ °/h/K", number=True),
-        Column("σ", "10⁻³ °/h/K", number=True),
-        Column("p", number=True),
-        Column("Significant at 5 %"),
-    ]
+    heads = texts("Coefficient") + numbers("Value [10⁻³ °/h/K]", "σ [10⁻³ °/h/K]", "p")
+    heads += texts("Significant at 5 %")
     rows = []
     for axis in range(3):
         for at, term in enumerate(("b0", "ac", "as")):
             sigma = None if nine.sigma_dph_per_k is None else 1e3 * float(nine.sigma_dph_per_k[axis, at])
             p_value = None if nine.p_value is None else float(nine.p_value[axis, at])
             word = DASH if p_value is None else "yes" if p_value < _SIGNIFICANT else "no"
-            rows.append(
-                named(
-                    f"{_AXES[axis]} {term}",
-                    fixed(1e3 * float(nine.gain_dph_per_k[axis, at]), 3),
-                    fixed(sigma, 3),
-                    fixed(p_value, 3),
-                    word,
-                )
-            )
+            gain = fixed(1e3 * float(nine.gain_dph_per_k[axis, at]), 3)
+            rows.append(named(f"{_AXES[axis]} {term}", gain, fixed(sigma, 3), fixed(p_value, 3), word))
     caption = (
-        f"Mean drift of {nine.headings} steady headings against the Fourier terms of their "
-        "temperature; condition "
-        f"{fixed(nine.condition, 1)}."
+        f"Mean drift of {nine.headings} steady headings against the Fourier terms of their temperature; "
+        f"condition {fixed(nine.condition, 1)}."
     )
     if nine.p_value is None:
         caption += " Three headings determine the nine exactly: nothing is left over to judge them by."

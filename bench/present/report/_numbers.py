@@ -92,6 +92,11 @@ def unit_text(unit: str) -> str:
     return _SPELLED.get(unit, unit)
 
 
+def plain_name(name: str) -> str:
+    """Return a name with spaces for its underscores."""
+    return name.replace("_", " ")
+
+
 def with_unit(text: str, unit: str) -> str:
     """Return number and unit joined so that no line breaks between them; a dash stays alone."""
     if text == DASH or not unit:

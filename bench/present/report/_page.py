@@ -122,7 +122,32 @@ class Definitions:
     terms: Sequence[tuple[str, str]]
 
 
+def named(name: str, *cells: str | Cell) -> Row:
+    """Return a table row under its name in bold; plain texts become cells."""
+    return Row([Cell(name, strong=True), *(c if isinstance(c, Cell) else Cell(c) for c in cells)])
+
+
+def texts(*heads: str) -> list[Column]:
+    """Return columns of texts by their heads; "Gap [°/h]" is a title with a unit."""
+    return [_column(head, number=False) for head in heads]
+
+
+def numbers(*heads: str) -> list[Column]:
+    """Return right-aligned columns by their heads; "Gap [°/h]" is a title with a unit."""
+    return [_column(head, number=True) for head in heads]
+
+
+def _column(head: str, *, number: bool) -> Column:
+    title, _, unit = head.removesuffix("]").partition(" [")
+    return Column(title, unit, number)
+
+
 Block = Facts | Table | Figures | Notes | Definitions
+
+
+def table(columns: Sequence[Column], rows: Sequence[Row], caption: str = "") -> list[Block]:
+    """Return a table, nothing without rows."""
+    return [Table(columns, rows, caption)] if rows else []
 
 
 @dataclass(frozen=True)

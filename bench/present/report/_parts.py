@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from bench.present.report._figures import Curve, Lane
 from bench.present.report._numbers import DASH, moment, significant
-from bench.present.report._page import Cell, Key, Notes, Row, Section
+from bench.present.report._page import Key, Notes, Section
 from bench.present.report._palette import AFTER, BEFORE
 from drivers.base.arrays import Array
 
@@ -24,11 +24,6 @@ def warnings(texts: Sequence[str]) -> Section:
 def made(created_utc: str, remark: str = "") -> str:
     """Return the last line of a report: when it was made, and `remark`."""
     return f"Report made {moment(created_utc)}. {remark}".strip() if created_utc else remark
-
-
-def named(name: str, *cells: str | Cell) -> Row:
-    """Return a table row under its name in bold; plain texts become cells."""
-    return Row([Cell(name, strong=True), *(c if isinstance(c, Cell) else Cell(c) for c in cells)])
 
 
 def before_after(

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
 from bench.present.report._content import Comparison, ModelScore, Trace
 from bench.present.report._dots import Dots, dot_chart
-from bench.present.report._figures import Curve, Lane, Panel, lanes, limits, panels
-from bench.present.report._lettering import WIDE
+from bench.present.report._figures import Curve, Lane, Panel, lanes, panels
 from bench.present.report._numbers import fixed, known, mean, significant
 from bench.present.report._page import Block, Figures, Key
 from bench.present.report._palette import AFTER, BEFORE, BLUE, FLOOR, GREEN, MUTED, ORANGE, PURPLE, Paint
+from bench.present.report._parts import BEFORE_AFTER
 from bench.present.report._scores import attained
 from drivers.base.arrays import Array
 
 _HOUR = 3600.0
-_TEMPERATURES: tuple[tuple[str, str, Paint, str], ...] = (
+_TEMPERATURES: tuple[tuple[str, str, Paint, Literal["-", "--"]], ...] = (
     ("set_point_c", "set point", MUTED, "--"),
     ("air_temp_c", "air", GREEN, "-"),
     ("case_temp_c", "case", ORANGE, "-"),
@@ -27,7 +28,7 @@ _TEMPERATURES: tuple[tuple[str, str, Paint, str], ...] = (
 
 def trace_figure(figure_id: str, trace: Trace) -> list[Block]:
     """Return temperatures and output of one run over its phases; nothing if there is neither."""
-    temperatures = _temperature_curves(trace, {"-": "-", "--": "--"})
+    temperatures = _temperature_curves(trace)
     output = _output_curve(trace)
     plots = []
     if temperatures:
@@ -47,33 +48,24 @@ def trace_figure(figure_id: str, trace: Trace) -> list[Block]:
     who = f" of {trace.gyro}" if trace.gyro else ""
     means = f" {trace.output_name}: 100 s means." if output is not None else ""
     caption = f"Run {trace.run_id}: {what}{who} over the phases of the run.{means}"
-    drawn = lanes(figure_id, plots, "Time since power-on, h", phases=phases, description=caption)
-    return [Figures([drawn], caption)]
+    return [lanes(figure_id, plots, "Time since power-on, h", caption, phases=phases)]
 
 
 def trace_panels(figure_id: str, traces: Sequence[Trace]) -> list[Block]:
     """Return small temperature plots of several runs on common axes."""
-    shown = [(trace, curves) for trace in traces if (curves := _temperature_curves(trace, {"-": "-"}))]
+    shown = [(trace, curves) for trace in traces if (curves := _temperature_curves(trace, "-"))]
     if not shown:
         return []
-    every = [curve for _, curves in shown for curve in curves]
-    drawn = panels(
-        figure_id,
-        [
-            Panel(curves, trace.run_id, description=f"Temperatures of run {trace.run_id}")
-            for trace, curves in shown
-        ],
-        x_label="Time, h",
-        y_label="°C",
-        x_limits=limits((curve.x for curve in every), margin=0.0),
-        y_limits=limits(curve.y for curve in every),
-        width=_panel_width(len(shown)),
-    )
-    present = {curve.label for curve in every}
+    plots = [
+        Panel(curves, trace.run_id, description=f"Temperatures of run {trace.run_id}")
+        for trace, curves in shown
+    ]
+    present = {curve.label for plot in plots for curve in plot.curves}
     keys = [
         Key(label, paint) for _, label, paint, style in _TEMPERATURES if style == "-" and label in present
     ]
-    return [Figures(drawn, "Temperatures of the runs, on common axes.", keys, _panel_columns(len(shown)))]
+    caption = "Temperatures of the runs, on common axes."
+    return [panels(figure_id, plots, caption, keys, x_label="Time, h", y_label="°C")]
 
 
 def bias_panels(
@@ -177,31 +169,20 @@ def _before_after(
         title = f"{item.kind} ({item.run_id})" if item.kind else item.run_id
         description = f"{title}: {y_label} before and after compensation. {note(item)}"
         plots.append(Panel(curves, title, note(item), item.floor_dph if floors else None, description))
-    drawn = panels(
-        figure_id,
-        plots,
-        x_label="Time, h",
-        y_label=y_label,
-        x_limits=limits((item.time_s / _HOUR for item, _ in shown), margin=0.0),
-        y_limits=limits((array for _, pair in shown for array in pair), margin=0.06),
-        width=_panel_width(len(shown)),
-    )
-    keys = [Key("before", BEFORE), Key("after", AFTER)]
+    keys = [*BEFORE_AFTER]
     if floors and any(known(item.floor_dph) for item, _ in shown):
         keys.append(Key("noise floor, ± 1σ", FLOOR, "band"))
-    return [Figures(drawn, caption, keys, _panel_columns(len(shown)))]
+    return [panels(figure_id, plots, caption, keys, x_label="Time, h", y_label=y_label, y_margin=0.06)]
 
 
-def _temperature_curves(trace: Trace, styles: Mapping[str, str]) -> list[Curve]:
+def _temperature_curves(trace: Trace, styles: str = "- --") -> list[Curve]:
     curves = []
     for name, label, paint, style in _TEMPERATURES:
         values = getattr(trace, name)
-        if values is None or style not in styles or not np.isfinite(values).any():
+        if values is None or style not in styles.split() or not np.isfinite(values).any():
             continue
-        dashed = style == "--"
-        curves.append(
-            Curve(label, trace.time_s / _HOUR, values, paint, "--" if dashed else "-", 1.0 if dashed else 1.4)
-        )
+        width = 1.0 if style == "--" else 1.4
+        curves.append(Curve(label, trace.time_s / _HOUR, values, paint, style, width))
     return curves
 
 
@@ -209,11 +190,3 @@ def _output_curve(trace: Trace) -> Curve | None:
     if trace.output_dph is None or trace.output_time_s is None or not np.isfinite(trace.output_dph).any():
         return None
     return Curve(trace.gyro or "gyro", trace.output_time_s / _HOUR, trace.output_dph, PURPLE)
-
-
-def _panel_columns(number: int) -> int:
-    return number if number < 3 else 2 if number == 4 else 3
-
-
-def _panel_width(number: int) -> float:
-    return {1: WIDE, 2: 340.0, 3: 240.0}[_panel_columns(number)]

@@ -14,17 +14,18 @@ from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
     Block,
     Cell,
-    Column,
     Definitions,
     Fact,
     Facts,
-    Figures,
     Headline,
     Page,
     Row,
     Section,
     Table,
     Verdict,
+    named,
+    numbers,
+    texts,
 )
 from bench.present.report._palette import BLUE, ORANGE
 from bench.present.report._rlg_judged import judged_blocks
@@ -148,11 +149,11 @@ def _course(number: int, run: RampRun, best: StepwiseVariant) -> list[Block]:
         ),
     ]
     caption = f"Run {run.run_id}: temperatures and bias before and after {best.name}."
-    return [Figures([lanes(f"held-out-{number}", plots, "Time, h", description=caption)], caption)]
+    return [lanes(f"held-out-{number}", plots, "Time, h", caption)]
 
 
 def _statistics(study: RlgStudy) -> Table:
-    heads = [Column("Figure")] + [Column(variant.name, number=True) for variant in study.variants]
+    heads = texts("Figure") + numbers(*(variant.name for variant in study.variants))
     figures: list[tuple[str, list[float]]] = [
         ("Terms", [len(v.result.selected) for v in study.variants]),
         ("Rows", [v.result.n for v in study.variants]),
@@ -177,11 +178,11 @@ def _equations(study: RlgStudy) -> list[Block]:
     blocks: list[Block] = []
     for variant in study.variants:
         final, names = variant.result.final, variant.result.names
-        rows = [parts.named("1", significant(final.intercept, 6), *[DASH] * 4)]
+        rows = [named("1", significant(final.intercept, 6), *[DASH] * 4)]
         for index in np.flatnonzero(final.included):
             error = final.standard_error[index]
             rows.append(
-                parts.named(
+                named(
                     names[index],
                     significant(float(final.coefficient[index]), 6),
                     significant(float(error), 3),
@@ -190,9 +191,7 @@ def _equations(study: RlgStudy) -> list[Block]:
                     fixed(float(variant.result.vif[index]), 1),
                 )
             )
-        heads = [Column("Term")] + [
-            Column(name, number=True) for name in ("Coefficient", "Standard error", "F", "p", "VIF")
-        ]
+        heads = texts("Term") + numbers("Coefficient", "Standard error", "F", "p", "VIF")
         blocks += [
             Facts([Fact(variant.name, variant.compensation.equation(), code=True)]),
             Table(heads, rows, f"{variant.name}: coefficients in °/h per unit of the term (°C, °C/min)."),
@@ -214,15 +213,7 @@ def _steps(variant: StepwiseVariant) -> Table:
             significant(step.rmse, 4),
         ]
         rows.append(Row([Cell(text) for text in cells] + [Cell(", ".join(inside) or DASH)]))
-    heads = [
-        Column("Step", number=True),
-        Column("Moved"),
-        Column("F", number=True),
-        Column("p", number=True),
-        Column("R²", number=True),
-        Column("RMSE", "°/h", number=True),
-        Column("Terms in"),
-    ]
+    heads = numbers("Step") + texts("Moved") + numbers("F", "p", "R²", "RMSE [°/h]") + texts("Terms in")
     return Table(heads, rows, f"Every step of {variant.name}.")
 
 
@@ -239,10 +230,10 @@ def _tests(study: RlgStudy) -> Table:
             f = (float(final.coefficient[number]) / error) ** 2 if error > 0.0 else math.nan
             cells += [Cell("in" if inside else "out", strong=inside), Cell(_figure(f))]
             cells.append(Cell(_figure(float(final.p_value[number]))))
-        rows.append(parts.named(name, *cells))
-    heads = [Column("Variable")]
+        rows.append(named(name, *cells))
+    heads = texts("Variable")
     for variant in (plain, corrected):
-        heads += [Column(variant.name), Column("F", number=True), Column("p", number=True)]
+        heads += texts(variant.name) + numbers("F", "p")
     caption = (
         "The plain tests take the rows for independent; the corrected ones take off the lag-1 correlation first. "
         "F and p of a variable that is out are what it would have if added alone."

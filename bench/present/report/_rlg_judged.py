@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.present.report import _parts as parts
 from bench.present.report._numbers import DASH, fixed
-from bench.present.report._page import Block, Cell, Column, Row, Table
+from bench.present.report._page import Block, Cell, Row, Table, named, numbers, texts
 
 if TYPE_CHECKING:
     from bench.analysis.rlg import BeforeAfter, RlgStudy
@@ -36,9 +35,8 @@ def _improvement(study: RlgStudy) -> Table:
             rows.append(_shares(study, of_kind, "", "mean"))
     if len(study.tests) > 1:
         rows.append(_shares(study, range(len(study.tests)), "All", "mean", emphasis=True))
-    heads = [Column("Differs by"), Column("Run")]
-    heads += [Column(variant.name, "%", number=True) for variant in study.variants]
-    heads.append(Column("Attained", "%", number=True))
+    heads = texts("Differs by", "Run")
+    heads += numbers(*(f"{variant.name} [%]" for variant in study.variants), "Attained [%]")
     caption = (
         "Improvement of the stability of 100 s means on runs that had no part in the fit, by how these differ "
         f"from those that had. Attained: by {study.chosen.name}."
@@ -61,11 +59,11 @@ def _stability(study: RlgStudy) -> Table:
     for n, row in enumerate(study.chosen.judged):
         after = [fixed(variant.judged[n].after_dph, 5) for variant in study.variants]
         outside = Cell(str(row.outside_rows), "doubt" if row.outside_rows else "plain")
-        texts = [row.kind or DASH, fixed(row.before_dph, 5), *after, fixed(row.oracle_dph, 5)]
-        rows.append(parts.named(row.run_id, *texts, outside))
-    heads = [Column("Run"), Column("Profile"), Column("Before", "°/h", number=True)]
-    heads += [Column(variant.name, "°/h", number=True) for variant in study.variants]
-    heads += [Column("True drift off", "°/h", number=True), Column("Rows outside", number=True)]
+        cells = [row.kind or DASH, fixed(row.before_dph, 5), *after, fixed(row.oracle_dph, 5)]
+        rows.append(named(row.run_id, *cells, outside))
+    after = [f"{variant.name} [°/h]" for variant in study.variants]
+    heads = texts("Run", "Profile")
+    heads += numbers("Before [°/h]", *after, "True drift off [°/h]", "Rows outside")
     caption = (
         "Stability, 1σ of 100 s means, before and after each equation. Rows outside lie beyond the temperatures "
         "or rates of the training runs."
@@ -76,10 +74,10 @@ def _stability(study: RlgStudy) -> Table:
 def _hysteresis(study: RlgStudy) -> Table:
     def row(n: int, of: BeforeAfter) -> Row:
         after = [fixed(variant.judged[n].hysteresis_after_dph, 5) for variant in study.variants]
-        return parts.named(of.run_id, of.differs, fixed(of.hysteresis_before_dph, 5), *after)
+        return named(of.run_id, of.differs, fixed(of.hysteresis_before_dph, 5), *after)
 
-    heads = [Column("Run"), Column("Differs by"), Column("Before", "°/h", number=True)]
-    heads += [Column(variant.name, "°/h", number=True) for variant in study.variants]
+    heads = texts("Run", "Differs by")
+    heads += numbers("Before [°/h]", *(f"{variant.name} [°/h]" for variant in study.variants))
     rows = [row(n, of) for n, of in enumerate(study.chosen.judged)]
     caption = (
         "Hysteresis: rms difference between warming and cooling at the same temperature, before and after each "

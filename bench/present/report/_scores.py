@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from bench.present.report._content import ModelScore
 from bench.present.report._numbers import column, fixed, known, mean
-from bench.present.report._page import Block, Cell, Column, Row, Table
+from bench.present.report._page import Block, Cell, Column, Row, Table, named, numbers, texts
 
 Scores = Mapping[str, Sequence[ModelScore]]
 
@@ -45,27 +46,24 @@ def model_table(models: Scores, chosen: str) -> list[Block]:
         return []
     improvement = [mean(score.improvement_percent for score in scores) for scores in models.values()]
     columns = [
-        (Column("Bias stability before", "°/h", True), column(_means(models, "stability_raw_dph"))),
-        (Column("after", "°/h", True), column(_means(models, "stability_comp_dph"))),
-        (Column("Improvement", "%", True), [fixed(value, 1) for value in improvement]),
-        (Column("least", "%", True), [fixed(_least(scores), 1) for scores in models.values()]),
-        (
-            Column("of attainable", "%", True),
-            [fixed(attained(scores)[1], 1) for scores in models.values()],
-        ),
-        (Column("Largest peak", "°/h", True), column(_largest(models, "peak_dph"))),
-        (Column("Scale-factor error, rms", "ppm", True), column(_means(models, "sf_rms_ppm"), 2, 2)),
-        (Column("largest", "ppm", True), column(_largest(models, "sf_max_ppm"), 2, 1)),
+        ("Bias stability before [°/h]", column(_means(models, "stability_raw_dph"))),
+        ("after [°/h]", column(_means(models, "stability_comp_dph"))),
+        ("Improvement [%]", [fixed(value, 1) for value in improvement]),
+        ("least [%]", [fixed(_least(scores), 1) for scores in models.values()]),
+        ("of attainable [%]", [fixed(attained(scores)[1], 1) for scores in models.values()]),
+        ("Largest peak [°/h]", column(_largest(models, "peak_dph"))),
+        ("Scale-factor error, rms [ppm]", column(_means(models, "sf_rms_ppm"), 2, 2)),
+        ("largest [ppm]", column(_largest(models, "sf_max_ppm"), 2, 1)),
     ]
     filled = [(head, cells) for head, cells in columns if any(cell != fixed(None, 0) for cell in cells)]
     rows = [
-        Row([Cell(model, strong=True), *(Cell(cells[at]) for _, cells in filled)], emphasis=model == chosen)
-        for at, model in enumerate(models)
+        replace(named(model, *(cells[number] for _, cells in filled)), emphasis=model == chosen)
+        for number, model in enumerate(models)
     ]
     caption = (
         "Models on held-out runs, means over the runs unless a head says otherwise. Shaded: the chosen one."
     )
-    return [Table([Column("Model"), *(head for head, _ in filled)], rows, caption)]
+    return [Table(texts("Model") + numbers(*(head for head, _ in filled)), rows, caption)]
 
 
 def run_matrix(models: Scores, chosen: str) -> list[Block]:
@@ -85,11 +83,11 @@ def run_matrix(models: Scores, chosen: str) -> list[Block]:
         found = by_run(scores)
         values = [found[run].improvement_percent if run in found else None for run in runs]
         if any(known(value) for value in values):
-            cells = [Cell(fixed(value, 1)) for value in (*values, mean(values))]
-            rows.append(Row([Cell(model, strong=True), *cells], emphasis=model == chosen))
+            cells = [fixed(value, 1) for value in (*values, mean(values))]
+            rows.append(replace(named(model, *cells), emphasis=model == chosen))
     heads = [Column(score.kind or score.run_id, number=True) for score in runs.values()]
     caption = "Improvement of bias stability on every held-out run, %."
-    return [Table([Column("Model"), *heads, Column("Mean", number=True)], rows, caption)]
+    return [Table(texts("Model") + heads + numbers("Mean"), rows, caption)]
 
 
 def _means(models: Scores, name: str) -> list[float | None]:

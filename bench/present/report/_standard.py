@@ -12,15 +12,16 @@ from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import (
     Block,
-    Column,
     Definitions,
     Fact,
-    Figures,
     Headline,
     Page,
     Section,
     Table,
     Verdict,
+    named,
+    numbers,
+    texts,
 )
 from bench.present.report._palette import BLUE, MUTED, ORANGE
 
@@ -100,7 +101,7 @@ def _verdict(results: Sequence[StandardFigures], missing: Sequence[str]) -> Verd
 
 def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
     rows = [
-        parts.named(
+        named(
             figure.name,
             significant(figure.value, figure.digits),
             unit_text(figure.unit) or DASH,
@@ -109,13 +110,9 @@ def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
         )
         for figure in figures
     ]
-    heads = [
-        Column("Figure"),
-        Column("Value", number=True),
-        Column("Unit"),
-        Column("95 % interval", number=True),
-        Column("Definition"),
-    ]
+    heads = (
+        texts("Figure") + numbers("Value") + texts("Unit") + numbers("95 % interval") + texts("Definition")
+    )
     return Table(heads, rows, f"Figures of {run_id}.")
 
 
@@ -139,10 +136,5 @@ def allan_figure(number: int, result: StandardFigures) -> list[Block]:
     caption = (
         f"Run {result.run_id}: overlapping Allan deviation, its 95 % interval, and the five fitted noises."
     )
-    drawn = lanes(
-        f"allan-{number}",
-        [Lane("log10 of deviation, °/h", curves, height=240.0)],
-        "log10 of averaging time, s",
-        description=caption,
-    )
-    return [Figures([drawn], caption)]
+    plots = [Lane("log10 of deviation, °/h", curves, height=240.0)]
+    return [lanes(f"allan-{number}", plots, "log10 of averaging time, s", caption)]

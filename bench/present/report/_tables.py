@@ -18,7 +18,20 @@ from bench.present.report._numbers import (
     significant,
     unit_text,
 )
-from bench.present.report._page import Block, Cell, Column, Fact, Facts, Row, Table, Tone
+from bench.present.report._page import (
+    Block,
+    Cell,
+    Column,
+    Fact,
+    Facts,
+    Row,
+    Table,
+    Tone,
+    named,
+    numbers,
+    table,
+    texts,
+)
 
 _OUTCOMES: dict[str, tuple[str, Tone]] = {
     "completed": ("valid", "good"),
@@ -67,8 +80,8 @@ def runs_table(runs: Sequence[RunSummary]) -> list[Block]:
         ]
         plain_tone: Tone = "plain" if run.valid else tone
         rows.append(Row(cells, tone=plain_tone, note="; ".join(run.reasons)))
-    heads = [Column("Run"), Column("Procedure"), *([Column("Used for")] if roles else [])]
-    heads += [Column("Parameters"), Column("Started"), Column("Duration", number=True), Column("Outcome")]
+    heads = texts("Run", "Procedure", *(["Used for"] if roles else []), "Parameters", "Started")
+    heads += numbers("Duration") + texts("Outcome")
     shared = ", ".join(" ".join(parameter(name, value)) for name, value in common.items())
     caption = "Runs of this report." + (f" Parameters that all of them share: {shared}." if shared else "")
     return [Table(heads, rows, caption)]
@@ -94,10 +107,8 @@ def checks_table(runs: Sequence[RunSummary]) -> list[Block]:
         found = {item.name: item for item in run.measurements}
         if not names.keys() & found.keys():
             continue
-        cells = [Cell(run.run_id, strong=True)]
-        for name, first in names.items():
-            cells.append(_check_cell(found.get(name), first))
-        rows.append(Row(cells))
+        cells = [_check_cell(found.get(name), first) for name, first in names.items()]
+        rows.append(named(run.run_id, *cells))
     caption = (
         "Criteria of the procedure, measured on the record of each run. ✕ marks a value outside its limits."
     )
@@ -106,8 +117,6 @@ def checks_table(runs: Sequence[RunSummary]) -> list[Block]:
 
 def measurements_table(measurements: Sequence[Measurement]) -> list[Block]:
     """Return everything that was measured on one run, judged or not."""
-    if not measurements:
-        return []
     rows = [
         Row(
             [
@@ -120,14 +129,8 @@ def measurements_table(measurements: Sequence[Measurement]) -> list[Block]:
         )
         for item in measurements
     ]
-    heads = [
-        Column("Measured"),
-        Column("Value", number=True),
-        Column("Unit"),
-        Column("Limits"),
-        Column("Result"),
-    ]
-    return [Table(heads, rows, "Measurements of the procedure and their limits.")]
+    heads = texts("Measured") + numbers("Value") + texts("Unit", "Limits", "Result")
+    return table(heads, rows, "Measurements of the procedure and their limits.")
 
 
 def streams_table(runs: Sequence[RunSummary]) -> list[Block]:
@@ -138,32 +141,20 @@ def streams_table(runs: Sequence[RunSummary]) -> list[Block]:
     clocks = [fixed(stream.clock_error_ppm, 1) for _, stream in pairs]
     rates = column((stream.sample_rate_hz for _, stream in pairs), 6, 3)
     rows = [
-        Row(
-            [
-                Cell(run.run_id, strong=True),
-                Cell(
-                    f"{stream.gyro} ({run.units[stream.gyro]})" if stream.gyro in run.units else stream.gyro
-                ),
-                Cell(count(stream.frames)),
-                _loss_cell(stream.lost),
-                Cell(_share(stream)),
-                _loss_cell(stream.rejected),
-                Cell(rate),
-                Cell(clock),
-            ]
+        named(
+            run.run_id,
+            f"{stream.gyro} ({run.units[stream.gyro]})" if stream.gyro in run.units else stream.gyro,
+            count(stream.frames),
+            _loss_cell(stream.lost),
+            _share(stream),
+            _loss_cell(stream.rejected),
+            rate,
+            clock,
         )
         for (run, stream), rate, clock in zip(pairs, rates, clocks, strict=True)
     ]
-    heads = [
-        Column("Run"),
-        Column("Gyro (unit)"),
-        Column("Frames", number=True),
-        Column("Lost", number=True),
-        Column("Lost", "ppm", number=True),
-        Column("Rejected", number=True),
-        Column("Sample rate", "Hz", number=True),
-        Column("Clock error", "ppm", number=True),
-    ]
+    heads = texts("Run", "Gyro (unit)")
+    heads += numbers("Frames", "Lost", "Lost [ppm]", "Rejected", "Sample rate [Hz]", "Clock error [ppm]")
     caption = "Streams as recorded. A frame that was lost or rejected is marked in the record."
     if off := [f"{stream.gyro} {count(stream.off)}" for _, stream in pairs if stream.off]:
         caption += f" Not sent while switched off by the procedure, and not lost: {', '.join(off)} frames."
@@ -172,29 +163,18 @@ def streams_table(runs: Sequence[RunSummary]) -> list[Block]:
 
 def devices_table(runs: Sequence[RunSummary]) -> list[Block]:
     """Return the devices that took part, as they identified themselves, each once."""
-    devices = list(dict.fromkeys(device for run in runs for device in run.devices))
-    if not devices:
-        return []
-    rows = [
-        Row(
-            [Cell(device.name, strong=True)]
-            + [
-                Cell(text or DASH)
-                for text in (device.role, device.maker, device.model, device.serial_number, device.firmware)
-            ]
-        )
-        for device in devices
-    ]
-    heads = [Column(title) for title in ("Device", "Role", "Maker", "Model", "Serial number", "Firmware")]
-    return [Table(heads, rows, "Devices as they identified themselves when the run began.")]
+    rows = []
+    for device in dict.fromkeys(device for run in runs for device in run.devices):
+        facts = (device.role, device.maker, device.model, device.serial_number, device.firmware)
+        rows.append(named(device.name, *(text or DASH for text in facts)))
+    heads = texts("Device", "Role", "Maker", "Model", "Serial number", "Firmware")
+    return table(heads, rows, "Devices as they identified themselves when the run began.")
 
 
 def checksum_table(checksums: Mapping[str, str], caption: str) -> list[Block]:
     """Return names with their SHA-256 checksums."""
-    rows = [
-        Row([Cell(name, strong=True), Cell(value or DASH, code=True)]) for name, value in checksums.items()
-    ]
-    return [Table([Column("Run"), Column("SHA-256")], rows, caption)] if rows else []
+    rows = [named(name, Cell(value or DASH, code=True)) for name, value in checksums.items()]
+    return table(texts("Run", "SHA-256"), rows, caption)
 
 
 def software_facts(software: Mapping[str, str], bench_file_sha256: str) -> list[Block]:

@@ -18,7 +18,6 @@ from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import DASH, column, duration, fixed, significant
 from bench.present.report._page import (
     Block,
-    Column,
     Definitions,
     Fact,
     Facts,
@@ -29,9 +28,12 @@ from bench.present.report._page import (
     Section,
     Table,
     Verdict,
+    named,
+    numbers,
+    texts,
 )
 from bench.present.report._palette import AFTER, BEFORE, GREEN, MUTED, PURPLE, Paint
-from bench.present.report._parts import BEFORE_AFTER, before_after, made, named, warnings
+from bench.present.report._parts import BEFORE_AFTER, before_after, made, warnings
 from bench.present.report._plotting import drawing, place, svg
 from bench.present.report._run_content import run_content
 from bench.present.report._tables import checksum_table, runs_table, software_facts
@@ -161,16 +163,9 @@ def _judgement_table(judgements: Sequence[Judgement]) -> list[Block]:
         values = [before.locked_arcsec, patent, after.locked_arcsec, _factor(judged)]
         values += [before.locked_arcsec / patent if patent else None, before.total_arcsec, after.total_arcsec]
         rows.append(named(judged.record.run_id, *(significant(value) for value in values)))
-    heads = [
-        Column("Run"),
-        Column("Locked, before", "arcsec", True),
-        Column("second-order integral fit", "arcsec", True),
-        Column("direct fit", "arcsec", True),
-        Column("times less, direct", "", True),
-        Column("integral", "", True),
-        Column("All, before", "arcsec", True),
-        Column("after", "arcsec", True),
-    ]
+    heads = texts("Run") + numbers("Locked, before [arcsec]", "second-order integral fit [arcsec]")
+    heads += numbers("direct fit [arcsec]", "times less, direct", "integral")
+    heads += numbers("All, before [arcsec]", "after [arcsec]")
     caption = (
         "Rms an axis of the carrier's tilt about its mean over two turns; locked: what repeats with the rotation "
         "angle, lines −6 to 6. The second-order integral fit is the patent's own form; it cannot hold lines +1 "
@@ -181,28 +176,19 @@ def _judgement_table(judgements: Sequence[Judgement]) -> list[Block]:
 
 def _attitude(course: _Course, number: int) -> Figures:
     run_id, minutes = course.run_id, course.time_s / 60.0
+    y_after = Curve("about y", minutes, course.after.imag, GREEN)
     plots = [
         before_after("arcsec", minutes, course.before.real, course.after.real, height=150.0, of="about x"),
         before_after("arcsec", minutes, course.before.imag, course.after.imag, height=150.0, of="about y"),
-        Lane(
-            "arcsec",
-            [
-                Curve("about x after", minutes, course.after.real, AFTER),
-                Curve("about y", minutes, course.after.imag, GREEN),
-            ],
-            110.0,
-        ),
+        Lane("arcsec", [Curve("about x after", minutes, course.after.real, AFTER), y_after], 110.0),
     ]
-    figure = lanes(
+    return lanes(
         f"attitude-{number}",
         plots,
         "time, min",
-        description=f"carrier tilt of run {run_id} before and after compensation",
-    )
-    return Figures(
-        [figure],
         f"Run {run_id}: carrier tilt about the body's axes less its two-turn mean; below, the rest.",
         BEFORE_AFTER,
+        description=f"carrier tilt of run {run_id} before and after compensation",
     )
 
 
@@ -219,18 +205,15 @@ def _residual(study: WhirlStudy) -> Figures:
                 Curve("fit", minutes, fitted, PURPLE, "--"),
             ],
         )
-        for axis, measured, fitted in (
-            ("x", tilt.real, fitted_tilt.real),
-            ("y", tilt.imag, fitted_tilt.imag),
-        )
+        for axis, measured, fitted in (("x", tilt.real, fitted_tilt.real), ("y", tilt.imag, fitted_tilt.imag))
     ]
-    figure = lanes(
-        "residual", plots, "time, min", description="integrated residual rate in body axes and its fit"
-    )
-    return Figures(
-        [figure],
+    return lanes(
+        "residual",
+        plots,
+        "time, min",
         "Residual rate of the horizontal gyros, turned into body axes and integrated, Earth rate and drift out. "
         "Both begin at zero: the constant is free.",
+        description="integrated residual rate in body axes and its fit",
     )
 
 
@@ -262,19 +245,13 @@ def _spectrum(course: _Course) -> Figures:
     before, after = (
         tilt_spectrum(tilt, course.angle_rad, _SPECTRUM) for tilt in (course.before, course.after)
     )
-    figure = lanes(
+    return lanes(
         "spectrum",
-        [
-            _decades("before", before, BEFORE),
-            _decades("after", after, AFTER),
-        ],
+        [_decades("before", before, BEFORE), _decades("after", after, AFTER)],
         "line m, turns of the tilt a turn of the table",
-        description="amplitude of the carrier tilt against line, before and after",
-    )
-    return Figures(
-        [figure],
         "Amplitude of the carrier's tilt by line, positive lines turning with the table; logarithm to base ten. "
         "A peak off the whole numbers is a bearing's cage or rollers.",
+        description="amplitude of the carrier tilt against line, before and after",
     )
 
 
@@ -301,14 +278,8 @@ def _line_table(study: WhirlStudy) -> list[Block]:
             fit.lines, fit.amplitudes_arcsec.tolist(), sd, fit.statistic, strict=True
         )
     ]
-    heads = [
-        Column("Line m"),
-        Column("About x", "arcsec", True),
-        Column("About y", "arcsec", True),
-        Column("Amplitude", "arcsec", True),
-        Column("sd an axis", "arcsec", True),
-        Column("Evidence", "", True),
-    ]
+    heads = texts("Line m") + numbers("About x [arcsec]", "About y [arcsec]", "Amplitude [arcsec]")
+    heads += numbers("sd an axis [arcsec]", "Evidence")
     caption = "Body tilt = Σ a exp(j m ψ). Evidence is |a|² / (2 sd²), Exp(1) where there is no line."
     meaning = Definitions(
         [

@@ -47,7 +47,7 @@ def heading_effect(
     from bench.analysis.common.state_file import saved_together
     from bench.analysis.heading import HeadingCompensation, checksum_of_log, study_heading_logs, unit_of_log
     from bench.present.cli._console import Terminal
-    from bench.present.report import HeadingContent, heading_page, mixed_text, write_report
+    from bench.present.report import heading_page, mixed_text, write_report
     from drivers.base.clock import utc_now
 
     console = Terminal()
@@ -66,12 +66,13 @@ def heading_effect(
     )
     evidence = study.model.evidence
     caused = evidence.cause == "temperature"
-    content = HeadingContent(study, log.stem, utc_now(), checksums, MODEL_FILE if caused else "")
+    model_file = MODEL_FILE if caused else ""
+    page = heading_page(study, log.stem, checksums, created_utc=utc_now(), model_file=model_file)
     with saved_together(out, MODEL_FILE) as part:
         if caused:
             runs = dict([checksum_of_log(log)])
             HeadingCompensation.from_fit(study.model, unit_of_log(log), runs).save(part / MODEL_FILE)
-        write_report(part / "report.html", heading_page(content))
+        write_report(part / "report.html", page)
     for finding in study.findings:
         console.say(f"{finding.what}: {finding.consequence}", style="yellow")
     if not caused:
