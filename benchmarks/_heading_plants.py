@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from bench.analysis.heading import PlatformLog, ReferenceTemperature, fit_reference
+from drivers.base.arrays import Array
+from drivers.base.constants import ARCSEC_RAD
 from simulators.plant.space_stable import PlatformParameters, PlatformSamples, SpaceStablePlatform
 
 STEP_S = 300.0
@@ -75,3 +78,18 @@ def twin(
 ) -> PlatformRun:
     """Return the same run, with the same noise, without a turn."""
     return fly(parameters, seed, tuple((0.0, hours) for _, hours in stays), step_s=step_s)
+
+
+def position_error_finite(phi_as: Array, angle_rad: Array, latitude_deg: float) -> tuple[Array, Array]:
+    """Return (north, east) errors in arcsec, shape (n,), with the misalignment `phi_as` (n, 3) as a finite turn.
+
+    u_computed = R(phi) u; matters above 0.05 deg of |phi| (40 arcsec of error at 1 deg).
+    """
+    latitude = np.radians(latitude_deg)
+    level, up = np.cos(latitude), np.sin(latitude)
+    truth = np.stack(
+        [level * np.cos(angle_rad), level * np.sin(angle_rad), np.full_like(angle_rad, up)], axis=-1
+    )
+    x, y, z = Rotation.from_rotvec(phi_as * ARCSEC_RAD).apply(truth).T
+    longitude = (np.arctan2(y, x) - angle_rad + np.pi) % (2.0 * np.pi) - np.pi
+    return (np.arctan2(z, np.hypot(x, y)) - latitude) / ARCSEC_RAD, level * longitude / ARCSEC_RAD

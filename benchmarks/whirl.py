@@ -27,14 +27,13 @@ from bench.analysis.whirl import (
     heading_from_body_rate,
     judge,
     match_coefficients,
-    nominal_angle,
     oscillation,
     scan_lines,
     uncompensated,
     unit_attitude,
 )
 from benchmarks._measure import Row, figure
-from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, reversing
+from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, nominal_angle, reversing
 from drivers.base.clock import host_seconds
 from simulators.plant.wobble import (
     BACKWARD_LINE,

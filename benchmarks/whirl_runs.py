@@ -133,3 +133,9 @@ def reversing(turns: int, every: int, rate_dps: float) -> list[tuple[float, floa
     """Return stretches of `every` turns in alternating senses."""
     senses = itertools.cycle((1.0, -1.0))
     return [(360.0 * every / rate_dps, rate_dps * next(senses)) for _ in range(turns // every)]
+
+
+def nominal_angle(record: TurnRecord) -> NDArray[np.float64]:
+    """Return w t with the mean rate of the record, (n + 1,): what a fit at the nominal angle would use."""
+    share = (record.time_s - record.time_s[0]) / (record.time_s[-1] - record.time_s[0])
+    return np.asarray(record.angle_rad[0] + share * (record.angle_rad[-1] - record.angle_rad[0]))

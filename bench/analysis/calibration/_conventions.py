@@ -141,12 +141,6 @@ def rotation(axis: Array, angle_rad: Array) -> Array:
     return np.asarray(np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * (skew @ skew))
 
 
-def to_gauge(kg: Array, ka: Array) -> tuple[Array, Array]:
-    """Return K_g, K_a (3, 3) of the same IMU in the frame in which K_a is lower triangular (first order)."""
-    turn = cross_matrix(np.array([ka[1, 2], -ka[0, 2], ka[0, 1]]))
-    return kg + turn, ka + turn
-
-
 def pack(eps: Array, nabla: Array, kg: Array, ka: Array, k2: Array) -> Array:
     """Return the 24 parameters in state order, SI; `ka` must be lower triangular (see `to_gauge`)."""
     return np.concatenate([eps, nabla, kg.ravel(order="F"), [ka[at] for at in KA_ELEMENTS], k2])

@@ -54,8 +54,7 @@ class Estimate:
     """The result. SI: `parameters`, `sigma` (24,); `lever_m` (2, 3) and `lag_s` are zero unless estimated.
 
     `covariance` (24, 24); `course` (positions, 24): sigma at the end of each rest; `innovation_rms`: of whitened
-    innovations, 1 when the noise assumed is the noise there was; `last_step` (24,): what the last pass changed,
-    in sigma.
+    innovations, 1 when the noise assumed is the noise there was.
     """
 
     parameters: Array
@@ -65,7 +64,6 @@ class Estimate:
     lag_s: float
     course: Array
     innovation_rms: float
-    last_step: Array
 
 
 @dataclass
@@ -87,14 +85,12 @@ def estimate(
     require_whole(data, options.gyro_range_dps)
     current = np.zeros(31)
     sigma = _prior(task, options)
-    step = np.zeros(24)
     for number in range(options.passes):
         clean = compensate(data, current)
         track = navigate(clean, align(clean, options.alignment_s), task.site)
         if number == 0:
             _require_plausible(clean, track, task, options, schedule)
         found = _filter(track, current, sigma, task, options)
-        step = found.state[PARAMETERS] / np.sqrt(np.diag(found.covariance)[PARAMETERS])
         current = current + found.state[6:37] * (sigma[6:37] > 0.0)
     covariance = found.covariance[PARAMETERS, PARAMETERS]
     return Estimate(
@@ -105,7 +101,6 @@ def estimate(
         lag_s=float(current[30]),
         course=np.array(found.course),
         innovation_rms=float(np.sqrt(np.mean(np.square(found.innovations)))),
-        last_step=step,
     )
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.calibration._conventions import STATES, Task
+from bench.analysis.calibration._conventions import Task
 from drivers.base.arrays import Array
 
 RANK_TOLERANCE = 1e-9
@@ -22,16 +22,11 @@ _SEEN_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Observability:
-    """Degrees by state, shape (30,): `degree` in 1/SI unit, `normalised` = prior sigma / white-noise sigma.
-
-    `singular_values` (30,) are of the Q whose columns are scaled by prior sigma / sigma_v: a value below 1 is a
-    combination that the velocities show worse than the prior.
-    """
+    """Degrees by state, shape (30,): `degree` in 1/SI unit, `normalised` = prior sigma / white-noise sigma."""
 
     degree: Array
     normalised: Array
     rank: int
-    singular_values: Array
 
 
 def observability(q: Array, task: Task, tolerance: float = RANK_TOLERANCE) -> Observability:
@@ -47,5 +42,4 @@ def observability(q: Array, task: Task, tolerance: float = RANK_TOLERANCE) -> Ob
         degree=normalised * task.noise.velocity_mps / task.prior_sigma,
         normalised=normalised,
         rank=rank,
-        singular_values=np.concatenate([singular, np.zeros(STATES - len(singular))]),
     )

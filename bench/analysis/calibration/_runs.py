@@ -13,8 +13,9 @@ from bench.analysis.calibration._conventions import AXES, pack
 from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._schedule import Schedule, home_attitude, parse_moves
 from bench.analysis.calibration._table import Table
-from bench.analysis.calibration._turning import TableAxis, table_type
+from bench.analysis.calibration._turning import table_axes, table_type
 from bench.record.benchfile import bench_file_from
+from bench.record.events.run import Scheme
 from bench.record.recording import Run
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
@@ -62,10 +63,6 @@ def load_calibration_run(folder: Path | str, gyro: str | None = None) -> Calibra
         raise RecordError("no such unit in the run", where=str(folder), found=name)
     schedule = _schedule(run)
     section = file.gyro_named(name)
-    axes = [
-        TableAxis(axis.name, axis.direction, axis.min_angle_deg, axis.max_angle_deg)
-        for axis in file.table.all_axes
-    ]
     start_s, end_s, turn_s = _span(run, schedule)
     table = run.gyro(name, start_s=start_s, end_s=end_s)
     rate_hz = manifest.stream.get(name, {}).get("sample_rate_hz")
@@ -80,7 +77,7 @@ def load_calibration_run(folder: Path | str, gyro: str | None = None) -> Calibra
         latitude_deg=file.bench.latitude_deg,
         increments=_increments(table, name, section.axis, float(rate_hz)),
         schedule=schedule,
-        table=table_type(axes),
+        table=table_type(table_axes(file.table)),
         mounting=manifest.mounting,
         turn_s=turn_s,
         truth=_truth(run, name),
@@ -88,22 +85,22 @@ def load_calibration_run(folder: Path | str, gyro: str | None = None) -> Calibra
 
 
 def _schedule(run: Run) -> Schedule:
-    rows = [row for row in run.events if row["kind"] == "scheme"]
-    if not rows:
+    schemes = run.of(Scheme)
+    if not schemes:
         raise RecordError(
             "the run does not say which scheme it turned",
             where=str(run.place),
             expected="an event `scheme` in events.jsonl",
         )
-    row = rows[-1]
+    _, scheme = schemes[-1]
     return Schedule(
-        name=str(row["name"]),
-        moves=parse_moves(row["moves"]),
-        home=home_attitude(row["home"]),
-        dwell_s=float(row["dwell_s"]),
-        rate_dps=float(row["rate_dps"]),
+        name=scheme.name,
+        moves=parse_moves(scheme.moves),
+        home=home_attitude(scheme.home),
+        dwell_s=scheme.dwell_s,
+        rate_dps=scheme.rate_dps,
         profile="constant",
-        source=str(row.get("source", "")),
+        source=scheme.source,
     )
 
 
@@ -125,7 +122,7 @@ def _span(run: Run, schedule: Schedule) -> tuple[float, float, tuple[float, ...]
 
 def _increments(table: Mapping[str, Any], name: str, axis: str, rate_hz: float) -> Increments:
     rates = {axis: "rate_dps"} | {other: f"rate_{other}_dps" for other in AXES if other != axis}
-    columns = [rates[each] for each in AXES] + [f"accelerometer_{each}_mps2" for each in AXES]
+    columns = [rates[name] for name in AXES] + [f"accelerometer_{name}_mps2" for name in AXES]
     missing = [column for column in columns if column not in table]
     if missing:
         raise RecordError(

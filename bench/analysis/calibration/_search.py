@@ -8,8 +8,7 @@ and draws one by its merit (heat bath); a schedule that closes may also begin at
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,16 +17,14 @@ import numpy as np
 from bench.analysis.calibration._annealing import anneal
 from bench.analysis.calibration._beam import grow_beam
 from bench.analysis.calibration._conventions import PARAMETERS, Task
-from bench.analysis.calibration._graph import QUARTERS, Graph, Integers, build_graph
-from bench.analysis.calibration._paths import Path, cuts, whole
+from bench.analysis.calibration._graph import QUARTERS, Graph, build_graph
+from bench.analysis.calibration._paths import Path, whole
 from bench.analysis.calibration._schedule import ANGLES, Schedule
-from bench.analysis.calibration._segments import Segment, compose, scaled_variances
+from bench.analysis.calibration._segments import scaled_variances
 from bench.analysis.calibration._table import Table
 from bench.analysis.common.fan_out import ALONE, FanOut
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
-
-EXHAUSTIVE_TURNS = 7
 
 
 @dataclass(frozen=True)
@@ -124,37 +121,6 @@ def _annealed(
     return anneal(graph, weight, path, steps, np.random.default_rng((seed, number)))
 
 
-def exhaustive(task: Task, turns: int, pattern: Schedule, table: Table = "by-hand") -> SearchResult:
-    """Return the best of all schedules of exactly `turns` quarter turns from the pattern's home; need not close.
-
-    ConfigurationError beyond 7 turns: eight would be 1.7 million schedules.
-    """
-    if turns > EXHAUSTIVE_TURNS:
-        raise ConfigurationError(
-            "too many turns for an exhaustive search",
-            found=str(turns),
-            expected=f"at most {EXHAUSTIVE_TURNS}",
-        )
-    graph = build_graph(task, table, pattern)
-    weight = (task.prior_sigma[PARAMETERS] / task.target_sigma) ** 2
-    at = int(np.argmin([np.abs(attitude - pattern.home).max() for attitude in graph.attitudes]))
-    best, worst, evaluated = Path(0, ()), math.inf, 0
-    for home in np.flatnonzero(graph.node_attitude == at):
-        for paths, stretch in _grown(graph, int(home), turns):
-            ratio = scaled_variances(stretch.information) * weight
-            evaluated += len(paths)
-            least = int(np.argmin(ratio.max(axis=1)))
-            if ratio[least].max() < worst:
-                best, worst = paths[least], float(ratio[least].max())
-    ratio = np.sqrt(scaled_variances(whole(graph, best).information) * weight)
-    return SearchResult(
-        schedule=graph.schedule(best.home, best.moves, f"exhaustive-{turns}"),
-        merit=Merit(float(ratio.max()), float(np.sqrt(np.mean(ratio**2)))),
-        evaluated=evaluated,
-        statement=f"All {evaluated} schedules of {turns} quarter turns from this home were evaluated: proven.",
-    )
-
-
 def _diverse(paths: Sequence[Path], count: int) -> list[Path]:
     """Return the best path of each home in turn, until there are `count`."""
     by_home: dict[int, list[Path]] = {}
@@ -162,21 +128,3 @@ def _diverse(paths: Sequence[Path], count: int) -> list[Path]:
         by_home.setdefault(path.home, []).append(path)
     rounds = itertools.chain.from_iterable(itertools.zip_longest(*by_home.values()))
     return [path for path in rounds if path is not None][:count]
-
-
-def _grown(graph: Graph, home: int, turns: int) -> Iterator[tuple[list[Path], Segment]]:
-    """Yield all paths of `turns` moves from a home node in batches."""
-    stack: list[tuple[list[tuple[int, ...]], Integers, Segment]] = [
-        ([()], np.array([home]), graph.rests[graph.node_attitude[[home]]])
-    ]
-    while stack:
-        histories, node, stretch = stack.pop()
-        if len(histories[0]) == turns:
-            yield [Path(home, moves) for moves in histories], stretch
-            continue
-        row, move = np.nonzero(graph.edges[node] >= 0)
-        for cut in cuts(len(row)):
-            r, m = row[cut], move[cut]
-            longer = compose(stretch[r], graph.segments[graph.node_attitude[node[r]], m])
-            moves = [(*histories[a], int(b)) for a, b in zip(r, m, strict=True)]
-            stack.append((moves, graph.edges[node[r], m], longer))

@@ -61,11 +61,6 @@ def turned(table: Table, gimbals: Gimbals, attitude: Array, axis: int) -> list[G
     return found
 
 
-def possible(table: Table, schedule: Schedule) -> bool:
-    """Whether the table makes every turn of the schedule with one gimbal at a time, however it is mounted."""
-    return first_impossible(table, schedule) is None
-
-
 def first_impossible(table: Table, schedule: Schedule) -> int | None:
     """Return the index of the first turn at which no way of mounting is left; None if all can be made."""
     if table == "by-hand":

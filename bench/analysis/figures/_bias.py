@@ -59,11 +59,13 @@ def repeatability(values: ArrayLike) -> float:
     return float(np.std(values, ddof=1))
 
 
-def temperature_sensitivity(values: ArrayLike, temp_c: ArrayLike, reference: int = 0) -> float:
-    """Return max |(v_i - v_m) / (T_i - T_m)| against the point `reference` (m), per degC.
+def temperature_sensitivity(
+    values: ArrayLike, temp_c: ArrayLike, reference: int = 0, *, relative: bool = False
+) -> float:
+    """Return max |(v_i - v_m) / (T_i - T_m)| against the point `reference` (m), per degC; `relative`: over v_m.
 
-    GJB 2426A, bias temperature sensitivity. Points within 1 K of the reference say nothing and are left out;
-    ConfigurationError when none is left.
+    GJB 2426A, temperature sensitivity of bias and (relative) of scale factor. Points within 1 K of the reference
+    say nothing and are left out; ConfigurationError when none is left.
     """
     v, t = np.asarray(values, dtype=np.float64), np.asarray(temp_c, dtype=np.float64)
     step = t - t[reference]
@@ -76,7 +78,8 @@ def temperature_sensitivity(values: ArrayLike, temp_c: ArrayLike, reference: int
             expected="points at least 1 K from the reference",
             remedy="hold the unit at other temperatures",
         )
-    return float(np.max(np.abs((v - v[reference])[use] / step[use])))
+    size = v[reference] if relative else 1.0
+    return float(np.max(np.abs((v - v[reference])[use] / (size * step[use]))))
 
 
 def warm_up_time_s(output_dph: Array, tolerance_dph: float, rate_hz: float = 1.0) -> float:

@@ -14,12 +14,9 @@ from numpy.typing import NDArray
 from bench.analysis.common.allan import AllanDeviation, allan_deviation
 from bench.analysis.common.allan_noise import NOISE_NAMES, NOISE_UNITS, NoiseFit, fit_noise
 from bench.analysis.figures._bias import bias_figures, repeatability, temperature_sensitivity, warm_up_time_s
-from bench.analysis.figures._scale_factor import (
-    fit_rate_sequence,
-    scale_factor_figures,
-    scale_factor_sensitivity_ppm_per_k,
-)
-from bench.analysis.figures._small_rates import RateStep, resolution, threshold
+from bench.analysis.figures._scale_factor import fit_rate_sequence, scale_factor_figures
+from bench.analysis.figures._small_rates import RateStep, threshold
+from bench.record.events.run import Interval
 from bench.record.recording import Run, row_means, seconds
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS, earth_rate_north_dph, earth_rate_up_dph
@@ -68,76 +65,77 @@ class _Record:
     gyro: str
     axis_angle_error_deg: float
 
-    def intervals(self, test: str) -> list[dict[str, Any]]:
-        return [row for row in self.run.events if row["kind"] == "interval" and row["test"] == test]
+    def intervals(self, test: str) -> list[Interval]:
+        return [interval for _, interval in self.run.of(Interval) if interval.test == test]
 
-    def output_dph(self, interval: dict[str, Any]) -> Array:
+    def needed(self, test: str) -> list[Interval]:
+        if intervals := self.intervals(test):
+            return intervals
+        manifest = self.run.manifest
+        raise ConfigurationError(
+            f"the run has no interval of {test.replace('_', ' ')}",
+            where=f"run {manifest.run_id}",
+            found=manifest.outcome,
+            remedy=manifest.reason or "the test was left out of the run",
+        )
+
+    def output_dph(self, interval: Interval) -> Array:
         """Valid samples of an interval, deg/h."""
         table = self._table(interval, ("rate_dps", "valid"))
         return np.asarray(3600.0 * table["rate_dps"][table["valid"].astype(np.bool_)].astype(np.float64))
 
-    def mean_dps(self, interval: dict[str, Any]) -> float:
+    def mean_dps(self, interval: Interval) -> float:
         return float(self.output_dph(interval).mean() / 3600.0)
 
-    def temp_c(self, interval: dict[str, Any]) -> float:
+    def temp_c(self, interval: Interval) -> float:
         values = self._table(interval, ("temp_c",))["temp_c"].astype(np.float64)
         if not np.isfinite(values).any():
             raise ConfigurationError(
                 "the unit sends no temperature",
-                where=f"{interval['test']}, {self.gyro}",
+                where=f"{interval.test}, {self.gyro}",
                 expected="a stream with the unit's temperature",
                 remedy="choose a message that carries it",
             )
         return float(np.nanmean(values))
 
-    def seconds_dph(self, interval: dict[str, Any]) -> Array:
+    def seconds_dph(self, interval: Interval) -> Array:
         """Means over whole seconds, the few empty ones interpolated."""
         table = self._table(interval, ("time_ns", "rate_dps", "valid"))
-        row = np.floor(seconds(table) - float(interval["start_s"])).astype(np.int64)
-        count = math.floor(float(interval["end_s"]) - float(interval["start_s"]))
+        row = np.floor(seconds(table) - interval.start_s).astype(np.int64)
+        count = math.floor(interval.end_s - interval.start_s)
         rates = DPH_PER_DPS * table["rate_dps"].astype(np.float64)
         means = row_means(rates, row, count, table["valid"].astype(np.bool_))
         empty = np.isnan(means)
         if empty.mean() > 0.01:
             raise ConfigurationError(
                 "the record has gaps",
-                where=f"{interval['test']}, {self.gyro}",
+                where=f"{interval.test}, {self.gyro}",
                 found=f"{int(empty.sum())} of {count} seconds without a valid sample",
                 expected="fewer than 1 %",
             )
         known = np.flatnonzero(~empty)
         return np.asarray(np.interp(np.arange(count), known, means[known]))
 
-    def true_rate_dps(self, interval: dict[str, Any]) -> float:
+    def true_rate_dps(self, interval: Interval) -> float:
         """Mean table rate by its encoder: angle turned over time."""
-        table = self.run.turntable(("time_ns", "angle_deg", "rate_dps"), *self._limits(interval))
+        table = self.run.turntable(("time_ns", "angle_deg", "rate_dps"), interval.start_s, interval.end_s)
         time_s = seconds(table)
         if len(time_s) < 2:
-            return float(interval["rate_dps"])
+            return interval.rate_dps or 0.0
         # Between telegrams the table turns by rate * time; the encoder tells the rest of the turn.
         step_s = np.diff(time_s)
         expected = 0.5 * (table["rate_dps"][1:] + table["rate_dps"][:-1]) * step_s
         error = (np.diff(table["angle_deg"]) - expected + 180.0) % 360.0 - 180.0
         return float((expected + error).sum() / step_s.sum())
 
-    def earth_horizontal_dph(self) -> float:
-        return earth_rate_north_dph(self.run.manifest.latitude_deg)
-
-    def earth_vertical_dph(self) -> float:
-        return earth_rate_up_dph(self.run.manifest.latitude_deg)
-
-    def earth_dph(self, interval: dict[str, Any]) -> float:
+    def earth_dph(self, interval: Interval) -> float:
         """Earth rate along the horizontal axis at the table's angle."""
-        angle = self.run.turntable(("angle_deg",), *self._limits(interval))["angle_deg"]
-        return self.earth_horizontal_dph() * float(
-            np.cos(np.radians(angle + self.axis_angle_error_deg)).mean()
-        )
+        angle = self.run.turntable(("angle_deg",), interval.start_s, interval.end_s)["angle_deg"]
+        along = float(np.cos(np.radians(angle + self.axis_angle_error_deg)).mean())
+        return earth_rate_north_dph(self.run.manifest.latitude_deg) * along
 
-    def _table(self, interval: dict[str, Any], columns: Sequence[str]) -> dict[str, NDArray[Any]]:
-        return self.run.gyro(self.gyro, columns, *self._limits(interval))
-
-    def _limits(self, interval: dict[str, Any]) -> tuple[float, float]:
-        return float(interval["start_s"]), float(interval["end_s"])
+    def _table(self, interval: Interval, columns: Sequence[str]) -> dict[str, NDArray[Any]]:
+        return self.run.gyro(self.gyro, columns, interval.start_s, interval.end_s)
 
 
 def figures_of_unit(
@@ -161,7 +159,7 @@ def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
     """Return every figure that a `standard-test` run folder gives; what is missing is named, not guessed."""
     run = Run.open(folder)
     name = gyro or next(iter(run.manifest.units), "")
-    if not any(row["kind"] == "interval" for row in run.events) or name not in run.manifest.units:
+    if not run.of(Interval) or name not in run.manifest.units:
         raise ConfigurationError(
             "no standard test of that gyro in this run",
             where=str(folder),
@@ -211,22 +209,22 @@ def figures_over_runs(runs: Iterable[StandardFigures]) -> tuple[Figure, ...]:
 
 def _bias(record: _Record) -> list[Figure]:
     warm_up = record.intervals("warm_up")
-    intervals = _needed(record, "bias")
+    intervals = record.needed("bias")
     source = "GJB 2426A; IEEE Std 952"
-    means = []
-    for interval in intervals:
-        figures = bias_figures(record.seconds_dph(interval), record.earth_dph(interval))
-        means.append(figures.bias_dph)
-        if interval is intervals[0]:
-            first = figures
+    cycles = [
+        bias_figures(record.seconds_dph(interval), record.earth_dph(interval)) for interval in intervals
+    ]
+    first = cycles[0]
     found = [
-        Figure("bias", means[0], "deg/h", source),
+        Figure("bias", first.bias_dph, "deg/h", source),
         Figure("bias stability, 10 s averages", first.stability_10s_dph, "deg/h", source),
         Figure("bias stability, 100 s averages", first.stability_100s_dph, "deg/h", source),
     ]
-    if len(means) > 1:
-        over = f"{source}, {len(means)} power-ons"
-        found.append(Figure("bias repeatability", repeatability(means), "deg/h", over))
+    if len(cycles) > 1:
+        over = f"{source}, {len(cycles)} power-ons"
+        found.append(
+            Figure("bias repeatability", repeatability([cycle.bias_dph for cycle in cycles]), "deg/h", over)
+        )
     if warm_up:
         time_s = warm_up_time_s(record.seconds_dph(warm_up[0]), 3.0 * first.stability_100s_dph)
         if math.isfinite(time_s):
@@ -236,13 +234,15 @@ def _bias(record: _Record) -> list[Figure]:
 
 def _small_rates(record: _Record) -> list[Figure]:
     found = []
-    for test, judge in (("threshold", threshold), ("resolution", resolution)):
+    for test in ("threshold", "resolution"):
+        by_step: dict[float, list[Interval]] = {}
+        for interval in record.needed(test):
+            by_step.setdefault(interval.step or 0.0, []).append(interval)
         steps = []
-        for number in sorted({row["step"] for row in _needed(record, test)}):
-            before, there, after = (row for row in record.intervals(test) if row["step"] == number)
+        for _, (before, there, after) in sorted(by_step.items()):
             zero = 0.5 * (record.output_dph(before).mean() + record.output_dph(after).mean())
-            steps.append(RateStep(there["input_dph"], float(record.output_dph(there).mean() - zero)))
-        value = judge(steps)
+            steps.append(RateStep(there.input_dph or 0.0, float(record.output_dph(there).mean() - zero)))
+        value = threshold(steps)
         source = "IEEE Std 647, 952; smallest input with 50 % of its output"
         if value == min(abs(step.input_dph) for step in steps):
             source += ", no smaller one was put in"
@@ -251,7 +251,7 @@ def _small_rates(record: _Record) -> list[Figure]:
 
 
 def _misalignment(record: _Record) -> list[Figure]:
-    intervals = _needed(record, "misalignment")
+    intervals = record.needed("misalignment")
     rates = np.array([record.true_rate_dps(row) for row in intervals])
     outputs = np.array([record.mean_dps(row) for row in intervals])
     # Half the difference between the two senses: bias and the mean of the turning Earth rate drop out.
@@ -261,9 +261,9 @@ def _misalignment(record: _Record) -> list[Figure]:
 
 
 def _scale_factor(record: _Record) -> list[Figure]:
-    sequences: dict[int, list[dict[str, Any]]] = {}
-    for row in _needed(record, "scale_factor"):
-        sequences.setdefault(int(row["sequence"]), []).append(row)
+    sequences: dict[float | None, list[Interval]] = {}
+    for interval in record.needed("scale_factor"):
+        sequences.setdefault(interval.sequence, []).append(interval)
     pairs = [
         ([record.true_rate_dps(row) for row in rows], [record.mean_dps(row) for row in rows])
         for rows in sequences.values()
@@ -281,32 +281,29 @@ def _scale_factor(record: _Record) -> list[Figure]:
 
 
 def _over_temperature(record: _Record) -> list[Figure]:
-    groups: dict[float, list[dict[str, Any]]] = {}
-    for row in _needed(record, "temperature"):
-        groups.setdefault(float(row["temp_c"]), []).append(row)
+    groups: dict[float | None, list[Interval]] = {}
+    for interval in record.needed("temperature"):
+        groups.setdefault(interval.temp_c, []).append(interval)
     bias, scale, temp = [], [], []
     for rows in groups.values():
         rates = [record.true_rate_dps(row) for row in rows]
         fit = fit_rate_sequence(rates, [record.mean_dps(row) for row in rows])
-        bias.append(3600.0 * fit.offset / fit.scale_factor - record.earth_vertical_dph())
+        earth_dph = earth_rate_up_dph(record.run.manifest.latitude_deg)
+        bias.append(3600.0 * fit.offset / fit.scale_factor - earth_dph)
         scale.append(fit.scale_factor)
         temp.append(float(np.mean([record.temp_c(row) for row in rows])))
+    of_bias, of_scale = (
+        temperature_sensitivity(bias, temp),
+        temperature_sensitivity(scale, temp, relative=True),
+    )
     return [
-        Figure(
-            "bias temperature sensitivity", temperature_sensitivity(bias, temp), "deg/h/degC", "GJB 2426A"
-        ),
-        Figure(
-            "scale-factor temperature sensitivity",
-            scale_factor_sensitivity_ppm_per_k(scale, temp),
-            "ppm/degC",
-            "GJB 2426A",
-        ),
+        Figure("bias temperature sensitivity", of_bias, "deg/h/degC", "GJB 2426A"),
+        Figure("scale-factor temperature sensitivity", 1e6 * of_scale, "ppm/degC", "GJB 2426A"),
     ]
 
 
 def _noise(record: _Record) -> tuple[AllanDeviation, NoiseFit]:
-    interval = _needed(record, "noise")[0]
-    allan = allan_deviation(record.seconds_dph(interval), 1.0)
+    allan = allan_deviation(record.seconds_dph(record.needed("noise")[0]), 1.0)
     return allan, fit_noise(allan)
 
 
@@ -322,15 +319,3 @@ def _noise_figures(noise: NoiseFit) -> list[Figure]:
         )
         for name, unit in zip(NOISE_NAMES, NOISE_UNITS, strict=True)
     ]
-
-
-def _needed(record: _Record, test: str) -> list[dict[str, Any]]:
-    found = record.intervals(test)
-    if found:
-        return found
-    raise ConfigurationError(
-        f"the run has no interval of {test.replace('_', ' ')}",
-        where=f"run {record.run.manifest.run_id}",
-        found=record.run.manifest.outcome,
-        remedy=record.run.manifest.reason or "the test was left out of the run",
-    )

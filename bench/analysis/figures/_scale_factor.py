@@ -50,8 +50,7 @@ def fit_rate_sequence(rate_dps: ArrayLike, output: ArrayLike) -> ScaleFactorFit:
             expected="at least 3 different rates with an output each; 11 a sign for a figure of the standards",
             remedy="add rates to the sequence",
         )
-    centred = rate - rate.mean()
-    slope = float(centred @ out / (centred @ centred))
+    slope = _slope(rate, out)
     offset = float(out.mean() - slope * rate.mean())
     return ScaleFactorFit(slope, offset, out - slope * rate - offset)
 
@@ -89,20 +88,9 @@ def relative_repeatability_ppm(scale_factors: ArrayLike) -> float:
     return float(1e6 * np.std(values, ddof=1) / abs(values.mean()))
 
 
-def scale_factor_sensitivity_ppm_per_k(
-    scale_factors: ArrayLike, temp_c: ArrayLike, reference: int = 0
-) -> float:
-    """Return max |(K_i - K_m) / (K_m (T_i - T_m))| in ppm/K (GJB 2426A)."""
-    k, t = np.asarray(scale_factors, dtype=np.float64), np.asarray(temp_c, dtype=np.float64)
-    use = np.abs(t - t[reference]) >= 1.0
-    if not use.any():
-        raise ConfigurationError(
-            "no two temperatures for a temperature sensitivity",
-            where="standard test",
-            found=f"{len(t)} points",
-        )
-    change = (k - k[reference])[use] / (k[reference] * (t - t[reference])[use])
-    return float(1e6 * np.max(np.abs(change)))
+def _slope(rate: Array, out: Array) -> float:
+    centred = rate - rate.mean()
+    return float(centred @ out / (centred @ centred))
 
 
 def _asymmetry(rate: Array, out: Array) -> float:
@@ -117,8 +105,7 @@ def _asymmetry(rate: Array, out: Array) -> float:
                 found=f"{len(np.unique(rate[side]))} of sign {sign:+.0f}",
                 remedy="run the sequence to both sides",
             )
-        centred = rate[side] - rate[side].mean()
-        slopes.append(float(centred @ out[side] / (centred @ centred)))
+        slopes.append(_slope(rate[side], out[side]))
     return abs(slopes[0] - slopes[1])
 
 

@@ -1,4 +1,4 @@
-"""Threshold, resolution and input-axis misalignment."""
+"""Threshold and resolution."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ class RateStep:
 
 
 def threshold(steps: Sequence[RateStep], *, share: float = 0.5) -> float:
-    """Return the smallest input from rest, deg/h, that gives at least `share` of the expected output.
+    """Return the smallest input, deg/h, that gives at least `share` of the expected output.
 
-    IEEE Std 647 and 952, threshold; GJB 2426A. All larger inputs must pass too; ConfigurationError when none
+    IEEE Std 647 and 952, GJB 2426A: the threshold for inputs from rest, the resolution for changes of a rate far
+    from zero. All larger inputs must pass too; ConfigurationError when none
     does.
     """
     found = math.inf
@@ -43,21 +44,3 @@ def threshold(steps: Sequence[RateStep], *, share: float = 0.5) -> float:
             remedy="put in larger rates, or average longer",
         )
     return found
-
-
-def resolution(steps: Sequence[RateStep], *, share: float = 0.5) -> float:
-    """Return the smallest change of a rate far from zero, deg/h, that gives `share` of the expected output.
-
-    IEEE Std 647 and 952, resolution: as the threshold, at an input larger than it.
-    """
-    return threshold(steps, share=share)
-
-
-def input_axis_misalignment(output_dps: Sequence[float], rate_dps: float) -> float:
-    """Return the angle in deg between input axis and its reference from outputs at two cross positions.
-
-    The table turns at `rate_dps` about an axis normal to the reference, the unit at two positions 90 deg apart
-    about its reference axis; each output over the rate is the sine of one component (IEEE Std 952).
-    """
-    parts = [value / rate_dps for value in output_dps]
-    return math.degrees(math.asin(min(1.0, math.hypot(*parts))))

@@ -1,12 +1,10 @@
-"""The compensation in real time: temperature in, misalignment out, sample by sample, restartable."""
+"""The compensation in real time: temperature in, misalignment out, sample by sample."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +37,8 @@ class Compensated:
 class HeadingCompensator:
     """Runs a fitted model forward. Any chunking of the same samples gives the same numbers.
 
-    Feed it from the alignment on, so that the lag knows the past, and call `start_navigation` when the
-    alignment ends. The angle must be counted as in the calibration: a clock offset turns the whole correction
-    about the pole.
+    Feed it from the alignment on, so that the lag knows the past; the misalignment counts from the first sample.
+    The angle must be counted as in the calibration: a clock offset turns the whole correction about the pole.
     """
 
     def __init__(self, model: LaggedModel, latitude_deg: float | None = None) -> None:
@@ -80,10 +77,6 @@ class HeadingCompensator:
         self._drift = np.zeros(3)
         self._weights: dict[float, tuple[tuple[float, float, float], tuple[float, float, float]]] = {}
 
-    def start_navigation(self) -> None:
-        """Count the misalignment from here on."""
-        self._phi = np.zeros(3)
-
     def feed(self, time_s: Array, sidereal_rad: Array, temp_c: Array) -> Compensated:
         """Take samples, arrays of shape (n,), later than all before; NaN temperatures are bridged.
 
@@ -113,30 +106,6 @@ class HeadingCompensator:
             phi[at] = self._phi
         outside = np.asarray((np.abs(terms) > OUTSIDE * self.model.largest).any(axis=1))
         return Compensated(phi, drift, held, outside)
-
-    def state(self) -> dict[str, Any]:
-        """Return plain numbers from which `restore` goes on as if nothing had happened."""
-        return {
-            "time_s": self._time_s,
-            "inputs": list(self._inputs),
-            "lags": list(self._lags),
-            "seen_s": self._seen_s,
-            "phi_as": self._phi.tolist(),
-            "drift_dph": self._drift.tolist(),
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a saved state; RecordError if it is not one."""
-        try:
-            inputs, lags = (tuple(float(each) for each in state[name]) for name in ("inputs", "lags"))
-            phi, drift = (np.array(state[name], dtype=np.float64) for name in ("phi_as", "drift_dph"))
-            time_s, seen_s = float(state["time_s"]), float(state["seen_s"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise _no_state(error) from error
-        if (len(inputs), len(lags), phi.shape, drift.shape) != (2, 3, (3,), (3,)):
-            raise _no_state("wrong sizes")
-        self._inputs, self._lags = (inputs[0], inputs[1]), (lags[0], lags[1], lags[2])
-        self._phi, self._drift, self._time_s, self._seen_s = phi, drift, time_s, seen_s
 
     def _input(self, now_s: float, temp_c: float, expected_c: float, level_c: float) -> tuple[float, float]:
         if temp_c == temp_c:
@@ -200,12 +169,3 @@ class PositionCorrector:
         self._past = deque(zip(times[keep:].tolist(), known[keep:], strict=True))
         angle = np.asarray(sidereal_rad) - self._delay_s * EARTH_RATE_RAD_S
         return position_error(seen, angle, self._latitude_deg)
-
-
-def _no_state(found: object) -> RecordError:
-    return RecordError(
-        "this is not a saved state of a heading compensation",
-        found=str(found),
-        expected="what `state` returned",
-        remedy="begin again from the alignment",
-    )

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from drivers.base.arrays import Array
-from drivers.base.constants import ARCSEC_RAD, EARTH_ECCENTRICITY_SQUARED, EARTH_RATE_RAD_S
+from drivers.base.constants import EARTH_ECCENTRICITY_SQUARED, EARTH_RATE_RAD_S
 
 _UNIX_J2000_S = 946728000.0
 
@@ -66,33 +66,6 @@ def position_error(phi_as: Array, angle_rad: Array, latitude_deg: float) -> tupl
     """Return (north, east) errors in arcsec, shape (n,), of misalignments `phi_as`, shape (n, 3)."""
     north, east = position_rows(angle_rad, latitude_deg)
     return np.sum(north * phi_as, axis=-1), np.sum(east * phi_as, axis=-1)
-
-
-def position_error_finite(phi_as: Array, angle_rad: Array, latitude_deg: float) -> tuple[Array, Array]:
-    """Return (north, east) errors in arcsec, shape (n,), with the misalignment as a finite turn.
-
-    u_computed = R(phi) u; matters above 0.05 deg of |phi| (40 arcsec of error at 1 deg).
-    """
-    up, level = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
-    truth = np.stack(
-        [level * np.cos(angle_rad), level * np.sin(angle_rad), np.full_like(angle_rad, up)], axis=-1
-    )
-    turned = rotate(np.asarray(phi_as) * ARCSEC_RAD, truth)
-    latitude = np.arctan2(turned[..., 2], np.hypot(turned[..., 0], turned[..., 1]))
-    longitude = np.arctan2(turned[..., 1], turned[..., 0]) - angle_rad
-    longitude = (longitude + np.pi) % (2.0 * np.pi) - np.pi
-    north = (latitude - math.radians(latitude_deg)) / ARCSEC_RAD
-    return north, level * longitude / ARCSEC_RAD
-
-
-def rotate(turn_rad: Array, vectors: Array) -> Array:
-    """Return `vectors` (n, 3) turned by the rotation vectors `turn_rad` (n, 3): Rodrigues' formula."""
-    angle = np.linalg.norm(turn_rad, axis=-1, keepdims=True)
-    crossed = np.cross(turn_rad, vectors)
-    # np.sinc(x / pi) = sin x / x, and (1 - cos x) / x^2 = sinc^2(x / 2) / 2, both sound at 0.
-    half = np.sinc(angle / (2.0 * np.pi))
-    turned: Array = vectors + np.sinc(angle / np.pi) * crossed + 0.5 * half**2 * np.cross(turn_rad, crossed)
-    return turned
 
 
 def wrap_deg(angle_deg: Array | float) -> Array:

@@ -22,12 +22,11 @@ _WORST_CONDITION = 1e3
 
 @dataclass(frozen=True, eq=False)
 class HeadingPoint:
-    """The end of one steady stay: drift (3,) in deg/h with its variance, (b0, ac, as) in K."""
+    """The end of one steady stay: drift (3,) in deg/h, (b0, ac, as) in K."""
 
     heading_deg: float
     time_s: float
     drift_dph: Array
-    drift_sigma_dph: Array
     terms_k: Array
 
 
@@ -79,9 +78,7 @@ def fit_nine(
         at_end = terms[stay.stop - 1]
         if found is None or not np.isfinite(at_end).all():
             continue
-        points.append(
-            HeadingPoint(stay.heading_deg, float(found.time_s), found.eps_dph, _sigma(found), at_end)
-        )
+        points.append(HeadingPoint(stay.heading_deg, float(found.time_s), found.eps_dph, at_end))
     if base is None or len({round(point.heading_deg / _SAME_HEADING_DEG) for point in points}) < 3:
         raise too_few_headings(len(points), window_s)
     return solve_nine(
@@ -171,8 +168,3 @@ def _estimate(log: PlatformLog, stay: Stay, window_s: float, periodic: bool) -> 
     part = log.part(stay.start, stay.stop)
     found = extract(part, window_s=window_s, periodic=periodic)
     return found if found is not None and found.published else None
-
-
-def _sigma(found: WindowEstimate) -> Array:
-    sigma: Array = found.residual_as * np.sqrt(np.diag(found.covariance)[3:])
-    return sigma

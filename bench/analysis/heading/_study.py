@@ -14,7 +14,7 @@ from bench.analysis.heading._compensator import HeadingCompensator, PositionCorr
 from bench.analysis.heading._lagged import Form, LaggedModel, fit_lagged
 from bench.analysis.heading._log import PlatformLog, Stay, settled, stays
 from bench.analysis.heading._nine import NineCoefficients, compensate_nine, fit_nine, integrate
-from bench.analysis.heading._window import DEFAULT_WINDOW_S, MovingWindow, extract
+from bench.analysis.heading._window import DEFAULT_WINDOW_S, extract
 from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
@@ -173,22 +173,19 @@ def without_start(name: str, log: PlatformLog, first: Stay, phi_as: Array) -> Pl
 def _course(log: PlatformLog, model: LaggedModel, window_s: float) -> DriftCourse:
     """Slide the window over the log, an estimate an hour."""
     step_s = float(np.median(np.diff(log.time_s)))
-    window = MovingWindow(log.latitude_deg, window_s=window_s, sample_s=step_s, delay_s=log.delay_s)
     change = log.temp_c - model.reference.at(log.sidereal_rad)
     hops = np.searchsorted(log.time_s, np.arange(log.time_s[0], log.time_s[-1] + 1.0, 3600.0))
     calm = settled(log, window_s + 2.0 * model.tau_s)
     rows = []
-    for start, stop in zip(hops, [*hops[1:], len(log.time_s)], strict=True):
-        part = slice(start, stop)
-        window.feed(log.time_s[part], log.sidereal_rad[part], log.north_as[part], log.east_as[part])
-        found = window.estimate() if log.time_s[stop - 1] - log.time_s[0] >= 0.98 * window_s else None
-        if found is not None and found.published:
-            lately = (log.time_s <= log.time_s[stop - 1]) & (
-                log.time_s > log.time_s[stop - 1] - SIDEREAL_DAY_S
-            )
-            rows.append(
-                (log.time_s[stop - 1], *found.eps_dph, float(np.nanmean(change[lately])), calm[stop - 1])
-            )
+    for stop in (*hops[1:], len(log.time_s)):
+        end_s = log.time_s[stop - 1]
+        if end_s - log.time_s[0] < 0.98 * window_s:
+            continue
+        part = log.part(int(np.searchsorted(log.time_s, end_s - window_s)), stop)
+        estimate = extract(part, window_s=window_s, sample_s=step_s)
+        if estimate is not None and estimate.published:
+            lately = (log.time_s <= end_s) & (log.time_s > end_s - SIDEREAL_DAY_S)
+            rows.append((end_s, *estimate.eps_dph, float(np.nanmean(change[lately])), calm[stop - 1]))
     table = np.array(rows, dtype=np.float64).reshape(-1, 6)
     return DriftCourse(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5] > 0.0)
 

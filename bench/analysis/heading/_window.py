@@ -1,4 +1,4 @@
-"""Misalignment and drift over a moving window of position errors, at constant cost a sample.
+"""Misalignment and drift over a window of position errors.
 
 Parameters [phi at the window's centre, eps x sidereal day], six in arcsec; rows [h, h (t - centre) / sidereal
 day]. With 36 h and the seven periodic regressors, a drift that swings with the sidereal angle does not leak
@@ -7,7 +7,6 @@ into eps.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -60,130 +59,6 @@ def design(time_s: Array, angle_rad: Array, latitude_deg: float, centre_s: float
         extra[:, 1, 5], extra[:, 1, 6] = np.cos(angle_rad), np.sin(angle_rad)
         blocks.append(extra)
     return np.concatenate(blocks, axis=2)
-
-
-class MovingWindow:
-    """(phi, eps) over the last `window_s`, sliding: each sample is added once and taken away once.
-
-    Sums are counted from an anchor and made anew once a window, which keeps rounding below 1e-9 of eps.
-    Samples without a position leave the window as they are.
-    """
-
-    def __init__(
-        self,
-        latitude_deg: float,
-        *,
-        window_s: float = DEFAULT_WINDOW_S,
-        sample_s: float = 60.0,
-        periodic: bool = False,
-        delay_s: float = 0.0,
-    ) -> None:
-        """Raises ConfigurationError for a window shorter than a sidereal day, or than 36 h with
-        `periodic`."""
-        check_window(window_s, periodic)
-        self.window_s, self.sample_s, self.periodic = window_s, sample_s, periodic
-        self._latitude_deg, self._delay_s = latitude_deg, delay_s
-        self._rows: deque[tuple[float, Array, Array]] = deque()
-        self._size = 13 if periodic else 6
-        self._anchor_s = self._end_s = float("nan")
-        self._clear()
-
-    def feed(self, time_s: Array, sidereal_rad: Array, north_as: Array, east_as: Array) -> None:
-        """Take samples, arrays of shape (n,), later than all before."""
-        shown_s = np.asarray(time_s, dtype=np.float64) - self._delay_s
-        if not len(shown_s):
-            return
-        if self._anchor_s != self._anchor_s:
-            self._anchor_s = float(shown_s[0])
-        angle = sidereal_rad - self._delay_s * (2.0 * np.pi / SIDEREAL_DAY_S)
-        rows = design(shown_s, angle, self._latitude_deg, 0.0, self.periodic)
-        values = np.stack([north_as, east_as], axis=1)
-        good = np.asarray(np.isfinite(values).all(axis=1))
-        base = rows[:, :, :3].copy()
-        for at in range(len(shown_s)):
-            moment = float(shown_s[at])
-            self._end_s = moment
-            if good[at]:
-                row = rows[at]
-                row[:, 3:6] = base[at] * ((moment - self._anchor_s) / SIDEREAL_DAY_S)
-                self._rows.append((moment, row, values[at]))
-                self._add(row, values[at], 1.0)
-            self._drop()
-
-    def estimate(self) -> WindowEstimate | None:
-        """Return the estimate at the last sample; None while too few samples or no full rank."""
-        if len(self._rows) < self._size:
-            return None
-        centre_s = 0.5 * (self._rows[0][0] + self._rows[-1][0])
-        # x_anchor = S x_centre: the misalignment at the anchor is that at the centre less the drift between.
-        shift = np.eye(self._size)
-        shift[:3, 3:6] = -np.eye(3) * (centre_s - self._anchor_s) / SIDEREAL_DAY_S
-        normal = shift.T @ self._normal @ shift
-        right = shift.T @ self._right
-        return _solve(
-            normal,
-            right,
-            self._square,
-            len(self._rows),
-            end_s=self._end_s,
-            centre_s=centre_s,
-            delay_s=self._delay_s,
-            coverage=len(self._rows) * self.sample_s / self.window_s,
-            full_condition=full_condition(self._latitude_deg, self.window_s, self.periodic),
-        )
-
-    def state(self) -> dict[str, object]:
-        """Return what `restore` needs to go on as if nothing had happened."""
-        return {
-            "anchor_s": self._anchor_s,
-            "end_s": self._end_s,
-            "time_s": np.array([moment for moment, _, _ in self._rows]),
-            "rows": np.array([row for _, row, _ in self._rows]).reshape(-1, 2, self._size),
-            "values": np.array([value for _, _, value in self._rows]).reshape(-1, 2),
-            "normal": self._normal.copy(),
-            "right": self._right.copy(),
-            "square": self._square,
-            "since": self._since,
-        }
-
-    def restore(self, state: dict[str, object]) -> None:
-        """Go on from a saved state."""
-        times, rows, values = (np.asarray(state[name]) for name in ("time_s", "rows", "values"))
-        self._rows = deque(zip(times.tolist(), rows, values, strict=True))
-        self._anchor_s, self._end_s, self._square, self._since = (
-            float(np.asarray(state[name])) for name in ("anchor_s", "end_s", "square", "since")
-        )
-        self._normal, self._right = np.array(state["normal"]), np.array(state["right"])
-
-    def _add(self, row: Array, value: Array, sign: float) -> None:
-        self._normal += sign * (row.T @ row)
-        self._right += sign * (value @ row)
-        self._square += sign * float(value @ value)
-
-    def _drop(self) -> None:
-        oldest = self._end_s - self.window_s
-        while self._rows and self._rows[0][0] <= oldest:
-            _, row, value = self._rows.popleft()
-            self._add(row, value, -1.0)
-        if self._end_s - self._since >= self.window_s and self._rows:
-            self._sum_again()
-
-    def _sum_again(self) -> None:
-        again = self._rows
-        self._anchor_s = 0.5 * (again[0][0] + again[-1][0])
-        self._rows = deque()
-        self._clear()
-        for moment, row, value in again:
-            row[:, 3:6] = row[:, :3] * ((moment - self._anchor_s) / SIDEREAL_DAY_S)
-            self._rows.append((moment, row, value))
-            self._add(row, value, 1.0)
-        self._since = self._end_s
-
-    def _clear(self) -> None:
-        self._normal = np.zeros((self._size, self._size))
-        self._right = np.zeros(self._size)
-        self._square = 0.0
-        self._since = self._anchor_s if self._anchor_s == self._anchor_s else float("-inf")
 
 
 def extract(

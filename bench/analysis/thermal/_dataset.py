@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.analysis.thermal._scale_factor import RateRun, scale_factor_group
 from bench.analysis.thermal._types import ThermalRun
+from bench.record.events.run import Section
 from bench.record.recording import Phase, Run
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
@@ -33,7 +34,7 @@ def load_thermal_runs(folder: Path, gyro: str | None = None) -> list[ThermalRun]
             found=name,
             expected=", ".join(run.manifest.units),
         )
-    if any(event["kind"] == "section" for event in run.events):
+    if run.of(Section):
         return _scale_factor_runs(run, name)
     return [_bias_run(run, name)]
 
@@ -61,12 +62,12 @@ def _bias_run(run: Run, gyro: str) -> ThermalRun:
 
 
 def _scale_factor_runs(run: Run, gyro: str) -> list[ThermalRun]:
-    sections = [event for event in run.events if event["kind"] == "section"]
-    ends = [float(event["time_s"]) for event in sections[1:]] + [_end_s(run.phases())]
+    sections = run.of(Section)
+    ends = [start_s for start_s, _ in sections[1:]] + [_end_s(run.phases())]
     groups: dict[int, list[RateRun]] = {}
-    for section, end_s in zip(sections, ends, strict=True):
-        rate_run = _rate_run(run, gyro, float(section["rate_dps"]), float(section["time_s"]), end_s)
-        groups.setdefault(int(section["group"]), []).append(rate_run)
+    for (start_s, section), end_s in zip(sections, ends, strict=True):
+        rate_run = _rate_run(run, gyro, section.rate_dps, start_s, end_s)
+        groups.setdefault(section.group, []).append(rate_run)
     return [_named(run, gyro, number if len(groups) > 1 else None, rows) for number, rows in groups.items()]
 
 
@@ -74,7 +75,7 @@ def _named(run: Run, gyro: str, group: int | None, rows: list[RateRun]) -> Therm
     """Return the group's thermal run under the name and checksum of the folder that its sections share."""
     name = run.manifest.run_id if group is None else f"{run.manifest.run_id} group {group}"
     meta = {"gyro": gyro, "outcome": run.manifest.outcome}
-    return replace(scale_factor_group(rows).run, run_id=name, checksum=run.checksum, meta=meta)
+    return replace(scale_factor_group(rows), run_id=name, checksum=run.checksum, meta=meta)
 
 
 def _rate_run(run: Run, gyro: str, rate_dps: float, start_s: float, end_s: float) -> RateRun:

@@ -13,9 +13,8 @@ from dataclasses import asdict, fields
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.analysis.thermal._lstm_weights import FitError, LstmSettings, LstmWeights, input_matrix
+from bench.analysis.thermal._lstm_weights import FitError, LstmSettings, LstmWeights
 from bench.analysis.thermal._types import FeatureRun, Prediction
 
 
@@ -110,12 +109,6 @@ class LstmModel:
     def stepper(self) -> LstmStepper:
         """Return a fresh streaming form."""
         return LstmStepper(self.weights, self.settings.warm_up)
-
-    def out_of_range(self, run: FeatureRun) -> NDArray[np.bool_]:
-        """Return, shape (n,), where an input of this network leaves the range it was trained on."""
-        x = self.weights.normalise(input_matrix(run))
-        inside: NDArray[np.bool_] = np.all(np.abs(x) <= 1.0 + 1e-9, axis=1)
-        return ~inside
 
     def to_state(self) -> dict[str, Any]:
         """Return settings and weights."""

@@ -39,27 +39,6 @@ class RateRun:
     meta: dict[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class ScaleFactorGroup:
-    """What a group of rate runs gives, on the first run's time axis.
-
-    `run` carries the error of the scale factor and the mean temperatures. `scale_factor` is K(t), shape (n,),
-    `reference_scale_factor` its mean over the reference window, `zero_rate_bias_dph` B(t), shape (n,), with the
-    Earth-rate projection in it. `shifts_s` says how late each run was found against the first.
-    `temp_spread_c`: largest difference of T_in between the runs at equal time (100 s means).
-    `asymmetry_ppm`: the upper half's scale factor over the lower half's, less one, in the reference window;
-    None unless rates of both signs and zero are there.
-    """
-
-    run: ThermalRun
-    scale_factor: Array
-    reference_scale_factor: float
-    zero_rate_bias_dph: Array
-    shifts_s: tuple[int, ...]
-    temp_spread_c: float
-    asymmetry_ppm: float | None
-
-
 def rate_weights(rates_dps: ArrayLike) -> Array:
     """Return the weights w, shape (m,), that make K = sum(w_i F_i) the least-squares slope of F over the rates.
 
@@ -79,22 +58,9 @@ def rate_weights(rates_dps: ArrayLike) -> Array:
     return np.asarray(centred / power)
 
 
-def fit_scale_factor(outputs_dps: Array, rates_dps: ArrayLike) -> tuple[Array, Array]:
-    """Fit F = K rate + B at every time point; `outputs_dps` (m, n) has one row a run.
-
-    Returns K, shape (n,), and B in deg/s, shape (n,).
-    """
-    weights = rate_weights(rates_dps)
-    scale_factor = weights @ outputs_dps
-    zero_rate = outputs_dps.mean(axis=0) - scale_factor * float(
-        np.mean(np.asarray(rates_dps, dtype=np.float64))
-    )
-    return np.asarray(scale_factor), np.asarray(zero_rate)
-
-
 def scale_factor_group(
     runs: Sequence[RateRun], *, align: bool = True, max_shift_s: int = 600, max_spread_c: float = 1.0
-) -> ScaleFactorGroup:
+) -> ThermalRun:
     """Combine rate runs of one profile and one unit into a run of scale-factor error (ppm of its reference mean).
 
     With `align` the runs are shifted onto the first by their case temperature. ConfigurationError when the runs
@@ -129,13 +95,13 @@ def scale_factor_group(
             expected=f"at most {max_spread_c:g} degC",
             remedy="repeat the run that departs, or align the runs",
         )
-    scale_factor, zero_rate = fit_scale_factor(outputs, rates)
+    scale_factor = weights @ outputs
     level = window_mean(time_s, scale_factor, first.reference, where=where)
     truths = [run.true_sf_error_ppm for run in runs]
     truth = None
     if all(values is not None for values in truths):
         truth = np.asarray((weights * np.asarray(rates)) @ stacked("true_sf_error_ppm"))
-    group = ThermalRun(
+    return ThermalRun(
         run_id="+".join(run.run_id for run in runs),
         unit_id=first.unit_id,
         time_s=time_s,
@@ -149,8 +115,6 @@ def scale_factor_group(
         true_sf_error_ppm=truth,
         meta={"rates_dps": rates, "shifts_s": list(shifts), "temp_spread_c": spread},
     )
-    asymmetry = _asymmetry_ppm(time_s, outputs, rates, first.reference)
-    return ScaleFactorGroup(group, scale_factor, level, zero_rate * 3600.0, shifts, spread, asymmetry)
 
 
 def _check_units(runs: Sequence[RateRun]) -> None:
@@ -169,15 +133,3 @@ def _spread(temps_c: Array) -> float:
     smooth = np.array([trailing_mean(row, _SMOOTH_S) for row in temps_c])
     difference = smooth.max(axis=0) - smooth.min(axis=0)
     return float(np.nanmax(difference)) if np.isfinite(difference).any() else float("inf")
-
-
-def _asymmetry_ppm(
-    time_s: Array, outputs_dps: Array, rates_dps: Sequence[float], reference: tuple[float, float]
-) -> float | None:
-    """Upper over lower half of the rates, by the mean outputs in the reference window (IEEE Std 952)."""
-    rates = np.asarray(rates_dps)
-    if not ((rates > 0).any() and (rates < 0).any() and (rates == 0).any()):
-        return None
-    levels = np.array([window_mean(time_s, row, reference) for row in outputs_dps])
-    upper, lower = (float(rate_weights(rates[side]) @ levels[side]) for side in (rates >= 0, rates <= 0))
-    return (upper / lower - 1.0) * 1e6

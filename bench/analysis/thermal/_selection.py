@@ -56,14 +56,6 @@ def score_models(
     )
 
 
-def choose(models: Mapping[str, ThermalModel], validation: Sequence[FeatureRun]) -> str:
-    """Return the name of the model that is best on `validation`.
-
-    That score has served to choose and flatters the winner: report figures from a run that took no part.
-    """
-    return score_models(models, validation)[0].name
-
-
 def _fitted(train: Sequence[FeatureRun], validation: Sequence[FeatureRun], name: str) -> ThermalModel:
     model = new_model(name)
     model.fit(train, validation)

@@ -12,7 +12,7 @@ from bench.analysis.whirl._attitude import (
 from bench.analysis.whirl._compensation import WhirlCompensation, WhirlStream
 from bench.analysis.whirl._direct import DirectFit, Estimate, fit_direct
 from bench.analysis.whirl._gauge import FREE_PART, MEANING, Gauge
-from bench.analysis.whirl._integral import body_lines, fit_integral, match_coefficients, nominal_angle
+from bench.analysis.whirl._integral import body_lines, fit_integral, match_coefficients
 from bench.analysis.whirl._lines import choose_lines, scan_lines
 from bench.analysis.whirl._residual import heading_from_body_rate
 from bench.analysis.whirl._runs import Turns, load_turns
@@ -45,7 +45,6 @@ __all__ = [
     "judge",
     "load_turns",
     "match_coefficients",
-    "nominal_angle",
     "oscillation",
     "remove_slow",
     "scan_lines",

@@ -95,19 +95,6 @@ def align_angle(
     )
 
 
-def interpolated_angle(edges_s: Array, poll_s: Array, poll_deg: Array, poll_dps: Array) -> Array:
-    """Return the angle in rad at `edges_s`, (n + 1,), from the table alone: cubic through angles and rates.
-
-    For a unit without a usable z gyro. Between polls 1 s apart a rate ripple of 5 % at 6 deg/s leaves it 0.01
-    arcsec off, a start or stop between two polls about a degree; stamps that are late stay in it.
-    """
-    from scipy.interpolate import CubicHermiteSpline
-
-    guess = np.concatenate(([0.0], np.cumsum(0.5 * (poll_dps[1:] + poll_dps[:-1]) * np.diff(poll_s))))
-    curve = CubicHermiteSpline(poll_s, np.radians(_unwrapped(poll_deg, guess)), np.radians(poll_dps))
-    return np.asarray(curve(np.clip(edges_s, poll_s[0], poll_s[-1])))
-
-
 def _unwrapped(poll_deg: Array, guess_deg: Array) -> Array:
     """Return encoder angles with their turns counted by a guess right to half a turn between polls."""
     expected = np.diff(guess_deg)

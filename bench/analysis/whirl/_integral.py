@@ -44,15 +44,6 @@ class FourierFit:
         """Highest harmonic."""
         return len(self.cosine_arcsec)
 
-    @property
-    def consistency_arcsec(self) -> complex:
-        """What breaks A_x1 = B_y1 and B_x1 = -A_y1: the first backward harmonic of the integral.
-
-        No whirl makes it; a constant rate r of the body does (Earth rate, heading, level): it is j r / w.
-        """
-        (ax, ay), (bx, by) = self.cosine_arcsec[0], self.sine_arcsec[0]
-        return complex(0.5 * ((ax - by) + 1j * (ay + bx)))
-
 
 def fit_integral(
     record: TurnRecord,
@@ -130,12 +121,6 @@ def body_lines(coefficients_arcsec: Array) -> tuple[tuple[float, ...], Complex]:
                 lines.append(float(sign * n + 1))
                 amplitudes.append(complex(0.5 * (cosine - 1j * sign * sine)))
     return tuple(lines), np.array(amplitudes)
-
-
-def nominal_angle(record: TurnRecord) -> Array:
-    """Return w t with the mean rate of the record, (n + 1,): what a fit at the nominal angle would use."""
-    share = (record.time_s - record.time_s[0]) / (record.time_s[-1] - record.time_s[0])
-    return np.asarray(record.angle_rad[0] + share * (record.angle_rad[-1] - record.angle_rad[0]))
 
 
 def _rates(fit: FourierFit, n: int) -> Array:

@@ -22,11 +22,6 @@ from bench.analysis.whirl._types import Complex
 from drivers.base.arrays import Array
 
 
-def whirl_rate(theta: Complex, theta_rate: Complex, rate: Array) -> Complex:
-    """Return wbar = Th' + j w Th for tilts, their rates and the signed rotation rate in rad/s, (n,) each (8)."""
-    return np.asarray(theta_rate + 1j * rate * theta)
-
-
 def body_tilt(angle_rad: Array, lines: Sequence[float], amplitudes: Complex) -> Complex:
     """Return the tilt in body axes, sum a_m exp(j m psi), complex (n,), in the unit of `amplitudes`."""
     tilt = np.zeros(len(angle_rad), np.complex128)

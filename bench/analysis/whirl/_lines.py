@@ -47,11 +47,6 @@ def choose_lines(
     return tuple(sorted({*found, *(float(line) for line in keep)}))
 
 
-def patent_order(lines: Sequence[float]) -> int:
-    """Return the order of the patent's Fourier series in rotating axes (n = m - 1) that would hold the lines."""
-    return max((abs(round(line) - 1) for line in lines), default=0)
-
-
 def scan_lines(
     fit: DirectFit, *, highest: float = 8.0, false_alarm: float = 0.01, most: int = 4
 ) -> tuple[Line, ...]:

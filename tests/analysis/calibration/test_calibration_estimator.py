@@ -25,8 +25,7 @@ from bench.analysis.calibration import (
     load_scheme,
     unpack,
 )
-from bench.analysis.calibration._closed_loop import estimate_closed_loop
-from bench.analysis.calibration._conventions import pack, to_gauge
+from bench.analysis.calibration._conventions import cross_matrix, pack
 from bench.analysis.calibration._model import observability_matrix
 from bench.analysis.calibration._navigation import navigate
 from bench.analysis.calibration._schedule import parse_moves
@@ -108,7 +107,6 @@ def test_parameters_of_a_noise_free_imu_are_found(name: str) -> None:
     error = np.abs(found.parameters - truth) / UNITS
     limits = np.repeat([1.3e-4, 0.03, 0.027, 0.027, 0.035], [3, 3, 9, 6, 3]) * 3.0
     assert np.all(error < limits), dict(zip(PARAMETER_NAMES, error / limits, strict=True))
-    assert np.abs(found.last_step).max() < 1e-3
     assert len(found.course) == scheme(name).positions
 
 
@@ -163,7 +161,8 @@ def test_a_truth_in_another_gauge_is_found_after_conversion() -> None:
     kg, ka = rng.standard_normal((2, 3, 3)) * 3e-4
     eps, nabla = rng.standard_normal(3) * 0.1 * DPH, rng.standard_normal(3) * 1e3 * UG_MPS2
     found = estimate(record(scheme("23-position"), ImuErrors(eps, nabla, kg, ka), WHITE), TASK)
-    kg, ka = to_gauge(kg, ka)
+    turn = cross_matrix(np.array([ka[1, 2], -ka[0, 2], ka[0, 1]]))  # makes K_a lower triangular, first order
+    kg, ka = kg + turn, ka + turn
     z = (found.parameters - pack(eps, nabla, kg, ka, np.zeros(3))) / found.sigma
     assert np.sqrt(np.mean(z**2)) < 1.5
 
@@ -288,20 +287,3 @@ def test_axes_that_are_not_what_they_are_taken_for_are_named(gyros, acceleromete
     bad = Increments(0.01, wired(good.angle_rad, gyros), wired(good.velocity_mps, accelerometers))
     with pytest.raises(RecordError, match=match):
         estimate(bad, TASK, Options(passes=1, alignment_s=25.0), schedule)
-
-
-def test_errors_of_mems_size_need_the_closed_loop() -> None:
-    prior = TASK.prior_sigma.copy()
-    prior[:3] = np.radians([1.0, 1.0, 5.0])
-    prior[6:9], prior[9:12], prior[12:27], prior[27:] = math.radians(1.0), 0.5, 0.02, 1e-4
-    task = Task(prior_sigma=prior, noise=Noise(0.15, 100.0))
-    schedule = load_scheme("t10").with_(dwell_s=12.0, rate_dps=30.0)
-    truth = np.random.default_rng(2).standard_normal(24) * prior[PARAMETERS] / 2.0
-    data = record(schedule, errors_of(truth), ImuNoise(task.noise.arw, task.noise.vrw))
-    found = estimate_closed_loop(data, task, schedule.home)
-    error = np.abs(found.parameters - truth)
-    assert np.abs(error / found.sigma).max() < 3.0
-    # From 0.5 deg/s, 0.25 m/s^2 and 1 %: twenty times better, and most of it much more.
-    assert np.all(error < np.repeat([math.radians(0.01), 0.01, 5e-4, 5e-4, 1e-4], [3, 3, 9, 6, 3]))
-    with pytest.raises(RecordError, match="home"):
-        estimate_closed_loop(data, task, schedule.home[[1, 2, 0]])

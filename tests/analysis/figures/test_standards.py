@@ -16,9 +16,8 @@ from bench.analysis.figures._scale_factor import (
     fit_rate_sequence,
     relative_repeatability_ppm,
     scale_factor_figures,
-    scale_factor_sensitivity_ppm_per_k,
 )
-from bench.analysis.figures._small_rates import RateStep, input_axis_misalignment, resolution, threshold
+from bench.analysis.figures._small_rates import RateStep, threshold
 from drivers.base.errors import ConfigurationError
 
 RATES = np.array([0, 5, 10, 20, 10, 5, 0, -5, -10, -20, -10, -5, 0], dtype=float)
@@ -47,7 +46,9 @@ def test_repeatability_and_temperature_sensitivity_by_hand() -> None:
     assert relative_repeatability_ppm([1.0, 1.00001, 0.99999]) == pytest.approx(10.0, rel=1e-6)
     # From 25 degC: 0.010/65 at -40, 0.012/40 at +65.
     assert temperature_sensitivity([0.0, 0.010, 0.012, 9.0], [25.0, -40.0, 65.0, 25.4]) == pytest.approx(3e-4)
-    assert scale_factor_sensitivity_ppm_per_k([1.0, 1.00013], [25.0, -40.0]) == pytest.approx(2.0, rel=1e-4)
+    assert temperature_sensitivity([1.0, 1.00013], [25.0, -40.0], relative=True) == pytest.approx(
+        2e-6, rel=1e-4
+    )
     with pytest.raises(ConfigurationError, match="needs repeats"):
         repeatability([1.0])
     with pytest.raises(ConfigurationError, match="no two temperatures"):
@@ -98,12 +99,6 @@ def test_threshold_is_the_smallest_input_below_which_nothing_passes() -> None:
     ]
     assert threshold(steps) == 0.01
     assert threshold([*steps, RateStep(0.05, 0.0)]) == 0.1
-    assert resolution([RateStep(-0.2, -0.19), RateStep(0.05, 0.01)]) == 0.2
+    assert threshold([RateStep(-0.2, -0.19), RateStep(0.05, 0.01)]) == 0.2
     with pytest.raises(ConfigurationError, match="above all of them"):
         threshold([RateStep(0.1, 0.0)])
-
-
-def test_misalignment_is_the_angle_of_the_two_components() -> None:
-    rate, angle, azimuth = 50.0, np.radians(0.3), 0.7
-    outputs = [rate * np.sin(angle) * np.cos(azimuth), rate * np.sin(angle) * np.sin(azimuth)]
-    assert input_axis_misalignment(outputs, rate) == pytest.approx(0.3, rel=1e-9)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from bench.analysis.heading import PlatformLog, position_error
-from bench.analysis.heading._frames import earth_rotation_deg, gravitation_latitude_deg, position_error_finite
+from bench.analysis.heading._frames import earth_rotation_deg, gravitation_latitude_deg
 from bench.analysis.heading._log import log_from_positions, settled
-from bench.analysis.heading._window import MovingWindow, design, extract
+from bench.analysis.heading._window import design, extract
+from benchmarks._heading_plants import position_error_finite
 from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -149,45 +150,6 @@ def test_leak_of_a_daily_drift(days: float, periodic: bool, worst: float, tolera
     assert largest == pytest.approx(worst, abs=tolerance)
 
 
-@pytest.mark.parametrize(("days", "periodic"), [(1.0, False), (1.5, True)])
-def test_sliding_equals_refit_over_a_month_with_gaps(days: float, periodic: bool) -> None:
-    time_s = np.arange(0.0, 30 * 86400.0, 300.0)
-    random = np.random.default_rng(7)
-    wander = np.cumsum(random.standard_normal((len(time_s), 3)), axis=0) * 0.05
-    log = log_of(time_s, wander + np.outer(time_s, [3e-4, -5e-4, 8e-4]), noise=1.0)
-    log.north_as[random.random(len(time_s)) < 0.1] = np.nan
-    log.east_as[(time_s > 12.3 * 86400) & (time_s < 12.3 * 86400 + 5 * 3600)] = np.nan
-    window_s = days * SIDEREAL_DAY_S
-    window = MovingWindow(LATITUDE, window_s=window_s, sample_s=300.0, periodic=periodic)
-    worst = 0.0
-    for stop in range(500, len(time_s), 397):
-        start = 0 if stop == 500 else stop - 397
-        part = log.part(start, stop)
-        window.feed(part.time_s, part.sidereal_rad, part.north_as, part.east_as)
-        naive, slid = extract(log.part(0, stop), window_s=window_s, periodic=periodic), window.estimate()
-        assert naive is not None and slid is not None
-        worst = max(worst, float(np.abs(slid.eps_dph / naive.eps_dph - 1.0).max()))
-        np.testing.assert_allclose(slid.phi_as, naive.phi_as, atol=1e-6)
-        assert slid.condition == pytest.approx(naive.condition, rel=1e-6)
-        assert slid.coverage == pytest.approx(naive.coverage, rel=1e-9)
-        assert slid.residual_as == pytest.approx(naive.residual_as, rel=1e-6)
-    assert worst < 1e-9
-
-
-def test_window_goes_on_from_its_state() -> None:
-    time_s = np.arange(0.0, 4 * 86400.0, 600.0)
-    log = log_of(time_s, np.outer(time_s, [3e-4, -5e-4, 8e-4]), noise=1.0)
-    whole, first, second = (MovingWindow(LATITUDE, sample_s=600.0) for _ in range(3))
-    whole.feed(log.time_s, log.sidereal_rad, log.north_as, log.east_as)
-    for window, part in ((first, log.part(0, 333)), (second, log.part(333, len(time_s)))):
-        if window is second:
-            second.restore(first.state())
-        window.feed(part.time_s, part.sidereal_rad, part.north_as, part.east_as)
-    one, two = whole.estimate(), second.estimate()
-    assert one is not None and two is not None
-    np.testing.assert_array_equal(one.eps_dph, two.eps_dph)
-
-
 def test_gap_at_the_edge_withholds_the_estimate() -> None:
     time_s = np.arange(0.0, SIDEREAL_DAY_S, 60.0)
     log = log_of(time_s, np.zeros((len(time_s), 3)), noise=1.0)
@@ -199,10 +161,11 @@ def test_gap_at_the_edge_withholds_the_estimate() -> None:
 
 
 def test_short_window_is_refused() -> None:
+    log = log_of(np.arange(0.0, SIDEREAL_DAY_S, 600.0), np.zeros((144, 3)))
     with pytest.raises(ConfigurationError, match=r"too short.*12\.00 h.*23\.93 h"):
-        MovingWindow(LATITUDE, window_s=12 * 3600.0)
+        extract(log, window_s=12 * 3600.0)
     with pytest.raises(ConfigurationError, match="with periodic regressors"):
-        MovingWindow(LATITUDE, window_s=SIDEREAL_DAY_S, periodic=True)
+        extract(log, window_s=SIDEREAL_DAY_S, periodic=True)
 
 
 def test_positions_across_the_date_line() -> None:

@@ -47,9 +47,8 @@ def reduction(run: PlatformLog, still: PlatformLog, made: np.ndarray) -> float:
 
 def run_forward(model: LaggedModel, alignment: PlatformLog, run: PlatformLog) -> np.ndarray:
     compensator = HeadingCompensator(model)
-    compensator.feed(alignment.time_s, alignment.sidereal_rad, alignment.temp_c)
-    compensator.start_navigation()
-    return compensator.feed(run.time_s, run.sidereal_rad, run.temp_c).phi_as
+    before = compensator.feed(alignment.time_s, alignment.sidereal_rad, alignment.temp_c)
+    return compensator.feed(run.time_s, run.sidereal_rad, run.temp_c).phi_as - before.phi_as[-1]
 
 
 @pytest.mark.parametrize("seed", [0, 2, 3])
@@ -211,7 +210,7 @@ def test_nine_coefficients_of_given_points() -> None:
     def points(terms: np.ndarray, noise: float) -> list[HeadingPoint]:
         drift = base + terms @ gain.T + noise * random.standard_normal(terms.shape)
         return [
-            HeadingPoint(60.0 * k, 0.0, row, np.zeros(3), term)
+            HeadingPoint(60.0 * k, 0.0, row, term)
             for k, (row, term) in enumerate(zip(drift, terms, strict=True))
         ]
 

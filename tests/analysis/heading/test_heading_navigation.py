@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bench.analysis.heading import PlatformLog
-from bench.analysis.heading._frames import position_error_finite
 from bench.analysis.heading._log import log_from_positions
 from bench.analysis.heading._window import extract
+from benchmarks._heading_plants import position_error_finite
 from drivers.base.constants import EARTH_RATE_RAD_S, SCHULER_RAD_S, SIDEREAL_DAY_S
 from simulators.plant.platform_navigation import PlatformNavigator
 

@@ -102,7 +102,7 @@ def _scale_factor_run(name: str, profile: dict[str, Any], seeds: Any) -> Thermal
                 true_sf_error_ppm=data.true_sf_error_ppm,
             )
         )
-    group = scale_factor_group(runs).run
+    group = scale_factor_group(runs)
     return ThermalRun(**{**vars(group), "run_id": f"{name}_sf"})
 
 

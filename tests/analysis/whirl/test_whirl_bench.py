@@ -14,15 +14,13 @@ from bench.analysis.whirl import (
     heading_from_body_rate,
     judge,
     match_coefficients,
-    nominal_angle,
     oscillation,
     uncompensated,
     unit_attitude,
 )
-from bench.analysis.whirl._angle import interpolated_angle
 from bench.analysis.whirl._attitude import Oscillation
 from bench.analysis.whirl._integral import FourierFit
-from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, reversing
+from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, nominal_angle, reversing
 from simulators.plant import TableParameters
 from simulators.plant.wobble import BACKWARD_LINE, CONSTANT_TILT, PATENT_CLASS, EncoderParameters, Wobble
 
@@ -142,13 +140,6 @@ def test_angle_between_polls_comes_from_the_z_gyro() -> None:
     assert turns.alignment.scale_error_ppm == pytest.approx(20.0, abs=5.0)
     assert abs(turns.alignment.clock_error_ppm or 99.0) < 1.0
     poll_s = np.arange(32.0, 629.0)
-    from_table = interpolated_angle(
-        record.time_s[300:-300],
-        poll_s,
-        np.degrees(_true_angle(plan, poll_s)) % 360.0,
-        _true_rate(plan, poll_s),
-    )
-    assert np.abs(from_table - truth[300:-300]).max() * 206265.0 < 5.0
     linear = np.interp(record.time_s[300:-300], poll_s, _true_angle(plan, poll_s))
     assert np.abs(linear - truth[300:-300]).max() * 206265.0 > 10.0
 
@@ -160,12 +151,3 @@ def _true_angle(plan: Plan, time_s: np.ndarray) -> np.ndarray:
     axis.servo(0.0, True)
     axis.demand_rate(plan.rest_s, 6.0)
     return np.radians([axis.total_angle_deg(float(t)) for t in time_s])
-
-
-def _true_rate(plan: Plan, time_s: np.ndarray) -> np.ndarray:
-    from simulators.plant import TableAxis
-
-    axis = TableAxis(plan.table)
-    axis.servo(0.0, True)
-    axis.demand_rate(plan.rest_s, 6.0)
-    return np.array([axis.rate_dps(float(t)) for t in time_s])

@@ -13,10 +13,10 @@ from bench.analysis.whirl import (
     choose_lines,
     fit_direct,
     fit_integral,
-    nominal_angle,
     scan_lines,
 )
 from bench.analysis.whirl._lines import CANDIDATES
+from benchmarks.whirl_runs import nominal_angle
 
 ARW = 0.12  # arcsec/sqrt(s) = 0.002 deg/sqrt(h)
 RATE_DPS = 6.0
