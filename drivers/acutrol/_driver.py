@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from drivers.acutrol._exchange import Exchanges
 from drivers.acutrol.codec import (
     DIAGNOSTIC_BITS,
-    DYNAMIC_BITS,
     ERROR_BITS,
     INTERLOCK_BITS,
     SOFTWARE_FAULT_BITS,
@@ -18,9 +17,10 @@ from drivers.acutrol.codec import (
     encode_command,
     encode_state_query,
 )
-from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.base.errors import DeviceRefused, ProtocolError, WrongDevice
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
 from drivers.kit.link import Link
+from drivers.kit.polled import TROUBLES, PolledTable
 from drivers.kit.retry import command_once, query_with_retry
 
 SERVO_TIMEOUT_S = 10.0
@@ -38,30 +38,26 @@ _TAKEN_DEG = 1e-3
 _FAULT_STATES = ("software abort", "hardware abort")
 
 
-class AcutrolTable:
+class AcutrolTable(PolledTable):
     """A table behind an ACUTROL3000, over RS-232 or TCP alike (`drivers.kit.instruments.Turntable`).
 
     `axes`: name of each axis, outermost first, and its number on the controller.
     """
 
+    _product = "an ACUTROL3000"
+    _known_by = "four fields: maker, Acutrol3000, serial number, firmware"
+    _wrong_if = (ProtocolError,)
+
     def __init__(self, link: Link, *, axes: Mapping[str, int] | None = None) -> None:
-        self.link = link
+        super().__init__(link)
         self._numbers_by_name = dict(axes or {"table": 1})
         self.axes = tuple(self._numbers_by_name)
         self._closed_by_us = False
-        self._halted = False
         self._exchanges = Exchanges(link, self._where)
 
-    def identify(self) -> Identity:
-        """Ask `*IDN?`: maker, model, serial number, firmware; WrongDevice unless the model is an Acutrol3000."""
-        try:
-            text = self._exchanges.query(str, "*IDN?")
-        except ProtocolError as error:
-            raise self._wrong_device(error.found) from error
-        except DeviceSilent as error:
-            if not (seen := self.link.discard()):
-                raise
-            raise self._wrong_device(repr(seen[:60])) from error
+    def _introduction(self) -> Identity:
+        """Ask `*IDN?`: maker, model, serial number, firmware; the model is to be an Acutrol3000."""
+        text = self._exchanges.query(str, "*IDN?")
         fields = [field.strip() for field in text.split(",", 3)]
         if len(fields) != 4 or not fields[1].lower().startswith("acutrol3000"):
             raise self._wrong_device(repr(text))
@@ -163,12 +159,6 @@ class AcutrolTable:
         }
         return TableState(numbers[-2], numbers[-1], outer)
 
-    def settled(self, axis: str = "") -> bool:
-        """Return whether the demanded profile is complete (A<n>DYN, the bit of the mode in force)."""
-        number = self._number(axis)
-        mode = "position" if self._mode(number).startswith("p") else "rate"
-        return f"{mode} profile complete" in bits_in_words(self._register(number, "DYN"), DYNAMIC_BITS)
-
     def alarms(self) -> list[str]:
         """Return interlock fault, aborts, software faults and interlock inputs in words.
 
@@ -198,16 +188,14 @@ class AcutrolTable:
                 found += bits_in_words(self._register(number, name), words)
         return found
 
-    def halt(self) -> None:
-        """Demand Off mode (servoed, zero rate) of every axis and wait for nothing.
+    def _send_stop(self) -> None:
+        """Demand Off mode (servoed, zero rate) of every axis.
 
         Starts with a line end, which closes a command that was cut off halfway.
         """
         self._exchanges.unread = False
-        self.link.discard()
         self.link.write(b"\r")
         self.link.write(encode_command(":mode:off", self._all))
-        self._halted = True
 
     def make_safe(self) -> None:
         """Stop the axes: Off mode, else an open interlock; raises if neither is confirmed.
@@ -215,12 +203,10 @@ class AcutrolTable:
         What `halt` has sent is not sent again. Replies to its line end and to earlier questions are passed over
         until the controller says OK.
         """
-        if not self._halted:
-            self.halt()
-        self._halted = False
+        self._once_halted()
         try:
             self._exchanges.await_confirmation(":mode:off")
-        except (DeviceRefused, DeviceSilent, ProtocolError):
+        except TROUBLES:
             self._closed_by_us = False
             self._exchanges.insist(":interlock:open", self._all)
 
@@ -238,20 +224,9 @@ class AcutrolTable:
             self._exchanges.command(f":mode:{mode}", number)
         self._exchanges.command(f":demand:{mode}", number, float(value))
 
-    def _require_finite(self, value: float) -> None:
-        if not math.isfinite(value):
-            raise DeviceRefused(
-                "a demand is not a number", where=self._where, found=str(value), expected="a finite number"
-            )
-
     def _number(self, axis: str) -> int:
         """Return the controller's number of an axis; "" is the last one, which carries the unit."""
-        name = axis or self.axes[-1]
-        if name not in self._numbers_by_name:
-            raise DeviceRefused(
-                "the table has no such axis", where=self._where, found=name, expected=" or ".join(self.axes)
-            )
-        return self._numbers_by_name[name]
+        return self._numbers_by_name[self._require_axis(axis)]
 
     @property
     def _all(self) -> int | str:
@@ -281,7 +256,7 @@ class AcutrolTable:
     @property
     def _where(self) -> str:
         numbers = ", ".join(str(number) for number in self._numbers_by_name.values())
-        return f"{self.link.name} ({self.link.url}), axis {numbers}"
+        return f"{self.link.where}, axis {numbers}"
 
     def _not_closed(self, state: str) -> DeviceRefused:
         causes = "; ".join(self.alarms())
@@ -294,10 +269,4 @@ class AcutrolTable:
         )
 
     def _wrong_device(self, found: str) -> WrongDevice:
-        return WrongDevice(
-            "not an ACUTROL3000",
-            where=self._where,
-            found=f"{found} in answer to *IDN?",
-            expected="four fields: maker, Acutrol3000, serial number, firmware",
-            remedy="check which device the bench file names for this port",
-        )
+        return super()._wrong_device(f"{found} in answer to *IDN?")

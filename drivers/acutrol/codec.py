@@ -29,25 +29,6 @@ STATE_BITS: Mapping[int, str] = {
 }
 """Register A<n>STATE; bits 0-3 are the mode number."""
 
-DYNAMIC_BITS: Mapping[int, str] = {
-    0: "jerk limit (+)",
-    1: "jerk limit (-)",
-    2: "acceleration limit (+)",
-    3: "acceleration limit (-)",
-    4: "rate limit (+)",
-    5: "rate limit (-)",
-    6: "position high limit",
-    7: "position low limit",
-    8: "position profile complete",
-    9: "rate profile complete",
-    10: "synthesizer at amplitude",
-    11: "synthesizer at frequency",
-    12: "50 % position following error",
-    13: "back-EMF limiting",
-    14: "alternate filters",
-}
-"""Register A<n>DYN."""
-
 SOFTWARE_FAULT_BITS: Mapping[int, str] = {
     0: "software abort initiated",
     1: "rate trip",

@@ -97,7 +97,7 @@ class CanGyro:
     def _silent(self, heard: bytes) -> DeviceSilent:
         return DeviceSilent(
             f"no CAN frame within {_LISTEN_S:g} s",
-            where=f"{self.link.name} ({self.link.url})",
+            where=self.link.where,
             found=repr(heard) if heard else "nothing",
             expected=f"the messages of a unit of kind {self._unit()}",
             remedy="check power, wiring, termination (few units have their own) and the bit rate of the bus",
@@ -108,7 +108,7 @@ class CanGyro:
         source = "" if self._source is None else f" from address 0x{self._source:02X}"
         return WrongDevice(
             f"what sends on this bus is not a unit of kind {self._unit()} with its outputs on",
-            where=f"{self.link.name} ({self.link.url})",
+            where=self.link.where,
             found=f"identifiers {seen}",
             expected=f"identifiers {identifier_names(set(names))}{source} "
             f"({', '.join(message.name for message in names.values())})",

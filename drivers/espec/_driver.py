@@ -13,7 +13,6 @@ from drivers.espec.codec import (
     END,
     MINUTE_S,
     RESOLUTION_C,
-    Temperatures,
     decode_alarms,
     decode_temperatures,
     encode_line,
@@ -46,6 +45,7 @@ class EspecChamber(PolledChamber):
     """
 
     _known_by = "the ROM version of that controller, and types of sensors"
+    _answer_end, _answer_s = END, REPLY_TIMEOUT_S
     _check = "check which device the bench file names for this port, its address, and P-300 or SCP-220"
 
     def __init__(
@@ -105,14 +105,10 @@ class EspecChamber(PolledChamber):
 
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state`: resolution 0.1 degC."""
-        temperatures = query_with_retry(self.link, self._collect_temperatures)
+        temperatures = self._collected(
+            self.request_state, lambda: self._decoded(decode_temperatures, self._reply("TEMP?"))
+        )
         return ChamberState(temperatures.measured_c, temperatures.set_point_c)
-
-    def _collect_temperatures(self) -> Temperatures:
-        if not self._state_asked:
-            self.request_state()
-        self._state_asked = False
-        return self._decoded(decode_temperatures, self._reply("TEMP?"))
 
     def alarms(self) -> list[str]:
         """Return active alarms by their code; what it means stands in the manual of the chamber."""
@@ -206,14 +202,6 @@ class EspecChamber(PolledChamber):
                 remedy="check the demand against the chamber's limits and that its panel allows remote control",
             )
         return reply
-
-    def _settle_input(self) -> None:
-        """Take the answer to a state question nobody read, then drop late answers."""
-        if self._state_asked:
-            self._state_asked = False
-            with contextlib.suppress(DeviceSilent):
-                self.link.read_until(END, REPLY_TIMEOUT_S)
-        self.link.discard()
 
     def _odd(self, found: str, expected: str) -> ProtocolError:
         return ProtocolError(

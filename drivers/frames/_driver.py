@@ -33,7 +33,7 @@ class FrameGyro:
         if decoder.nominal_rate_hz > most_hz:
             raise ConfigurationError(
                 "the line cannot carry that many frames",
-                where=f"{link.name} ({link.url})",
+                where=link.where,
                 found=f"{decoder.nominal_rate_hz:g} Hz of {length} bytes at {baudrate} Bd",
                 expected=f"at most {most_hz:.0f} Hz",
                 remedy="correct rate_hz or baudrate in the bench file",
@@ -51,7 +51,7 @@ class FrameGyro:
             data = self.link.read_some(left_s)
             heard = (heard + data)[:_KEPT]
             frames += len(decoder.feed(data))
-        where = f"{self.link.name} ({self.link.url})"
+        where = self.link.where
         if not heard:
             raise DeviceSilent(
                 f"no byte within {limit_s:g} s",

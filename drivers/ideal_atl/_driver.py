@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 
-from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.ideal_atl._codec import END, POSITION, PROMPT, RATE, decode_number, encode, split_reply
+from drivers.base.errors import DeviceRefused, ProtocolError
+from drivers.ideal_atl._codec import END, POSITION, PROMPT, RATE, STATUS, decode_number, encode, split_reply
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
 from drivers.kit.link import Link
+from drivers.kit.polled import TROUBLES, PolledTable
 from drivers.kit.retry import command_once, command_with_retry, query_with_retry
 
 REPLY_TIMEOUT_S = 2.0
@@ -20,7 +20,7 @@ _TAKEN_DEG = 1e-3
 _QUIET_S = 0.3
 
 
-class AtlTable:
+class AtlTable(PolledTable):
     """One axis behind an ATL controller (`drivers.kit.instruments.Turntable`), RS-232, 9600 Bd 8N1.
 
     What is not public is not used: the bits of `STA`, and `MCO`, which one source takes for 1 = complete and
@@ -32,39 +32,32 @@ class AtlTable:
     """
 
     tells_alarms = False
+    _product = "an Ideal Aerosmith table with ATL"
+    _known_by = "numbers in answer to PPO, PVE and STA, each before a prompt >"
+    _check = "check which device the bench file names for this port, and the baud rate"
+    _answer_end = PROMPT
 
     def __init__(self, link: Link, *, axis: str = "table") -> None:
-        self.link = link
+        super().__init__(link)
         self.axes: tuple[str, ...] = (axis,)
-        self._state_asked = False
         self._turn_dps: float | None = None
         self._turn_dps2: float | None = None
-        self._halted = False
 
-    def identify(self) -> Identity:
-        """Ask position, rate and status; WrongDevice unless each is a number. ATL has no identification."""
-        try:
-            self._number(POSITION)
-            self._number(RATE)
-            status = self._number(b"STA")
-        except (ProtocolError, DeviceRefused) as error:
-            raise self._wrong_device(error.found) from error
-        except DeviceSilent as error:
-            if not (seen := self.link.discard()):
-                raise
-            raise self._wrong_device(repr(seen[:60])) from error
+    def _introduction(self) -> Identity:
+        """Ask position, rate and status, each a number: ATL has no identification."""
+        _, _, status = [self._number(query) for query in (POSITION, RATE, STATUS)]
         return Identity("Ideal Aerosmith", "ATL table", details={"STA": f"{status:g}"})
 
     def limits(self, axis: str = "") -> TableLimits:
         """Return no limits: the controller tells none."""
-        self._require(axis)
+        self._require_axis(axis)
         return TableLimits(math.inf, math.inf, None, None)
 
     def limit_turns(
         self, max_rate_dps: float, axis: str = "", max_acceleration_dps2: float | None = None
     ) -> None:
         """Set VEL, and ACL if an acceleration is given, for moves to an angle."""
-        self._require(axis)
+        self._require_axis(axis)
         self._turn_dps, self._turn_dps2 = max_rate_dps, max_acceleration_dps2
 
     def servo_on(self) -> None:
@@ -95,7 +88,7 @@ class AtlTable:
 
     def spin(self, rate_dps: float, axis: str = "", acceleration_dps2: float | None = None) -> None:
         """Jog at a rate; 0 stops."""
-        self._require(axis)
+        self._require_axis(axis)
         self._require_finite(rate_dps)
         if acceleration_dps2 is not None:
             self._command("ACL", acceleration_dps2)
@@ -125,37 +118,26 @@ class AtlTable:
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state` and ask the angle."""
-        rate_dps = query_with_retry(self.link, self._collect_rate)
+        rate_dps = self._collected(self.request_state, lambda: self._decoded(self._reply("PVE")))
         return TableState(self._number(POSITION) % 360.0, rate_dps)
-
-    def _collect_rate(self) -> float:
-        if not self._state_asked:
-            self.request_state()
-        self._state_asked = False
-        return self._decoded(self._reply("PVE"))
 
     def alarms(self) -> list[str]:
         """Return nothing: what the bits of STA mean is not public. A fault shows as a table that leaves its
         demand."""
         return []
 
-    def halt(self) -> None:
-        """Send a line end, which closes a command that was cut off halfway, and STO; wait for nothing."""
-        self._state_asked = False
-        self.link.discard()
+    def _send_stop(self) -> None:
+        """Send a line end, which closes a command that was cut off halfway, and STO."""
         self.link.write(END + encode("STO"))
-        self._halted = True
 
     def make_safe(self) -> None:
         """Stop; when that is not confirmed, open the servo loop. Answers to older questions are passed over."""
-        if not self._halted:
-            self.halt()
-        self._halted = False
+        self._once_halted()
         while self.link.read_some(_QUIET_S):
             pass
         try:
             self._tell("STO")
-        except (DeviceRefused, DeviceSilent, ProtocolError):
+        except TROUBLES:
             self._tell("SRV0")
 
     def read_rest(self) -> Rest:
@@ -171,7 +153,7 @@ class AtlTable:
 
     def _come_to_rest(self, axis: str) -> None:
         """A relative move counts from a standstill only."""
-        self._require(axis)
+        self._require_axis(axis)
         if abs(self._number(RATE)) < _REST_DPS:
             return
         self._command("STO")
@@ -232,36 +214,3 @@ class AtlTable:
                 remedy="check the demand against the table's limits, the servo and the panel",
             )
         return answer
-
-    def _settle_input(self) -> None:
-        """Take the answer to a state question nobody read, then drop late ones."""
-        if self._state_asked:
-            self._state_asked = False
-            with contextlib.suppress(DeviceSilent):
-                self.link.read_until(PROMPT, REPLY_TIMEOUT_S)
-        self.link.discard()
-
-    def _require(self, axis: str) -> None:
-        if axis not in ("", self.axes[0]):
-            raise DeviceRefused(
-                "the table has no such axis", where=self._where, found=axis, expected=self.axes[0]
-            )
-
-    def _require_finite(self, value: float) -> None:
-        if not math.isfinite(value):
-            raise DeviceRefused(
-                "a demand is not a number", where=self._where, found=str(value), expected="a finite number"
-            )
-
-    @property
-    def _where(self) -> str:
-        return f"{self.link.name} ({self.link.url})"
-
-    def _wrong_device(self, found: str) -> WrongDevice:
-        return WrongDevice(
-            "not an Ideal Aerosmith table with ATL",
-            where=self._where,
-            found=found,
-            expected="numbers in answer to PPO, PVE and STA, each before a prompt >",
-            remedy="check which device the bench file names for this port, and the baud rate",
-        )

@@ -43,13 +43,10 @@ class ConversingGyro:
                 break
         return data
 
-    def _where(self) -> str:
-        return f"{self.link.name} ({self.link.url})"
-
     def _refused(self, command: str, reply: bytes, expected: str, remedy: str) -> DeviceRefused:
         return DeviceRefused(
             f"the gyro refused {command}",
-            where=self._where(),
+            where=self.link.where,
             found=reply.decode("ascii"),
             expected=expected,
             remedy=remedy,
@@ -60,7 +57,7 @@ class ConversingGyro:
         if not data:
             return DeviceSilent(
                 f"no answer to {command} within {self.reply_s:g} s",
-                where=self._where(),
+                where=self.link.where,
                 found="nothing on the line",
                 expected=self.what,
                 remedy="check power, cable and both RS-422 pairs",
@@ -68,14 +65,14 @@ class ConversingGyro:
         if self.streams(data):
             return DeviceSilent(
                 f"the gyro streams but does not answer {command}",
-                where=self._where(),
+                where=self.link.where,
                 found=f"its messages, {len(data)} bytes in {self.reply_s:g} s",
                 expected=expected,
                 remedy="check the RS-422 pair from the bench to the gyro; driver = 'frames' only listens",
             )
         return WrongDevice(
             f"something answers {command}, but not as {self.what} does",
-            where=self._where(),
+            where=self.link.where,
             found=repr(data[-60:]),
             expected=expected,
             remedy="check port and baud rate in the bench file",
@@ -84,7 +81,7 @@ class ConversingGyro:
     def _unusable(self, found: str, expected: str) -> ConfigurationError:
         return ConfigurationError(
             f"{self.what} cannot be set so",
-            where=self._where(),
+            where=self.link.where,
             found=found,
             expected=expected,
             remedy="correct the gyro's entry in the bench file",

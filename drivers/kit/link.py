@@ -167,11 +167,16 @@ class Link:
     def _not_opened(self, found: str) -> ConfigurationError:
         return ConfigurationError(
             "the port cannot be opened",
-            where=f"{self.name} ({self.url})",
+            where=self.where,
             found=found,
             expected="a serial device, or socket://host:port, that exists and is not in use",
             remedy="check cable, power and the port in the bench file; `gyrobench ports` lists what is there",
         )
+
+    @property
+    def where(self) -> str:
+        """The port in words: its name on the bench and where it is."""
+        return f"{self.name} ({self.url})"
 
     def fileno(self) -> int:
         """Return the descriptor to select on."""
@@ -243,7 +248,7 @@ class Link:
             if len(self._buffer) > limit:
                 raise ProtocolError(
                     f"no {terminator!r} in {limit} bytes",
-                    where=f"{self.name} ({self.url})",
+                    where=self.where,
                     found=repr(bytes(self._buffer[:60])),
                     expected=f"a reply that ends in {terminator!r}",
                     remedy="check baud rate and that the bench file names the right device for this port",
@@ -283,7 +288,7 @@ class Link:
         if not self.clock.wait_for(self, deadline_s) and self.clock.now() >= deadline_s - _RESOLUTION_S:
             raise DeviceSilent(
                 f"no complete reply within {timeout_s:g} s",
-                where=f"{self.name} ({self.url})",
+                where=self.where,
                 found=f"{len(self._buffer)} bytes: {bytes(self._buffer[:60])!r}"
                 if self._buffer
                 else "nothing",
@@ -305,7 +310,7 @@ class Link:
     def _lost(self, cause: object) -> BenchError:
         return LinkLost(
             "the port is gone",
-            where=f"{self.name} ({self.url})",
+            where=self.where,
             found=str(cause),
             expected="an open port",
             remedy="check cable, adapter and the device's power",

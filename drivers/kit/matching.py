@@ -18,6 +18,19 @@ SplitReply = Callable[[bytes, bytes], tuple[bytes, int] | None]
 """(request, buffer) -> first reply and the bytes it takes, None while incomplete; raises ProtocolError."""
 
 
+def split_line(buffer: bytes) -> tuple[bytes, int] | None:
+    """Return the first line in `buffer` that is not empty, CR or LF at its end, and the bytes up to there.
+
+    The empty line that a halt begins with is not answered.
+    """
+    skipped = 0
+    for line in buffer.splitlines(keepends=True):
+        skipped += len(line)
+        if line.strip():
+            return (line.strip(), skipped) if line[-1:] in b"\r\n" else None
+    return None
+
+
 def match_replies(
     exchanges: Iterable[Exchange], split_request: SplitRequest, split_reply: SplitReply
 ) -> Iterator[tuple[int, bytes, bytes | None]]:

@@ -217,7 +217,7 @@ class ModbusMaster:
 
     @property
     def _where(self) -> str:
-        return f"{self._link.name} ({self._link.url}), Modbus device {self._device}"
+        return f"{self._link.where}, Modbus device {self._device}"
 
     def _silent(self, received: bytes) -> DeviceSilent:
         return DeviceSilent(

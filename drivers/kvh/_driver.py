@@ -67,7 +67,7 @@ class KvhGyro(ConversingGyro):
         if not told["IS"]:
             raise WrongDevice(
                 "the serial number is empty",
-                where=self._where(),
+                where=self.link.where,
                 found="IS,",
                 expected="IS,<serial number> (KVH 56-0298, section 8.20)",
                 remedy="check that the bench file names the right port",

@@ -19,7 +19,7 @@ class PlatformIns:
         if not 1 <= period_s <= 60 or period_s != int(period_s):
             raise ConfigurationError(
                 "a platform INS cannot be set so",
-                where=f"{link.name} ({link.url})",
+                where=link.where,
                 found=f"a sentence every {period_s:g} s",
                 expected="whole seconds, 1 .. 60",
             )
@@ -33,7 +33,7 @@ class PlatformIns:
         if not serial_number:
             raise WrongDevice(
                 "the serial number is empty",
-                where=self._where(),
+                where=self.link.where,
                 found="$PINSA,ID without a serial number",
                 expected="maker, model, serial number, firmware",
                 remedy="check that the bench file names the right port",
@@ -83,13 +83,10 @@ class PlatformIns:
                     return fields[2:]
         raise self._unanswered(command, heard)
 
-    def _where(self) -> str:
-        return f"{self.link.name} ({self.link.url})"
-
     def _refused(self, command: tuple[str, ...], reason: list[str]) -> DeviceRefused:
         return DeviceRefused(
             f"the platform INS refused {','.join(command)}",
-            where=self._where(),
+            where=self.link.where,
             found=",".join(reason) or "no reason",
             expected="$PINSA," + command[0],
             remedy="check the unit's state and the period asked for",
@@ -100,14 +97,14 @@ class PlatformIns:
         if not heard or b"$PINS" in heard:
             return DeviceSilent(
                 asked,
-                where=self._where(),
+                where=self.link.where,
                 found="position sentences only" if heard else "nothing on the line",
                 expected="a platform INS",
                 remedy="check power, cable and the line from the bench to the unit",
             )
         return WrongDevice(
             f"something talks on the port, but {asked}",
-            where=self._where(),
+            where=self.link.where,
             found=repr(heard[-60:]),
             expected="sentences that begin with $PINS",
             remedy="check port and baud rate in the bench file",

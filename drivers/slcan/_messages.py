@@ -79,7 +79,7 @@ class MessageLink(Link):
         if parser.counts.rejected or not data.endswith(b"\r"):
             raise ProtocolError(
                 "only slcan frames can be written to a CAN bus",
-                where=f"{self.name} ({self.url})",
+                where=self.where,
                 found=repr(data[:60]),
                 expected="lines such as t1232AABB that end in CR",
             )

@@ -92,7 +92,7 @@ class Stim300Gyro(ConversingGyro):
         if not told["PRODUCT"].startswith("STIM3"):
             raise WrongDevice(
                 "the unit is not a STIM300",
-                where=self._where(),
+                where=self.link.where,
                 found=told["PRODUCT"],
                 expected="STIM300",
                 remedy="check that the bench file names the right port and driver",

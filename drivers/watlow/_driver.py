@@ -1,18 +1,19 @@
-"""Driver of a chamber with a Watlow F4 or F4T controller."""
+"""Driver of a chamber with a Watlow F4 or F4T controller: each verb in the registers of either."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 from drivers.base.errors import DeviceSilent, ProtocolError
-from drivers.kit.chamber import TROUBLES, PolledChamber
+from drivers.kit.chamber import PolledChamber
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.kit.link import Link
-from drivers.kit.modbus import ModbusMaster
+from drivers.kit.modbus import ModbusMaster, float_words, words_float
+from drivers.kit.polled import TROUBLES
 from drivers.kit.retry import query_with_retry
-from drivers.watlow._controllers import Controller
-from drivers.watlow.registers import chamber_state
+from drivers.watlow.registers import F4, F4T, F4Readings, F4TReadings, chamber_state, scaled, unscaled
 
 
 class WatlowChamber(PolledChamber):
@@ -21,6 +22,11 @@ class WatlowChamber(PolledChamber):
     `auxiliary`: inputs of the controller, besides input 1, that are read with every state.
     """
 
+    model: str
+    _questions: tuple[tuple[int, int], ...]
+    """(first register, count) of the reads that make up a state, in order."""
+    _stop_write: tuple[int, int]
+    """(register, word) that stops conditioning."""
     _known_by = "registers of this model with plausible contents"
     _check = "check which device the bench file names for this port, its Modbus address, and its unit"
     _switched_by = "check door, alarms, and start_channel: the controller's output that starts this chamber"
@@ -29,72 +35,62 @@ class WatlowChamber(PolledChamber):
         self,
         link: Link,
         modbus: ModbusMaster,
-        controller: Controller,
-        *,
-        auxiliary: Sequence[int] = (),
-        safe_set_point_c: float = 23.0,
+        readings: F4Readings | F4TReadings,
+        auxiliary: Sequence[int],
+        safe_set_point_c: float,
     ) -> None:
         super().__init__(link, safe_set_point_c)
         self.auxiliary = tuple(auxiliary)
-        self._product = f"a Watlow {controller.model} in degrees Celsius"
+        self._product = f"a Watlow {self.model} in degrees Celsius"
         self._modbus = modbus
-        self._controller = controller
+        self._readings = readings
+
+    @abstractmethod
+    def _introduce(self) -> dict[str, str]:
+        """Read what a controller of this kind must have; ProtocolError if this one has not."""
+
+    @abstractmethod
+    def _ramp(self, k_per_min: float | None) -> None:
+        """Limit the set point's rate of change, or not."""
+
+    @abstractmethod
+    def _set_point(self, temp_c: float) -> None:
+        """Write the set point."""
 
     def _introduction(self) -> Identity:
         """Read registers that make sense in this model only; it has none for a serial number."""
-        return Identity("Watlow", self._controller.model, details=self._controller.introduce())
-
-    def capabilities(self) -> ChamberCapabilities:
-        """Return what the controller can do."""
-        return self._controller.capabilities()
-
-    def limits(self) -> ChamberLimits:
-        """Read the limits of the set point."""
-        return self._controller.limits()
+        return Identity("Watlow", self.model, details=self._introduce())
 
     def set_temperature(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
         """Demand a set point; a ramp limits both directions, None takes the limit away."""
         require_ramp(self.capabilities(), set_point_c, ramp_k_per_min, self._where)
-        self._controller.ramp(ramp_k_per_min)
-        self._controller.set_point(set_point_c)
+        self._ramp(ramp_k_per_min)
+        self._set_point(set_point_c)
 
     def request_state(self) -> None:
         """Send the first question of a state without waiting; `read_state` must follow before anything else."""
-        self._modbus.request(*self._controller.questions[0])
+        self._modbus.request(*self._questions[0])
 
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state` and ask the rest."""
         row = None
-        for start, count in self._controller.questions:
+        for start, count in self._questions:
             words = query_with_retry(self.link, partial(self._modbus.collect, start, count))
-            row = self._controller.take(start, words)
+            row = self._readings.take(start, words)
         if row is None:
             raise ProtocolError(
                 "the controller's registers hold no temperatures", where=self._where, expected="numbers"
             )
         return chamber_state(row, self.auxiliary)
 
-    def alarms(self) -> list[str]:
-        """Return active alarms in words."""
-        return self._controller.alarms()
-
-    def _switch(self, on: bool) -> None:
-        self._controller.switch(on)
-
-    def _is_running(self) -> bool:
-        return self._controller.is_running()
-
-    def _demanded_c(self) -> float:
-        return self._controller.demanded_c()
-
     def _send_stop(self) -> None:
-        self._modbus.send_write(*self._controller.stop_write)
+        self._modbus.send_write(*self._stop_write)
 
     def _way_to_rest(self) -> Iterable[Callable[[], None]]:
         return (
             self._confirm_stop,
-            lambda: self._controller.set_point(self.safe_set_point_c),
-            lambda: self._controller.ramp(None),
+            lambda: self._set_point(self.safe_set_point_c),
+            lambda: self._ramp(None),
         )
 
     def _confirm_stop(self) -> None:
@@ -102,8 +98,176 @@ class WatlowChamber(PolledChamber):
         try:
             self._modbus.settle()
         except TROUBLES:
-            self._controller.switch(False)
+            self._switch(False)
 
     def _seen(self, error: DeviceSilent) -> str:
         """Return what came of an answer: the master has taken it from the link."""
         return error.found if "bytes" in error.found else ""
+
+
+class F4Chamber(WatlowChamber):
+    """Chamber with an F4: conditioning is switched by digital output `start_output`, as chamber makers wire it.
+
+    `auxiliary`: inputs, 2 or 3, to read with every state.
+    """
+
+    model = "F4"
+
+    def __init__(
+        self,
+        link: Link,
+        modbus: ModbusMaster,
+        *,
+        start_output: int = 1,
+        auxiliary: Sequence[int] = (),
+        safe_set_point_c: float = 23.0,
+    ) -> None:
+        readings = F4Readings()
+        super().__init__(link, modbus, readings, auxiliary, safe_set_point_c)
+        self._decimals = readings.decimals
+        inputs = (1, *(number for number in auxiliary if number in F4.INPUTS))
+        self._questions: tuple[tuple[int, int], ...] = (
+            *((F4.INPUTS[number], 1) for number in inputs),
+            (F4.SET_POINT, 1),
+        )
+        self._output = F4.OUTPUT_1 + F4.OUTPUT_STEP * (start_output - 1)
+        self._stop_write = (self._output, 0)
+
+    def _introduce(self) -> dict[str, str]:
+        """Read decimal places and unit; ProtocolError if they make no sense or it works in Fahrenheit."""
+        for number, register in F4.DECIMALS.items():
+            (places,) = self._modbus.read(register, 1)
+            if places > 3:
+                raise ProtocolError(
+                    "not an F4", found=f"register {register} = {places}", expected="decimal places, 0 to 3"
+                )
+            self._readings.take(register, (places,))
+            if number == 1:
+                decimals = places
+        (celsius,) = self._modbus.read(F4.CELSIUS, 1)
+        if celsius != 1:
+            raise ProtocolError(
+                "not an F4 in degrees Celsius",
+                found=f"register {F4.CELSIUS} = {celsius}",
+                expected="1 (degrees Celsius)",
+            )
+        return {"decimal places": str(decimals)}
+
+    def capabilities(self) -> ChamberCapabilities:
+        """Everything comes in steps of the last decimal place."""
+        places = self._decimals[1]
+        step, most = scaled(1, places), scaled(0x7FFF, places)
+        return ChamberCapabilities(step, (step, most), tuple(number for number in F4.INPUTS if number > 1))
+
+    def limits(self) -> ChamberLimits:
+        """Read the set point's limits."""
+        low, high = self._modbus.read(F4.SET_POINT_LOW, 2)
+        return ChamberLimits(self._number(low), self._number(high))
+
+    def _ramp(self, k_per_min: float | None) -> None:
+        """Rate first, mode last: no ramp ever begins at an old rate."""
+        if k_per_min is not None:
+            self._modbus.write(F4.RAMP_RATE, [unscaled(k_per_min, self._decimals[1])])
+            self._modbus.write(F4.RAMP_UNIT, [0])
+        self._modbus.write(F4.RAMP_MODE, [0 if k_per_min is None else 2])
+
+    def _set_point(self, temp_c: float) -> None:
+        """Write the set point."""
+        self._modbus.write(F4.SET_POINT, [unscaled(temp_c, self._decimals[1])])
+
+    def _demanded_c(self) -> float:
+        """Read the set point back."""
+        return self._number(self._modbus.read(F4.SET_POINT, 1)[0])
+
+    def _switch(self, on: bool) -> None:
+        """Set or clear the output."""
+        self._modbus.write(self._output, [int(on)])
+
+    def _is_running(self) -> bool:
+        """Read the output."""
+        return bool(self._modbus.read(self._output, 1)[0])
+
+    def alarms(self) -> list[str]:
+        """Read alarms 1 and 2."""
+        words = {0: "", 1: "high", 2: "low"}
+        found = {number: self._modbus.read(register, 1)[0] for number, register in F4.ALARMS.items()}
+        return [
+            f"alarm {number}: {words.get(state, f'state {state}')}"
+            for number, state in found.items()
+            if state
+        ]
+
+    def _number(self, word: int) -> float:
+        return scaled(word, self._decimals[1])
+
+
+class F4TChamber(WatlowChamber):
+    """Chamber with an F4T, control loop 1: conditioning is switched by the loop's control mode."""
+
+    model = "F4T"
+    _questions = ((F4T.AIR, 2), (F4T.ACTIVE_SET_POINT, 2))
+    _stop_write = (F4T.MODE, F4T.OFF)
+
+    def __init__(
+        self,
+        link: Link,
+        modbus: ModbusMaster,
+        *,
+        auxiliary: Sequence[int] = (),
+        safe_set_point_c: float = 23.0,
+    ) -> None:
+        super().__init__(link, modbus, F4TReadings(), auxiliary, safe_set_point_c)
+
+    def _introduce(self) -> dict[str, str]:
+        """Read the loop's mode and limits; ProtocolError if they make no sense."""
+        (mode,) = self._modbus.read(F4T.MODE, 1)
+        limits = self.limits()
+        if mode not in (F4T.AUTO, F4T.MANUAL, F4T.OFF) or not limits.min_temp_c < limits.max_temp_c:
+            raise ProtocolError(
+                "not an F4T",
+                found=f"mode {mode}, set point {limits.min_temp_c:g} .. {limits.max_temp_c:g}",
+                expected="mode 10, 54 or 62 and a range of set points",
+            )
+        return {"control mode": {F4T.AUTO: "auto", F4T.MANUAL: "manual", F4T.OFF: "off"}[mode]}
+
+    def capabilities(self) -> ChamberCapabilities:
+        """Values are float32; the thermometer behind them resolves about 0.01 K."""
+        return ChamberCapabilities(0.01, (0.001, 99_999.0), ())
+
+    def limits(self) -> ChamberLimits:
+        """Read the set point's limits."""
+        words = self._modbus.read(F4T.SET_POINT_LOW, 4)
+        return ChamberLimits(words_float(words[:2]), words_float(words[2:]))
+
+    def _ramp(self, k_per_min: float | None) -> None:
+        """Rate first, action last: no ramp ever begins at an old rate."""
+        if k_per_min is not None:
+            self._modbus.write(F4T.RAMP_RATE, float_words(k_per_min))
+            self._modbus.write(F4T.RAMP_SCALE, [F4T.PER_MINUTE])
+        self._modbus.write(F4T.RAMP_ACTION, [F4T.RAMP_OFF if k_per_min is None else F4T.RAMP_BOTH])
+
+    def _set_point(self, temp_c: float) -> None:
+        """Write the set point."""
+        self._modbus.write(F4T.SET_POINT, float_words(temp_c))
+
+    def _demanded_c(self) -> float:
+        """Read the set point back."""
+        return words_float(self._modbus.read(F4T.SET_POINT, 2))
+
+    def _switch(self, on: bool) -> None:
+        """Set the loop to auto or off."""
+        self._modbus.write(F4T.MODE, [F4T.AUTO if on else F4T.OFF])
+
+    def _is_running(self) -> bool:
+        """Read the mode in force."""
+        return self._modbus.read(F4T.ACTIVE_MODE, 1)[0] != F4T.OFF
+
+    def alarms(self) -> list[str]:
+        """Read the state of alarms 1 to 6; a state without a name is told by its number."""
+        found = []
+        for number in range(F4T.ALARMS):
+            (state,) = self._modbus.read(F4T.ALARM_1 + F4T.ALARM_STEP * number, 1)
+            words = F4T.ALARM_WORDS.get(state, f"state {state}")
+            if words:
+                found.append(f"alarm {number + 1}: {words}")
+        return found

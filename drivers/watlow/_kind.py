@@ -9,8 +9,7 @@ from drivers.kit.config import ChamberConfig, key
 from drivers.kit.kinds import ChamberKind, Connection, Probe
 from drivers.kit.link import Link
 from drivers.kit.modbus import Framing, ModbusMaster
-from drivers.watlow._controllers import Controller, F4Controller, F4TController
-from drivers.watlow._driver import WatlowChamber
+from drivers.watlow._driver import F4Chamber, F4TChamber
 from drivers.watlow._transcript import decode_f4, decode_f4t
 from drivers.watlow.registers import F4_WORDS, F4T_WORDS
 
@@ -45,15 +44,22 @@ class F4TConfig(_WatlowConfig):
         return "tcp" if self.port.startswith("socket://") else "rtu"
 
 
-def _open_f4(config: F4Config, connection: Connection) -> WatlowChamber:
+def _open_f4(config: F4Config, connection: Connection) -> F4Chamber:
     link, modbus = _line(config, connection, "rtu", F4_WORDS)
-    controller = F4Controller(modbus, config.start_channel, tuple(config.auxiliary))
-    return _chamber(config, connection, link, modbus, controller)
+    return F4Chamber(
+        link,
+        modbus,
+        start_output=config.start_channel,
+        auxiliary=tuple(config.auxiliary),
+        safe_set_point_c=connection.safe_set_point_c,
+    )
 
 
-def _open_f4t(config: F4TConfig, connection: Connection) -> WatlowChamber:
+def _open_f4t(config: F4TConfig, connection: Connection) -> F4TChamber:
     link, modbus = _line(config, connection, config.framing, F4T_WORDS)
-    return _chamber(config, connection, link, modbus, F4TController(modbus))
+    return F4TChamber(
+        link, modbus, auxiliary=tuple(config.auxiliary), safe_set_point_c=connection.safe_set_point_c
+    )
 
 
 def _line(
@@ -61,18 +67,6 @@ def _line(
 ) -> tuple[Link, ModbusMaster]:
     link = connection.link(config.port, config.baudrate)
     return link, ModbusMaster(link, framing, config.device, words)
-
-
-def _chamber(
-    config: _WatlowConfig, connection: Connection, link: Link, modbus: ModbusMaster, controller: Controller
-) -> WatlowChamber:
-    return WatlowChamber(
-        link,
-        modbus,
-        controller,
-        auxiliary=tuple(config.auxiliary),
-        safe_set_point_c=connection.safe_set_point_c,
-    )
 
 
 def _f4_probes() -> list[Probe]:

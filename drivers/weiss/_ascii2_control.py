@@ -98,7 +98,7 @@ class Ascii2Control:
         if len(values.numbers) != len(fields):
             raise ProtocolError(
                 "the chamber does not send what its configuration says",
-                where=self._where,
+                where=self._link.where,
                 found=f"{len(values.numbers)} numbers",
                 expected=f"{len(fields)}: {' '.join(fields)}",
                 remedy="check the ASCII-2 configuration on the chamber's panel",
@@ -142,19 +142,15 @@ class Ascii2Control:
         if not (answer.isascii() and answer.decode("ascii").isprintable()):
             raise ProtocolError(
                 "the chamber's answer is no text",
-                where=self._where,
+                where=self._link.where,
                 found=repr(answer),
                 expected="'0'",
                 remedy="check baud rate and wiring",
             )
         raise DeviceRefused(
             f"the chamber refused {request.decode('ascii').strip()!r}",
-            where=self._where,
+            where=self._link.where,
             found=repr(answer.decode("latin-1")) if answer else "an empty line",
             expected="'0'",
             remedy="check the demand against the chamber's limits and that its panel allows external control",
         )
-
-    @property
-    def _where(self) -> str:
-        return f"{self._link.name} ({self._link.url})"

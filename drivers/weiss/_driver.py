@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
-from drivers.base.errors import DeviceSilent
 from drivers.kit.chamber import PolledChamber
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.kit.link import Link
@@ -143,25 +141,17 @@ class WeissChamber(PolledChamber):
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state` and ask the rest."""
         if not self.simserv:
-            return query_with_retry(self.link, self._collect_values)
+            return self._collected(self._ascii2.request_values, self._ascii2.read_state)
         first, *rest = self._questions
-        answers = {first: query_with_retry(self.link, self._collect_first)}
+        answers = {
+            first: self._collected(
+                lambda: self._simserv.request(*first), lambda: self._simserv.take_value(first[0])
+            )
+        }
         answers |= {question: self._simserv.value(*question) for question in rest}
         self._set_point_c = answers.get(_SET_POINT, self._set_point_c)
         auxiliary_c = {number: answers[Number.GET_MEASURED, number] for number in self.auxiliary}
         return ChamberState(answers[_AIR], self._set_point_c, auxiliary_c)
-
-    def _collect_first(self) -> float:
-        if not self._state_asked:
-            self._simserv.request(*self._questions[0])
-        self._state_asked = False
-        return self._simserv.take_value(self._questions[0][0])
-
-    def _collect_values(self) -> ChamberState:
-        if not self._state_asked:
-            self._ascii2.request_values()
-        self._state_asked = False
-        return self._ascii2.read_state()
 
     def _state_questions(self) -> list[tuple[Number, int]]:
         """Return what to ask, the air last: it ends a poll. The set point moves only by a ramp or on demand."""
@@ -235,11 +225,3 @@ class WeissChamber(PolledChamber):
 
     def _status(self) -> ChamberStatus:
         return ChamberStatus(int(self._simserv.value(Number.CHAMBER_STATUS)))
-
-    def _settle_input(self) -> None:
-        """Take the answer to a state question nobody read, then drop late answers."""
-        if self._state_asked:
-            self._state_asked = False
-            with contextlib.suppress(DeviceSilent):
-                self.link.read_until(b"\r", REPLY_TIMEOUT_S)
-        self.link.discard()

@@ -124,7 +124,7 @@ class SimServControl:
         try:
             return decode_simserv_reply(self._link.read_until(REPLY_END, timeout_s))
         except ProtocolError as error:
-            error.where = error.where or self._where
+            error.where = error.where or self._link.where
             raise
 
     def _accept(self, reply: SimServReply, number: Number) -> None:
@@ -132,7 +132,7 @@ class SimServControl:
             return
         raise DeviceRefused(
             f"the chamber refused SimServ command {int(number)} ({number.name.lower().replace('_', ' ')})",
-            where=self._where,
+            where=self._link.where,
             found=f"status {reply.status}, {STATUS_TEXTS.get(reply.status, 'not in the list')}",
             expected="status 1",
             remedy="check the demand against the chamber's limits and that its panel allows external control",
@@ -141,12 +141,8 @@ class SimServControl:
     def _unfit(self, found: str, number: Number, expected: str) -> ProtocolError:
         return ProtocolError(
             f"the answer to SimServ command {int(number)} does not fit",
-            where=self._where,
+            where=self._link.where,
             found=found,
             expected=expected,
             remedy="check the line for lost bytes and that nobody else talks to this port",
         )
-
-    @property
-    def _where(self) -> str:
-        return f"{self._link.name} ({self._link.url})"

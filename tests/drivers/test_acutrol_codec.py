@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from drivers.acutrol import decode_transcript, encode_state_query
 from drivers.acutrol.codec import (
     DIAGNOSTIC_BITS,
-    DYNAMIC_BITS,
     ERROR_BITS,
     INTERLOCK_BITS,
     SOFTWARE_FAULT_BITS,
@@ -141,9 +140,9 @@ def test_numbers_that_do_not_fit(text: str) -> None:
 
 
 def test_status_bits_by_appendix_b() -> None:
-    assert bits_in_words(0x0300, DYNAMIC_BITS) == ["position profile complete", "rate profile complete"]
+    assert bits_in_words(0x0300, STATE_BITS) == ["status latched", "data freeze active"]
     assert bits_in_words(0b110, SOFTWARE_FAULT_BITS) == ["rate trip", "position tracking error"]
-    assert bits_in_words(1 << 15, DYNAMIC_BITS) == ["bit 15"]
+    assert bits_in_words(1 << 15, STATE_BITS) == ["bit 15"]
 
 
 # TM-8004-C, Appendix B, as printed: "" is an empty cell. Words that our text must have, in any case.
@@ -161,12 +160,6 @@ MANUAL = {
     "STATIC": (
         STATE_BITS,
         ";;;;Axis Servoed;Normal Unservo;Software Abort;Hardware Abort;Status Latched;Data Freeze Active;;;;;;",
-    ),
-    "DYN": (
-        DYNAMIC_BITS,
-        "Jerk Limit;Jerk Limit;Acceleration Limit;Acceleration Limit;Rate Limit;Rate Limit;Position High Limit;"
-        "Position Low Limit;Position Profile Complete;Rate Profile Complete;Synthesizer at Amplitude;"
-        "Synthesizer at Frequency;50 % Position Following Error;EMF Limiting;Alternate Filters;",
     ),
     "ERR": (
         ERROR_BITS,

@@ -201,17 +201,6 @@ def test_a_demand_beyond_the_limit_is_refused(bench):
         table.spin(float("nan"))
 
 
-def test_settled_follows_the_profile_bit_of_the_mode(bench):
-    table, _, plant, _ = bench
-    table.servo_on()
-    for demand in (table.spin, table.point):
-        plant.profile_complete = False
-        demand(5.0)
-        assert not table.settled()
-        plant.profile_complete = True
-        assert table.settled()
-
-
 def test_trip_is_told_in_words_and_cleared_by_servo_on(bench):
     table, _, plant, emulator = bench
     table.servo_on()

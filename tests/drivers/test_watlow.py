@@ -8,8 +8,7 @@ import pytest
 from drivers.base.errors import DeviceRefused, DeviceSilent, LimitExceeded, WrongDevice
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Rest
 from drivers.kit.modbus import ModbusMaster
-from drivers.watlow._controllers import F4Controller, F4TController
-from drivers.watlow._driver import WatlowChamber
+from drivers.watlow._driver import F4Chamber, F4TChamber
 from drivers.watlow._transcript import decode_f4, decode_f4t
 from drivers.watlow.registers import F4_WORDS, F4T_WORDS, scaled, unscaled
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
@@ -22,7 +21,7 @@ def f4(auxiliary=(2,), start_output=1, emulator=None, **options):
     device = emulator or F4Emulator(plant, start_output=start_output, **options)
     wire = MemoryLink(device)
     modbus = ModbusMaster(wire, "rtu", 1, F4_WORDS)
-    chamber = WatlowChamber(wire, modbus, F4Controller(modbus, start_output, auxiliary), auxiliary=auxiliary)
+    chamber = F4Chamber(wire, modbus, start_output=start_output, auxiliary=auxiliary)
     return chamber, wire, plant, device
 
 
@@ -31,7 +30,7 @@ def f4t(framing="tcp"):
     device = F4TEmulator(plant, framing=framing)
     wire = MemoryLink(device)
     modbus = ModbusMaster(wire, framing, 1, F4T_WORDS)
-    return WatlowChamber(wire, modbus, F4TController(modbus)), wire, plant, device
+    return F4TChamber(wire, modbus), wire, plant, device
 
 
 BOTH = pytest.mark.parametrize("make", [f4, f4t], ids=["f4", "f4t"])

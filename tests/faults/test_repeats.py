@@ -13,8 +13,7 @@ from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, Protoco
 from drivers.espec._driver import EspecChamber
 from drivers.ideal_atl._driver import AtlTable
 from drivers.kit.modbus import ModbusMaster
-from drivers.watlow._controllers import F4Controller, F4TController
-from drivers.watlow._driver import WatlowChamber
+from drivers.watlow._driver import F4Chamber, F4TChamber
 from drivers.weiss._driver import WeissChamber
 from simulators.emulators.acutrol import AcutrolEmulator
 from simulators.emulators.espec import EspecEmulator
@@ -52,14 +51,14 @@ def p300(link: MemoryLink) -> EspecChamber:
     return EspecChamber(link, model="P-300", rom="P3")
 
 
-def f4(link: MemoryLink) -> WatlowChamber:
+def f4(link: MemoryLink) -> F4Chamber:
     master = ModbusMaster(link, "rtu", 1)
-    return WatlowChamber(link, master, F4Controller(master, 1, (2,)), auxiliary=(2,))
+    return F4Chamber(link, master, auxiliary=(2,))
 
 
-def f4t(link: MemoryLink) -> WatlowChamber:
+def f4t(link: MemoryLink) -> F4TChamber:
     master = ModbusMaster(link, "tcp", 1)
-    return WatlowChamber(link, master, F4TController(master))
+    return F4TChamber(link, master)
 
 
 CHAMBERS: dict[str, tuple[Callable[[ChamberPlant], Any], Callable[[MemoryLink], Any]]] = {
