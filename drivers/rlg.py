@@ -6,13 +6,14 @@ the frame description `rlg2t`; here are the driver's name in a bench file and th
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal
 
 from numpy.typing import NDArray
 
-from drivers.frames import Frames, FramesConfig
+from drivers.frames import Frames, FramesConfig, kind_as_described
 from drivers.kit.config import GyroConfig
-from drivers.kit.kinds import Columns, GyroKind, Probe
+from drivers.kit.kinds import Columns, Probe
 
 
 class RlgConfig(GyroConfig):
@@ -34,16 +35,10 @@ def _rates(config: RlgConfig, columns: Columns, sample_rate_hz: float) -> dict[s
     return {config.axis: Frames.rates(config.described, columns, sample_rate_hz)["x"]}
 
 
-def _temperatures(config: RlgConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    assert Frames.temperatures is not None
-    return Frames.temperatures(config.described, columns, sample_rate_hz)
-
-
-Rlg2t = GyroKind(
-    lambda config, connection: Frames.open(config.described, connection),
-    lambda config: Frames.decoder(config.described),
-    _rates,
+_AS_DESCRIBED = kind_as_described(
     RlgConfig,
-    temperatures=_temperatures,
+    lambda config: config.described,
+    lambda config, connection: Frames.open(config.described, connection),
     probes=lambda: [Probe(20, keys={"axis": "x"})],
 )
+Rlg2t = replace(_AS_DESCRIBED, rates=_rates, accelerations=None)

@@ -16,8 +16,9 @@ _ONE_AXIS: Mapping[str, int] = {"table": 1}
 def decode_transcript(exchanges: Iterable[Exchange], axes: Mapping[str, int] = _ONE_AXIS) -> Transcript:
     """Return one row a completed state poll, and counts; never raises on bytes.
 
-    Columns, shape (n,) each: `time_ns` int64 (arrival of the reply's last byte), `angle_deg` and `rate_dps` float64
-    of the last of `axes` (name -> number on the controller), `<name>_angle_deg` and `<name>_rate_dps` of the others.
+    Columns, shape (n,) each: `time_ns` int64 (arrival of the reply's last byte), `angle_deg` and `rate_dps`
+    float64 of the last of `axes` (name -> number on the controller), `<name>_angle_deg` and `<name>_rate_dps` of
+    the others.
     Counts: `polls` asked, `damaged` of them without a good reply.
     """
     query = encode_state_query(*axes.values()).strip()

@@ -5,58 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+_SUBSYSTEMS = """
+    ACQUIRE: ACTIVATE CHANNEL FREE READ SAMPLE SAVE STATUS TRIGGER
+    CONFIGURE: AIM ANALOG AXIS CONDITIONER MODEL MOTOR OSCILLATOR SCALING VARIABLE
+    DEMAND: ACCELERATION DELTAPOSITION INPUTVARIABLE OSCILLATOR POSITION RATE SHORTVECTOR VECTOR WORLDCOORDS
+    INTERFACE: IEEE488 PARALLEL RS232 SCRAMNET VMIC REFLECTIVEMEM
+    INTERLOCK: CLOSE CONFIGURE CONTROL LOGIC OPEN RESET
+    LIMIT: ABSOLUTE ACCELERATION BEMF GLOBAL HIGHPOSITION LOWPOSITION RATE VELOCITYTRIP
+    MODE: ABORT ARATE HOME OFF POSITION RATE SYNTHESIS TRACK
+    PLAYBACK: ACTIVATE CONFIGURE DATA LIST RESTORE SAVE TRIGGER
+    QUERY: ERROR SYSTEM VARNUM
+    READ: ACCELERATION LOGDATA VARIABLE POSITION RATE SHORTVECTOR VECTOR WORLDCOORDS
+    STATUS: CSR ESE ESR MSG MSGCLR STB TFR
+    SYSTEM: SECURITY
+    UTILITY: FORMAT LOCKOUTMODE MACRO REMOTELOCKOUT
+"""
 SUBSYSTEMS: Mapping[str, tuple[str, ...]] = {
-    "ACQUIRE": ("ACTIVATE", "CHANNEL", "FREE", "READ", "SAMPLE", "SAVE", "STATUS", "TRIGGER"),
-    "CONFIGURE": (
-        "AIM",
-        "ANALOG",
-        "AXIS",
-        "CONDITIONER",
-        "MODEL",
-        "MOTOR",
-        "OSCILLATOR",
-        "SCALING",
-        "VARIABLE",
-    ),
-    "DEMAND": (
-        "ACCELERATION",
-        "DELTAPOSITION",
-        "INPUTVARIABLE",
-        "OSCILLATOR",
-        "POSITION",
-        "RATE",
-        "SHORTVECTOR",
-        "VECTOR",
-        "WORLDCOORDS",
-    ),
-    "INTERFACE": ("IEEE488", "PARALLEL", "RS232", "SCRAMNET", "VMIC", "REFLECTIVEMEM"),
-    "INTERLOCK": ("CLOSE", "CONFIGURE", "CONTROL", "LOGIC", "OPEN", "RESET"),
-    "LIMIT": (
-        "ABSOLUTE",
-        "ACCELERATION",
-        "BEMF",
-        "GLOBAL",
-        "HIGHPOSITION",
-        "LOWPOSITION",
-        "RATE",
-        "VELOCITYTRIP",
-    ),
-    "MODE": ("ABORT", "ARATE", "HOME", "OFF", "POSITION", "RATE", "SYNTHESIS", "TRACK"),
-    "PLAYBACK": ("ACTIVATE", "CONFIGURE", "DATA", "LIST", "RESTORE", "SAVE", "TRIGGER"),
-    "QUERY": ("ERROR", "SYSTEM", "VARNUM"),
-    "READ": (
-        "ACCELERATION",
-        "LOGDATA",
-        "VARIABLE",
-        "POSITION",
-        "RATE",
-        "SHORTVECTOR",
-        "VECTOR",
-        "WORLDCOORDS",
-    ),
-    "STATUS": ("CSR", "ESE", "ESR", "MSG", "MSGCLR", "STB", "TFR"),
-    "SYSTEM": ("SECURITY",),
-    "UTILITY": ("FORMAT", "LOCKOUTMODE", "MACRO", "REMOTELOCKOUT"),
+    main: tuple(names.split())
+    for main, _, names in (line.strip().partition(":") for line in _SUBSYSTEMS.strip().splitlines())
 }
 """Main level and the level below it, from the manual's table of contents."""
 

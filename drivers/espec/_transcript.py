@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.base.errors import ProtocolError
 from drivers.espec.codec import END, decode_temperatures
 from drivers.kit.kinds import Exchange
-from drivers.kit.matching import match_replies, table
+from drivers.kit.matching import match_replies, split_line, table
 
 
 def decode_transcript(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
@@ -18,7 +18,7 @@ def decode_transcript(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[
     bytes."""
     rows: list[tuple[int, dict[str, float]]] = []
     polls = 0
-    for at_ns, request, reply in match_replies(exchanges, _request, lambda request, buffer: _line(buffer)):
+    for at_ns, request, reply in match_replies(exchanges, split_line, lambda request, buffer: _line(buffer)):
         if not request.endswith(b"TEMP?"):
             continue
         polls += 1
@@ -28,14 +28,6 @@ def decode_transcript(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[
             continue
         rows.append((at_ns, {"air_temp_c": found.measured_c, "set_point_c": found.set_point_c}))
     return table(rows, ("air_temp_c", "set_point_c")), {"polls": polls, "damaged": polls - len(rows)}
-
-
-def _request(buffer: bytes) -> tuple[bytes, int] | None:
-    """Return the first line that is not empty: the empty one of a halt is not answered."""
-    skipped = 0
-    while (found := _line(buffer[skipped:])) is not None and not found[0]:
-        skipped += found[1]
-    return None if found is None else (found[0], skipped + found[1])
 
 
 def _line(buffer: bytes) -> tuple[bytes, int] | None:

@@ -4,7 +4,7 @@ from drivers.frames._decode import FrameDecoder, MessageReader, Messages, channe
 from drivers.frames._driver import bits_a_byte
 from drivers.frames._encode import FrameEncoder
 from drivers.frames._form import Form
-from drivers.frames._kind import Frames, FramesConfig
+from drivers.frames._kind import Frames, FramesConfig, kind_as_described
 from drivers.frames._line_encode import LineEncoder
 from drivers.frames._lines import LineDescription, LineSection
 from drivers.frames._load import FrameFamily, family_of, load_family, refusal, shipped
@@ -30,6 +30,7 @@ __all__ = [
     "channels",
     "choices_of",
     "family_of",
+    "kind_as_described",
     "load_family",
     "messages_of",
     "reader_of",

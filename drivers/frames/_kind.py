@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from drivers.frames._load import FrameFamily, family_from, family_of, is_path, l
 from drivers.frames._model import ACCEL_ROLES
 from drivers.frames._units import factor
 from drivers.kit.config import GyroConfig, Mistake, key
+from drivers.kit.instruments import Gyro
 from drivers.kit.kinds import Columns, Connection, GyroKind, Probe
 
 
@@ -150,3 +151,24 @@ Frames = GyroKind(
     temperatures=_temperatures,
     probes=_probes,
 )
+
+
+Described = TypeVar("Described", bound=GyroConfig)
+
+
+def kind_as_described(
+    config_class: type[Described],
+    described: Callable[[Described], FramesConfig],
+    open_gyro: Callable[[Described, Connection], Gyro],
+    probes: Callable[[], Iterable[Probe]] = tuple,
+) -> GyroKind[Described]:
+    """Return the kind of a gyro with a name of its own whose stream is that of a `described` one."""
+    return GyroKind(
+        open_gyro,
+        lambda config: _decoder(described(config)),
+        lambda config, columns, rate_hz: _rates(described(config), columns, rate_hz),
+        config_class,
+        accelerations=lambda config, columns, rate_hz: _accelerations(described(config), columns, rate_hz),
+        temperatures=lambda config, columns, rate_hz: _temperatures(described(config), columns, rate_hz),
+        probes=probes,
+    )

@@ -95,8 +95,7 @@ class LineReader:
         self.counts.frames += len(rows)
         self.counts.bytes_skipped += int((np.where(sound, heads, stops + 1) - begin).sum())
         for verdict, reason in _REASONS.items():
-            if number := int(np.count_nonzero(lines.verdict == verdict)):
-                self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + number
+            self.counts.reject(reason, int(np.count_nonzero(lines.verdict == verdict)))
         numbers = self._lines + np.cumsum(lines.verdict != _OTHER)
         self._lines = int(numbers[-1])
         ends = stops[sound] + (base + 1)

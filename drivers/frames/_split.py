@@ -193,8 +193,7 @@ class StreamSplitter:
             else:
                 follows = np.searchsorted(starts, points, side="right")
             bad = open_places(points, follows, starts, before)
-            if bad:
-                self.counts.rejected[group.refused] = self.counts.rejected.get(group.refused, 0) + bad
+            self.counts.reject(group.refused, bad)
         if count:
             # A frame may share one byte with the one before.
             fresh = sum(piece.rows.size for piece in pieces) - int(np.count_nonzero(starts < before[:-1]))

@@ -20,8 +20,8 @@ _STEP_C = 0.1
 class PolledChamber(PolledInstrument):
     """The part of a chamber (`drivers.kit.instruments.Chamber`) that is the same for every controller.
 
-    `safe_set_point_c`: what `make_safe` leaves behind. `_switched_by`, in words: what to check when a chamber took
-    a command and did not start or stop.
+    `safe_set_point_c`: what `make_safe` leaves behind. `_switched_by`, in words: what to check when a chamber
+    took a command and did not start or stop.
     """
 
     _product = "a chamber"

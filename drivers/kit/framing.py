@@ -317,8 +317,7 @@ class FrameSplitter:
         sound = self._check(found)
         kept = without_overlap(starts[:whole][sound], self._length, shared=1)
         rejected = _outside(starts[:whole][~sound], kept, self._length - 1)
-        if rejected:
-            self.counts.rejected["checksum"] = self.counts.rejected.get("checksum", 0) + rejected
+        self.counts.reject("checksum", rejected)
         ends = kept + (base + self._length)
         self._take(ends)
         floor = max(0, self._claimed - base - 1)

@@ -246,6 +246,11 @@ class StreamCounts:
     bytes_skipped: int = 0
     rejected: dict[str, int] = field(default_factory=dict)
 
+    def reject(self, reason: str, times: int = 1) -> None:
+        """Count what was refused; a reason that never came up is not listed."""
+        if times:
+            self.rejected[reason] = self.rejected.get(reason, 0) + times
+
 
 LossSide = Literal["before", "after"]
 

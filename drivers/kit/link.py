@@ -136,9 +136,7 @@ class Link:
         ConfigurationError while it is not there, or does not open within 0.3 s: a host that is switched off keeps
         one waiting much longer, and goes on being tried meanwhile.
         """
-        self.clock.detach(self)
-        with contextlib.suppress(*_NOT_OPENED):
-            self._port.close()
+        self._let_go()
         if self._opening is None:
             self._opening = self._open(in_background="://" in self.url)
         if not self._opening.over(REOPEN_S):
@@ -148,6 +146,12 @@ class Link:
         self._buffer.clear()
         self.bytes_received = self.bytes_sent = 0
         self.clock.attach(self)
+
+    def _let_go(self) -> None:
+        """Leave the clock and close the port; one that is gone may complain."""
+        self.clock.detach(self)
+        with contextlib.suppress(*_NOT_OPENED):
+            self._port.close()
 
     def _open(self, *, in_background: bool = False) -> Opening:
         return Opening(
@@ -275,9 +279,7 @@ class Link:
 
     def close(self) -> None:
         """Close the port; never raises for a port that is already gone."""
-        self.clock.detach(self)
-        with contextlib.suppress(*_NOT_OPENED):
-            self._port.close()
+        self._let_go()
 
     def _take(self, count: int) -> bytes:
         data = bytes(self._buffer[:count])

@@ -22,8 +22,8 @@ class PolledInstrument(ABC):
     """The part of an instrument (`drivers.kit.instruments.Instrument`) that is the same for every controller.
 
     In words: `_product` is what `identify` looks for, `_known_by` what shows it, `_check` what to do if that is
-    missing; `_wrong_if` are the errors that tell another device. `_answer_end`, `_answer_s`: how the answer to the
-    first question of a state ends, and how long it may take.
+    missing; `_wrong_if` are the errors that tell another device. `_answer_end`, `_answer_s`: how the answer to
+    the first question of a state ends, and how long it may take.
     """
 
     _product = "an instrument"

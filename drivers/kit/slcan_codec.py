@@ -149,9 +149,8 @@ class SlcanParser:
         self._others = int(so_far[-1])
         self.counts.bytes_skipped += int(size[bad].sum())
         for code, times in enumerate(np.bincount(verdict).tolist()):
-            if code > _ANSWER and times:
-                reason = _REASONS[code]
-                self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + times
+            if code > _ANSWER:
+                self.counts.reject(_REASONS[code], times)
         return frames
 
 

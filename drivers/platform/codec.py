@@ -113,7 +113,7 @@ class PlatformDecoder:
                 ends.append(self._offset + end + 1)
             at = end + 1
         if len(stream) - at > LONGEST:
-            self._reject("length")
+            self.counts.reject("length")
             self.counts.bytes_skipped += len(stream) - at
             at = len(stream)
         self._pending = stream[at:]
@@ -126,7 +126,7 @@ class PlatformDecoder:
         text = line[start:].rstrip(b"\r\n") if start >= 0 else b""
         fields = parse(text)
         if fields is None:
-            self._reject("checksum")
+            self.counts.reject("checksum")
             self.counts.bytes_skipped += len(line)
             return None
         self.counts.bytes_skipped += start
@@ -134,12 +134,9 @@ class PlatformDecoder:
             return None
         row = _row(fields)
         if row is None:
-            self._reject("fields")
+            self.counts.reject("fields")
             self.counts.bytes_skipped += len(line) - start
         return row
-
-    def _reject(self, reason: str) -> None:
-        self.counts.rejected[reason] = self.counts.rejected.get(reason, 0) + 1
 
 
 def _row(fields: Sequence[str]) -> tuple[float, ...] | None:

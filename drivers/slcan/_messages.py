@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.base.clock import Clock
 from drivers.base.errors import ProtocolError
-from drivers.kit.link import REOPEN_S, Link, Opening, Tap
+from drivers.kit.link import Link, Opening, Tap
 from drivers.kit.python_can import can
 from drivers.kit.slcan_codec import SlcanParser
 from drivers.slcan._python_can import encode_message, to_messages, unsupported_kind
@@ -92,28 +92,17 @@ class MessageLink(Link):
         if self.tap is not None:
             self.tap.sent(data, now)
 
-    def reopen(self) -> None:
-        """Open the bus anew after it was lost, as `Link.reopen` does a port.
-
-        ConfigurationError while it cannot be opened, or does not open within 0.3 s.
-        """
+    def _open(self, *, in_background: bool = True) -> Opening:
         if self._opener is None:
             raise self._not_opened("a bus that somebody else opened")
-        self._let_go()
-        if self._opening is None:
-            self._opening = Opening(self._opener, BUS_ERRORS, in_background=True)
-        if not self._opening.over(REOPEN_S):
-            raise self._not_opened("it does not answer yet")
-        opening, self._opening = self._opening, None
+        return Opening(self._opener, BUS_ERRORS, in_background=True)
+
+    def _take_port(self, opening: Opening) -> None:
         try:
-            bus = opening.result()
+            self._take_bus(opening.result())
         except BUS_ERRORS as error:
             raise self._not_opened(str(error)) from error
-        self._take_bus(bus)
-        self._buffer.clear()
-        self.bytes_received = self.bytes_sent = 0
         self._closed = False
-        self.clock.attach(self)
 
     def close(self) -> None:
         """Stop reading and shut the bus down; may be called again."""

@@ -6,11 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from numpy.typing import NDArray
-
-from drivers.frames import FrameDecoder, FrameFamily, Frames, FramesConfig, family_of, load_family
+from drivers.frames import FrameDecoder, FrameFamily, FramesConfig, family_of, kind_as_described, load_family
 from drivers.kit.config import GyroConfig, Mistake
-from drivers.kit.kinds import Columns, Connection, GyroKind
+from drivers.kit.kinds import Connection
 from drivers.stim300._driver import Stim300Gyro
 from drivers.stim300.commands import DATAGRAMS, OUTPUTS, RATES
 
@@ -76,25 +74,4 @@ def _open(config: Stim300Config, connection: Connection) -> Stim300Gyro:
     )
 
 
-def _rates(config: Stim300Config, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    return Frames.rates(config.described, columns, sample_rate_hz)
-
-
-def _accelerations(config: Stim300Config, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    assert Frames.accelerations is not None
-    return Frames.accelerations(config.described, columns, sample_rate_hz)
-
-
-def _temperatures(config: Stim300Config, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-    assert Frames.temperatures is not None
-    return Frames.temperatures(config.described, columns, sample_rate_hz)
-
-
-Stim300 = GyroKind(
-    _open,
-    lambda config: Frames.decoder(config.described),
-    _rates,
-    Stim300Config,
-    accelerations=_accelerations,
-    temperatures=_temperatures,
-)
+Stim300 = kind_as_described(Stim300Config, lambda config: config.described, _open)

@@ -12,9 +12,9 @@ import select
 import socket
 import tempfile
 import tty
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
 from drivers.base.errors import BenchError
 
@@ -27,70 +27,82 @@ def _nothing() -> None:
     """Whoever serves the lab puts something in its place."""
 
 
-class Port(Protocol):
-    """One port a bench can open."""
+class Port(ABC):
+    """One port a bench can open. `returns`: whether it can come back under its name after it was unplugged."""
 
-    name: str
     url: str
-    received: int
-    written: int
-    is_open: bool
-    returns: bool
-    """Whether it can come back under its name after it was unplugged."""
-    on_full: Callable[[], None]
-    """Called before the port waits for room."""
 
+    def __init__(self, name: str, *, waits_for_room: bool, returns: bool) -> None:
+        self.name = name
+        self.waits_for_room = waits_for_room
+        self.returns = returns
+        self.on_full: Callable[[], None] = _nothing
+        """Called before the port waits for room."""
+        self.received = 0
+        self.written = 0
+        self.is_open = False
+
+    @abstractmethod
     def fileno(self) -> int:
-        """Return the descriptor the lab reads, -1 while nobody is connected."""
-        ...
+        """Return the descriptor the lab reads, -1 while nobody can write to it."""
 
     def open(self) -> None:
-        """Start counting for a bench that has just opened the port."""
-        ...
+        """Start counting from zero for a bench that has just opened the port."""
+        self.received = 0
+        self.written = 0
+        self.is_open = True
 
     def shut(self) -> None:
         """Forget the bench that closed the port."""
-        ...
+        self.is_open = False
 
+    @abstractmethod
     def read(self) -> bytes:
         """Return what the bench wrote, empty if nothing."""
-        ...
 
     def write(self, data: bytes) -> None:
-        """Put `data` on the port."""
-        ...
+        """Write to an open port; a closed one swallows it. A full one makes the lab wait, or loses the rest."""
+        if not self.is_open:
+            return
+        view = memoryview(data)
+        while view:
+            try:
+                view = view[os.write(self.fileno(), view) :]
+            except BlockingIOError:
+                if not self.waits_for_room:
+                    break
+                self.on_full()
+                poll = select.poll()
+                poll.register(self.fileno(), select.POLLOUT)
+                if not poll.poll(_STALL_MS):
+                    raise BenchError(f"the bench has {self.name} open but does not read it") from None
+        self.written += len(data) - len(view)
 
+    @abstractmethod
     def unplug(self) -> None:
         """Take the port away from whoever has it open; it cannot be opened until `plug`."""
-        ...
 
+    @abstractmethod
     def plug(self) -> None:
         """Bring the port back under the same name."""
-        ...
 
+    @abstractmethod
     def close(self) -> None:
         """Remove the port."""
-        ...
 
 
-class PtyPort:
+class PtyPort(Port):
     """A serial port: the bench opens the slave side of a pseudo-terminal.
 
     A terminal's name cannot be had twice: one that `returns` after it was unplugged is reached by a link.
     """
 
     def __init__(self, name: str, *, waits_for_room: bool, returns: bool = False) -> None:
-        self.name = name
-        self.waits_for_room = waits_for_room
-        self.on_full: Callable[[], None] = _nothing
-        self.returns = returns
+        super().__init__(name, waits_for_room=waits_for_room, returns=returns)
         self._link = Path(tempfile.mkdtemp(prefix="gyrobench-")) / name if returns else None
         self._master = self._slave = -1
         self.plug()
         self.url = os.ttyname(self._slave) if self._link is None else str(self._link)
-        self.received = 0
-        self.written = 0
-        self.is_open = False
 
     def fileno(self) -> int:
         """Return the master's descriptor, -1 while unplugged."""
@@ -116,16 +128,6 @@ class PtyPort:
                 os.close(descriptor)
         self._master = self._slave = -1
 
-    def open(self) -> None:
-        """Start counting from zero."""
-        self.received = 0
-        self.written = 0
-        self.is_open = True
-
-    def shut(self) -> None:
-        """Stop sending."""
-        self.is_open = False
-
     def read(self) -> bytes:
         """Return what the bench wrote."""
         try:
@@ -135,11 +137,6 @@ class PtyPort:
         self.received += len(data)
         return data
 
-    def write(self, data: bytes) -> None:
-        """Write to an open port; a closed one swallows it."""
-        if self.is_open:
-            self.written += _write(self._master, data, self)
-
     def close(self) -> None:
         """Remove both sides, and the link."""
         self.unplug()
@@ -148,21 +145,15 @@ class PtyPort:
                 self._link.parent.rmdir()
 
 
-class TcpPort:
+class TcpPort(Port):
     """A device server on loopback; one bench at a time."""
 
     def __init__(self, name: str, *, waits_for_room: bool) -> None:
-        self.name = name
-        self.waits_for_room = waits_for_room
-        self.on_full: Callable[[], None] = _nothing
+        super().__init__(name, waits_for_room=waits_for_room, returns=True)
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._connection: socket.socket | None = None
         self._unplugged = False
-        self.returns = True
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
-        self.received = 0
-        self.written = 0
-        self.is_open = False
 
     def fileno(self) -> int:
         """Return the connection's descriptor, the listener's while nobody is connected, -1 while unplugged."""
@@ -177,13 +168,11 @@ class TcpPort:
             self._connection, _ = self._listener.accept()
             self._connection.setblocking(False)
             self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.received = 0
-        self.written = 0
-        self.is_open = True
+        super().open()
 
     def shut(self) -> None:
         """Drop the connection."""
-        self.is_open = False
+        super().shut()
         if self._connection is not None:
             self._connection.close()
             self._connection = None
@@ -202,11 +191,6 @@ class TcpPort:
             self.shut()
         self.received += len(data)
         return data
-
-    def write(self, data: bytes) -> None:
-        """Write to an open port; a closed one swallows it."""
-        if self.is_open and self._connection is not None:
-            self.written += _write(self._connection.fileno(), data, self)
 
     def unplug(self) -> None:
         """Hang up and refuse connections; the port's number stays taken."""
@@ -227,20 +211,3 @@ class TcpPort:
         """Stop listening."""
         self.shut()
         self._listener.close()
-
-
-def _write(descriptor: int, data: bytes, port: PtyPort | TcpPort) -> int:
-    """Write `data`; a full port makes the lab wait, or loses the rest as a UART would."""
-    view = memoryview(data)
-    while view:
-        try:
-            view = view[os.write(descriptor, view) :]
-        except BlockingIOError:
-            if not port.waits_for_room:
-                break
-            port.on_full()
-            poll = select.poll()
-            poll.register(descriptor, select.POLLOUT)
-            if not poll.poll(_STALL_MS):
-                raise BenchError(f"the bench has {port.name} open but does not read it") from None
-    return len(data) - len(view)
