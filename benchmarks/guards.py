@@ -2,667 +2,661 @@
 
 Run as `python -m benchmarks.guards [PART/PARTS | --new | WORDS]`: all, one of so many parts, those that the table
 does not have yet, or those whose name has the WORDS. Writes its section of benchmarks/reliability.md after each,
-beside the rows that are there: what is broken off goes on with `--new`. In a copy of the sources a few characters
-are changed that take the mechanism away, and the test that guards it is run there: it must pass before and fail
-after. 1 if a mechanism has no guard, or if the text to be changed is not found exactly once.
+beside the rows that are there: what is broken off goes on with `--new`.
+
+A mechanism is named by its function and by what is done to it: a call left out, a condition that never or always
+holds, an expression replaced, another value. That is done to the syntax tree, so that only a change of what the
+code says loses it, not one of how it is written. The test that guards it runs in a copy of the tree: it must pass
+before and fail after. 1 if a mechanism has no guard, or if what is to be changed is not found exactly once.
 """
 
 from __future__ import annotations
 
-import os
+import ast
 import re
-import shutil
-import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from benchmarks._sections import COMMIT, section, write_section
+from benchmarks._trial import NO_TEST, PASSED, ROOT, TIME, Copy
 
-ROOT = Path(__file__).parents[1]
-_COPIED = (
-    ".ci",
-    "bench",
-    "drivers",
-    "simulators",
-    "procedures",
-    "benchmarks",
-    "tests",
-    "examples",
-    "pyproject.toml",
-)
-_TIMEOUT_S = 200
-_TITLE, _NONE, _NO_RUN = "Guards", "NONE", "(no test was run)"
+_LIMIT_S = 120.0
+"""Processor time that a guard may take."""
+_TITLE, _NONE = "Guards", "NONE"
+
+
+@dataclass(frozen=True)
+class Swap:
+    """An expression or a statement of the function is replaced by another one."""
+
+    part: str
+    other: str
+
+    def instead_of(self, node: ast.AST) -> ast.AST | None:
+        """Return what takes the node's place, None where it stays."""
+        if ast.dump(node) != ast.dump(_parsed(self.part)):
+            return None
+        other: ast.AST = _parsed(self.other)
+        return other
+
+
+def never(condition: str) -> Swap:
+    """The condition never holds: its branch is gone."""
+    return Swap(condition, "False")
+
+
+def always(condition: str) -> Swap:
+    """The condition always holds."""
+    return Swap(condition, "True")
+
+
+@dataclass(frozen=True)
+class Skip:
+    """The call that stands as a statement is left out."""
+
+    called: str
+
+    def instead_of(self, node: ast.AST) -> ast.AST | None:
+        """Return what takes the node's place, None where it stays."""
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+            return ast.Pass() if ast.unparse(node.value.func) == self.called else None
+        return None
+
+
+@dataclass(frozen=True)
+class Argument:
+    """A call gets another value for an argument, or a dictionary for a key."""
+
+    name: str
+    value: str
+
+    def instead_of(self, node: ast.AST) -> ast.AST | None:
+        """Return what takes the node's place, None where it stays."""
+        if isinstance(node, ast.keyword) and node.arg == self.name:
+            return ast.keyword(self.name, _parsed(self.value))
+        if isinstance(node, ast.Dict):
+            for number, key in enumerate(node.keys):
+                if isinstance(key, ast.Constant) and key.value == self.name:
+                    node.values[number] = _parsed(self.value)
+                    return node
+        return None
+
+
+@dataclass(frozen=True)
+class Value:
+    """A function returns this and does nothing else; a constant or a field has this value."""
+
+    value: str
+
+    def instead_of(self, node: ast.AST) -> ast.AST | None:
+        """Return what takes the node's place, None where it stays."""
+        if isinstance(node, ast.FunctionDef):
+            node.body = [ast.Return(_parsed(self.value))]
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            node.value = _parsed(self.value)
+        else:
+            return None
+        return node
+
+
+@dataclass(frozen=True)
+class Also:
+    """A module says one thing more."""
+
+    statement: str
+
+    def instead_of(self, node: ast.AST) -> ast.AST | None:
+        """Return what takes the node's place, None where it stays."""
+        if not isinstance(node, ast.Module):
+            return None
+        node.body += ast.parse(self.statement).body
+        return node
+
+
+def _parsed(text: str) -> Any:
+    (statement,) = ast.parse(text).body
+    return statement.value if isinstance(statement, ast.Expr) else statement
 
 
 @dataclass(frozen=True)
 class Mechanism:
-    """What is switched off: in `file` the text `on` becomes `off`; `guard` is the test that must see it."""
+    """What is switched off: `change` is made to `place`, "module:function"; `guard` must see it."""
 
     promise: int
     name: str
-    file: str
-    on: str
-    off: str
+    place: str
+    change: Swap | Skip | Argument | Value | Also
     guard: str
 
+    @property
+    def file(self) -> str:
+        """The file of the module."""
+        stem = self.place.partition(":")[0].replace(".", "/")
+        return f"{stem}/__init__.py" if (ROOT / stem).is_dir() else f"{stem}.py"
 
-_JOURNAL, _APPEND, _RECOVER = (
-    "bench/record/recording/_journal.py",
-    "bench/record/recording/_append.py",
-    "bench/control/recover.py",
-)
-_FILES, _STATE, _SAFE = (
-    "drivers/base/files.py",
-    "bench/analysis/common/state_file.py",
-    "bench/control/safe_state.py",
-)
-_GUARDIAN, _SESSION = "bench/control/watchdog/_process.py", "bench/control/session.py"
-_LIMITS, _WATCH = "bench/control/limits.py", "bench/control/limit_watch.py"
-_ACCESS, _FOLDERS = "bench/present/panel/_access.py", "bench/present/panel/_folders.py"
+    def switched_off(self, text: str) -> str:
+        """Return the file's text without the mechanism; ValueError unless it is there exactly once."""
+        tree = ast.parse(text)
+        places = (
+            [tree] if ":" not in self.place else list(_named(tree, self.place.partition(":")[2].split(".")))
+        )
+        swapper = _Swapper(self.change)
+        places = [swapper.visit(place) for place in places]
+        if len(places) != 1 or swapper.times != 1:
+            raise ValueError(
+                f"{self.place}: {len(places)} times there, and {self.change} {swapper.times} times"
+            )
+        return ast.unparse(ast.fix_missing_locations(tree))
+
+
+class _Swapper(ast.NodeTransformer):
+    def __init__(self, change: Swap | Skip | Argument | Value | Also) -> None:
+        self._change, self.times = change, 0
+
+    def visit(self, node: ast.AST) -> ast.AST:
+        other = self._change.instead_of(node)
+        if other is None:
+            return self.generic_visit(node)
+        self.times += 1
+        return other
+
+
+def _named(tree: ast.AST, names: list[str]) -> list[ast.AST]:
+    """Return the functions, classes, constants or fields of a dotted name."""
+    if not names:
+        return [tree]
+    found: list[ast.AST] = []
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            own = [node.name]
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            own = [ast.unparse(target) for target in targets]
+        else:
+            own = []
+        if names[0] in own:
+            found += _named(node, names[1:])
+    return found
+
+
+_RECORDING, _CONTROL, _PANEL = "bench.record.recording", "bench.control", "bench.present.panel"
 _T_JOURNAL, _T_CUT = "tests/record/recording/test_journal.py", "tests/reliability/test_power_cut.py"
 _T_WHOLE, _T_RUNS = "tests/safety/test_whole_files.py", "tests/record/recording/test_runs.py"
 _T_SESSION, _T_DOG = "tests/control/test_session.py", "tests/reliability/test_watchdog.py"
 _T_LIMITS, _T_LEASE = "tests/integration/test_limits.py", "tests/control/test_lease.py"
 _T_FILES, _T_PANEL = "tests/safety/test_hostile_files.py", "tests/present/panel/test_panel_parts.py"
-_VISITORS, _T_VISITORS = "bench/present/panel/_visitors.py", "tests/present/panel/test_panel_visitors.py"
-_T_TYPES = "tests/integration/test_manifest_types.py"
-_T_CODE = "tests/contracts/test_nothing_executes.py"
+_T_VISITORS, _T_TYPES = (
+    "tests/present/panel/test_panel_visitors.py",
+    "tests/integration/test_manifest_types.py",
+)
+_T_CODE, _T_RECOVER = "tests/contracts/test_nothing_executes.py", "tests/record/recording/test_recover.py"
 
 MECHANISMS = (
     Mechanism(
         1,
         "bytes are written four times in the interval",
-        _JOURNAL,
-        "_LONGEST_INTERVAL_S) / 4.0",
-        "_LONGEST_INTERVAL_S) * 400.0",
+        f"{_RECORDING}._journal:Journal.__init__",
+        Swap("min(flush_interval_s, _LONGEST_INTERVAL_S) / 4.0", "400.0 * flush_interval_s"),
         _T_JOURNAL,
     ),
-    Mechanism(1, "what is written is synced", _APPEND, "os.fdatasync(self._fd)", "pass", _T_CUT),
+    Mechanism(
+        1, "what is written is synced", f"{_RECORDING}._append:AppendFile.sync", Skip("os.fdatasync"), _T_CUT
+    ),
     Mechanism(
         1,
         "a mark never speaks of bytes that are not there",
-        _JOURNAL,
-        "self._write_marks(self._handed_on - len(self.data.pending))",
-        "self._write_marks(self._handed_on)",
+        f"{_RECORDING}._journal:_Direction.write",
+        Swap("self._handed_on - len(self.data.pending)", "self._handed_on"),
         _T_JOURNAL,
     ),
     Mechanism(
         1,
         "a disk that is full is told",
-        _APPEND,
-        "raise record_error(self.path, error) from error\n        finally",
-        "return\n        finally",
+        f"{_RECORDING}._append:AppendFile.write",
+        Swap("raise record_error(self.path, error) from error", "return"),
         _T_JOURNAL,
     ),
     Mechanism(
         1,
         "a disk that stalls stalls nobody",
-        _JOURNAL,
-        "if waiting >= _BLOCK_BYTES:\n            self._writer.wake()",
-        "if waiting >= _BLOCK_BYTES:\n            self._write()",
+        f"{_RECORDING}._journal:Journal.check",
+        Swap("self._writer.wake", "self._write"),
         _T_JOURNAL,
     ),
     Mechanism(
         1,
         "memory does not run out behind a slow disk",
-        _JOURNAL,
-        "if waiting > _MOST_WAITING_BYTES:",
-        "if False:",
+        f"{_RECORDING}._journal:Journal.check",
+        never("waiting > _MOST_WAITING_BYTES"),
         _T_JOURNAL,
     ),
     Mechanism(
         1,
         "a run folder that was moved or whose mount is gone is told",
-        _JOURNAL,
-        "_place(self.folder) != self._place",
-        "False",
+        f"{_RECORDING}._journal:Journal._sync",
+        never("_place(self.folder) != self._place"),
         _T_JOURNAL,
     ),
     Mechanism(
-        1,
-        "a torn event is cut off by recovery",
-        _RECOVER,
-        "    if torn:\n        _cut(path",
-        "    if False:\n        _cut(path",
-        _T_CUT,
+        1, "a torn event is cut off by recovery", f"{_CONTROL}.recover:_cut_events", Skip("_cut"), _T_CUT
     ),
     Mechanism(
-        1,
-        "a torn mark is cut off by recovery",
-        _RECOVER,
-        "_cut(index, index.stat().st_size // _PAIR_BYTES * _PAIR_BYTES)",
-        "pass",
-        "tests/record/recording/test_recover.py",
+        1, "a torn mark is cut off by recovery", f"{_CONTROL}.recover:recover", Skip("_cut"), _T_RECOVER
     ),
     Mechanism(
         1,
         "a recovered run is not complete",
-        _RECOVER,
-        '"outcome": "aborted",\n                "reason"',
-        '"outcome": "completed",\n                "reason"',
+        f"{_CONTROL}.recover:recover",
+        Argument("outcome", "'completed'"),
         _T_CUT,
     ),
     Mechanism(
         1,
         "a run that may still go on is left alone",
-        _RECOVER,
-        "if holder is not None:",
-        "if False:",
-        "tests/record/recording/test_recover.py",
+        f"{_CONTROL}.recover:recover",
+        never("holder is not None"),
+        _T_RECOVER,
     ),
     Mechanism(
         1,
         "checksums are compared",
-        "bench/record/recording/_verify.py",
-        "elif (found := checksum(path)) != entry:",
-        "elif (found := checksum(path)) is None:",
+        f"{_RECORDING}._verify:_compare_files",
+        never("(found := checksum(path)) != entry"),
         _T_RUNS,
     ),
     Mechanism(
         1,
         "tables are rebuilt and compared",
-        "bench/record/recording/_verify.py",
-        "if left.tobytes() == right.tobytes():",
-        "if True:",
+        f"{_RECORDING}._verify:_compare_columns",
+        always("left.tobytes() == right.tobytes()"),
         _T_RUNS,
     ),
     Mechanism(
         1,
         "a result takes the old one's place in one piece",
-        _FILES,
-        'part = path.with_name(f"{path.name}.part")',
-        "part = path",
+        "drivers.base.files:replace_file",
+        Swap("path.with_name(f'{path.name}.part')", "path"),
         _T_WHOLE,
     ),
     Mechanism(
         1,
         "a result is on the disk before it takes the place",
-        _FILES,
-        "os.fsync(file.fileno())",
-        "pass",
+        "drivers.base.files:replace_file",
+        Skip("os.fsync"),
         _T_WHOLE,
     ),
     Mechanism(
         1,
         "files of two results do not lie side by side",
-        _STATE,
-        "(folder / name).unlink(missing_ok=True)",
-        "pass",
+        "bench.analysis.common.state_file:saved_together",
+        Skip("(folder / name).unlink"),
         _T_WHOLE,
     ),
     Mechanism(
         2,
         "stop commands leave before any answer is awaited",
-        _SAFE,
-        "                device.halt()\n        for attempt",
-        "                pass\n        for attempt",
+        f"{_CONTROL}.safe_state:_Way._tell_all",
+        Skip("device.halt"),
         "tests/integration/test_aborts.py::test_stop_commands_leave_on_both_ports_before_any_answer_is_awaited",
     ),
     Mechanism(
         2,
         "safe is what is read back",
-        _SAFE,
-        "            if rest.reached:",
-        "            if True:",
+        f"{_CONTROL}.safe_state:_await_rest",
+        always("rest.reached"),
         _T_SESSION,
     ),
     Mechanism(
         2,
         "a device that fails does not keep the other from being told",
-        _SAFE,
-        "make_safe)\n        except BenchError",
-        "make_safe)\n        except KeyError",
+        f"{_CONTROL}.safe_state:_Way._tell",
+        Swap("BenchError", "KeyError"),
         _T_SESSION,
     ),
     Mechanism(
         2,
         "the loss of another port is no end",
-        _SAFE,
-        "            if _is_gone(device):\n                raise",
-        "            raise",
+        f"{_CONTROL}.safe_state:_in_spite_of_others",
+        always("_is_gone(device)"),
         _T_SESSION,
     ),
     Mechanism(
         2,
         "a way to the safe state that is cut off is not confirmed",
-        _SESSION,
-        'tuple(Reading(code="cut_off").fact(name, cause, why) for name in stations)',
-        "()",
+        f"{_CONTROL}.session:Bench.make_safe",
+        Swap("tuple(Reading(code='cut_off').fact(name, cause, why) for name in stations)", "()"),
         _T_SESSION,
     ),
     Mechanism(
         2,
         "a polled port that goes away is known at once",
-        "drivers/base/clock.py",
-        "others = [port for port in self._polled if port not in ports]",
-        "others: list[Any] = []",
+        "drivers.base.clock:WallClock._select",
+        Swap("[port for port in self._polled if port not in ports]", "[]"),
         "tests/drivers/test_clock.py -k what_a_polled_port",
     ),
     Mechanism(
         2,
         "a signal stops the run",
-        "bench/control/runner.py",
-        'clock.interrupt.request(f"stopped by {name}")',
-        "pass",
+        f"{_CONTROL}.runner:_signals.ask",
+        Skip("clock.interrupt.request"),
         "tests/integration/test_aborts.py::test_signals_to_a_run_on_the_wall_clock",
     ),
     Mechanism(
         2,
         "a lost last unit ends the run",
-        _SESSION,
-        "        self._stream_watchdog.lose(unit, self.clock.now(), error)\n",
-        "",
+        f"{_CONTROL}.session:Bench._lose",
+        Skip("self._stream_watchdog.lose"),
         "tests/integration/test_lost_units.py::test_the_last_gyro_that_dies_ends_the_run_a_minute_later",
     ),
     Mechanism(
         2,
         "the watchdog takes over from the dead",
-        _GUARDIAN,
-        "silent_s = None  # the runner's process has ended\n            break",
-        "return 0",
+        f"{_CONTROL}.watchdog._process:main",
+        Swap("silent_s = None", "return 0"),
         f"{_T_DOG} -k 9-the",
     ),
     Mechanism(
         2,
         "the watchdog takes over from one that hangs",
-        "bench/control/watchdog/__init__.py",
-        "HUNG_S = 2.0",
-        "HUNG_S = 2e6",
+        f"{_CONTROL}.watchdog:HUNG_S",
+        Value("2e6"),
         "tests/safety/test_starved_runner.py",
     ),
     Mechanism(
         2,
         "who stops the runner does not stop its watchdog",
-        _GUARDIAN,
-        "signal.signal(number, signal.SIG_IGN)",
-        "pass",
+        f"{_CONTROL}.watchdog._process:main",
+        Skip("signal.signal"),
         f"{_T_DOG} -k 9-the",
     ),
     Mechanism(
-        2,
-        "the watchdog is armed",
-        "bench/control/runner.py",
-        "            watchdog.arm()",
-        "            pass",
-        f"{_T_DOG} -k 9-the",
+        2, "the watchdog is armed", f"{_CONTROL}.runner:_drive", Skip("watchdog.arm"), f"{_T_DOG} -k 9-the"
     ),
     Mechanism(
         2,
         "rules are asked before a command and on telemetry",
-        _LIMITS,
-        "        if breaks(rule, reach):",
-        "        if False:",
+        f"{_CONTROL}.limits:breaks",
+        Value("False"),
         _T_LIMITS,
     ),
     Mechanism(
         2,
         "telemetry is held against the limits",
-        _WATCH,
-        'check_telemetry(limits, rate_dps, air["air_temp_c"])',
-        "pass",
+        f"{_CONTROL}.limits:check_telemetry",
+        Value("None"),
         _T_SESSION,
     ),
     Mechanism(
         2,
         "the ramp of the air is held against its limit",
-        _WATCH,
-        'check_ramp(limits, air["air_temp_c"] - before["air_temp_c"], air["time_s"] - before["time_s"])',
-        "pass",
+        f"{_CONTROL}.limits:check_ramp",
+        Value("None"),
         _T_LIMITS,
     ),
     Mechanism(
         2,
         "a rate is held against its limit before it is sent",
-        "bench/control/table_station.py",
-        "        if max_rate_dps > allowed:",
-        "        if False:",
+        f"{_CONTROL}.table_station:TableStation.check",
+        never("max_rate_dps > allowed"),
         "tests/integration/test_trouble.py -k beyond",
     ),
     Mechanism(
         2,
         "an axis beyond its stops ends the run",
-        _LIMITS,
-        "if span < 360.0 and",
-        "if False and",
+        f"{_CONTROL}.limits:check_stops",
+        Value("None"),
         "tests/control/test_limits.py",
     ),
+    Mechanism(2, "one user a bench", f"{_CONTROL}.lease:_lock", Skip("_set_lock"), _T_LEASE),
     Mechanism(
-        2,
-        "one user a bench",
-        "bench/control/lease.py",
-        "            _set_lock(descriptor, fcntl.F_WRLCK)",
-        "            pass",
-        _T_LEASE,
-    ),
-    Mechanism(
-        2, "a stale lease is recognised", "bench/control/lease.py", "stale.append(left)", "pass", _T_LEASE
+        2, "a stale lease is recognised", f"{_CONTROL}.lease:take_lease", Skip("stale.append"), _T_LEASE
     ),
     Mechanism(
         2,
         "a platform's port is leased",
-        "bench/control/lease.py",
-        "    ports += [platform.port for platform in file.platform]\n",
-        "",
+        f"{_CONTROL}.lease:_paths",
+        Swap("[platform.port for platform in file.platform]", "[]"),
         _T_LEASE,
     ),
     Mechanism(
         3,
         "the panel listens on this machine",
-        "bench/present/panel/_server.py",
-        'host: str = "127.0.0.1"',
-        'host: str = "0.0.0.0"',
+        f"{_PANEL}._server:PanelSettings.host",
+        Value("'0.0.0.0'"),
         _T_CODE,
     ),
     Mechanism(
         3,
         "an open panel wants a token",
-        "bench/present/panel/_server.py",
-        "if self.token is None and not is_local(self.host):",
-        "if False:",
+        f"{_PANEL}._server:PanelSettings.check",
+        never("self.token is None and not is_local(self.host)"),
         _T_PANEL,
     ),
     Mechanism(
         3,
         "without the token nothing is served",
-        _ACCESS,
-        "elif self._token is None or self._has_token(headers):",
-        "elif True:",
+        f"{_PANEL}._access:Access.__call__",
+        always("self._token is None or self._has_token(headers)"),
         _T_PANEL,
     ),
     Mechanism(
         3,
         "tokens are compared in constant time",
-        _ACCESS,
-        "hmac.compare_digest(given.encode(), self._token.encode())",
-        "given == self._token",
+        f"{_PANEL}._access:Access._equal",
+        Value("given == self._token"),
         _T_CODE,
     ),
     Mechanism(
         3,
         "no requests from other sites' pages",
-        _ACCESS,
-        'origin.partition("://")[2] != host:',
-        "False:",
+        f"{_PANEL}._access:Access.__call__",
+        never("origin.partition('://')[2] != host"),
         _T_PANEL,
     ),
     Mechanism(
         3,
         "no name of another site's that leads here",
-        _ACCESS,
-        "host_name(host) not in LOCAL_NAMES:",
-        "False:",
+        f"{_PANEL}._access:Access.__call__",
+        never("host_name(host) not in LOCAL_NAMES"),
         _T_PANEL,
     ),
     Mechanism(
         3,
         "no path from the web leads out",
-        _FOLDERS,
-        "return path if path != self.root and path.is_relative_to(self.root) else None",
-        "return path",
+        f"{_PANEL}._folders:RunsFolder.inside",
+        always("path != self.root and path.is_relative_to(self.root)"),
         _T_PANEL,
     ),
     Mechanism(
         3,
         "no path of a session leads out",
-        _FOLDERS,
-        "return found if found.is_relative_to(self.root) else None",
-        "return found",
+        f"{_PANEL}._folders:RunsFolder.within",
+        always("found.is_relative_to(self.root)"),
         _T_PANEL,
     ),
     Mechanism(
         3,
         "no name in a manifest leads out",
-        "bench/record/recording/_manifest.py",
-        'if any(part in ("", ".", "..") for part in name.split("/")):',
-        "if False:",
+        f"{_RECORDING}._manifest:_inside",
+        never("any(part in ('', '.', '..') for part in name.split('/'))"),
         _T_FILES,
     ),
     Mechanism(
         3,
         "no run id leads out",
-        "bench/control/run_record.py",
-        'if name == ".." or Path(name).name != name or not name.isprintable():',
-        "if False:",
+        f"{_CONTROL}.run_record:_new_folder",
+        never("name == '..' or Path(name).name != name or not name.isprintable()"),
         _T_FILES,
     ),
     Mechanism(
         3,
         "no pipe or device is read",
-        _FILES,
-        "if not stat.S_ISREG(os.fstat(descriptor).st_mode):",
-        "if False:",
+        "drivers.base.files:read_bounded",
+        never("not stat.S_ISREG(os.fstat(descriptor).st_mode)"),
         f"{_T_FILES} -k device",
     ),
     Mechanism(
         3,
         "no more is read than is allowed",
-        _FILES,
-        "if len(content) > most_bytes:",
-        "if False:",
+        "drivers.base.files:read_bounded",
+        never("len(content) > most_bytes"),
         f"{_T_FILES} -k as_many",
     ),
     Mechanism(
-        3,
-        "no TOML is nested without end",
-        _FILES,
-        '            return data\n    raise ValueError("nested too deep")',
-        "            return data\n    return data",
-        _T_FILES,
+        3, "no TOML is nested without end", "drivers.base.files:parse_toml", always("not level"), _T_FILES
     ),
     Mechanism(
         3,
         "no JSON is nested without end",
-        _FILES,
-        'RecursionError as error:\n        raise ValueError("nested too deep") from error\n\n\ndef',
-        'KeyError as error:\n        raise ValueError("nested too deep") from error\n\n\ndef',
+        "drivers.base.files:parse_json",
+        Swap("RecursionError", "KeyError"),
         _T_FILES,
     ),
     Mechanism(
         3,
         "no archive unpacks to more than it may",
-        "drivers/base/arrays.py",
-        "if sum(sizes.values()) > _MOST_BYTES:",
-        "if False:",
+        "drivers.base.arrays:read_archive",
+        never("sum(sizes.values()) > _MOST_BYTES"),
         _T_FILES,
     ),
     Mechanism(
-        3,
-        "no table is larger than the memory",
-        "bench/record/recording/_read.py",
-        "if 2 * 8 * rows * columns > room:",
-        "if False:",
-        _T_FILES,
+        3, "no table is larger than the memory", f"{_RECORDING}._read:check_room", Value("None"), _T_FILES
     ),
     Mechanism(
         3,
         "text in a report stays text",
-        "bench/present/report/_layout.py",
-        "autoescape=True",
-        "autoescape=False",
+        "bench.present.report._layout:_environment",
+        Argument("autoescape", "False"),
         "tests/present/report/test_report_html.py",
     ),
     Mechanism(
-        3,
-        "nothing is evaluated, no pickle is loaded",
-        "bench/control/history.py",
-        "from __future__ import annotations\n",
-        "from __future__ import annotations\nimport pickle\n",
-        _T_CODE,
+        3, "nothing is evaluated, no pickle is loaded", f"{_CONTROL}.history", Also("import pickle"), _T_CODE
     ),
     Mechanism(
         3,
         "a known vulnerability fails the audit",
-        "benchmarks/audit.py",
-        "return 1 if verdict.reachable else 0",
-        "return 0",
+        "benchmarks.audit:main",
+        Swap("1 if verdict.reachable else 0", "0"),
         "tests/safety/test_audit.py",
     ),
     Mechanism(
         3,
         "who asks for nothing is put out in time",
-        _VISITORS,
-        "self.loop.call_later(REQUEST_S, self.put_out)",
-        "self.loop.call_later(1e6, self.put_out)",
+        f"{_PANEL}._visitors:Visitor._wait",
+        Swap("REQUEST_S", "1e6"),
         f"{_T_VISITORS} -k in_time",
     ),
     Mechanism(
         3,
         "who asks for nothing does not fill the doorway",
-        _VISITORS,
-        "if len(self._waiting) > MOST_WAITING:",
-        "if False:",
+        f"{_PANEL}._visitors:Visitor._wait",
+        never("len(self._waiting) > MOST_WAITING"),
         f"{_T_VISITORS} -k doorway",
     ),
     Mechanism(
         3,
         "a manifest has numbers where readers count on them",
-        "bench/record/recording/_shapes.py",
-        "    _FREE_PARTS.validate_python(parts)",
-        "    pass",
+        f"{_RECORDING}._shapes:check_free_parts",
+        Skip("_FREE_PARTS.validate_python"),
         f"{_T_TYPES} -k file_and_key",
     ),
     Mechanism(
         3,
         "an event has numbers where readers count on them",
-        "bench/record/events/_base.py",
-        "Number = Annotated[float, Field(strict=True, ge=-1e300, le=1e300, allow_inf_nan=False)]",
-        "Number = Any",
+        "bench.record.events._base:Number",
+        Value("Any"),
         f"{_T_TYPES} -k event_log",
     ),
     Mechanism(
         3,
         "no DBC file takes more computing than it may",
-        "drivers/can_dbc/_read_dbc.py",
-        "resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))",
-        "resource.setrlimit(resource.RLIMIT_CPU, (200, 200))",
+        "drivers.can_dbc._read_dbc:main",
+        Swap("(cpu_s, cpu_s)", "(200, 200)"),
         "tests/drivers/test_can_dbc_signals.py -k two_kilobytes",
     ),
     Mechanism(
         3,
         "a process of ours imports nothing from the current folder",
-        "bench/lab/prefork.py",
-        '[sys.executable, "-P", "-m", "simulators.lab"],',
-        '[sys.executable, "-m", "simulators.lab"],',
+        "bench.lab.prefork:start_lab",
+        Swap("[sys.executable, '-P', '-m', 'simulators.lab']", "[sys.executable, '-m', 'simulators.lab']"),
         f"{_T_CODE} -k current_folder",
     ),
     Mechanism(
         3,
         "workers of a command import nothing from the current folder",
-        "bench/present/cli/_app.py",
-        'os.environ["PYTHONSAFEPATH"] = "1"',
-        "pass",
+        "bench.present.cli._app:main",
+        Swap("os.environ['PYTHONSAFEPATH'] = '1'", "pass"),
         f"{_T_CODE} -k workers",
     ),
     Mechanism(
         3,
         "a port is a device or a socket",
-        "drivers/kit/link.py",
-        'if separator and scheme.lower() != "socket":',
-        "if False:",
+        "drivers.kit.link:check_place",
+        never("separator and scheme.lower() != 'socket'"),
         f"{_T_FILES} -k port_writes",
     ),
     Mechanism(
         3,
         "text of a file is no command to the terminal",
-        "bench/present/cli/_console.py",
-        "if segment.control is None and not segment.text.isprintable():",
-        "if False:",
+        "bench.present.cli._console:Terminal.render",
+        never("segment.control is None and not segment.text.isprintable()"),
         f"{_T_FILES} -k terminal",
     ),
     Mechanism(
         3,
         "text of a file is no markup",
-        "bench/present/cli/_console.py",
-        '{"markup": False, "emoji": False}',
-        '{"markup": True, "emoji": False}',
+        "bench.present.cli._console:Terminal.__init__",
+        Argument("markup", "True"),
         f"{_T_FILES} -k terminal",
     ),
     Mechanism(
         3,
         "no key has thousands of parts",
-        _FILES,
-        """    if _LONG_KEY.search(
-        _ASIDE.sub("q", text)
-    ):""",
-        "    if False:",
+        "drivers.base.files:parse_toml",
+        never("_LONG_KEY.search(_ASIDE.sub('q', text))"),
         f"{_T_FILES} -k thousands_of_parts",
     ),
     Mechanism(
         3,
         "an exported cell is no formula",
-        "bench/record/exchange/_export.py",
-        """return text if text[:1].isalnum() else f"'{text}\"""",
-        "return text",
+        "bench.record.exchange._export:_cell",
+        always("text[:1].isalnum()"),
         f"{_T_FILES} -k formula",
     ),
 )
 
 
-def _file(guard: str) -> str:
-    return guard.split()[0].split("::")[0]
-
-
-def _run(copy: Path, guard: str) -> tuple[bool, str]:
-    """Run a guard in the copy; return whether all passed, and the first test that did not."""
-    command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *guard.split()]
-    # started by a copy: what is changed there must not be found in the folder that is installed
-    environment = os.environ | {"PYTHONPATH": str(copy)}
-    try:
-        done = subprocess.run(
-            command,
-            cwd=copy,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=_TIMEOUT_S,
-        )
-    except subprocess.TimeoutExpired:
-        return False, "(it does not end)"
-    if done.returncode == 0:
-        return True, ""
-    failed = re.search(r"^(?:FAILED|ERROR) \S+?(?:::(\w+)\S*)?(?: |$)", done.stdout, re.MULTILINE)
-    if failed is None or done.returncode != 1:  # no such test, or what was changed is no program any more
-        print(done.stdout[-2000:] + done.stderr[-1000:], file=sys.stderr)
-        return False, _NO_RUN
-    return False, failed[1] or "(it cannot be read)"
-
-
 class Guards:
     """Switches mechanisms off in a copy of the sources."""
 
-    def __init__(self, root: Path) -> None:
-        self._copy = root / "copy"
+    def __init__(self, folder: Path) -> None:
+        self._copy = Copy(folder)
         self._sound: set[str] = set()
         """Guards that pass with nothing switched off."""
-        self._copy.mkdir()
-        for name in _COPIED:
-            if (ROOT / name).is_dir():
-                shutil.copytree(ROOT / name, self._copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-            else:
-                shutil.copy(ROOT / name, self._copy / name)
 
-    def switch_off(self, each: Mechanism) -> str:
+    def switch_off(self, mechanism: Mechanism) -> str:
         """Return the test that fails without the mechanism, or why there is none."""
-        path = self._copy / each.file
-        text = path.read_text(encoding="utf-8")
-        if text.count(each.on) != 1:
-            return f"{_NONE}: {each.on!r} is {text.count(each.on)} times in {each.file}"
-        if each.guard not in self._sound:
-            passed, failed = _run(self._copy, each.guard)
-            if not passed:
-                return f"{_NONE}: {_file(each.guard)}::{failed} fails with nothing switched off"
-            self._sound.add(each.guard)
-        changed = text.replace(each.on, each.off)
-        compile(changed, each.file, "exec")
-        path.write_text(changed, encoding="utf-8")
-        passed, failed = _run(self._copy, each.guard)
-        path.write_text(text, encoding="utf-8")
-        name = f"{_file(each.guard)}::{failed}"
+        guard = mechanism.guard.split()
+        try:
+            changed = mechanism.switched_off((ROOT / mechanism.file).read_text(encoding="utf-8"))
+        except ValueError as error:
+            return f"{_NONE}: {error}"
+        if mechanism.guard not in self._sound:
+            before = self._copy.run(guard, _LIMIT_S, keep_compiled=True)
+            if before.kind != PASSED:
+                print(self._copy.said()[-2000:], file=sys.stderr)
+                return f"{_NONE}: {before.test} {before.kind} with nothing switched off"
+            self._sound.add(mechanism.guard)
+        with self._copy.changed(mechanism.file, changed):
+            after = self._copy.run(guard, _LIMIT_S)
+        if after.kind == PASSED or after.test == NO_TEST:
+            print(self._copy.said()[-2000:], file=sys.stderr)
+            return f"{_NONE}: {mechanism.guard} {after.kind} {after.test}"
         return (
-            f"{_NONE} in {each.guard}" if passed else f"{_NONE}: {name}" if failed == _NO_RUN else f"`{name}`"
+            f"`{guard[0].partition('::')[0]}` (it does not end)" if after.kind == TIME else f"`{after.test}`"
         )
 
 
@@ -702,9 +696,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as root:
         guards = Guards(Path(root))
         for number, each in enumerate(chosen, 1):
-            found = guards.switch_off(each)
-            bad += _NONE in found
-            rows[each.name] = f"| {each.promise} | {each.name} | {found} | {COMMIT} |"
+            test = guards.switch_off(each)
+            bad += _NONE in test
+            rows[each.name] = f"| {each.promise} | {each.name} | {test} | {COMMIT} |"
             print(f"{number} of {len(chosen)}: {rows[each.name]}", flush=True)
             _write(rows)
     return 1 if bad else 0
