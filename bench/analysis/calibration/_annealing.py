@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.calibration._graph import Graph, Integers
-from bench.analysis.calibration._paths import Path, stretch_of
-from bench.analysis.calibration._segments import Segment, compose, scaled_variances
+from bench.analysis.calibration._graph import Graph, Integers, Path, stretch_of
+from bench.analysis.calibration._segments import compose, scaled_variances
 from drivers.base.arrays import Array
 
 _WINDOW = (2, 3, 4, 5)
@@ -78,12 +77,7 @@ def _cost(graph: Graph, path: Path, options: _Options, weight: Array) -> Array:
     before = stretch_of(graph, path.home, path.moves[: options.start], rest=True)
     count = len(options.moves)
     node = np.full(count, nodes[options.start])
-    stretch = Segment(
-        *(
-            np.broadcast_to(part, (count, *part.shape))
-            for part in (before.transition, before.information, before.noise)
-        )
-    )
+    stretch = before.map(lambda part: np.broadcast_to(part, (count, *part.shape)))
     for moves in options.moves.T:
         stretch = compose(stretch, graph.segments[graph.node_attitude[node], moves])
         node = graph.edges[node, moves]

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.calibration._conventions import AXES, rotation
+from bench.analysis.calibration._conventions import AXES, rotation, signed_permutations
 from bench.analysis.calibration._navigation import Increments, Track
 from bench.analysis.calibration._schedule import Schedule
 from drivers.base.arrays import Array
@@ -63,7 +63,7 @@ def _culprit(exchange: Array, turns: Array, schedule: Schedule | None) -> tuple[
         if _like(turns, schedule):
             return "accelerometers", exchange.T
         if not _like(turns @ exchange.T, schedule):
-            whole = [each for each in _exchanges() if _like(turns @ each.T, schedule)]
+            whole = [axes for axes in _exchanges() if _like(turns @ axes.T, schedule)]
             if whole:
                 return "gyros and accelerometers", whole[0]
     return "gyros", exchange
@@ -95,10 +95,8 @@ def _require_mounting(turns: Array, ups: Array, schedule: Schedule) -> None:
 
 def _turns_and_ups(data: Increments, track: Track, resting: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Return rotation vectors (n, 3) of the turns between rests, and up in b (n + 1, 3) at the rests."""
-    a_second = round(track.interval_s / data.period_s)
     count = len(resting)
-    angle = data.angle_rad[: count * a_second].reshape(count, a_second, 3).sum(axis=1)
-    force = data.velocity_mps[: count * a_second].reshape(count, a_second, 3).sum(axis=1)
+    angle, force = data.sums(round(track.interval_s / data.period_s), count)
     edges = np.flatnonzero(np.diff(resting.astype(int)))
     turns, ups, begin = [], [], 0
     for start, end in itertools.pairwise([*edges[0::1], count - 1]):
@@ -114,14 +112,7 @@ def _turns_and_ups(data: Increments, track: Track, resting: NDArray[np.bool_]) -
 
 def _exchanges() -> list[Array]:
     """Return the 48 signed permutations, the identity left out."""
-    found = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            matrix = np.zeros((3, 3))
-            matrix[range(3), order] = signs
-            if not np.array_equal(matrix, np.eye(3)):
-                found.append(matrix)
-    return found
+    return [matrix.T for matrix in signed_permutations() if not np.array_equal(matrix, np.eye(3))]
 
 
 def _misfit_deg(exchange: Array, turns: Array, ups: Array) -> float:

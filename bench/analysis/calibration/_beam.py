@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.analysis.calibration._graph import Graph, Integers
-from bench.analysis.calibration._paths import Path, cuts
+from bench.analysis.calibration._graph import Graph, Integers, Path, cuts
 from bench.analysis.calibration._segments import Segment, compose, join, scaled_variances
 from drivers.base.arrays import Array
 

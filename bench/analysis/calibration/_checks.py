@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bench.analysis.calibration._conventions import DPH_RAD_S, EPS, Task
 from bench.analysis.calibration._navigation import Increments, Track
 from bench.analysis.calibration._schedule import Schedule
+from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.constants import EARTH_RATE_RAD_S
 from drivers.base.errors import RecordError
@@ -58,26 +59,18 @@ def _require_unclipped(name: str, values: Array, period_s: float) -> None:
         if len(np.unique(channel[: min(len(channel), 500)])) < _NOISY:
             continue
         for end in (channel.max(), channel.min()):
-            at = np.flatnonzero(channel == end)
-            longest, first = _longest_run(at)
-            if longest >= _STUCK:
+            at_end = channel == end
+            runs = stretches(at_end)
+            first, after = runs[np.argmax(np.diff(runs))]
+            if after - first >= _STUCK:
                 raise RecordError(
                     f"{name} {axis} is saturated",
                     where=f"{first * period_s:.2f} s",
-                    found=f"{len(at)} samples at exactly its {'largest' if end > 0 else 'smallest'} value, "
-                    f"{longest} of them in a row",
+                    found=f"{int(at_end.sum())} samples at exactly its {'largest' if end > 0 else 'smallest'} "
+                    f"value, {after - first} of them in a row",
                     expected="readings within the range: a clipped turn looks like a scale factor error",
                     remedy="turn the table more slowly, or set a larger range on the unit",
                 )
-
-
-def _longest_run(at: NDArray[np.int64]) -> tuple[int, int]:
-    """Return length and first sample of the longest run of consecutive numbers."""
-    breaks = np.flatnonzero(np.diff(at) != 1)
-    starts = np.concatenate([[0], breaks + 1])
-    lengths = np.diff(np.append(starts, len(at)))
-    longest = int(np.argmax(lengths))
-    return int(lengths[longest]), int(at[starts[longest]])
 
 
 def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_], task: Task) -> None:
@@ -86,12 +79,9 @@ def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_],
     At every rest the rate about up is w_ie sin(latitude) + eps . u, u up in body axes: rests with up along
     several axes tell the latitude from the gyro biases. What the data leave open is allowed: 5 sigma of the fit.
     """
-    a_second = round(track.interval_s / data.period_s)
-    count = len(resting)
-    rate = data.angle_rad[: count * a_second].reshape(count, a_second, 3).sum(axis=1) / track.interval_s
-    force = data.velocity_mps[: count * a_second].reshape(count, a_second, 3).sum(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], resting, [False]]).astype(int)))
-    rests = [(start + 1, end - 1) for start, end in edges.reshape(-1, 2) if end - start >= _LEAST_REST]
+    angle, force = data.sums(round(track.interval_s / data.period_s), len(resting))
+    rate = angle / track.interval_s
+    rests = [(start + 1, end - 1) for start, end in stretches(resting) if end - start >= _LEAST_REST]
     if len(rests) < 2:
         return
     up = np.array([force[start:end].mean(axis=0) for start, end in rests])

@@ -12,6 +12,7 @@ along accelerometer x, y of b in the plane of accelerometers x and y. `to_gauge`
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -139,6 +140,17 @@ def rotation(axis: Array, angle_rad: Array) -> Array:
     skew = cross_matrix(axis)
     angle = np.asarray(angle_rad, dtype=np.float64)[..., None, None]
     return np.asarray(np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * (skew @ skew))
+
+
+def signed_permutations() -> list[Array]:
+    """Return the 48 matrices (3, 3) that exchange and reverse axes, the identity first."""
+    matrices = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            matrix = np.zeros((3, 3))
+            matrix[order, range(3)] = signs
+            matrices.append(matrix)
+    return matrices
 
 
 def pack(eps: Array, nabla: Array, kg: Array, ka: Array, k2: Array) -> Array:

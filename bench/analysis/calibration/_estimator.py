@@ -19,6 +19,7 @@ from bench.analysis.calibration._conventions import PARAMETERS, Task
 from bench.analysis.calibration._model import process_noise
 from bench.analysis.calibration._navigation import Increments, Track, align, compensate, navigate
 from bench.analysis.calibration._schedule import Schedule
+from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
 
@@ -177,7 +178,7 @@ def rest_intervals(track: Track, options: Options) -> NDArray[np.bool_]:
     RecordError unless the record starts at rest and rests at least twice.
     """
     resting = track.rate <= options.rest_rate_rad_s
-    rests = int(np.sum(np.diff(np.concatenate([[False], resting]).astype(int)) == 1))
+    rests = len(stretches(resting))
     if rests < 2 or not resting[0]:
         raise RecordError(
             "the record is no calibration",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,13 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.calibration._conventions import Task, rotation
+from bench.analysis.calibration._conventions import Task, rotation, signed_permutations
 from bench.analysis.calibration._schedule import Move, Schedule
-from bench.analysis.calibration._segments import Segment, compose, dwell_segments, turn_segments
+from bench.analysis.calibration._segments import Segment, compose, dwell_segments, fold, turn_segments
 from bench.analysis.calibration._table import Gimbals, Table, mountings, turned
 from drivers.base.arrays import Array
 
 QUARTERS = (90,)
+_CHUNK = 2048
+"""Rows of a batch that are worked on at once: they stay in the cache."""
 Integers = NDArray[np.int64]
 
 
@@ -55,14 +56,7 @@ class Graph:
 
 def grid_attitudes() -> Array:
     """Return the 24 attitudes whose body axes point along directions, shape (24, 3, 3), the identity first."""
-    found = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            matrix = np.zeros((3, 3))
-            matrix[order, range(3)] = signs
-            if np.linalg.det(matrix) > 0.0:
-                found.append(matrix)
-    return np.array(found)
+    return np.array([matrix for matrix in signed_permutations() if np.linalg.det(matrix) > 0.0])
 
 
 def build_graph(
@@ -85,12 +79,7 @@ def build_graph(
         task, np.repeat(attitudes, len(moves), axis=0), moves * 24, pattern.rate_dps, pattern.profile
     )
     both = compose(turns, rests[after.ravel()])
-    segments = Segment(
-        *(
-            part.reshape(24, len(moves), *part.shape[1:])
-            for part in (both.transition, both.information, both.noise)
-        )
-    )
+    segments = both.map(lambda part: part.reshape(24, len(moves), *part.shape[1:]))
     return Graph(moves, table, pattern, attitudes, nodes, edges, rests, segments, _distances(edges))
 
 
@@ -137,3 +126,32 @@ def _distances(edges: Integers) -> Integers:
             reached = reached | ring
             steps += 1
     return distance
+
+
+@dataclass(frozen=True)
+class Path:
+    """A home node and the moves from it."""
+
+    home: int
+    moves: tuple[int, ...]
+
+
+def stretch_of(graph: Graph, start: int, moves: Sequence[int], *, rest: bool) -> Segment:
+    """Return the stretch of moves from a node; `rest`: the dwell at the node comes first."""
+    nodes = graph.walk(start, tuple(moves))
+    at = graph.node_attitude[nodes]
+    batch = graph.segments[at[:-1], list(moves)] if len(moves) else None
+    first = graph.rests[at[0]]
+    if batch is None:
+        return first
+    return compose(first, fold(batch)) if rest else fold(batch)
+
+
+def whole(graph: Graph, path: Path) -> Segment:
+    """Return the stretch of a path, its first dwell included."""
+    return stretch_of(graph, path.home, path.moves, rest=True)
+
+
+def cuts(count: int) -> list[slice]:
+    """Return slices that part `count` rows."""
+    return [slice(at, at + _CHUNK) for at in range(0, count, _CHUNK)]

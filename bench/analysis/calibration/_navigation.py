@@ -31,6 +31,14 @@ class Increments:
     angle_rad: Array
     velocity_mps: Array
 
+    def sums(self, samples: int, count: int) -> tuple[Array, Array]:
+        """Return angle and velocity over each of the first `count` stretches of `samples`, (count, 3) each."""
+        angle, velocity = (
+            values[: count * samples].reshape(count, samples, 3).sum(axis=1)
+            for values in (self.angle_rad, self.velocity_mps)
+        )
+        return angle, velocity
+
 
 @dataclass(frozen=True, eq=False)
 class Track:

@@ -119,7 +119,7 @@ def evaluate(task: Task, schedule: Schedule, table: Table = "by-hand") -> Evalua
     """Return what the schedule shows; ConfigurationError if the table cannot turn it. Takes about 50 ms."""
     require_possible(table, schedule)
     reached = chain_segments(schedule_segments(task, schedule))
-    scaled = np.array([np.sqrt(np.diag(covariance(each))) for each in reached])
+    scaled = np.array([np.sqrt(np.diag(covariance(segment))) for segment in reached])
     course = scaled * task.prior_sigma
     last = covariance(reached[-1])[PARAMETERS, PARAMETERS]
     merit = merit_of(course[-1, PARAMETERS], task)

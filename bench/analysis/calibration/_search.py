@@ -17,8 +17,7 @@ import numpy as np
 from bench.analysis.calibration._annealing import anneal
 from bench.analysis.calibration._beam import grow_beam
 from bench.analysis.calibration._conventions import PARAMETERS, Task
-from bench.analysis.calibration._graph import QUARTERS, Graph, build_graph
-from bench.analysis.calibration._paths import Path, whole
+from bench.analysis.calibration._graph import QUARTERS, Graph, Path, build_graph, whole
 from bench.analysis.calibration._schedule import ANGLES, Schedule
 from bench.analysis.calibration._segments import scaled_variances
 from bench.analysis.calibration._table import Table
@@ -97,7 +96,7 @@ def search(
     starts = list(enumerate(_diverse(found, effort.starts)))
     finished = fan.map(partial(_annealed, graph, weight, effort.steps, seed), starts)
     evaluated += sum(count for _, _, count in finished)
-    path, _, _ = min(finished, key=lambda each: each[1])
+    path, _, _ = min(finished, key=lambda annealed: annealed[1])
     ratio = np.sqrt(scaled_variances(whole(graph, path).information) * weight)
     degrees = ", ".join(str(angle) for angle in angles_deg)
     kind = "quarter turns" if tuple(angles_deg) == QUARTERS else f"turns by {degrees} deg"

@@ -8,7 +8,7 @@ covariance of the parameters is the parameter block of (I + Th)^-1. States are s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,9 +33,13 @@ class Segment:
     information: Array
     noise: Array
 
+    def map(self, change: Callable[[Array], Array]) -> Segment:
+        """Return the segment of the three parts changed alike."""
+        return Segment(change(self.transition), change(self.information), change(self.noise))
+
     def __getitem__(self, at: Any) -> Segment:
         """Take from a batch."""
-        return Segment(self.transition[at], self.information[at], self.noise[at])
+        return self.map(lambda part: np.asarray(part[at]))
 
 
 def compose(first: Segment, then: Segment) -> Segment:

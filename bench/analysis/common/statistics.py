@@ -1,8 +1,9 @@
-"""Block means and what is read off them."""
+"""Block means and what is read off them; gaps held, stretches found."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
@@ -35,3 +36,19 @@ def bias_stability(values: Array, count: int = BLOCK_S) -> float:
             remedy="evaluate a longer run",
         )
     return float(np.std(means, ddof=1))
+
+
+def hold(values: Array, known: NDArray[np.bool_] | None = None) -> Array:
+    """Replace values (n, ...) that are not known, default not finite, by the last one known before.
+
+    At the start the first known one stands in.
+    """
+    known = np.isfinite(values) if known is None else known
+    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
+    return np.asarray(values[np.where(last >= 0, last, int(np.argmax(known)))])
+
+
+def stretches(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return (start, stop) of every stretch in which `mask` (n,) is true, shape (k, 2)."""
+    edges = np.diff(np.concatenate(([False], mask, [False])).astype(np.int8))
+    return np.flatnonzero(edges).reshape(-1, 2)

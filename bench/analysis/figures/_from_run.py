@@ -13,9 +13,15 @@ from numpy.typing import NDArray
 
 from bench.analysis.common.allan import AllanDeviation, allan_deviation
 from bench.analysis.common.allan_noise import NOISE_NAMES, NOISE_UNITS, NoiseFit, fit_noise
-from bench.analysis.figures._bias import bias_figures, repeatability, temperature_sensitivity, warm_up_time_s
+from bench.analysis.figures._bias import (
+    RateStep,
+    bias_figures,
+    repeatability,
+    temperature_sensitivity,
+    threshold,
+    warm_up_time_s,
+)
 from bench.analysis.figures._scale_factor import fit_rate_sequence, scale_factor_figures
-from bench.analysis.figures._small_rates import RateStep, threshold
 from bench.record.events.run import Interval
 from bench.record.recording import Run, row_means, seconds
 from drivers.base.arrays import Array

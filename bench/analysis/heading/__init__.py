@@ -4,11 +4,17 @@ time."""
 from bench.analysis.heading._checks import Finding
 from bench.analysis.heading._compensation import HeadingCompensation
 from bench.analysis.heading._compensator import Compensated, HeadingCompensator, PositionCorrector
-from bench.analysis.heading._files import Site, checksum_of_log, load_log, site_of_run, unit_of_log
+from bench.analysis.heading._files import (
+    Site,
+    checksum_of_log,
+    load_log,
+    site_of_run,
+    study_heading_logs,
+    unit_of_log,
+)
 from bench.analysis.heading._frames import position_error
 from bench.analysis.heading._lagged import Form, LaggedModel, fit_lagged, regressors
 from bench.analysis.heading._log import PlatformLog, stays
-from bench.analysis.heading._logs import study_heading_logs
 from bench.analysis.heading._nine import NineCoefficients, compensate_nine, fit_nine, integrate
 from bench.analysis.heading._study import HeadingStudy, Judgement, judge, study_heading, without_start
 from bench.analysis.heading._temperature import ReferenceTemperature, fit_reference

@@ -111,7 +111,7 @@ class Calibration:
         if priors.reference_periodic:
             blocks.append((self.drifts(swings(self.grid.sidereal_rad)), priors.periodic_dph))
         columns = np.concatenate([block for block, _ in blocks], axis=1)
-        sigma = np.concatenate([np.full(block.shape[1], each) for block, each in blocks])
+        sigma = np.concatenate([np.full(block.shape[1], prior) for block, prior in blocks])
         return columns, sigma
 
     def headings(self) -> Array:

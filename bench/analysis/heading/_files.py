@@ -1,10 +1,10 @@
-"""Logs from runs, CSV and Parquet."""
+"""Logs from runs, CSV and Parquet, and the study of a heading effect made from them."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,15 +12,18 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from pyarrow.types import is_boolean, is_floating, is_integer
 
 from bench.analysis.heading._frames import earth_rotation_deg
+from bench.analysis.heading._lagged import Form
 from bench.analysis.heading._log import PlatformLog, log_from_positions
+from bench.analysis.heading._study import HeadingStudy, study_heading
 from bench.record.benchfile import bench_file_from
 from bench.record.recording import Run, Table, checksum, read_table, table_name
 from bench.record.run_folder import url_of
 from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
-from drivers.base.errors import RecordError
+from drivers.base.errors import ConfigurationError, RecordError
 
 _ANGLE = ("time_ns", "angle_deg")
 COLUMNS = {
@@ -47,6 +50,49 @@ class Site:
     damping: float = 0.0
 
 
+def study_heading_logs(
+    log: Path,
+    tests: Sequence[Path] = (),
+    *,
+    latitude_deg: float | None = None,
+    longitude_deg: float | None = None,
+    epoch_s: float | None = None,
+    damping: float = 0.0,
+    columns: Mapping[str, str] | None = None,
+    form: Form = "lag9",
+    window_s: float,
+) -> tuple[HeadingStudy, dict[str, str]]:
+    """Calibrate on `log`, judge on `tests`; return the study, and the tables' checksums by folder and file.
+
+    `epoch_s`: s since 1970 (UTC) at time 0 of the logs; place and time that are not given are a run folder's.
+    """
+
+    def site(path: Path) -> Site:
+        return _site(path, latitude_deg, longitude_deg, epoch_s, damping)
+
+    calibration, other_temp_c = load_log(log, site(log), columns)
+    held_out = {path.stem: load_log(path, site(path), columns)[0] for path in tests}
+    study = study_heading(calibration, held_out, form=form, window_s=window_s, other_temp_c=other_temp_c)
+    return study, dict(checksum_of_log(path) for path in (log, *tests))
+
+
+def _site(
+    log: Path, latitude_deg: float | None, longitude_deg: float | None, epoch_s: float | None, damping: float
+) -> Site:
+    """Return where a log was made: as told, or as a run folder's manifest has it."""
+    zero_deg = None if epoch_s is None else earth_rotation_deg(epoch_s)
+    if latitude_deg is not None and longitude_deg is not None:
+        return Site(latitude_deg, longitude_deg, zero_deg, damping)
+    if not (log.is_dir() or url_of(log)):
+        raise ConfigurationError(
+            "where the platform stood is not known",
+            where=str(log),
+            expected="--latitude-deg and --longitude-deg, or a run folder, whose manifest has them",
+        )
+    given = {"latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "sidereal_zero_deg": zero_deg}
+    return replace(site_of_run(log, damping), **{name: at for name, at in given.items() if at is not None})
+
+
 def site_of_run(place: Path, damping: float = 0.0) -> Site:
     """Return where the platform of a run stood: latitude and longitude of its bench file, time by its start.
 
@@ -55,7 +101,7 @@ def site_of_run(place: Path, damping: float = 0.0) -> Site:
     """
     run = Run.open(place)
     name = platform_of(run)
-    section = next(each for each in bench_file_from(run.manifest.bench).platform if each.name == name)
+    section = next(part for part in bench_file_from(run.manifest.bench).platform if part.name == name)
     started_s = datetime.fromisoformat(run.manifest.started_utc).timestamp()
     zero_deg = None if run.manifest.emulated is not None else earth_rotation_deg(started_s)
     return Site(run.manifest.latitude_deg, section.longitude_deg, zero_deg, damping)
@@ -184,24 +230,8 @@ def _parquet(path: Path) -> dict[str, Array]:
     return {
         name: np.array([np.nan if value is None else value for value in table[name].to_pylist()], np.float64)
         for name, kind in zip(table.column_names, table.schema.types, strict=True)
-        if str(kind) in _NUMBERS
+        if is_boolean(kind) or is_integer(kind) or is_floating(kind)
     }
-
-
-_NUMBERS = (
-    "bool",
-    "double",
-    "float",
-    "halffloat",
-    "int8",
-    "int16",
-    "int32",
-    "int64",
-    "uint8",
-    "uint16",
-    "uint32",
-    "uint64",
-)
 
 
 def _csv(path: Path) -> dict[str, Array]:

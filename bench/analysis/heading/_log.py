@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from drivers.base.errors import RecordError
 
 _SAME_HEADING_DEG = 2.0
 _SHORTEST_STAY_S = 600.0
+_COLUMNS = ("time_s", "sidereal_rad", "north_as", "east_as", "temp_c", "heading_deg")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,38 +37,19 @@ class PlatformLog:
     delay_s: float = 0.0
 
     def __post_init__(self) -> None:
-        sizes = {
-            len(each)
-            for each in (
-                self.time_s,
-                self.sidereal_rad,
-                self.north_as,
-                self.east_as,
-                self.temp_c,
-                self.heading_deg,
-            )
-        }
+        sizes = {len(getattr(self, name)) for name in _COLUMNS}
         if len(sizes) != 1 or len(self.time_s) < 2 or not (np.diff(self.time_s) > 0).all():
+            backwards = np.count_nonzero(np.diff(self.time_s) <= 0)
             raise RecordError(
                 "a platform log that cannot be used",
-                found=f"column lengths {sorted(sizes)}, {_backwards(self.time_s)} steps back in time",
+                found=f"column lengths {sorted(sizes)}, {backwards} steps back in time",
                 expected="columns of one length, at least two rows, times increasing",
                 remedy="sort the rows by time and remove those that came twice",
             )
 
     def part(self, start: int, stop: int) -> PlatformLog:
         """Return rows `start` to `stop`."""
-        rows = slice(start, stop)
-        return PlatformLog(
-            self.time_s[rows],
-            self.sidereal_rad[rows],
-            self.north_as[rows],
-            self.east_as[rows],
-            self.temp_c[rows],
-            self.heading_deg[rows],
-            self.latitude_deg,
-            self.delay_s,
-        )
+        return replace(self, **{name: getattr(self, name)[start:stop] for name in _COLUMNS})
 
 
 @dataclass(frozen=True)
@@ -146,7 +128,3 @@ def settled(log: PlatformLog, after_s: float) -> NDArray[np.bool_]:
         begun_s = log.time_s[stay.start]
         calm &= (log.time_s < begun_s) | (log.time_s >= begun_s + after_s)
     return calm
-
-
-def _backwards(time_s: Array) -> int:
-    return int(np.count_nonzero(np.diff(time_s) <= 0))

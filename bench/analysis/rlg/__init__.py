@@ -2,10 +2,9 @@
 
 from bench.analysis.rlg._compensation import RlgCompensation
 from bench.analysis.rlg._cycle import CycleStudy, load_chamber_cycle, study_chamber_cycle
-from bench.analysis.rlg._dataset import load_ramp_runs
+from bench.analysis.rlg._dataset import load_ramp_runs, study_units
 from bench.analysis.rlg._rows import RampRun, ramp_run
 from bench.analysis.rlg._study import BeforeAfter, RlgStudy, StepwiseVariant, run_rlg_study
-from bench.analysis.rlg._units import study_units
 from bench.analysis.rlg._variables import CANDIDATES
 
 __all__ = [

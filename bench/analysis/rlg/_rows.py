@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -138,8 +139,7 @@ def _stalls(time_s: Array, case_rate: Array, ramps: Sequence[tuple[float, float]
         usual = float(np.median(np.abs(case_rate[inside])))
         still = inside & (np.abs(case_rate) < _STALL_SHARE * usual)
         still &= time_s > start_s + _STALL_S  # the case follows the air with a lag
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], still.astype(np.int8), [0]))))
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
+        for first, last in stretches(still):
             length_s = (last - first) * float(ROW_S)
             if length_s >= _STALL_S:
                 remarks.append(

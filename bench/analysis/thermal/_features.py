@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench.analysis.common.statistics import hold
 from bench.analysis.thermal._types import FeatureRun, ThermalRun
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError, RecordError
@@ -59,13 +60,6 @@ def change_per_minute(temp_c: Array, over_s: int = 60) -> Array:
         return np.full_like(temp_c, np.nan)
     earlier = np.concatenate((np.full(over_s, temp_c[finite[0]]), temp_c))[: len(temp_c)]
     return np.asarray((temp_c - earlier) * (60.0 / over_s))
-
-
-def hold(values: Array) -> Array:
-    """Replace NaN by the last finite value before it (at the start: by the first one after), shape (n,)."""
-    finite = np.isfinite(values)
-    last = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
-    return np.asarray(values[np.where(last >= 0, last, int(np.argmax(finite)))])
 
 
 def window_mean(time_s: Array, values: Array, window_s: tuple[float, float], *, where: str = "") -> float:

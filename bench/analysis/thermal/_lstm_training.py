@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from bench.analysis.common.device import compute_device
-from bench.analysis.thermal._lstm_weights import TARGETS, FitError, LstmSettings, LstmWeights, input_matrix
-from bench.analysis.thermal._regression import in_reference
+from bench.analysis.common.statistics import hold
+from bench.analysis.thermal._lstm_weights import FitError, LstmSettings, LstmWeights, input_matrix
+from bench.analysis.thermal._regression import TARGETS, in_reference
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
 
@@ -143,11 +144,8 @@ def _read_weights(network: torch.nn.LSTM, head: torch.nn.Linear, blank: LstmWeig
     def value(parameter: torch.Tensor) -> Array:
         return np.asarray(parameter.detach().cpu().numpy(), dtype=np.float64)
 
-    return LstmWeights(
-        input_low=blank.input_low,
-        input_high=blank.input_high,
-        target_mid=blank.target_mid,
-        target_scale=blank.target_scale,
+    return replace(
+        blank,
         w_input=value(network.weight_ih_l0),
         w_hidden=value(network.weight_hh_l0),
         bias=value(network.bias_ih_l0) + value(network.bias_hh_l0),
@@ -165,7 +163,11 @@ def _batch(runs: Sequence[FeatureRun], weights: LstmWeights, settings: LstmSetti
     reference = np.zeros((length, len(runs), 2))
     scale = np.where(weights.target_scale > 0, weights.target_scale, 1.0)
     for index, run in enumerate(runs):
-        rows = _hold(weights.normalise(input_matrix(run)))
+        rows = weights.normalise(input_matrix(run))
+        complete = np.asarray(np.isfinite(rows).all(axis=1))
+        if not complete.any():
+            raise FitError("a run has no sample with all inputs", expected="finite temperatures")
+        rows = hold(rows, complete)
         stop = settings.warm_up + run.time_s.size
         inputs[: settings.warm_up, index] = rows[0]
         inputs[settings.warm_up : stop, index] = rows
@@ -175,15 +177,6 @@ def _batch(runs: Sequence[FeatureRun], weights: LstmWeights, settings: LstmSetti
         mask[settings.warm_up : stop, index] = known * run.weight[:, None]
         reference[settings.warm_up : stop, index] = known & in_reference(run)[:, None]
     return _Batch(*(torch.tensor(part, dtype=torch.float32) for part in (inputs, targets, mask, reference)))
-
-
-def _hold(rows: Array) -> Array:
-    """Fill rows that are not finite with the last finite one, the first gap with the first finite one."""
-    finite = np.isfinite(rows).all(axis=1)
-    if not finite.any():
-        raise FitError("a run has no sample with all inputs", expected="finite temperatures")
-    last = np.maximum.accumulate(np.where(finite, np.arange(rows.shape[0]), -1))
-    return rows[np.where(last >= 0, last, np.argmax(finite))]
 
 
 def _descend(

@@ -11,7 +11,6 @@ from drivers.base.arrays import Array
 from drivers.base.errors import BenchError
 
 INPUTS = ("t_in", "dt_60", "gradient")
-TARGETS = ("bias_dph", "sf_error_ppm")
 
 
 class FitError(BenchError):

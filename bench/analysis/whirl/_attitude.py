@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.analysis.common.statistics import hold
 from bench.analysis.whirl._kinematics import body_to_rotating, rotation, rotation_vector
 from bench.analysis.whirl._types import Complex, TurnRecord
 from drivers.base.arrays import Array
@@ -43,7 +44,7 @@ def unit_attitude(record: TurnRecord, heading_deg: float) -> Array:
     Strapdown integral from a level start with the body's heading; the Earth turns under it. Samples that are
     not usable hold the rate before them. Levelling errors t turn the result slowly (t times Earth rate).
     """
-    rate = np.radians(_held(record.rate_dps, record.usable))
+    rate = np.radians(hold(record.rate_dps, record.usable))
     start = body_attitude(heading_deg) @ body_to_rotating(record.angle_rad[:1])[0].T
     inertial = start @ _running_product(rotation(rate * record.period_s))
     latitude = np.radians(record.latitude_deg)
@@ -103,13 +104,6 @@ def tilt_spectrum(tilt: Complex, angle_rad: Array, lines: Array) -> Array:
     weight = np.hanning(len(flat) + 2)[1:-1]
     flat = flat * weight / weight.sum()
     return np.array([abs(np.vdot(np.exp(1j * line * angle_rad), flat)) for line in lines])
-
-
-def _held(rate: Array, usable: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Array:
-    if usable.all():
-        return rate
-    at = np.maximum.accumulate(np.where(usable, np.arange(len(usable)), -1))
-    return np.asarray(rate[np.where(at < 0, int(np.argmax(usable)), at)])
 
 
 def _running_product(steps: Array) -> Array:

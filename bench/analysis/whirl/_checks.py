@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bench.analysis.common.statistics import stretches
 from bench.analysis.whirl._angle import Alignment
 from bench.analysis.whirl._direct import DirectFit
 from bench.analysis.whirl._types import Finding, TurnRecord, UnfitRotation
-from drivers.base.arrays import Array
 
 FULL_SCALE_DPS = 490.0
 """Full scale of fibre-optic gyros of this class, by their data sheets."""
@@ -39,7 +39,8 @@ def require_fit_for_whirl(record: TurnRecord, full_scale_dps: float = FULL_SCALE
             raise _saturated(record, f"{railed} samples of {axis} at {full_scale_dps:g} deg/s")
     moving = np.abs(np.diff(record.angle_rad)) > _SLOWEST * np.abs(np.diff(record.angle_rad)).max()
     for axis, rate in zip("xy", record.rate_dps.T[:2], strict=True):
-        longest = _longest_run((np.diff(rate) == 0.0) & moving[1:] & record.usable[1:]) * record.period_s
+        stuck = stretches((np.diff(rate) == 0.0) & moving[1:] & record.usable[1:])
+        longest = float(np.diff(stuck).max(initial=0)) * record.period_s
         if longest > _STUCK_S:
             raise _saturated(record, f"{axis} does not change for {longest:.1f} s while the table turns")
 
@@ -146,11 +147,6 @@ def earth_rate_findings(fit: DirectFit, record: TurnRecord) -> list[Finding]:
 def _as_line_two(record: TurnRecord, earth_dph: float) -> float:
     speed = float(np.median(np.abs(np.diff(record.angle_rad)))) / record.period_s
     return earth_dph / (2.0 * speed) if speed else float("inf")
-
-
-def _longest_run(mask: Array | np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], np.asarray(mask, np.int8), [0]))))
-    return int((edges[1::2] - edges[::2]).max()) if len(edges) else 0
 
 
 def _saturated(record: TurnRecord, found: str) -> UnfitRotation:

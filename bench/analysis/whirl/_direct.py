@@ -115,7 +115,7 @@ def fit_direct(
     values, sd, residual, sigma = _solve(design, observed)
     declared = (INSTALLATION_IN_TILT,) if with_drift else (DRIFT_IN_TILT,)
     count, first = len(lines), len(lines) + int(with_play)
-    estimates = [Estimate(complex(value), float(each)) for value, each in zip(values, sd, strict=True)]
+    estimates = [Estimate(complex(value), float(error)) for value, error in zip(values, sd, strict=True)]
     return DirectFit(
         lines=tuple(float(line) for line in lines),
         amplitudes_arcsec=values[:count],

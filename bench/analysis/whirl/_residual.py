@@ -8,7 +8,6 @@ way a constant tilt of the unit against the spin axis gives the same (3 arcsec a
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,13 +99,9 @@ def slack(angle_rad: Array, travel_rad: float, start: float = 0.0) -> Array:
         return np.full(len(angle_rad), start)
     turning = moving[1:][np.diff(sense[moving]) != 0]
     value, parts = start, []
-    for first, last in _stretches(turning, len(angle_rad)):
+    for first, last in itertools.pairwise([0, *turning.tolist(), len(angle_rad)]):
         # one angle more than is kept: the next stretch begins there
         part = np.clip(value - (angle_rad[first : last + 1] - angle_rad[first]) / travel_rad, 0.0, 1.0)
         value = float(part[-1])
         parts.append(part[: last - first])
     return np.concatenate(parts)
-
-
-def _stretches(turning: Sequence[int] | Array, count: int) -> list[tuple[int, int]]:
-    return list(itertools.pairwise([0, *(int(at) for at in turning), count]))

@@ -35,7 +35,7 @@ def load_turns(run: Run, gyro: str | None = None) -> Turns:
     ConfigurationError if no gyro has three axes; UnfitRotation names a recording that cannot carry a whirl
     fit.
     """
-    name = gyro or next((each for each in run.gyros if _has_axes(run, each)), None)
+    name = gyro or next((unit for unit in run.gyros if _has_axes(run, unit)), None)
     if name is None or name not in run.gyros or not _has_axes(run, name):
         raise ConfigurationError(
             "no gyro with the axes x, y and z",

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from bench.analysis.figures._bias import (
+    RateStep,
     averaged_stability,
     bias_figures,
     repeatability,
     temperature_sensitivity,
+    threshold,
     warm_up_time_s,
 )
 from bench.analysis.figures._scale_factor import (
@@ -17,7 +19,6 @@ from bench.analysis.figures._scale_factor import (
     relative_repeatability_ppm,
     scale_factor_figures,
 )
-from bench.analysis.figures._small_rates import RateStep, threshold
 from drivers.base.errors import ConfigurationError
 
 RATES = np.array([0, 5, 10, 20, 10, 5, 0, -5, -10, -20, -10, -5, 0], dtype=float)

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis.thermal._alignment import find_shift
-from bench.analysis.thermal._scale_factor import RateRun, rate_weights, scale_factor_group
+from bench.analysis.thermal._scale_factor import RateRun, find_shift, rate_weights, scale_factor_group
 from drivers.base.errors import ConfigurationError, LimitExceeded
 
 N = 9000
