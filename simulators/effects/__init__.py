@@ -1,7 +1,16 @@
 """The catalogue of effects: what a gyro's output can depend on, as columns of a linear model of the stimulus."""
 
 from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue, simulate
-from simulators.effects._channel import CHANNEL_UNITS, Channel, ChannelEffect, ChannelInputs, Demand, Values
+from simulators.effects._channel import (
+    CHANNEL_UNITS,
+    AppliedBySecond,
+    Channel,
+    ChannelEffect,
+    ChannelInputs,
+    Demand,
+    Values,
+    applied,
+)
 from simulators.effects._disturbance import Disturbance, Draws, Finding, Record, SamplePath
 from simulators.effects._effect import (
     DPH,
@@ -27,6 +36,7 @@ __all__ = [
     "PPM",
     "REFERENCE_C",
     "AnyEffect",
+    "AppliedBySecond",
     "Causal",
     "Channel",
     "ChannelEffect",
@@ -49,6 +59,7 @@ __all__ = [
     "Unit",
     "Values",
     "Variant",
+    "applied",
     "catalogue",
     "simulate",
 ]

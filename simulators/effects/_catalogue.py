@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from drivers.base.plugins import entry_points_of
-from simulators.effects._channel import Channel, ChannelEffect, ChannelInputs, Values
+from simulators.effects._channel import Channel, ChannelEffect, ChannelInputs, Values, applied
 from simulators.effects._disturbance import Disturbance
 from simulators.effects._effect import Effect, NoiseEffect
 from simulators.effects._impulses import IMPULSES
@@ -101,11 +101,7 @@ def simulate(
 
     `effects` are the channel's; one that `values` lacks is at its neutral values.
     """
-    signal = _SIMULATORS[channel](inputs, values)
-    for effect in effects:
-        if effect.channel == channel and effect.apply is not None and effect.of(values) != effect.neutral:
-            signal = effect.apply(inputs, signal, effect.of(values))
-    return signal
+    return applied(channel, inputs, _SIMULATORS[channel](inputs, values), values, effects)
 
 
 _SIMULATORS = {

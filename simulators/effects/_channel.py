@@ -7,7 +7,7 @@ parameters, or a function of another package that changes the simulated signal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -37,6 +37,7 @@ CHANNEL_UNITS: Mapping[Channel, str] = {
 EmulatedBy = Literal["plant", "sample_clock", "platform"]
 Values = Mapping[str, tuple[float, ...]]
 """Effect's name to the values of its parameters."""
+_PAST_S = 4 * 3600
 
 
 @dataclass(frozen=True)
@@ -93,3 +94,42 @@ class ChannelEffect:
     def of(self, values: Values) -> tuple[float, ...]:
         """Return the effect's own values, the neutral ones where it has none."""
         return tuple(values.get(self.name, self.neutral))
+
+
+def applied(
+    channel: Channel, inputs: ChannelInputs, signal: Array, values: Values, effects: Iterable[ChannelEffect]
+) -> Array:
+    """Return a channel's signal, (n,), after every effect of it with an `apply`, in order."""
+    for effect in effects:
+        if effect.channel == channel and effect.apply is not None and effect.of(values) != effect.neutral:
+            signal = effect.apply(inputs, signal, effect.of(values))
+    return signal
+
+
+class AppliedBySecond:
+    """A channel's effects with an `apply` as a plant has them: every second, on the last four hours at 1 s.
+
+    A plant knows the past only: what looks ahead in a recording sees the present second as the last one.
+    """
+
+    def __init__(self, channel: Channel, values: Values, effects: Iterable[ChannelEffect]) -> None:
+        self._channel, self._values = channel, values
+        self._effects = [
+            effect for effect in effects if effect.channel == channel and effect.apply is not None
+        ]
+        self._past = np.zeros((3, 2 * _PAST_S))
+        self._known, self._time_s = 0, 0.0
+
+    def step(self, drive: float, signal: float, demands: tuple[Demand, ...] = ()) -> float:
+        """Return the signal of the next second with the effects; arguments as in `ChannelInputs`."""
+        if not self._effects:
+            return signal
+        if self._known == self._past.shape[1]:
+            self._past[:, :_PAST_S] = self._past[:, _PAST_S:]
+            self._known = _PAST_S
+        self._past[:, self._known] = self._time_s, drive, signal
+        self._known += 1
+        self._time_s += 1.0
+        time_s, drives, signals = self._past[:, max(self._known - _PAST_S, 0) : self._known]
+        inputs = ChannelInputs(time_s, drives, float(signals[0]), 1.0, demands)
+        return float(applied(self._channel, inputs, signals, self._values, self._effects)[-1])

@@ -11,6 +11,8 @@ from drivers.base.errors import ConfigurationError
 from simulators.effects import SamplePath
 from simulators.plant.noise import NoiseParameters
 
+Readings = Callable[[float, float, float], tuple[float, float]]
+
 
 @dataclass(frozen=True)
 class AxisModel:
@@ -36,7 +38,8 @@ class UnitModel:
 
     `state` is the named tuple of a tick's outputs that effects take. Two of these are `sensor_temp_c` (the
     unit's own sensor) and `case_temp_c` (a sensor on its case), read with noise and rounded to the LSB; `truth`
-    names the outputs that are recorded beside them.
+    names the outputs that are recorded beside them. `readings` changes these two, once a tick, from air, sensor
+    and case temperature to sensor and case temperature, degC.
     """
 
     axes: str
@@ -46,6 +49,7 @@ class UnitModel:
     truth: tuple[str, ...]
     sensor_noise_c: float = 0.01
     sensor_lsb_c: float = 0.01
+    readings: Readings | None = None
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -14,12 +14,22 @@ import numpy as np
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
-from simulators.effects import CATALOGUE, CHANNEL_UNITS, Channel, ChannelEffect, Values
+from simulators.effects import (
+    CHANNEL_UNITS,
+    AppliedBySecond,
+    Channel,
+    ChannelEffect,
+    ChannelInputs,
+    Demand,
+    Values,
+    applied,
+    catalogue,
+)
 from simulators.effects.chamber import AirBySecond
 from simulators.effects.heat import CASE_HEAT, GYRO_HEAT, heat_of, reading_of
 from simulators.effects.table import ahead_deg, missed_dps, reading_error_arcsec, ripple_ppm
 from simulators.plant.chamber import ChamberAir, ChamberDemand
-from simulators.plant.model import UnitModel
+from simulators.plant.model import Readings, UnitModel
 from simulators.plant.noise import NoiseSource
 from simulators.plant.table import TableParameters
 from simulators.plant.thermal import AIR, Link, build_network, tick_matrix
@@ -28,14 +38,27 @@ from simulators.plant.wobble import EncodedTable, EncoderParameters
 _TABLE: tuple[Channel, ...] = ("table_angle", "table_rate")
 _LAB: tuple[Channel, ...] = ("chamber_air", *_TABLE)
 """Those that are the lab's and not one unit's."""
-_EMULATED = {
-    each.name: each for each in CATALOGUE if isinstance(each, ChannelEffect) and each.channel in CHANNEL_UNITS
-}
+_APPLIED: tuple[Channel, ...] = ("chamber_air", "case_temperature", "gyro_temperature", "table_angle")
+"""Those that an effect of another package can change by its `apply`.
+
+A table's rate is also what the gyro turns through: that takes its integral over time, which an `apply` does not
+give. Arrivals come from the emulator and its line, not from the plant.
+"""
+
+
+def _emulated() -> dict[str, ChannelEffect]:
+    """Return the effects of channels that a lab can have, by name."""
+    return {
+        name: effect
+        for name, effect in catalogue().items()
+        if isinstance(effect, ChannelEffect)
+        and effect.channel in (CHANNEL_UNITS if effect.apply is None else _APPLIED)
+    }
 
 
 def says_of(values: Values, *channels: Channel) -> bool:
     """Return whether a model says anything of some channels."""
-    return any(each.channel in channels for each in _EMULATED.values() if each.name in values)
+    return bool(values) and any(_emulated()[name].channel in channels for name in values)
 
 
 def says_of_table(values: Values) -> bool:
@@ -45,13 +68,16 @@ def says_of_table(values: Values) -> bool:
 
 def check_channels(values: Values) -> None:
     """Raise ConfigurationError for effects that no lab can have, and for heat that is not complete."""
-    without = sorted(set(values) - set(_EMULATED))
+    if not values:
+        return
+    known = _emulated()
+    without = sorted(set(values) - set(known))
     if without:
         raise ConfigurationError(
             "an emulated lab cannot have an effect of the model",
             where="[gap_model]",
             found=", ".join(without),
-            expected="any of " + ", ".join(_EMULATED),
+            expected="any of " + ", ".join(known),
             remedy="take the effect out of the model file; its other effects can be rehearsed without it",
         )
     heat_of(CASE_HEAT, values)
@@ -62,7 +88,7 @@ def lab_channels(models: Mapping[str, Values]) -> dict[str, tuple[float, ...]]:
     """Return the lab's own effects from the models of its units; ConfigurationError where two models differ."""
     result: dict[str, tuple[float, ...]] = {}
     for unit, channels in models.items():
-        for name, effect in _EMULATED.items():
+        for name, effect in _emulated().items():
             if name not in channels or effect.channel not in _LAB:
                 continue
             if result.setdefault(name, tuple(channels[name])) != tuple(channels[name]):
@@ -81,22 +107,30 @@ class ModelledAir(ChamberAir):
     def follow(self, values: Values) -> ModelledAir:
         """Take the model's values; to be called once, before the first tick."""
         self._model = AirBySecond(values, self.air_c)
+        self._plain_c = self.air_c
+        self._effects = AppliedBySecond("chamber_air", values, _emulated().values())
+        self._demands: tuple[Demand, ...] = ()
         return self
 
     def apply(self, demand: ChamberDemand) -> None:
         """Put a demand in force; a controller that was off starts at the present air temperature."""
         if demand.running and not self.demand.running:
-            self._model.restart(self.air_c)
+            self._model.restart(self._plain_c)
         super().apply(demand)
+        ramp = (
+            demand.ramp_up_k_per_min if demand.set_point_c > self.set_point_c else demand.ramp_down_k_per_min
+        )
+        self._demands += (Demand(demand.time_s, demand.set_point_c, ramp / 60.0 or math.inf),)
 
     def tick(self) -> None:
         """Advance by 1 s; a chamber that is off drifts to the room."""
         before = self.set_point_c
         if self.demand.running:
             self._move_set_point()
-            self.air_c = self._model.step(self.set_point_c, self.set_point_c - before)
+            self._plain_c = self._model.step(self.set_point_c, self.set_point_c - before)
         else:
-            self.air_c += (self.room_temp_c - self.air_c) * self.parameters.liner_to_room_per_s
+            self._plain_c += (self.room_temp_c - self._plain_c) * self.parameters.liner_to_room_per_s
+        self.air_c = self._effects.step(self.demand.set_point_c, self._plain_c, self._demands)
         self._unit_air_c += (self.air_c - self._unit_air_c) * self._unit_gain
 
     def _move_set_point(self) -> None:
@@ -137,7 +171,20 @@ def with_heat(unit: UnitModel, values: Values) -> UnitModel:
     outputs["case_temp_c"] = case
     outputs["sensor_temp_c"] = (1.0 + reading.part) * inside + reading.offset_k * unity[total + 1]
     step = np.vstack((wide[:states], *added, *(outputs[name] for name in unit.outputs)))
-    return replace(unit, step=np.ascontiguousarray(step))
+    return replace(unit, step=np.ascontiguousarray(step), readings=_readings(values))
+
+
+def _readings(values: Values) -> Readings:
+    """Return what the effects of other packages make of the readings of case and gyro."""
+    effects = _emulated().values()
+    of_case = AppliedBySecond("case_temperature", values, effects)
+    of_gyro = AppliedBySecond("gyro_temperature", values, effects)
+
+    def read(air_temp_c: float, sensor_temp_c: float, case_temp_c: float) -> tuple[float, float]:
+        case_temp_c = of_case.step(air_temp_c, case_temp_c)
+        return of_gyro.step(case_temp_c, sensor_temp_c), case_temp_c
+
+    return read
 
 
 def _body(unity: Array, first: int, around: Array, heat: tuple[float, ...]) -> list[Array]:
@@ -164,6 +211,7 @@ class ModelledTable(EncodedTable):
         ideal = replace(parameters, ripple_once_ppm=0.0, ripple_twice_ppm=0.0, encoder_error_arcsec=0.0)
         super().__init__(ideal, encoder, source)
         self._values = values
+        self._effects = [effect for name, effect in _emulated().items() if name in values]
 
     def demand_rate(self, now_s: float, rate_dps: float, acceleration_limit_dps2: float = math.inf) -> None:
         """Go to a rate that is off the one demanded, unless that is rest."""
@@ -172,9 +220,13 @@ class ModelledTable(EncodedTable):
 
     def angle_deg(self, now_s: float) -> float:
         """Return the encoder's angle in [0, 360)."""
-        since_h = 0.0 if self._pieces[-1].rate else max(now_s - self._starts[-1], 0.0) / 3600.0
-        error = reading_error_arcsec(self._values, np.asarray(self.total_angle_deg(now_s)), since_h)
-        return float((super().angle_deg(now_s) + error / 3600.0) % 360.0)
+        held_s = now_s if self._pieces[-1].rate else min(self._starts[-1], now_s)
+        angle = np.array([self.total_angle_deg(now_s)])
+        error = reading_error_arcsec(self._values, angle, (now_s - held_s) / 3600.0)
+        demands = (Demand(held_s, 0.0, math.inf),)
+        inputs = ChannelInputs(np.array([now_s]), np.zeros(1), float(error[0]), 1.0, demands, angle)
+        error = applied("table_angle", inputs, error, self._values, self._effects)
+        return (super().angle_deg(now_s) + float(error[0]) / 3600.0) % 360.0
 
     def rate_dps(self, now_s: float) -> float:
         """Return the axis rate."""

@@ -119,7 +119,7 @@ class GyroUnit:
         """Put every node at `temp_c` and record tick 0."""
         self._input[: self._states] = temp_c
         self._input[-1] = 1.0
-        self._keep([temp_c if name.endswith("temp_c") else 0.0 for name in self.model.outputs])
+        self._keep([temp_c if name.endswith("temp_c") else 0.0 for name in self.model.outputs], temp_c)
 
     def tick(self, air_temp_c: float) -> None:
         """Advance by 1 s in air of the given temperature."""
@@ -129,7 +129,7 @@ class GyroUnit:
         self._input[states] = air_temp_c
         np.dot(self.model.step, self._input, out=self._output)
         self._input[:states] = self._output[:states]
-        self._keep(self._output[states:].tolist())
+        self._keep(self._output[states:].tolist(), air_temp_c)
 
     def mount(self, now_s: float, mounting: Mounting) -> None:
         """Turn the unit on its bracket at `now_s`; its mounting errors stay."""
@@ -255,7 +255,7 @@ class GyroUnit:
             self.model = model
             self._bias, self._scale = _terms(model, self._turn_on, self._power_ons)
 
-    def _keep(self, outputs: list[float]) -> None:
+    def _keep(self, outputs: list[float], air_temp_c: float) -> None:
         """Record one tick from the network's outputs."""
         tick = self._ticks
         if tick == len(self._record):
@@ -263,6 +263,9 @@ class GyroUnit:
         if tick % BLOCK == 0:
             normals = self._sensor_source.generator(tick // BLOCK).standard_normal((BLOCK, 2))
             self._sensor_noise = (normals * self.model.sensor_noise_c).tolist()
+        if self.model.readings is not None:
+            sensor, case = self._reading_at
+            outputs[sensor], outputs[case] = self.model.readings(air_temp_c, outputs[sensor], outputs[case])
         state = self.model.state(*outputs)
         row = [sum([term(state) for term in terms], constant) for terms, constant in self._bias]
         row += [process.value(tick) for process in self._flicker]

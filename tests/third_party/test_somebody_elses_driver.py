@@ -237,6 +237,57 @@ def test_its_effect_and_its_disturbance_are_rehearsed_diagnosed_and_closed(insta
     assert {"acme_gear", "acme_self_test"} <= {each["name"] for each in closed["effect"]}
 
 
+HEAT = """
+[accuracy]
+gyro_temperature = 0.1
+[[effect]]
+name = "case_to_gyro_conductance"
+parameters = { conductance_w_per_k = 0.25 }
+sigma = { conductance_w_per_k = 0.001 }
+[[effect]]
+name = "gyro_heat_capacity"
+parameters = { gyro_j_per_k = 105.0 }
+sigma = { gyro_j_per_k = 0.5 }
+[[effect]]
+name = "gyro_core_heat"
+parameters = { core_j_per_k = 35.0, core_w_per_k = 0.12 }
+sigma = { core_j_per_k = 0.2, core_w_per_k = 0.001 }
+"""
+THERMISTOR = """
+[[effect]]
+name = "acme_thermistor"
+parameters = { curvature_k = 3.0 }
+sigma = { curvature_k = 0.1 }
+"""
+
+
+def test_its_effect_of_a_temperature_sensor_is_rehearsed_diagnosed_and_closed(installed, tmp_path):
+    """The sensor reads 3 K ((T - 25) / 50)^2 high: the diagnosis finds that in what was rehearsed with it."""
+    on_case = BENCH.replace("rate_hz = 50", "rate_hz = 2").replace(
+        '/dev/ttyUSB2"', '/dev/ttyUSB2"\nauxiliary = { 1 = "acme_1 case" }'
+    )
+    for name, text in (
+        ("lab.toml", on_case + "case_sensor = 1\n"),
+        ("true.toml", MODEL + HEAT + THERMISTOR),
+        ("nominal.toml", MODEL + HEAT),
+        ("plant.toml", PLANT),
+    ):
+        (tmp_path / name).write_text(text)
+    quick = "soak_min=20 hold_min=10 warm_up_min=0 drift_k_per_10min=2 east_after_min=0 east_dwell_s=60"
+    shock = [part for setting in quick.split() for part in ("-s", setting)]
+    done = gyrobench(
+        ["rehearse", "zero-bias-cold-shock", "--plant", "plant.toml", *shock], installed, tmp_path
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    (run,) = (tmp_path / "runs").iterdir()
+    asked = [str(run), "--model", "nominal.toml", "--out", "closed.toml"]
+    done = gyrobench(["gap", "close", *asked], installed, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    closed = tomllib.loads((tmp_path / "closed.toml").read_text())
+    (found,) = [effect for effect in closed["effect"] if effect["name"] == "acme_thermistor"]
+    assert found["parameters"]["curvature_k"] == pytest.approx(3.0, abs=0.2)
+
+
 def test_its_effect_runs_in_a_plant_by_the_second_and_one_read_off_the_record_is_tried(installed):
     """Etalon: 0.5 deg/h sin(2 pi (T - 25) / 12) at every second; knee: 40 ppm of what is beyond 30 deg/s."""
     script = """

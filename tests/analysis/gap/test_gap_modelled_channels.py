@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,16 @@ from bench.analysis.gap._model_file import ChannelTerm
 from bench.lab.emulated import lab_config, load_plant
 from bench.record.benchfile import load_bench_file
 from drivers.base.errors import ConfigurationError
-from simulators.effects import ChannelEffect, ChannelInputs, Demand, catalogue, simulate
+from simulators.effects import (
+    Channel,
+    ChannelEffect,
+    ChannelInputs,
+    Demand,
+    Parameter,
+    Unit,
+    catalogue,
+    simulate,
+)
 from simulators.plant.chamber import ChamberParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig
 from simulators.plant.modelled_unit import ModelledErrors
@@ -121,6 +131,77 @@ def test_a_table_stops_beside_its_angle_and_creeps() -> None:
     later = 3600.0 * (table.angle_deg(1000.0 + 1800.0) - 90.0)
     assert later - off == pytest.approx(18.0, abs=0.01)
     assert off == pytest.approx(9.0 + 36.0 * 790.0 / 3600.0, abs=0.2)
+
+
+def _theirs(
+    name: str, channel: Channel, apply: Callable[[ChannelInputs, np.ndarray, tuple[float, ...]], np.ndarray]
+) -> ChannelEffect:
+    return ChannelEffect(
+        name, channel, (Parameter("size", -10.0, 10.0, Unit("K")),), (0.0,), "", "", "", apply
+    )
+
+
+def _draught(inputs: ChannelInputs, signal: np.ndarray, values: tuple[float, ...]) -> np.ndarray:
+    """What the air was off its target a minute ago, in part."""
+    off = np.concatenate((np.zeros(60), signal - inputs.drive))[: len(signal)]
+    return signal + values[0] * off
+
+
+def _stuck(inputs: ChannelInputs, signal: np.ndarray, values: tuple[float, ...]) -> np.ndarray:
+    since = inputs.time_s - inputs.demands[-1].time_s
+    return signal + values[0] * (since > 10.0)
+
+
+THEIRS = {
+    "acme_draught": _theirs("acme_draught", "chamber_air", _draught),
+    "acme_case": _theirs(
+        "acme_case", "case_temperature", lambda inputs, s, v: s + v[0] * (inputs.drive < 0.0)
+    ),
+    "acme_sensor": _theirs("acme_sensor", "gyro_temperature", lambda inputs, s, v: s + v[0] * inputs.drive),
+    "acme_stuck": _theirs("acme_stuck", "table_angle", _stuck),
+    "acme_belt": _theirs("acme_belt", "table_rate", lambda inputs, s, v: s + v[0]),
+}
+
+
+@pytest.fixture
+def theirs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Effects of channels that another package brings."""
+    known = catalogue() | THEIRS
+    monkeypatch.setattr("simulators.plant.modelled_channels.catalogue", lambda: known)
+
+
+def test_anothers_effects_change_air_and_readings_by_what_they_have_seen(theirs: None) -> None:
+    plain, read = _shock(HEAT), _shock(HEAT | {"acme_case": (0.5,), "acme_sensor": (0.01,)})
+    cold = plain["air_temp_c"] < 0.0
+    assert 100 < cold.sum() < len(cold) - 100
+    np.testing.assert_allclose(read["case_temp_c"], plain["case_temp_c"] + 0.5 * cold, atol=0.011)
+    expected = plain["sensor_temp_c"] + 0.01 * read["case_temp_c"]
+    np.testing.assert_allclose(read["sensor_temp_c"], expected, atol=0.011)
+    at_once, late = (
+        _shock(each)["air_temp_c"] for each in ({"chamber_offset": (0.0,)}, {"acme_draught": (0.2,)})
+    )
+    off = np.concatenate((np.zeros(61), at_once[1:] + 30.0))[: len(late)]
+    np.testing.assert_allclose(late, at_once + 0.2 * off, atol=1e-9)
+
+
+def _shock(channels: dict[str, tuple[float, ...]]) -> dict[str, np.ndarray]:
+    lab = _lab(channels)
+    lab.chamber.demand(0.0, set_point_c=-30.0, ramp_up=5.0, ramp_down=5.0, running=True)
+    lab.advance(1500.0)
+    return {**lab.true_drift("u"), **lab.chamber.record()}
+
+
+def test_anothers_effect_of_the_table_changes_its_reading_while_it_is_held(theirs: None) -> None:
+    lab = _lab({"acme_stuck": (7.2,)})
+    lab.table.servo(0.0, True)
+    lab.table.demand_angle(0.0, 90.0)
+    lab.advance(100.0)
+    assert lab.table.angle_deg(100.0) == pytest.approx(90.0 + 7.2 / 3600.0, abs=1e-9)
+
+
+def test_anothers_effect_of_what_the_plant_cannot_change_is_refused_by_name(theirs: None) -> None:
+    with pytest.raises(ConfigurationError, match="acme_belt"):
+        _lab({"acme_belt": (1.0,)})
 
 
 @pytest.mark.parametrize(
