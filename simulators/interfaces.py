@@ -40,7 +40,6 @@ class Emulator(Protocol):
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take bytes the bench wrote (any chunking) and return the replies they cause, in time order."""
-        ...
 
 
 class StreamingEmulator(Emulator, Protocol):
@@ -48,7 +47,6 @@ class StreamingEmulator(Emulator, Protocol):
 
     def stream(self, until_s: float) -> StreamBlock | None:
         """Return what it sent since the last call for samples complete by `until_s`; None while it is quiet."""
-        ...
 
 
 class ChamberPlant(Protocol):
@@ -58,19 +56,15 @@ class ChamberPlant(Protocol):
         self, now_s: float, *, set_point_c: float, ramp_up: float, ramp_down: float, running: bool
     ) -> None:
         """Set the controller's target; ramps in K/min, 0 = as fast as the chamber can."""
-        ...
 
     def air_temp_c(self, now_s: float) -> float:
         """Air temperature at the chamber's control sensor."""
-        ...
 
     def set_point_c(self, now_s: float) -> float:
         """Set point in force (the ramp's momentary value)."""
-        ...
 
     def auxiliary_c(self, number: int, now_s: float) -> float:
         """Auxiliary sensor `number` (1-based), e.g. glued to the case of a unit under test."""
-        ...
 
 
 class TablePlant(Protocol):
@@ -81,11 +75,9 @@ class TablePlant(Protocol):
 
     def servo(self, now_s: float, on: bool) -> None:
         """Close (True) or open the servo loop; opening lets the axis coast to rest."""
-        ...
 
     def demand_rate(self, now_s: float, rate_dps: float, acceleration_limit_dps2: float = math.inf) -> None:
         """Rate mode: go to `rate_dps` within the axis' own and the given acceleration limit."""
-        ...
 
     def demand_angle(
         self,
@@ -95,7 +87,6 @@ class TablePlant(Protocol):
         acceleration_limit_dps2: float = math.inf,
     ) -> None:
         """Position mode: go to `angle_deg` by the shortest path within own and given limits."""
-        ...
 
     def demand_turn(
         self,
@@ -105,19 +96,15 @@ class TablePlant(Protocol):
         acceleration_limit_dps2: float = math.inf,
     ) -> None:
         """Position mode: turn by a signed angle from where the axis would stop, within own and given limits."""
-        ...
 
     def angle_deg(self, now_s: float) -> float:
         """Encoder angle in [0, 360)."""
-        ...
 
     def rate_dps(self, now_s: float) -> float:
         """Axis rate."""
-        ...
 
     def settled(self, now_s: float) -> bool:
         """Whether the demanded profile is complete."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -146,7 +133,6 @@ class GyroPlant(Protocol):
 
         Intervals of successive calls are contiguous; the plant has been advanced past their end.
         """
-        ...
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,6 @@ class PlatformPlant(Protocol):
 
     def measure(self, times_s: NDArray[np.float64]) -> PlatformSignal:
         """Return what it says at `times_s`, shape (n,)."""
-        ...
 
     def align(self, now_s: float) -> None:
         """End the alignment."""
-        ...

@@ -28,15 +28,12 @@ class Readable(Protocol):
 
     def fileno(self) -> int:
         """Return the descriptor to select on."""
-        ...
 
     def receive(self) -> bytes:
         """Read whatever has arrived, at most one system call, empty if nothing."""
-        ...
 
     def deliver(self, data: bytes, arrival_s: float) -> None:
         """Take bytes that arrived at `arrival_s` (bench time of the last byte)."""
-        ...
 
 
 OnLoss = Callable[[BenchError], None]
@@ -103,38 +100,30 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """Return bench time in s."""
-        ...
 
     def sleep(self, duration_s: float) -> None:
         """Let `duration_s` seconds of bench time pass."""
-        ...
 
     def idle(self, duration_s: float) -> None:
         """Let time pass as `sleep` does; what arrives meanwhile may be delivered by the next wait only."""
-        ...
 
     def wait_for(self, port: Readable, deadline_s: float) -> bool:
         """Let time pass until bytes on `port` were delivered (True), or until `deadline_s` (False)."""
-        ...
 
     def attach(self, port: Readable) -> None:
         """Make the clock aware of an open port."""
-        ...
 
     def stream(self, port: Readable, lost: OnLoss | None = None) -> None:
         """Take bytes off `port` from now on whether or not anybody waits for them.
 
         When the port goes away, `lost` is called by whoever waits next; without it, the LinkLost is raised there.
         """
-        ...
 
     def detach(self, port: Readable) -> None:
         """Forget a port that is about to be closed."""
-        ...
 
     def close(self) -> None:
         """Release what the clock holds."""
-        ...
 
 
 def utc_now() -> str:

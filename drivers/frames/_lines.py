@@ -10,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from drivers.frames._form import Form
 from drivers.frames._model import MOST_PARTS, Description, FieldSection, FrameSection, _listed
-from drivers.frames._verify import Mistake
+from drivers.kit.config import Mistake
 from drivers.kit.framing import Crc
 
 CELL = 8

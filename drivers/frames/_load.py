@@ -19,7 +19,9 @@ from drivers.frames._form import Form, forms_of
 from drivers.frames._lines import LineDescription, line_form, verify_lines
 from drivers.frames._model import Description
 from drivers.frames._settings import setting_mistakes, with_settings
-from drivers.frames._verify import Mistake, verify
+from drivers.frames._verify import verify
+from drivers.kit import config
+from drivers.kit.config import Mistake
 
 Model = TypeVar("Model", bound=BaseModel)
 _Settings = tuple[tuple[str, str], ...]
@@ -190,15 +192,7 @@ def validated(model: type[Model], data: dict[str, Any], where: str) -> Model:
 
 def refusal(where: str, mistakes: list[Mistake]) -> ConfigurationError:
     """Return the error that says all of `mistakes`."""
-    if len(mistakes) == 1:
-        only = mistakes[0]
-        return ConfigurationError(
-            f"{only.key} cannot be used", where=where, found=only.found, expected=only.expected
-        )
-    lines = [f"  {mistake.key}: found {mistake.found}, expected {mistake.expected}" for mistake in mistakes]
-    return ConfigurationError(
-        "\n".join([f"{len(mistakes)} mistakes in the frame description", *lines]), where=where
-    )
+    return config.refusal("the frame description", where, mistakes)
 
 
 def one_of(found: str, names: list[str]) -> str:

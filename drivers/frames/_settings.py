@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from drivers.frames._model import Choice, Description, Setting
-from drivers.frames._verify import Mistake
+from drivers.kit.config import Mistake
 
 Plain = dict[str, Any]
 

@@ -12,7 +12,7 @@ from drivers.frames._decode import MessageReader, reader_of
 from drivers.frames._lines import LineDescription
 from drivers.frames._load import FrameFamily
 from drivers.frames._model import Vector
-from drivers.frames._verify import Mistake
+from drivers.kit.config import Mistake
 
 
 def vector_mistakes(family: FrameFamily) -> Iterator[Mistake]:

@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 from drivers.frames._checks import check_bytes, places
 from drivers.frames._form import Form
 from drivers.frames._model import GYRO_ROLES, Description, FieldSection
 from drivers.frames._units import UNITS
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """One thing wrong: key as in the file, what was found, what was expected."""
-
-    key: str
-    found: str
-    expected: str
+from drivers.kit.config import Mistake
 
 
 def verify(description: Description, forms: list[Form]) -> Iterator[Mistake]:

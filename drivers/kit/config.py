@@ -11,7 +11,7 @@ reads them too, and starts without it.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -88,6 +88,17 @@ class Mistake:
     key: str
     found: str
     expected: str
+
+
+def refusal(what: str, where: str, mistakes: Sequence[Mistake]) -> ConfigurationError:
+    """Return the error that says all that is wrong with a file; `what`: the file, in words."""
+    if len(mistakes) == 1:
+        only = mistakes[0]
+        return ConfigurationError(
+            f"{only.key} cannot be used", where=where, found=only.found, expected=only.expected
+        )
+    lines = [f"  {mistake.key}: found {mistake.found}, expected {mistake.expected}" for mistake in mistakes]
+    return ConfigurationError("\n".join([f"{len(mistakes)} mistakes in {what}", *lines]), where=where)
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(key, _baudrate))

@@ -97,23 +97,18 @@ class Instrument(Protocol):
 
     def identify(self) -> Identity:
         """Ask the device who it is; WrongDevice if it is something else."""
-        ...
 
     def alarms(self) -> list[str]:
         """Return the alarms and faults in force, in words; empty when healthy."""
-        ...
 
     def halt(self) -> None:
         """Write what stops the device and wait for nothing; `make_safe` must follow."""
-        ...
 
     def make_safe(self) -> None:
         """Tell the device to rest until it says yes, with few bytes and whatever state it is in."""
-        ...
 
     def read_rest(self) -> Rest:
         """Read back whether the device is at rest: a table turns on until it has braked."""
-        ...
 
 
 def alarms_in_words(device: Instrument) -> str:
@@ -136,41 +131,32 @@ class Turntable(Instrument, Protocol):
 
     def limits(self, axis: str = "") -> TableLimits:
         """Read the limits in force."""
-        ...
 
     def limit_turns(
         self, max_rate_dps: float, axis: str = "", max_acceleration_dps2: float | None = None
     ) -> None:
         """Have the device itself keep turns to an angle at or below a rate and, if given, an acceleration."""
-        ...
 
     def servo_on(self) -> None:
         """Reset and close the interlock of every axis."""
-        ...
 
     def home(self, axis: str = "") -> None:
         """Demand the reference position from which angles count, looked for where the device has to."""
-        ...
 
     def point(self, angle_deg: float, axis: str = "") -> None:
         """Demand an angle in position mode, by the shortest way that the axis allows."""
-        ...
 
     def turn(self, by_deg: float, axis: str = "") -> None:
         """Demand a turn from where the axis stands at rest, in the sense of its sign; a whole turn, too."""
-        ...
 
     def spin(self, rate_dps: float, axis: str = "", acceleration_dps2: float | None = None) -> None:
         """Demand a rate in rate mode, approached at `acceleration_dps2` (None: as set before)."""
-        ...
 
     def request_state(self) -> None:
         """Ask for telemetry of all axes; other devices may be asked before `read_state` collects the answer."""
-        ...
 
     def read_state(self) -> TableState:
         """Read angle and rate, asked for by `request_state`."""
-        ...
 
 
 class Chamber(Instrument, Protocol):
@@ -178,31 +164,24 @@ class Chamber(Instrument, Protocol):
 
     def capabilities(self) -> ChamberCapabilities:
         """Return what this chamber can do; `identify` must have been called."""
-        ...
 
     def limits(self) -> ChamberLimits:
         """Read the set-point limits."""
-        ...
 
     def start(self) -> None:
         """Start air conditioning at the set point in force."""
-        ...
 
     def stop(self) -> None:
         """Stop air conditioning."""
-        ...
 
     def set_temperature(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
         """Demand a set point, approached at `ramp_k_per_min` or, when None, as fast as the device can."""
-        ...
 
     def request_state(self) -> None:
         """Ask for telemetry; other devices may be asked before `read_state` collects the answer."""
-        ...
 
     def read_state(self) -> ChamberState:
         """Read telemetry, asked for by `request_state`, at the best resolution the device offers."""
-        ...
 
 
 def require_ramp(
@@ -283,7 +262,6 @@ class StreamDecoder(Protocol):
 
     def feed(self, data: bytes) -> FrameBatch:
         """Decode the next bytes of the stream; an incomplete frame is kept for the next call."""
-        ...
 
 
 class Gyro(Protocol):
@@ -293,19 +271,15 @@ class Gyro(Protocol):
 
     def identify(self) -> Identity:
         """Ask the device, or its stream where it cannot be asked, who it is; WrongDevice if not it."""
-        ...
 
     def start(self) -> None:
         """Configure rate, format and units, then start streaming."""
-        ...
 
     def stop(self) -> None:
         """Stop streaming where the device can."""
-        ...
 
     def close(self) -> None:
         """Let go of the port, and of a bus behind it; never raises for a port that is already gone."""
-        ...
 
 
 class Platform(Gyro, Protocol):
@@ -313,4 +287,3 @@ class Platform(Gyro, Protocol):
 
     def navigate(self) -> None:
         """End the alignment: the position runs free from here on."""
-        ...

@@ -41,11 +41,9 @@ class Tap(Protocol):
 
     def received(self, data: bytes, arrival_s: float) -> None:
         """Take bytes as they came; `arrival_s` is the bench time of the last one."""
-        ...
 
     def sent(self, data: bytes, time_s: float) -> None:
         """Take bytes as they were written at bench time `time_s`."""
-        ...
 
 
 class Opening:

@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterable
 from typing import Any, Literal
 
-import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ProtocolError
+from drivers.kit.matching import table
 from drivers.weiss.ascii2 import decode_values
 from drivers.weiss.configuration import Configuration, decode_configuration
 from drivers.weiss.simserv import Number, decode_simserv_reply, encode_request
@@ -125,10 +125,7 @@ class _Reader:
         """Return the columns."""
         sensors = {name for _, row in self.rows for name in row if name.startswith("aux_")}
         names = ["air_temp_c", "set_point_c", *sorted(sensors, key=lambda name: int(name.split("_")[1]))]
-        columns: dict[str, NDArray[Any]] = {"time_ns": np.array([at for at, _ in self.rows], dtype=np.int64)}
-        for name in names:
-            columns[name] = np.array([row.get(name, math.nan) for _, row in self.rows], dtype=np.float64)
-        return columns
+        return table(self.rows, names)
 
 
 def _is_values(line: bytes) -> bool:

@@ -34,7 +34,6 @@ class CasePlant(GyroPlant, Protocol):
 
     def case_reading_c(self, now_s: float) -> float:
         """Return the reading of the sensor on the case, held from the last tick."""
-        ...
 
 
 class FrameEmulator:

@@ -25,7 +25,6 @@ class Plant(Protocol):
 
     def advance(self, to_s: float) -> None:
         """Move the physics to lab time `to_s`."""
-        ...
 
 
 class Lab:

@@ -16,7 +16,7 @@ from bench.record.benchfile._checks import cross_checks, device_sections
 from bench.record.benchfile._model import BenchFile
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
-from drivers.kit.config import Mistake, Section
+from drivers.kit.config import Mistake, Section, refusal
 from drivers.kit.registry import ROLES, config_class, one_of
 
 
@@ -83,19 +83,9 @@ def _checked(
     mistakes += cross_checks(data, resolve_links)
     if bench_file is None or mistakes:
         first_by_key = {mistake.key: mistake for mistake in reversed(mistakes)}
-        raise _refusal(where, list(reversed(first_by_key.values())))
+        raise refusal("the bench file", where, list(reversed(first_by_key.values())))
     bench_file._sha256 = sha256  # noqa: SLF001  (a frozen model takes no public assignment)
     return bench_file
-
-
-def _refusal(where: str, mistakes: list[Mistake]) -> ConfigurationError:
-    if len(mistakes) == 1:
-        only = mistakes[0]
-        return ConfigurationError(
-            f"{only.key} cannot be used", where=where, found=only.found, expected=only.expected
-        )
-    lines = [f"  {mistake.key}: found {mistake.found}, expected {mistake.expected}" for mistake in mistakes]
-    return ConfigurationError("\n".join([f"{len(mistakes)} mistakes in the bench file", *lines]), where=where)
 
 
 def _mistake(details: ErrorDetails, data: Mapping[str, Any]) -> Mistake:
