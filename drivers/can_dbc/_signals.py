@@ -128,14 +128,6 @@ class MessageLayout:
         mask = np.uint32(self.identifier_mask)
         return np.asarray(((identifiers & mask) == (self.identifier & mask)) & (extended == self.extended))
 
-    def decode(self, data: Bytes) -> dict[str, NDArray[np.float64]]:
-        """Return the physical values of all signals, shape (n, 8) to (n,), NaN where multiplexed away."""
-        values = {name: signal.physical(data) for name, signal in self.signals.items()}
-        for name, signal in self.signals.items():
-            if signal.selectors:
-                values[name][~signal.present(data)] = np.nan
-        return values
-
     def pack(self, raw: Mapping[str, ArrayLike], count: int) -> Bytes:
         """Return payloads, shape (count, 8), with raw values (see `quantise`) by name, (count,) or scalar."""
         words = {False: np.zeros(count, np.uint64), True: np.zeros(count, np.uint64)}

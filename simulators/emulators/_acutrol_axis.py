@@ -17,6 +17,14 @@ _AXIS_SERVOED, _NORMAL_UNSERVO, _SOFTWARE_ABORT, _HARDWARE_ABORT = 1 << 4, 1 << 
 _POSITION_COMPLETE, _RATE_COMPLETE = 1 << 8, 1 << 9
 
 
+class Refused(Exception):
+    """A command was not carried out; its argument is the `Refusal`."""
+
+    def __init__(self, refusal: Refusal) -> None:
+        super().__init__(refusal.text)
+        self.refusal = refusal
+
+
 class AcutrolAxis:
     """State of one axis on its plant.
 
@@ -75,20 +83,20 @@ class AcutrolAxis:
         self.mode = mode
         self._apply(now_s)
 
-    def demand(self, name: str, text: str, now_s: float) -> Refusal | None:
+    def demand(self, name: str, text: str, now_s: float) -> None:
         """Take a demand of `DEMANDS`; a relative one needs position mode and changes the position demand."""
         try:
             value = float(text)
         except ValueError:
-            return DATA_TYPE_ERROR
+            raise Refused(DATA_TYPE_ERROR) from None
         if name == "DELTAPOSITION":
-            return self._turn(value, now_s)
+            self._turn(value, now_s)
+            return
         if not self._within_limits(name, value):
-            return PARAMETER_OUT_OF_RANGE
+            raise Refused(PARAMETER_OUT_OF_RANGE)
         self.demands[name] = value
         if self.mode == name:
             self._apply(now_s)
-        return None
 
     def limit_values(self) -> tuple[float, ...]:
         """Return the absolute limits: rate, acceleration, jerk, low and high position, velocity trip."""
@@ -103,20 +111,19 @@ class AcutrolAxis:
             return self._rate_limits.get(mode, self.plant.max_rate_dps)
         return self._acceleration_limits.get(mode, self.plant.max_acceleration_dps2)
 
-    def set_limit(self, name: str, mode: str, text: str) -> Refusal | None:
+    def set_limit(self, name: str, mode: str, text: str) -> None:
         """Set a limit of `mode`, POSITION or RATE; it counts from the next demand on."""
         rates = name == "RATE"
         if mode not in self._rate_limits or (rates and mode == "RATE"):
-            return NOT_IMPLEMENTED
+            raise Refused(NOT_IMPLEMENTED)
         try:
             value = float(text)
         except ValueError:
-            return DATA_TYPE_ERROR
+            raise Refused(DATA_TYPE_ERROR) from None
         highest = self.plant.max_rate_dps if rates else self.plant.max_acceleration_dps2
         if not 0.0 < value <= highest:
-            return PARAMETER_OUT_OF_RANGE
+            raise Refused(PARAMETER_OUT_OF_RANGE)
         (self._rate_limits if rates else self._acceleration_limits)[mode] = value
-        return None
 
     def register(self, name: str, now_s: float) -> int | None:
         """Return status word A<n>`name`; None for a name there is none of."""
@@ -140,15 +147,14 @@ class AcutrolAxis:
         low, high = self._angle_limits
         return (low is None or value >= low) and (high is None or value <= high) and abs(value) < 1e6
 
-    def _turn(self, by_deg: float, now_s: float) -> Refusal | None:
+    def _turn(self, by_deg: float, now_s: float) -> None:
         angle = self.demands["POSITION"] + by_deg
         if self.mode != "POSITION" or not math.isfinite(by_deg) or not self._within_limits("POSITION", angle):
-            return PARAMETER_OUT_OF_RANGE
+            raise Refused(PARAMETER_OUT_OF_RANGE)
         self.demands["POSITION"] = angle
         if self.interlock == "Close":
             self.plant.demand_turn(now_s, by_deg, *self._limits_of("POSITION"))
             self.moving = True
-        return None
 
     def _apply(self, now_s: float) -> None:
         if self.interlock != "Close":

@@ -18,7 +18,7 @@ from drivers.acutrol.grammar import (
 )
 from drivers.base.errors import ConfigurationError
 from drivers.kit.config import TableConfig
-from simulators.emulators._acutrol_axis import DEMANDS, FAULT_NAMES, MODES, AcutrolAxis, fault_bits
+from simulators.emulators._acutrol_axis import DEMANDS, FAULT_NAMES, MODES, AcutrolAxis, Refused, fault_bits
 from simulators.faults import DeviceFault, Fault
 from simulators.interfaces import Installation, Reply, TablePlant
 
@@ -60,7 +60,7 @@ class AcutrolEmulator:
         self._refusals: list[Refusal] = []
         self._lockout = "OFF"
         self._fault_unread = False
-        self._handlers: Mapping[str, Callable[[Command, float], str | Refusal | None]] = {
+        self._handlers: Mapping[str, Callable[[Command, float], str | None]] = {
             "DEMAND": self._demand,
             "INTERLOCK": self._interlock_command,
             "LIMIT": self._limit,
@@ -128,27 +128,32 @@ class AcutrolEmulator:
             return self._refuse(MESSAGE_TOO_LONG)
         texts = []
         for command in _parsed(line):
-            result = command if isinstance(command, Refusal) else self._execute(command, now_s)
-            if isinstance(result, Refusal):
-                return self._refuse(result)
-            if result is not None:
-                texts.append(result)
+            if isinstance(command, Refusal):
+                return self._refuse(command)
+            try:
+                text = self._execute(command, now_s)
+            except Refused as error:
+                return self._refuse(error.refusal)
+            if text is not None:
+                texts.append(text)
         return encode_reply(0, ";".join(texts) if texts else "OK")
 
     def _refuse(self, refusal: Refusal) -> bytes:
         self._errors = [*self._errors, refusal][-_QUEUE_LENGTH:]
         return encode_reply(refusal.code, refusal.text)
 
-    def _execute(self, command: Command, now_s: float) -> str | Refusal | None:
-        """Return a query's answer, None for a command that was carried out, or a refusal."""
+    def _execute(self, command: Command, now_s: float) -> str | None:
+        """Return a query's answer, None for a command that was carried out; Refused for one that was not."""
         if command.path[0].startswith("*"):
             return self._common(command, now_s)
         if self._refusals and not command.query:
-            return self._refusals.pop()
+            raise Refused(self._refusals.pop())
         handler = self._handlers.get(command.path[0])
-        return NOT_IMPLEMENTED if handler is None else handler(command, now_s)
+        if handler is None:
+            raise Refused(NOT_IMPLEMENTED)
+        return handler(command, now_s)
 
-    def _common(self, command: Command, now_s: float) -> str | Refusal | None:
+    def _common(self, command: Command, now_s: float) -> str | None:
         (name,) = command.path
         if name == "*IDN" and command.query:
             return self._identity
@@ -159,34 +164,30 @@ class AcutrolEmulator:
             self._fault_unread = False
             return None
         known = ("*RST", "*TST", "*OPC", "*WAI", "*IST", "*PRE", "*ESE", "*ESR", "*SRE", "*TRG")
-        return NOT_IMPLEMENTED if name in known else UNDEFINED_HEADER
+        raise Refused(NOT_IMPLEMENTED if name in known else UNDEFINED_HEADER)
 
-    def _demand(self, command: Command, now_s: float) -> str | Refusal | None:
+    def _demand(self, command: Command, now_s: float) -> str | None:
         name = command.path[-1]
         if name not in DEMANDS:
-            return NOT_IMPLEMENTED
-        if command.query:
-            found = self._one(command.arguments, 1)
-            if isinstance(found, Refusal):
-                return found
-            return f"{found.demands[name]:.6f}" if name in found.demands else NOT_IMPLEMENTED
-        found = self._one(command.arguments, 2)
-        return found if isinstance(found, Refusal) else found.demand(name, command.arguments[1], now_s)
+            raise Refused(NOT_IMPLEMENTED)
+        axis = self._one(command.arguments, 1 if command.query else 2)
+        if not command.query:
+            axis.demand(name, command.arguments[1], now_s)
+            return None
+        if name not in axis.demands:
+            raise Refused(NOT_IMPLEMENTED)
+        return f"{axis.demands[name]:.6f}"
 
-    def _interlock_command(self, command: Command, now_s: float) -> str | Refusal | None:
+    def _interlock_command(self, command: Command, now_s: float) -> str | None:
         name = command.path[-1]
         if command.query and name == "INTERLOCK":
-            found = self._one(command.arguments, 1)
-            return found if isinstance(found, Refusal) else found.interlock
+            return self._one(command.arguments, 1).interlock
         if command.query or name not in ("CLOSE", "OPEN", "RESET"):
-            return NOT_IMPLEMENTED
+            raise Refused(NOT_IMPLEMENTED)
         arguments = command.arguments
         if name == "RESET" and not arguments:
             arguments = ("ALL",)
-        axes = self._several(arguments, 1)
-        if isinstance(axes, Refusal):
-            return axes
-        for axis in axes:
+        for axis in self._several(arguments, 1):
             if name == "CLOSE":
                 axis.close(now_s)
             elif name == "OPEN":
@@ -195,89 +196,80 @@ class AcutrolEmulator:
                 axis.reset()
         return None
 
-    def _limit(self, command: Command, now_s: float) -> str | Refusal | None:
+    def _limit(self, command: Command, now_s: float) -> str | None:
         name = command.path[-1]
         if not command.query:
-            return self._set_limit(name, command.arguments)
+            self._set_limit(name, command.arguments)
+            return None
         if name not in ("ABSOLUTE", "RATE", "ACCELERATION"):
-            return NOT_IMPLEMENTED
+            raise Refused(NOT_IMPLEMENTED)
         if name == "ABSOLUTE":
-            found = self._one(command.arguments, 1)
-            if isinstance(found, Refusal):
-                return found
-            return ",".join(f"{value:.5f}" for value in found.limit_values())
+            return ",".join(f"{value:.5f}" for value in self._one(command.arguments, 1).limit_values())
         if len(command.arguments) != 2:
-            return WRONG_PARAMETER_COUNT
+            raise Refused(WRONG_PARAMETER_COUNT)
         modes = [mode for mode in _LIMIT_MODES if mode.startswith(command.arguments[0].upper())]
         if not modes:
-            return PARAMETER_OUT_OF_RANGE
-        found = self._one(command.arguments[1:], 1)
-        return found if isinstance(found, Refusal) else f"{found.limit(name, modes[0]):.5f}"
+            raise Refused(PARAMETER_OUT_OF_RANGE)
+        return f"{self._one(command.arguments[1:], 1).limit(name, modes[0]):.5f}"
 
-    def _set_limit(self, name: str, arguments: tuple[str, ...]) -> Refusal | None:
+    def _set_limit(self, name: str, arguments: tuple[str, ...]) -> None:
         """Take a limit of a mode, e.g. rate `pos,1,120`."""
         if name not in ("RATE", "ACCELERATION"):
-            return NOT_IMPLEMENTED
+            raise Refused(NOT_IMPLEMENTED)
         if len(arguments) != 3:
-            return WRONG_PARAMETER_COUNT
+            raise Refused(WRONG_PARAMETER_COUNT)
         mode, axis, text = arguments
-        found = self._one((axis,), 1)
-        if isinstance(found, Refusal):
-            return found
         modes = [known for known in _LIMIT_MODES if mode and known.startswith(mode.upper())]
-        return found.set_limit(name, modes[0], text) if modes else NOT_IMPLEMENTED
+        limited = self._one((axis,), 1)
+        if not modes:
+            raise Refused(NOT_IMPLEMENTED)
+        limited.set_limit(name, modes[0], text)
 
-    def _mode_command(self, command: Command, now_s: float) -> str | Refusal | None:
+    def _mode_command(self, command: Command, now_s: float) -> str | None:
         name, arguments = command.path[-1], command.arguments
         if command.query:
-            found = self._one(arguments, 1)
-            return found if isinstance(found, Refusal) else found.mode.capitalize()
+            return self._one(arguments, 1).mode.capitalize()
         if name == "MODE":
-            axes = self._several(arguments, 2)
-            if isinstance(axes, Refusal):
-                return axes
+            self._several(arguments, 2)
             matches = [mode for mode in MODES if mode.startswith(arguments[1].upper())]
             if len(matches) != 1:
-                return PARAMETER_OUT_OF_RANGE
+                raise Refused(PARAMETER_OUT_OF_RANGE)
             name, arguments = matches[0], arguments[:1]
         if name not in MODES:
-            return NOT_IMPLEMENTED
-        axes = self._several(arguments, 1)
-        if isinstance(axes, Refusal):
-            return axes
-        for axis in axes:
+            raise Refused(NOT_IMPLEMENTED)
+        for axis in self._several(arguments, 1):
             axis.change_mode(name, now_s)
         return None
 
-    def _read(self, command: Command, now_s: float) -> str | Refusal | None:
+    def _read(self, command: Command, now_s: float) -> str | None:
         if command.path[-1] not in ("POSITION", "RATE"):
-            return NOT_IMPLEMENTED
+            raise Refused(NOT_IMPLEMENTED)
         # The question mark is optional on READ (TM-8004-C 4.10.4, ACT2000 compatibility).
-        found = self._one(command.arguments, 1)
-        if isinstance(found, Refusal):
-            return found
-        read = found.plant.angle_deg if command.path[-1] == "POSITION" else found.plant.rate_dps
+        plant = self._one(command.arguments, 1).plant
+        read = plant.angle_deg if command.path[-1] == "POSITION" else plant.rate_dps
         return f"{read(now_s):.6f}"
 
-    def _status(self, command: Command, now_s: float) -> str | Refusal | None:
+    def _status(self, command: Command, now_s: float) -> str | None:
         name = command.path[-1]
         if not command.query:
-            return NOT_IMPLEMENTED
+            raise Refused(NOT_IMPLEMENTED)
         if name == "STB":
             return str(self._status_byte(now_s, clear=False))
         if name == "MSG" and command.arguments[:1] and command.arguments[0].upper() == "QERROR":
             return "{0.code}: {0.text}".format(self._errors.pop(0)) if self._errors else ""
         if name != "CSR":
-            return NOT_IMPLEMENTED
+            raise Refused(NOT_IMPLEMENTED)
         if len(command.arguments) != 1:
-            return WRONG_PARAMETER_COUNT
+            raise Refused(WRONG_PARAMETER_COUNT)
         register = command.arguments[0].upper()
         for number, axis in self._axes.items():
             prefix = f"A{number}"
             if register.startswith(prefix):
                 word = axis.register(register.removeprefix(prefix), now_s)
-                return PARAMETER_OUT_OF_RANGE if word is None else str(word)
-        return PARAMETER_OUT_OF_RANGE
+                if word is not None:
+                    return str(word)
+                break
+        raise Refused(PARAMETER_OUT_OF_RANGE)
 
     def _status_byte(self, now_s: float, *, clear: bool) -> int:
         moving = [axis for axis in self._axes.values() if axis.moving]
@@ -291,29 +283,30 @@ class AcutrolEmulator:
                 axis.moving = not complete
         return byte
 
-    def _utility(self, command: Command, now_s: float) -> str | Refusal | None:
+    def _utility(self, command: Command, now_s: float) -> str | None:
         if command.path[-1] != "LOCKOUTMODE":
-            return NOT_IMPLEMENTED
+            raise Refused(NOT_IMPLEMENTED)
         if command.query:
             return self._lockout
         if len(command.arguments) != 1 or command.arguments[0].upper() not in ("ON", "OFF"):
-            return PARAMETER_OUT_OF_RANGE
+            raise Refused(PARAMETER_OUT_OF_RANGE)
         self._lockout = command.arguments[0].upper()
         return None
 
-    def _one(self, arguments: tuple[str, ...], count: int) -> AcutrolAxis | Refusal:
-        """Return the axis named by the first of `count` arguments, or why they are refused."""
+    def _one(self, arguments: tuple[str, ...], count: int) -> AcutrolAxis:
+        """Return the axis named by the first of `count` arguments."""
         if len(arguments) != count:
-            return WRONG_PARAMETER_COUNT
-        found = self._axes.get(int(arguments[0])) if arguments[0].isdecimal() else None
-        return PARAMETER_OUT_OF_RANGE if found is None else found
+            raise Refused(WRONG_PARAMETER_COUNT)
+        axis = self._axes.get(int(arguments[0])) if arguments[0].isdecimal() else None
+        if axis is None:
+            raise Refused(PARAMETER_OUT_OF_RANGE)
+        return axis
 
-    def _several(self, arguments: tuple[str, ...], count: int) -> list[AcutrolAxis] | Refusal:
-        """Return the axes named by the first argument, a number or ALL, or why the arguments are refused."""
+    def _several(self, arguments: tuple[str, ...], count: int) -> list[AcutrolAxis]:
+        """Return the axes named by the first argument, a number or ALL."""
         if len(arguments) == count and arguments[0].upper() == "ALL":
             return list(self._axes.values())
-        found = self._one(arguments, count)
-        return found if isinstance(found, Refusal) else [found]
+        return [self._one(arguments, count)]
 
 
 def emulator(config: TableConfig, axes: Mapping[str, TablePlant], installed: Installation) -> AcutrolEmulator:
