@@ -28,7 +28,7 @@ import pyarrow.parquet as pq
 
 from bench.control.devices import open_chamber, open_table
 from bench.control.procedure import Demands, Parameters, Procedure
-from bench.control.questions import Question
+from bench.control.questions import Question, Reply
 from bench.control.run_record import decode_run
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.control.session import Bench
@@ -204,11 +204,9 @@ def _work(bench: Bench) -> None:
 class _Operator:
     """Answers an hour after the question, by the bench's clock."""
 
-    name = "late operator"
-
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         waited = iter(range(5 * 3600))  # the bench looks five times a second
-        return lambda: None if next(waited, None) is not None else "yes"
+        return lambda: None if next(waited, None) is not None else Reply("yes", "late operator")
 
 
 @contextmanager

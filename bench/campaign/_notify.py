@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.campaign._file import Notice
-from bench.control.questions import Operator, Question
+from bench.control.questions import Operator, Question, Reply
 from bench.record.events.campaign import Notified
 from drivers.base.clock import utc_now
 
@@ -64,20 +64,12 @@ class Announcing:
     """An operator who is told of every question, e.g. on a phone, and then asked as ever."""
 
     def __init__(self, operator: Operator, notifier: Notifier) -> None:
-        self.name = operator.name
         self._operator, self._notifier = operator, notifier
 
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Tell, then ask."""
         self._notifier.tell("prompt", question.text)
-        answered = self._operator.ask(question)
-
-        def answer() -> str | None:
-            given = answered()
-            self.name = self._operator.name
-            return given
-
-        return answer
+        return self._operator.ask(question)
 
 
 def _run(command: tuple[str, ...], body: bytes) -> str:

@@ -8,7 +8,7 @@ import queue
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,17 @@ class Question:
     act: dict[str, Any] = field(default_factory=dict)
 
 
+class Reply(NamedTuple):
+    """What somebody answered, and who."""
+
+    text: str
+    by: str
+
+
 class Operator(Protocol):
     """Whoever answers."""
 
-    name: str
-    """Who it is; read after the answer where several may have given it."""
-
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Put the question; the returned function gives the answer, or None while there is none yet."""
         ...
 
@@ -37,46 +41,39 @@ class Operator(Protocol):
 class AssumeYes:
     """Answers every question beforehand, for unattended runs on a prepared bench."""
 
-    name = "answered beforehand"
-
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Answer at once."""
-        return lambda: "yes"
+        return lambda: Reply("yes", "answered beforehand")
 
 
 class EmulatedOperator:
     """Answers by doing the act in the emulated lab; `perform` sends it there and returns the lab's answer."""
 
-    name = "emulated operator"
-
     def __init__(self, perform: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
         self._perform = perform
 
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Do the act, then answer."""
         if question.act:
             self._perform(dict(question.act))
-        return lambda: "done"
+        return lambda: Reply("done", "emulated operator")
 
 
 class Assisted:
     """Does in the emulated lab what the operator says is done."""
 
     def __init__(self, operator: Operator, perform: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-        self.name = operator.name
         self._operator, self._perform = operator, perform
 
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Put the question; the act follows the answer."""
         answered = self._operator.ask(question)
 
-        def answer() -> str | None:
-            given = answered()
-            if given is not None:
-                self.name = self._operator.name
-                if question.act:
-                    self._perform(dict(question.act))
-            return given
+        def answer() -> Reply | None:
+            reply = answered()
+            if reply is not None and question.act:
+                self._perform(dict(question.act))
+            return reply
 
         return answer
 
@@ -89,23 +86,14 @@ class Prepared:
     """
 
     def __init__(self, answers: Sequence[tuple[str, str]], by: str, otherwise: Operator) -> None:
-        self.name = by
         self._by, self._answers, self._otherwise = by, tuple(answers), otherwise
 
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Look the question up, or pass it on."""
         for pattern, prepared in self._answers:
             if fnmatch.fnmatchcase(question.text, pattern):
-                self.name = self._by
-                return lambda: prepared
-        passed_on = self._otherwise.ask(question)
-
-        def answer() -> str | None:
-            given = passed_on()
-            self.name = self._otherwise.name
-            return given
-
-        return answer
+                return lambda: Reply(prepared, self._by)
+        return self._otherwise.ask(question)
 
 
 class Console:
@@ -123,7 +111,7 @@ class Console:
         self._waiting = False
         self._lock = threading.Lock()
 
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Show the question and wait for a line in the background."""
         with self._lock:
             self._number += 1
@@ -134,13 +122,13 @@ class Console:
         elif self._say is not None:
             self._say(question.text)
 
-        def answer() -> str | None:
+        def answer() -> Reply | None:
             try:
                 number, line = self._lines.get_nowait()
             except queue.Empty:
                 return None
             if number == mine:
-                return line
+                return Reply(line, self.name)
             with self._lock:
                 self._waiting = True
             self._read(question.text)  # that line was for an earlier question

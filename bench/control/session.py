@@ -150,15 +150,14 @@ class Bench:
         """Put a question to the operator and wait, telemetry running, for the answer."""
         self.event(Prompt(question))
         answered = self.operator.ask(Question(question, act))
-        while (answer := answered()) is None:
+        while (reply := answered()) is None:
             self._stream_watchdog.excuse_until(self.clock.now() + 1.0)
             self.wait(0.2, f"operator: {question}")
         more = {key: value for key, value in act.items() if key not in ("act", "mounting")}
-        by = self.operator.name
-        self.event(Answer(question, answer, by, act.get("act"), act.get("mounting"), more))
-        if answer.strip().lower() in ("no", "n", "abort"):
-            raise RunAborted(f"the operator answered {answer!r} to: {question}")
-        return answer
+        self.event(Answer(question, reply.text, reply.by, act.get("act"), act.get("mounting"), more))
+        if reply.text.strip().lower() in ("no", "n", "abort"):
+            raise RunAborted(f"the operator answered {reply.text!r} to: {question}")
+        return reply.text
 
     @contextmanager
     def polling(self, every_s: float) -> Iterator[None]:
@@ -354,15 +353,15 @@ class Bench:
         """
         stations: dict[str, Station] = {station.name: station for station in (self.table, self.chamber)}
         self.safe = tuple(Reading(code="cut_off").fact(name, cause, why) for name in stations)
-        told: set[str] = set()
+        reported: set[str] = set()
 
         def away(name: str, code: NotSafe) -> None:
             with suppress(BenchError, OSError):  # whatever is wrong with record or display, the way goes on
                 state = SafeState(
                     name, "pending", cause, why, code=code, last_seen=stations[name].last_seen()
                 )
-                if name not in told:
-                    told.add(name)
+                if name not in reported:
+                    reported.add(name)
                     self.event(state)
                 if self._display is not None:
                     self._display(self.progress(f"making the bench safe, {state}"))

@@ -192,10 +192,10 @@ class TableStation(Station):
         last = self.history.last
         seen = ", ".join(f"{last[column]:g}" for name in self.axes for column in self._columns(name))
         named = len(self.axes) > 1
-        told = ", ".join(
+        demands = ", ".join(
             f"{name} {demand}" if named else str(demand) for name, demand in self.demands.items()
         )
-        self._doubts(f"{seen} (deg, deg/s) though it had settled at {told}")
+        self._doubts(f"{seen} (deg, deg/s) though it had settled at {demands}")
         self.device.request_state()
         state = self.device.read_state()
         self.take(self._session.now_s, state)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
-from bench.control.questions import AssumeYes, EmulatedOperator, Operator, Question
+from bench.control.questions import AssumeYes, EmulatedOperator, Operator, Question, Reply
 from bench.control.runner import RunRequest, run_procedure
 from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant, lab_config
@@ -207,9 +207,7 @@ class LabPool:
 class _Nobody:
     """Stands where an operator would on a real bench that nobody prepared."""
 
-    name = "nobody"
-
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Abort: a test run has no one to answer."""
         raise RunAborted(
             "a question to the operator, and nobody is there",

@@ -9,20 +9,22 @@ from drivers.base.errors import BenchError
 
 pytestmark = pytest.mark.concurrent
 
+DONE = ("done", "emulated operator")
+
 
 def test_beforehand_is_yes():
-    assert AssumeYes().ask(Question("Ready?"))() == "yes"
+    assert AssumeYes().ask(Question("Ready?"))() == ("yes", "answered beforehand")
 
 
-def test_a_stage_hand_does_the_act_and_answers_done():
+def test_the_emulated_operator_does_the_act_and_answers_done():
     acts = []
-    hand = EmulatedOperator(lambda act: acts.append(act) or {"ok": True})
-    assert hand.ask(Question("Mount", {"act": "mount", "mounting": "axis_up"}))() == "done"
-    assert hand.ask(Question("Just look"))() == "done"
+    operator = EmulatedOperator(lambda act: acts.append(act) or {"ok": True})
+    assert operator.ask(Question("Mount", {"act": "mount", "mounting": "axis_up"}))() == DONE
+    assert operator.ask(Question("Just look"))() == DONE
     assert acts == [{"act": "mount", "mounting": "axis_up"}]
 
 
-def test_a_stage_hand_that_fails_says_so():
+def test_an_emulated_operator_that_fails_says_so():
     def refuse(act):
         raise BenchError("no such unit")
 
@@ -43,4 +45,4 @@ def test_the_console_has_no_answer_until_a_line_is_entered():
     entered.set()
     while (answer := answered()) is None:
         continue
-    assert answer == "no"
+    assert answer.text == "no" and "at the console" in answer.by

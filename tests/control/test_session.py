@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.control.questions import AssumeYes
+from bench.control.questions import AssumeYes, Reply
 from bench.control.session import Bench
 from bench.record.benchfile import LimitsSection, SafeSection
 from bench.record.events.run import Invalid, Requested
@@ -297,8 +297,8 @@ def test_a_question_is_recorded_with_its_answer_and_act_and_no_ends_the_run(made
             "mounting": "axis_up",
         }
     ]
-    answers = iter([None, None, None, " No "])
-    made.bench.operator = SimpleNamespace(name="n", ask=lambda question: lambda: next(answers))
+    answers = iter([None, None, None, Reply(" No ", "n")])
+    made.bench.operator = SimpleNamespace(ask=lambda question: lambda: next(answers))
     before = made.clock.now()
     with pytest.raises(RunAborted, match="answered ' No '"):
         made.bench.ask("Ready?")

@@ -17,7 +17,7 @@ import pytest
 
 from bench.control.devices import open_chamber, open_table
 from bench.control.procedure import find_procedure
-from bench.control.questions import AssumeYes, Question
+from bench.control.questions import AssumeYes, Question, Reply
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import bench_file_text, load_bench_file
@@ -155,10 +155,8 @@ def test_a_full_disk_ends_the_run_and_keeps_what_was_written(bench, fog_file, tm
 
 def test_an_operator_who_says_no_ends_the_run_before_anything_moves(bench, fog_file, tmp_path):
     class No:
-        name = "a careful man"
-
         def ask(self, question: Question):
-            return lambda: "No"
+            return lambda: Reply("No", "a careful man")
 
     with bench.thread_lab(fog_file, Plant()) as lab:
         result = bench.drive(lab.file, tmp_path, find_procedure("zero-bias-cold-shock"), operator=No())

@@ -23,7 +23,7 @@ from bench.control.live._files import (
     take_requests,
 )
 from bench.control.progress import Progress
-from bench.control.questions import Operator, Question
+from bench.control.questions import Operator, Question, Reply
 from bench.record.events import plain
 from bench.record.events.run import Note, Requested
 from bench.record.events.safe import SafeState
@@ -49,7 +49,6 @@ class Live:
     """
 
     def __init__(self, session: Path | None = None) -> None:
-        self.name = "live files"
         self.problem = ""
         self.pause_wanted = ""
         """Who wants a pause; empty when nobody does."""
@@ -119,11 +118,11 @@ class Live:
 
         `error` is what ended it early, `safe` what became of the devices.
         """
-        told = {key: getattr(error, key) for key in _ERROR_PARTS} if isinstance(error, BenchError) else None
+        parts = {key: getattr(error, key) for key in _ERROR_PARTS} if isinstance(error, BenchError) else None
         self._ending = {
             "outcome": outcome,
             "reason": reason,
-            "error": told,
+            "error": parts,
             "safe": [state.fields() for state in safe],
             "warnings": list(warnings),
         }
@@ -165,14 +164,14 @@ class Live:
         self._news.wait(2.0 * _EVERY_S)
         self._news.clear()
 
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Put the question where others see it; whoever answers first, here or elsewhere, answers."""
         self._next_id += 1
         number = self._next_id
         prompt = {"id": number, "question": question.text, "utc": utc_now()}
         self._prompts = {**self._prompts, number: prompt}
 
-        def answer() -> str | None:
+        def answer() -> Reply | None:
             if self._session is None:
                 return None
             try:
@@ -184,9 +183,8 @@ class Live:
             if found is None:
                 self.wait()
                 return None
-            self.name = found.by
             self._close(number)
-            return found.answer
+            return Reply(found.answer, found.by)
 
         return answer
 
@@ -194,17 +192,17 @@ class Live:
         """Return the operator that is this one and `operator`: whoever answers first."""
         return _Either(self, operator)
 
-    def settle(self, answer: str, by: str) -> tuple[str, str]:
-        """Close the open question with an answer from elsewhere; return what was first, and from whom."""
+    def settle(self, reply: Reply) -> Reply:
+        """Close the open question with an answer from elsewhere; return the answer that was first."""
         for number in list(self._prompts):
             if self._session is not None:
                 try:
-                    found = drop_answer(self._session, number, answer, by)
-                    answer, by = found.answer, found.by
+                    first = drop_answer(self._session, number, *reply)
+                    reply = Reply(first.answer, first.by)
                 except BenchError as error:
                     self.problem = str(error)
             self._close(number)
-        return answer, by
+        return reply
 
     def _close(self, number: int) -> None:
         # a new dict, since the thread may be reading the old one
@@ -334,19 +332,15 @@ class _Either:
     """Puts a question in the live files and to another operator."""
 
     def __init__(self, live: Live, other: Operator) -> None:
-        self.name = other.name
         self._live, self._other = live, other
 
-    def ask(self, question: Question) -> Callable[[], str | None]:
+    def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Put the question to both; the answer is the first one's."""
         there, here = self._live.ask(question), self._other.ask(question)
 
-        def answer() -> str | None:
-            if (given := here()) is not None:
-                given, self.name = self._live.settle(given, self._other.name)
-            elif (given := there()) is not None:
-                self.name = self._live.name
-            return given
+        def answer() -> Reply | None:
+            reply = here()
+            return there() if reply is None else self._live.settle(reply)
 
         return answer
 
