@@ -1,8 +1,8 @@
 """Campaigns: many runs on one bench from one file - planned, run, resumed, rehearsed. See docs/campaign.md."""
 
 from bench.campaign._begin import begin_campaign, campaign_to_rehearse, resume_campaign
-from bench.campaign._file import Campaign, CampaignRun, Notice, bench_of, load_campaign
-from bench.campaign._folder import CampaignFolder, RunState
+from bench.campaign._file import Campaign, Notice, bench_of, load_campaign
+from bench.campaign._folder import CampaignFolder
 from bench.campaign._plan import PlannedRun, check_limits, not_measured, plan_campaign
 from bench.campaign._rehearse import rehearse_campaign
 from bench.campaign._run import CampaignEnding, CampaignRunner
@@ -11,11 +11,9 @@ __all__ = [
     "Campaign",
     "CampaignEnding",
     "CampaignFolder",
-    "CampaignRun",
     "CampaignRunner",
     "Notice",
     "PlannedRun",
-    "RunState",
     "begin_campaign",
     "bench_of",
     "campaign_to_rehearse",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.campaign._file import Campaign, CampaignRun, bench_of
@@ -46,7 +46,7 @@ class PlannedRun:
     steps: tuple[PlannedStep, ...] = ()
     questions: tuple[str, ...] = ()
     rehearsed: str = ""
-    reason: str = field(default="")
+    reason: str = ""
 
     @property
     def end_s(self) -> float:

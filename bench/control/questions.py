@@ -35,7 +35,6 @@ class Operator(Protocol):
 
     def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Put the question; the returned function gives the answer, or None while there is none yet."""
-        ...
 
 
 class AssumeYes:

@@ -25,7 +25,6 @@ class Rules(Protocol):
         set_point_c: float | None = None,
     ) -> None:
         """Raise LimitExceeded if a demand may break a rule of the bench file."""
-        ...
 
 
 class Session(Protocol):
@@ -34,29 +33,23 @@ class Session(Protocol):
     @property
     def file(self) -> BenchFile:
         """The bench."""
-        ...
 
     @property
     def limits(self) -> Rules:
         """The limits in force."""
-        ...
 
     @property
     def now_s(self) -> float:
         """Bench time in s."""
-        ...
 
     def event(self, event: Event) -> None:
         """Write a line to the event log."""
-        ...
 
     def poll(self) -> None:
         """Take telemetry of both instruments."""
-        ...
 
     def wait_until(self, condition: Callable[[], bool], *, timeout_s: float, what: str) -> bool:
         """Wait until `condition` holds after a poll (True) or `timeout_s` passed (False)."""
-        ...
 
 
 class Station(ABC):

@@ -26,11 +26,9 @@ class LabProcess(Protocol):
 
     def wait(self, timeout: float | None = None) -> int:
         """Wait until it has ended; subprocess.TimeoutExpired if it has not within `timeout` s."""
-        ...
 
     def kill(self) -> None:
         """End it at once."""
-        ...
 
 
 def start_lab() -> LabProcess:

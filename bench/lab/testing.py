@@ -41,16 +41,15 @@ class Measurement:
         return f"{self.name}: {low}{self.value:.6g}{high} {self.unit}".rstrip()
 
 
+@dataclass(frozen=True)
 class TestRun:
     """A run that a test has made. `record` reads its folder."""
 
     __test__ = False
-
-    def __init__(
-        self, folder: Path, outcome: str, reason: str, measurements: tuple[Measurement, ...]
-    ) -> None:
-        self.folder, self.outcome, self.reason = folder, outcome, reason
-        self.measurements = measurements
+    folder: Path
+    outcome: str
+    reason: str
+    measurements: tuple[Measurement, ...]
 
     @property
     def record(self) -> Run:

@@ -2,7 +2,6 @@
 
 from bench.control.live._files import (
     Action,
-    Answer,
     drop_answer,
     drop_request,
     read_history,
@@ -12,7 +11,6 @@ from bench.control.live._session import Live
 
 __all__ = [
     "Action",
-    "Answer",
     "Live",
     "drop_answer",
     "drop_request",

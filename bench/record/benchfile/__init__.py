@@ -8,7 +8,6 @@ from bench.record.benchfile._model import (
     Emulated,
     ForbiddenState,
     LimitsSection,
-    RecordingSection,
     SafeSection,
 )
 from bench.record.benchfile._write import bench_file_text
@@ -20,7 +19,6 @@ __all__ = [
     "Emulated",
     "ForbiddenState",
     "LimitsSection",
-    "RecordingSection",
     "SafeSection",
     "bench_file_from",
     "bench_file_text",

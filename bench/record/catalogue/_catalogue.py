@@ -11,7 +11,6 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from bench.record.catalogue._database import Database
 from bench.record.catalogue._rows import COLUMNS, CatalogueRow, period_s, read_row, root_name
@@ -138,7 +137,8 @@ class Catalogue:
             count = len(found)
             if count == limit:
                 count = int(self._database.rows(f"SELECT count(*) {where}", **values)[0][0])
-        return [_row(dict(zip(COLUMNS, row, strict=True))) for row in found], count
+        rows = [dict(zip(COLUMNS, row, strict=True)) for row in found]
+        return [CatalogueRow(**{**row, "units": tuple(json.loads(row["units"]))}) for row in rows], count
 
     def close(self) -> None:
         """Let go of the database."""
@@ -197,19 +197,15 @@ class Catalogue:
         )
 
 
-def _row(values: dict[str, Any]) -> CatalogueRow:
-    return CatalogueRow(**{**values, "units": tuple(json.loads(values["units"]))})
-
-
 def _run_names(runs: Path) -> set[str]:
     """Return the folders below `runs` that hold a manifest; a name that no run can have is none."""
     with os.scandir(runs) as entries:
-        folders = [entry.name for entry in entries if _may_be_run(entry.name) and entry.is_dir()]
+        folders = [
+            entry.name
+            for entry in entries
+            if not entry.name.startswith(".") and entry.name.isprintable() and entry.is_dir()
+        ]
     return {name for name in folders if os.access(f"{runs}/{name}/{MANIFEST_FILE}", os.F_OK)}
-
-
-def _may_be_run(name: str) -> bool:
-    return not name.startswith(".") and name.isprintable()
 
 
 def _changed_ns(runs: Path) -> int:

@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
+from bench.record.exchange._log import load_asammdf
 from bench.record.recording import Run, unit_of
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -101,22 +102,15 @@ def _parquet(run: Run, part: Path) -> None:
 
 def _mdf4(run: Run, part: Path) -> None:
     """One channel group a table, named after it, and one of phases; times are bench time in s."""
-    try:
-        from asammdf import MDF, Signal
-    except ImportError as error:
-        raise ConfigurationError(
-            "MDF4 needs the package asammdf",
-            found="it is not installed",
-            remedy="install gyrobench with its extra 'exchange'",
-        ) from error
-    with MDF(version="4.10") as mdf:
+    asammdf = load_asammdf()
+    with asammdf.MDF(version="4.10") as mdf:
         mdf.start_time = datetime.fromisoformat(run.manifest.started_utc)
         for path in _tables(run):
             table = pq.read_table(path, use_threads=False)
             columns: dict[str, Any] = {name: table[name].to_numpy() for name in table.column_names}
             time_s = columns.pop("time_ns").astype(np.float64) * 1e-9
             signals = [
-                Signal(
+                asammdf.Signal(
                     samples=values.astype(np.uint8) if values.dtype == np.bool_ else values,
                     timestamps=time_s,
                     name=f"{path.stem}.{name}",
@@ -132,7 +126,7 @@ def _mdf4(run: Run, part: Path) -> None:
             for number, name in enumerate(names):
                 conversion |= {f"val_{number}": number, f"text_{number}": name.encode()}
             conversion["default"] = b""
-            signal = Signal(
+            signal = asammdf.Signal(
                 samples=np.array([names.index(phase.name) for phase in phases], np.uint8),
                 timestamps=np.array([phase.start_s for phase in phases], np.float64),
                 name="phase",

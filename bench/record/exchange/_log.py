@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -159,9 +159,9 @@ def _read_mdf(
     file: Path, wanted: Mapping[str, Column], factors: Mapping[str, tuple[float, float]]
 ) -> tuple[Array, dict[str, Array]]:
     """Read channels onto the times of the output's; others are interpolated, angles without their jumps."""
-    open_mdf = _mdf_reader()
+    asammdf = load_asammdf()
     try:
-        with open_mdf(file) as mdf:
+        with asammdf.MDF(file) as mdf:
             names = [column.name for name, column in wanted.items() if name != "time"]
             _check_names(names, sorted(mdf.channels_db), file)
             signals = {name: mdf.get(column.name) for name, column in wanted.items() if name != "time"}
@@ -188,17 +188,17 @@ def _read_mdf(
     return time_s, raw
 
 
-def _mdf_reader() -> Callable[..., Any]:
+def load_asammdf() -> Any:
+    """Return the module that reads and writes MDF files; ConfigurationError without it."""
     try:
-        from asammdf import MDF
+        import asammdf
     except ImportError as error:
         raise ConfigurationError(
             "MDF files need the package asammdf",
             found="it is not installed",
             remedy="install gyrobench with its extra 'exchange'",
         ) from error
-    reader: Callable[..., Any] = MDF
-    return reader
+    return asammdf
 
 
 def _check_time(time_s: Array, file: Path) -> None:

@@ -11,7 +11,7 @@ from bench.record.recording._decode import (
     table_name,
     units_off_s,
 )
-from bench.record.recording._events import EventLog, Events, read_events
+from bench.record.recording._events import EventLog, read_events
 from bench.record.recording._journal import Journal, PortJournal
 from bench.record.recording._manifest import (
     DeviceEntry,
@@ -28,14 +28,13 @@ from bench.record.recording._read import Phase, Run, Table, check_room, read_tab
 from bench.record.recording._remote import local_manifests, local_run
 from bench.record.recording._seconds import names_at, row_means, second_rows, seconds
 from bench.record.recording._tables import table_writer, unit_of
-from bench.record.recording._verify import VerifyReport, verify
+from bench.record.recording._verify import verify
 
 __all__ = [
     "Arrivals",
     "DeviceEntry",
     "EmulatedLab",
     "EventLog",
-    "Events",
     "GyroSource",
     "Imported",
     "Journal",
@@ -47,7 +46,6 @@ __all__ = [
     "StreamReport",
     "StreamSource",
     "Table",
-    "VerifyReport",
     "check_room",
     "checksum",
     "decode_instrument",

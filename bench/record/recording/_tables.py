@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -25,17 +25,10 @@ Columns = Mapping[str, NDArray[Any]]
 _UNITS = (("_ns", "ns"), ("_dps", "deg/s"), ("_mps2", "m/s2"), ("_deg", "deg"), ("_c", "degC"))
 
 
-class TableWriter(Protocol):
-    """What takes blocks of a table."""
+class TableWriter:
+    """Takes blocks of a table and writes them in row groups of one size."""
 
-    def write(self, columns: Columns) -> None:
-        """Append rows, every column of shape (n,)."""
-        ...
-
-
-class _Writer:
     def __init__(self, path: Path, description: str) -> None:
-        self.rows = 0
         self._path = path
         self._description = description
         self._writer: pq.ParquetWriter | None = None
@@ -43,6 +36,7 @@ class _Writer:
         self._waiting_rows = 0
 
     def write(self, columns: Columns) -> None:
+        """Append rows, every column of shape (n,)."""
         rows = len(next(iter(columns.values())))
         self._waiting.append(columns)
         self._waiting_rows += rows
@@ -50,6 +44,7 @@ class _Writer:
             self._write_group(ROW_GROUP)
 
     def close(self) -> None:
+        """Write what waits; a table without rows, too, if it has columns."""
         if self._waiting_rows or self._writer is None:
             self._write_group(self._waiting_rows)
         if self._writer is not None:
@@ -69,7 +64,6 @@ class _Writer:
         self._waiting = (
             [{name: column[rows:] for name, column in joined.items()}] if self._waiting_rows else []
         )
-        self.rows += rows
 
 
 def _open(path: Path, types: Mapping[str, pa.DataType], description: str) -> pq.ParquetWriter:
@@ -102,7 +96,7 @@ def unit_of(column: str) -> str:
 def table_writer(path: Path, description: str) -> Iterator[TableWriter]:
     """Write a table in blocks; the file takes its name only when it is complete."""
     part = path.with_suffix(".part")
-    writer = _Writer(part, description)
+    writer = TableWriter(part, description)
     try:
         yield writer
         writer.close()
