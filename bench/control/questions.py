@@ -26,7 +26,7 @@ class Question:
 class Reply(NamedTuple):
     """What somebody answered, and who."""
 
-    text: str
+    answer: str
     by: str
 
 

@@ -154,10 +154,10 @@ class Bench:
             self._stream_watchdog.excuse_until(self.clock.now() + 1.0)
             self.wait(0.2, f"operator: {question}")
         more = {key: value for key, value in act.items() if key not in ("act", "mounting")}
-        self.event(Answer(question, reply.text, reply.by, act.get("act"), act.get("mounting"), more))
-        if reply.text.strip().lower() in ("no", "n", "abort"):
-            raise RunAborted(f"the operator answered {reply.text!r} to: {question}")
-        return reply.text
+        self.event(Answer(question, reply.answer, reply.by, act.get("act"), act.get("mounting"), more))
+        if reply.answer.strip().lower() in ("no", "n", "abort"):
+            raise RunAborted(f"the operator answered {reply.answer!r} to: {question}")
+        return reply.answer
 
     @contextmanager
     def polling(self, every_s: float) -> Iterator[None]:

@@ -45,4 +45,4 @@ def test_the_console_has_no_answer_until_a_line_is_entered():
     entered.set()
     while (answer := answered()) is None:
         continue
-    assert answer.text == "no" and "at the console" in answer.by
+    assert answer.answer == "no" and "at the console" in answer.by
