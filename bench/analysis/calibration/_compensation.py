@@ -11,9 +11,8 @@ import numpy as np
 from bench.analysis.calibration._conventions import PARAMETER_NAMES, PARAMETERS, STATE_UNITS, UNIT_SIZE
 from bench.analysis.calibration._estimator import Estimate
 from bench.analysis.calibration._navigation import Increments, compensate
-from bench.analysis.common.compensation import FittedCompensation, software_versions
+from bench.analysis.common.compensation import FittedCompensation, provenance
 from drivers.base.arrays import Array
-from drivers.base.clock import utc_now
 from drivers.base.errors import RecordError
 
 MODEL = "gyro w~ = (I + K_g) w + eps; accelerometer f~ = (I + K_a) f + nabla + K_2 (f * f)"
@@ -64,10 +63,8 @@ class ImuCompensation(FittedCompensation):
             lag_s=found.lag_s,
             scheme=scheme,
             innovation_rms=found.innovation_rms,
-            runs=dict(runs or {}),
             declared=declared,
-            software=software_versions(),
-            created_utc=utc_now(),
+            **provenance(runs or {}),
         )
 
     def apply(

@@ -7,18 +7,19 @@ the table of them.
 from __future__ import annotations
 
 import platform
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib.metadata import version
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.common.state_file import JSON_ENTRY, read_state, write_state
+from drivers.base.arrays import Array
+from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError, RecordError
 
 
@@ -27,7 +28,7 @@ class UnitMismatch(ConfigurationError):
 
 
 @dataclass(frozen=True, eq=False)
-class FittedCompensation(ABC):
+class FittedCompensation:
     """A fitted correction of one unit. `runs`: ids of the runs it was fitted on, with their checksums.
 
     `unit_id` is empty where the record did not say (a log of other software): then no unit is refused.
@@ -46,18 +47,25 @@ class FittedCompensation(ABC):
     software: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     created_utc: str = field(default="", kw_only=True)
 
-    @abstractmethod
     def _described(self) -> dict[str, Any]:
-        """Return what this kind says in words and numbers, JSON-able."""
+        """Return what this kind says in words and numbers, JSON-able: its own attributes, if no more is said."""
+        return {name: _plain(getattr(self, name)) for name in self._own()}
 
     def _arrays(self) -> dict[str, Any]:
         """Return what else goes into the file: arrays at full precision."""
         return {}
 
     @classmethod
-    @abstractmethod
     def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
         """Return the compensation of a file's content; `metadata` are the keywords that all have."""
+        kinds = get_type_hints(cls)
+        own = {name: _typed(state[name], kinds[name]) for name in cls._own()}
+        return cls(unit_id=state["unit_id"], **own, **metadata)
+
+    @classmethod
+    def _own(cls) -> list[str]:
+        """Return the names of the attributes that this kind adds."""
+        return [item.name for item in fields(cls) if item.name not in FittedCompensation.__dataclass_fields__]
 
     def describe(self) -> dict[str, Any]:
         """Return what the file says as JSON-able values."""
@@ -118,11 +126,36 @@ class FittedCompensation(ABC):
         for name, shape in self.SHAPES.items():
             found = np.shape(attrgetter(name)(self))
             wanted = tuple(
-                lengths.setdefault(each, size) if isinstance(each, str) else each
-                for each, size in zip(shape, found, strict=False)
+                lengths.setdefault(length, size) if isinstance(length, str) else length
+                for length, size in zip(shape, found, strict=False)
             )
             if len(found) != len(shape) or found != wanted:
                 raise _unreadable(path, f"{name} of shape {found}, not {shape}")
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute as JSON has it; a complex number is a pair."""
+    if isinstance(value, np.ndarray | tuple):
+        return [_plain(part) for part in (value if isinstance(value, tuple) else value.tolist())]
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+def _typed(value: Any, kind: Any) -> Any:
+    """Return what `_plain` made of an attribute of type `kind`."""
+    if kind == NDArray[np.complex128]:
+        return np.array([complex(*pair) for pair in value])
+    if kind == Array:
+        return np.array(value, dtype=np.float64)
+    if kind is complex:
+        return complex(*value)
+    return tuple(value) if get_origin(kind) is tuple else value
+
+
+def provenance(runs: Mapping[str, str], *packages: str) -> dict[str, Any]:
+    """Return the keywords that all compensations have, for one fitted on `runs` now; see `software_versions`."""
+    return {"runs": dict(runs), "software": software_versions(*packages), "created_utc": utc_now()}
 
 
 def software_versions(*names: str) -> dict[str, str]:

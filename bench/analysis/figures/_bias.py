@@ -115,9 +115,8 @@ class RateStep:
 def threshold(steps: Sequence[RateStep], *, share: float = 0.5) -> float:
     """Return the smallest input, deg/h, that gives at least `share` of the expected output.
 
-    IEEE Std 647 and 952, GJB 2426A: the threshold for inputs from rest, the resolution for changes of a rate far
-    from zero. All larger inputs must pass too; ConfigurationError when none
-    does.
+    IEEE Std 647 and 952, GJB 2426A: the threshold for inputs from rest, the resolution for changes of a rate
+    far from zero. All larger inputs must pass too; ConfigurationError when none does.
     """
     found = math.inf
     for step in sorted(steps, key=lambda step: -abs(step.input_dph)):

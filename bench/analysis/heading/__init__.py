@@ -1,5 +1,4 @@
-"""Heading effect of a space-stable platform INS: extraction, temperature, models, compensation in real
-time."""
+"""Heading effect of a space-stable platform INS: extraction, temperature, models, compensation in real time."""
 
 from bench.analysis.heading._checks import Finding
 from bench.analysis.heading._compensation import HeadingCompensation

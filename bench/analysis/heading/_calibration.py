@@ -1,5 +1,4 @@
-"""The linear system behind the lagged model: position errors of a calibration run against all their
-causes."""
+"""The linear system behind the lagged model: position errors of a calibration run against all their causes."""
 
 from __future__ import annotations
 

@@ -122,8 +122,7 @@ def _headings(every: list[Stay]) -> list[Finding]:
         Finding(
             f"{len(others)} steady headings beside the reference",
             "at least three are needed: the reference heading has no temperature change and gives no "
-            "equation, so "
-            "that nine coefficients stay undetermined",
+            "equation, so that nine coefficients stay undetermined",
             True,
         )
     ]
@@ -142,9 +141,8 @@ def _stuck(log: PlatformLog) -> list[Finding]:
         whole = total_s / (log.time_s[-1] - log.time_s[0])
         found.append(
             Finding(
-                f"the temperature sensor is stuck: exactly {value:g} degC for "
-                f"{longest_s / 3600.0:.1f} h from "
-                f"{at_s / 3600.0:.1f} h on",
+                f"the temperature sensor is stuck: exactly {value:g} degC for {longest_s / 3600.0:.1f} h "
+                f"from {at_s / 3600.0:.1f} h on",
                 "drift at those headings would be put down to no temperature change, or to another cause",
                 bool(whole > _STUCK_SHARE),
             )
@@ -178,9 +176,8 @@ def _jumps(log: PlatformLog) -> list[Finding]:
             hours = (log.time_s[good[worst + 1]] - log.time_s[0]) / 3600.0
             found.append(
                 Finding(
-                    f"{name} jumps {int(large.sum())} times, by {step[worst]:+.0f} arcsec at "
-                    f"{hours:.2f} h (a reset or "
-                    "an update from outside?)",
+                    f"{name} jumps {int(large.sum())} times, by {step[worst]:+.0f} arcsec at {hours:.2f} h "
+                    "(a reset or an update from outside?)",
                     "a jump is taken for drift: the record must be cut there, or the resets taken out of it",
                     True,
                 )
@@ -219,8 +216,7 @@ def _temperature(
         found.append(
             Finding(
                 f"the temperature columns look swapped: the platform's changes by {own[0]:.3f} K with "
-                "heading, the "
-                f"other by {other[0]:.3f} K",
+                f"heading, the other by {other[0]:.3f} K",
                 "a temperature that does not follow the heading cannot carry its effect: the gains "
                 "would be noise",
                 True,
@@ -229,9 +225,8 @@ def _temperature(
     elif own[0] < _RESPONSE * own[1]:
         found.append(
             Finding(
-                f"the temperature does not change with heading: {own[0]:.4f} K, noise {own[1]:.4f} K "
-                "(sensor stuck, "
-                "swapped, or in the wrong place?)",
+                f"the temperature does not change with heading: {own[0]:.4f} K, noise {own[1]:.4f} K (sensor "
+                "stuck, swapped, or in the wrong place?)",
                 "there is nothing to count a heading effect by",
                 True,
             )
@@ -240,9 +235,8 @@ def _temperature(
         found.append(
             Finding(
                 f"the reference temperature still moved by {own[2]:+.3f} K a day (warm-up, or the room)",
-                "what is left of the warm-up counts as heading effect at every later heading: wait "
-                "longer, 88 h after "
-                "a start 15 K away",
+                "what is left of the warm-up counts as heading effect at every later heading: wait longer, "
+                "88 h after a start 15 K away",
                 False,
             )
         )

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
 
-from bench.analysis.common.compensation import FittedCompensation, software_versions
+from bench.analysis.common.compensation import FittedCompensation, provenance
 from bench.analysis.heading._compensator import HeadingCompensator
 from bench.analysis.heading._lagged import Evidence, LaggedModel
 from bench.analysis.heading._temperature import ReferenceTemperature
-from drivers.base.clock import utc_now
+
+_SAME = ("form", "tau_s", "reference_heading_deg", "latitude_deg", "headings", "hours")
+"""Numbers of the model that have the same name in the file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,7 @@ class HeadingCompensation(FittedCompensation):
     @classmethod
     def from_fit(cls, model: LaggedModel, unit_id: str, runs: Mapping[str, str]) -> Self:
         """Attach unit, runs, software and date to a fitted model."""
-        return cls(unit_id, model, runs=dict(runs), software=software_versions(), created_utc=utc_now())
+        return cls(unit_id, model, **provenance(runs))
 
     def stream(
         self, unit_id: str, latitude_deg: float | None = None, *, force_unit: bool = False
@@ -43,15 +45,7 @@ class HeadingCompensation(FittedCompensation):
         return HeadingCompensator(self.model, latitude_deg)
 
     def _described(self) -> dict[str, Any]:
-        return {
-            "form": self.model.form,
-            "tau_s": self.model.tau_s,
-            "reference_heading_deg": self.model.reference_heading_deg,
-            "latitude_deg": self.model.latitude_deg,
-            "evidence": asdict(self.model.evidence),
-            "headings": self.model.headings,
-            "hours": self.model.hours,
-        }
+        return {name: getattr(self.model, name) for name in _SAME} | {"evidence": asdict(self.model.evidence)}
 
     def _arrays(self) -> dict[str, Any]:
         return {
@@ -64,21 +58,11 @@ class HeadingCompensation(FittedCompensation):
 
     @classmethod
     def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
-        same = (
-            "form",
-            "tau_s",
-            "reference_heading_deg",
-            "latitude_deg",
-            "headings",
-            "hours",
-            "largest",
-            "swing",
-        )
         model = LaggedModel(
             gain=state["gain_dph_per_k"],
             sigma=state["sigma_dph_per_k"],
             reference=ReferenceTemperature(**state["reference"]),
             evidence=Evidence(**state["evidence"]),
-            **{name: state[name] for name in same},
+            **{name: state[name] for name in (*_SAME, "largest", "swing")},
         )
         return cls(str(state.get("unit_id", "")), model, **metadata)  # files until 0.1 said no unit

@@ -46,13 +46,11 @@ class HeadingCompensator:
         if model.evidence.cause != "temperature":
             raise ConfigurationError(
                 "this platform's heading effect is not driven by its temperature",
-                found=f"costs {model.evidence.none:.0f} without a cause, "
-                f"{model.evidence.temperature:.0f} with "
-                f"temperature, {model.evidence.steps:.0f} with a constant drift of each heading",
+                found=f"costs {model.evidence.none:.0f} without a cause, {model.evidence.temperature:.0f} "
+                f"with temperature, {model.evidence.steps:.0f} with a constant drift of each heading",
                 expected="temperature to explain more than constant drifts do",
                 remedy="look for friction, magnetic fields or cable forces that change with heading; "
-                "compensating "
-                "with temperature would add error",
+                "compensating with temperature would add error",
             )
         self.model = model
         latitude = model.latitude_deg if latitude_deg is None else latitude_deg
@@ -155,8 +153,7 @@ class PositionCorrector:
         self._past: deque[tuple[float, Array]] = deque()
 
     def correction(self, time_s: Array, sidereal_rad: Array, phi_as: Array) -> tuple[Array, Array]:
-        """Return (north, east), arcsec, to subtract from latitude and cos(latitude) longitude; arrays
-        (n,)."""
+        """Return (north, east), arcsec, to subtract from latitude and cos(latitude) longitude; arrays (n,)."""
         times = np.concatenate([[moment for moment, _ in self._past], time_s])
         known = np.concatenate([np.array([phi for _, phi in self._past]).reshape(-1, 3), phi_as])
         shown = np.asarray(time_s) - self._delay_s

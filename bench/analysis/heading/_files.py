@@ -144,10 +144,9 @@ def load_log(
 ) -> tuple[PlatformLog, Array | None]:
     """Return (log, other temperature or None) of a .csv (with a header line) or .parquet file or of a run folder.
 
-    `columns` names columns that are not called as in `COLUMNS`; a `time_ns` column serves as time. Empty
-    cells are missing values, and so is a position that the unit itself called not valid (a column `valid`; it
-    was still aligning). Raises RecordError for a file or column that is not there, or text where a
-    number belongs.
+    `columns` names columns that are not called as in `COLUMNS`; a `time_ns` column serves as time. Empty cells
+    are missing values, and so is a position that the unit itself called not valid (a column `valid`; it was
+    still aligning). Raises RecordError for a file or column that is not there, or text where a number belongs.
     """
     wanted = {**COLUMNS, **(columns or {})}
     if unknown := set(wanted) - {*COLUMNS, "other_temp_c"}:

@@ -40,9 +40,8 @@ def gravitation_latitude_deg(geodetic_deg: Array | float) -> Array:
     """Return the latitude of the gravitation's direction at points on the WGS 84 ellipsoid, any shape.
 
     It lies midway between geodetic and geocentric latitude (J2 makes half of the flattening). A platform that
-    integrates in inertial axes obeys the error equations in it: integrated with J2 at 20 .. 75 deg, a window
-    of a sidereal day finds the drift to 0.05 % of the misalignment a day; with either other latitude, to 0.5
-    %.
+    integrates in inertial axes obeys the error equations in it: integrated with J2 at 20 .. 75 deg, a window of
+    a sidereal day finds the drift to 0.05 % of the misalignment a day; with either other latitude, to 0.5 %.
     """
     geodetic = np.radians(geodetic_deg)
     geocentric = np.arctan2((1.0 - EARTH_ECCENTRICITY_SQUARED) * np.sin(geodetic), np.cos(geodetic))

@@ -34,8 +34,7 @@ _LEAST_COST_DROP = 60.0
 """Ten coefficients of noise lower the cost by 10 +- 4.5; this is far outside."""
 _STEPS_RULE, _MOST_SHARE, _MIXED = 3.0, 0.5, 0.5
 """Ratio of costs, temperature to steps. Emulated platforms: temperature alone at most 0.35, friction alone at
-least 10;
-with a hidden gradient of 29 % or friction as large as the temperature's effect, anything between."""
+least 10; with a hidden gradient of 29 % or friction as large as the temperature's effect, anything between."""
 _NAMES = {"lag9": ("x", "x cos", "x sin"), "lag15": ("x", "x cos", "x sin", "rate", "quadratic")}
 
 
@@ -73,9 +72,8 @@ class Evidence:
 class LaggedModel:
     """A fitted model. `gain_dph_per_k`, (3, k), rows x y z, columns `terms`; `sigma` of the same shape.
 
-    `largest` (k,): the largest |regressor| of the calibration, beyond which the model was never tried.
-    `swing`, (3, 4): periodic drift at the reference heading, deg/h, on cos, cos 2, sin, sin 2 of the sidereal
-    angle.
+    `largest` (k,): the largest |regressor| of the calibration, beyond which the model was never tried. `swing`,
+    (3, 4): periodic drift at the reference heading, deg/h, on cos, cos 2, sin, sin 2 of the sidereal angle.
     """
 
     form: Form

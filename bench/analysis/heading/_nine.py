@@ -34,9 +34,8 @@ class HeadingPoint:
 class NineCoefficients:
     """eps_i = k_i0 b0 + k_ic ac + k_is as: `gain_dph_per_k`, (3, 3), rows x y z, columns b0 ac as.
 
-    `sigma` and `p_value` of the same shape are None with exactly three headings, where nothing is left over
-    to judge by; `condition` is that of the headings' temperatures, `residual_dph` the rms of what the fit
-    leaves.
+    `sigma` and `p_value` of the same shape are None with exactly three headings, where nothing is left over to
+    judge by; `condition` is that of the headings' temperatures, `residual_dph` the rms of what the fit leaves.
     """
 
     gain_dph_per_k: Array

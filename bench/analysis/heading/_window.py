@@ -115,9 +115,8 @@ def check_window(window_s: float, periodic: bool) -> None:
             found=f"{window_s / 3600.0:.2f} h",
             expected=f"at least {least_s / 3600.0:.2f} h, "
             + ("1.5 sidereal days with periodic regressors" if periodic else "a sidereal day"),
-            remedy="take a longer window: half a day makes the drift four times as uncertain, and a "
-            "drift that "
-            "swings with the day is then taken for a constant one",
+            remedy="take a longer window: half a day makes the drift four times as uncertain, and a drift "
+            "that swings with the day is then taken for a constant one",
         )
 
 

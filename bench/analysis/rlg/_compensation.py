@@ -60,31 +60,10 @@ class RlgCompensation(FittedCompensation):
         ]
         return " ".join([f"B = {self.intercept_dph:.6g}", *terms])
 
-    def _described(self) -> dict[str, Any]:
-        return {
-            "variables": list(self.variables),
-            "coefficients": list(self.coefficients),
-            "intercept_dph": self.intercept_dph,
-            "temp_range_c": list(self.temp_range_c),
-            "rate_range": list(self.rate_range),
-            "statistics": dict(self.statistics),
-        }
-
     @classmethod
     def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
-        metadata["runs"] = (
-            state.get("training_runs") or metadata["runs"]
-        )  # as files were until 0.1 had `runs`
-        return cls(
-            unit_id=state["unit_id"],
-            variables=tuple(state["variables"]),
-            coefficients=tuple(state["coefficients"]),
-            intercept_dph=state["intercept_dph"],
-            temp_range_c=tuple(state["temp_range_c"]),
-            rate_range=tuple(state["rate_range"]),
-            statistics=state["statistics"],
-            **metadata,
-        )
+        # until 0.1 files had `training_runs` for `runs`
+        return super()._restored(state, metadata | {"runs": state.get("training_runs") or metadata["runs"]})
 
 
 def training_ranges(runs: Sequence[RampRun]) -> tuple[tuple[float, float], tuple[float, float]]:

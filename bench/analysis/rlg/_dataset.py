@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis.common.runs import case_temp_c, gyros_of, require_completed
 from bench.analysis.rlg._rows import RampRun, ramp_run
 from bench.analysis.rlg._study import RlgStudy, run_rlg_study
 from bench.analysis.rlg._variables import CANDIDATES
@@ -49,15 +50,8 @@ def _by_unit(
 ) -> dict[str, list[RampRun]]:
     runs: dict[str, list[RampRun]] = {}
     for folder in folders:
-        manifest = Run.open(folder).manifest
-        if manifest.outcome != "completed" and not allow_invalid:
-            raise ConfigurationError(
-                "a run that was not completed cannot be fitted",
-                where=str(folder),
-                found=f"{manifest.outcome}: {manifest.reason}",
-                expected="runs that met their own criteria",
-                remedy="leave it out, or name it with --test to see what the equation makes of it",
-            )
+        if not allow_invalid:
+            require_completed(Run.open(folder))
         for run in load_ramp_runs(folder, gyros):
             runs.setdefault(run.unit_id, []).append(run)
     return runs
@@ -67,9 +61,8 @@ def load_ramp_runs(folder: Path, gyros: tuple[str, ...] = ()) -> list[RampRun]:
     """Return the rows of every gyro (or those named) of a `thermal-ramp` run folder.
 
     Rows are those of the ramps and dwells: before and after, the unit goes somewhere else fast. T1 is the
-    gyro's own case sensor if its stream carries one, else the chamber's sensor on its case; T2 is the gyro's own
-    temperature.
-    ConfigurationError names what a folder lacks.
+    gyro's own case sensor if its stream carries one, else the chamber's sensor on its case; T2 is the gyro's
+    own temperature. ConfigurationError names what a folder lacks.
     """
     run = Run.open(folder)
     phases = {phase.name: phase for phase in run.phases()}
@@ -81,18 +74,11 @@ def load_ramp_runs(folder: Path, gyros: tuple[str, ...] = ()) -> list[RampRun]:
             expected="a thermal-ramp run that got as far as its first ramp",
             remedy=run.manifest.reason or "run thermal-ramp",
         )
-    unknown = [name for name in gyros if name not in run.manifest.units]
-    if unknown:
-        raise ConfigurationError(
-            "the run has no such gyro",
-            where=str(folder),
-            found=", ".join(unknown),
-            expected=", ".join(run.manifest.units),
-        )
+    names = gyros_of(run, gyros)
     start = math.ceil(phases["ramp_1"].start_s)
     end = math.floor(max(phases[name].end_s for name in _KEPT if name in phases))
     ramps = [(phases[name].start_s, phases[name].end_s) for name in _MOVING if name in phases]
-    return [_ramp_run(run, name, start, end, ramps) for name in gyros or tuple(run.manifest.units)]
+    return [_ramp_run(run, name, start, end, ramps) for name in names]
 
 
 def _ramp_run(run: Run, gyro: str, start: int, end: int, ramps: list[tuple[float, float]]) -> RampRun:
@@ -140,13 +126,4 @@ def _second_means(table: Table, column: str, start: int, end: int) -> Array:
 def _case(run: Run, gyro: str, table: Table, start: int, end: int) -> Array:
     if "case_temp_c" in table:
         return _second_means(table, "case_temp_c", start, end)
-    case_c = run.case_temp_c(gyro, np.arange(start + 0.5, end))
-    if case_c is None:
-        raise ConfigurationError(
-            "the regression needs two temperatures",
-            where=f"{run.place}, {gyro}",
-            found="the gyro's own temperature only",
-            expected="a frame with two temperatures, or a sensor of the chamber on the gyro's case",
-            remedy="set case_sensor for this gyro and auxiliary for the chamber, and run again",
-        )
-    return case_c
+    return case_temp_c(run, gyro, start, end)

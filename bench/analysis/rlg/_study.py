@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.common.compensation import software_versions
+from bench.analysis.common.compensation import provenance
+from bench.analysis.common.runs import require_separate
 from bench.analysis.common.stepwise import StepwiseResult, stepwise
 from bench.analysis.rlg._compensation import RlgCompensation, training_ranges
 from bench.analysis.rlg._profile import how_it_differs, hysteresis_dph
 from bench.analysis.rlg._rows import RampRun
 from bench.analysis.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix
-from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError
 
 PLAIN, CORRECTED, FIVE = "stepwise", "stepwise, corrected", "five terms"
@@ -92,7 +92,7 @@ def run_rlg_study(
     The five terms of the paper stand beside the selections as an equation of their own, fitted with all five in.
     ConfigurationError for runs of several units, a run both fitted and judged, or fewer rows than variables.
     """
-    _check(training, tests)
+    require_separate(training, tests)
     x, y = candidate_matrix(training, variables), np.concatenate([run.bias_dph for run in training])
     usable, left_out = _usable(x, variables)
     if len(y) < len(usable) + 3 or not usable:
@@ -163,7 +163,6 @@ def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCom
         intercept_dph=result.final.intercept,
         temp_range_c=temp_range,
         rate_range=rate_range,
-        runs={run.run_id: run.checksum for run in training},
         statistics={
             "multiple_r": result.multiple_r,
             "r2": result.final.r2,
@@ -174,8 +173,7 @@ def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCom
             "lag1_correlation": result.lag1_correlation,
             "effective_n": result.effective_n,
         },
-        software=software_versions(),
-        created_utc=utc_now(),
+        **provenance({run.run_id: run.checksum for run in training}),
     )
 
 
@@ -207,25 +205,3 @@ def _segments(runs: Sequence[RampRun]) -> NDArray[np.int64]:
         parts.append(run.segment + offset)
         offset = int(parts[-1].max()) + 1
     return np.concatenate(parts)
-
-
-def _check(training: Sequence[RampRun], tests: Sequence[RampRun]) -> None:
-    units = {run.unit_id for run in (*training, *tests)}
-    if not training or len(units) > 1:
-        raise ConfigurationError(
-            "one fit is of one unit",
-            where="stepwise regression",
-            found=", ".join(sorted(units)) or "no training run",
-            expected="training runs and test runs of one unit",
-            remedy="fit each unit on its own runs",
-        )
-    seen = {run.checksum for run in training if run.checksum}
-    twice = [run.run_id for run in tests if run.checksum in seen]
-    if twice:
-        raise ConfigurationError(
-            "a run is used for fitting and for judging",
-            where="stepwise regression",
-            found=", ".join(twice),
-            expected="different runs: an equation is judged on what it has not seen",
-            remedy="name each run once",
-        )

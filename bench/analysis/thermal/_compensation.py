@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.common.compensation import FittedCompensation, software_versions
+from bench.analysis.common.compensation import FittedCompensation, provenance
 from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._registry import restore_model
 from bench.analysis.thermal._regression import TARGETS, common_step, in_reference
@@ -20,7 +20,6 @@ from bench.analysis.thermal._selection import ModelScore
 from bench.analysis.thermal._stream import FEATURES, CompensationStream, Flag, Interval, Limits
 from bench.analysis.thermal._types import FeatureRun, ThermalModel, ThermalRun
 from drivers.base.arrays import Array
-from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError
 
 UNITS = {"t_in": "degC", "t_out": "degC", "dt_60": "degC/min", "gradient": "degC"}
@@ -93,9 +92,7 @@ class Compensation(FittedCompensation):
             training_runs=tuple(map(_paper, train)),
             validation_runs=tuple(map(_paper, validation)),
             scores=tuple(scores),
-            runs={run.run_id: run.checksum for run in train},
-            software=software_versions("torch"),
-            created_utc=utc_now(),
+            **provenance({run.run_id: run.checksum for run in train}, "torch"),
         )
 
     def _described(self) -> dict[str, Any]:

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.analysis.common.runs import case_temp_c, gyros_of
 from bench.analysis.thermal._scale_factor import RateRun, scale_factor_group
 from bench.analysis.thermal._types import ThermalRun
 from bench.record.events.run import Section
 from bench.record.recording import Phase, Run
-from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 
@@ -26,14 +26,7 @@ def load_thermal_runs(folder: Path, gyro: str | None = None) -> list[ThermalRun]
     `reference`. ConfigurationError names what a folder lacks.
     """
     run = Run.open(folder)
-    name = gyro or next(iter(run.manifest.units), "")
-    if name not in run.manifest.units:
-        raise ConfigurationError(
-            "the run has no such gyro",
-            where=str(folder),
-            found=name,
-            expected=", ".join(run.manifest.units),
-        )
+    name = gyros_of(run, (gyro,) if gyro else ())[0]
     if run.of(Section):
         return _scale_factor_runs(run, name)
     return [_bias_run(run, name)]
@@ -50,14 +43,14 @@ def _bias_run(run: Run, gyro: str) -> ThermalRun:
         unit_id=run.manifest.unit(gyro),
         time_s=np.arange(start + 1.0, end + 1.0),
         gyro_temp_c=means.temp_c,
-        case_temp_c=_case_temp(run, gyro, start, end),
+        case_temp_c=case_temp_c(run, gyro, start, end),
         bias_dph=DPH_PER_DPS * means.rate_dps - run.earth_rate_dph(np.arange(start + 0.5, end)),
         sf_error_ppm=None,
         reference=(reference.start_s, reference.end_s),
         checksum=run.checksum,
         phases=[(phase.start_s, phase.name) for phase in phases if phase.end_s > start],
         true_bias_dph=run.true_means(gyro, "bias_dph", start, end),
-        meta={"gyro": gyro, "outcome": run.manifest.outcome},
+        meta={"gyro": gyro},
     )
 
 
@@ -74,8 +67,7 @@ def _scale_factor_runs(run: Run, gyro: str) -> list[ThermalRun]:
 def _named(run: Run, gyro: str, group: int | None, rows: list[RateRun]) -> ThermalRun:
     """Return the group's thermal run under the name and checksum of the folder that its sections share."""
     name = run.manifest.run_id if group is None else f"{run.manifest.run_id} group {group}"
-    meta = {"gyro": gyro, "outcome": run.manifest.outcome}
-    return replace(scale_factor_group(rows), run_id=name, checksum=run.checksum, meta=meta)
+    return replace(scale_factor_group(rows), run_id=name, checksum=run.checksum, meta={"gyro": gyro})
 
 
 def _rate_run(run: Run, gyro: str, rate_dps: float, start_s: float, end_s: float) -> RateRun:
@@ -89,7 +81,7 @@ def _rate_run(run: Run, gyro: str, rate_dps: float, start_s: float, end_s: float
         rate_dps=rate_dps,
         time_s=np.arange(1.0, end - start + 1.0),
         gyro_temp_c=means.temp_c,
-        case_temp_c=_case_temp(run, gyro, start, end),
+        case_temp_c=case_temp_c(run, gyro, start, end),
         output_dps=means.rate_dps,
         reference=(0.0, reference.end_s - start),
         checksum=run.checksum,
@@ -114,20 +106,3 @@ def _phase(run: Run, phases: tuple[Phase, ...] | list[Phase], name: str) -> Phas
         expected="a cold-shock run that got beyond its reference window",
         remedy=f"the run is marked {run.manifest.outcome}: {run.manifest.reason or 'no reason given'}",
     )
-
-
-def _case_temp(run: Run, gyro: str, start: int, end: int) -> Array:
-    """Return the case temperature at the middle of every second, shape (end - start,)."""
-    case_c = run.case_temp_c(gyro, np.arange(start + 0.5, end))
-    if case_c is None:
-        imported = run.manifest.imported is not None
-        raise ConfigurationError(
-            "the gyro has no case temperature sensor",
-            where=str(run.place),
-            found=f"{gyro}: no column t_out" if imported else f"{gyro}: no case_sensor in the bench file",
-            expected="a record of the temperature on the unit's case",
-            remedy="map a column to t_out and import the log again"
-            if imported
-            else "set case_sensor for this gyro and auxiliary for the chamber, and run again",
-        )
-    return case_c

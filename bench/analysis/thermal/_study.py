@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.analysis.common.fan_out import ALONE, FanOut
+from bench.analysis.common.runs import require_completed, require_separate
 from bench.analysis.thermal._anchor import anchor_runs
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._dataset import load_thermal_runs
@@ -14,6 +15,7 @@ from bench.analysis.thermal._evaluate import Scores, evaluate
 from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._selection import ModelScore, fit_models, score_models
 from bench.analysis.thermal._types import ThermalModel, ThermalRun
+from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError
 
 
@@ -71,16 +73,10 @@ def load_runs(
     folders: Sequence[Path], gyro: str | None = None, *, allow_invalid: bool = False
 ) -> list[ThermalRun]:
     """Load thermal runs from run folders; ConfigurationError for an invalid run unless `allow_invalid`."""
-    runs = [run for folder in folders for run in load_thermal_runs(folder, gyro)]
-    invalid = [run.run_id for run in runs if run.meta.get("outcome") != "completed"]
-    if invalid and not allow_invalid:
-        raise ConfigurationError(
-            "runs that were not completed cannot be fitted",
-            found=", ".join(invalid),
-            expected="runs that met their own criteria",
-            remedy="leave them out; `gyrobench runs show` says why they are invalid",
-        )
-    return runs
+    if not allow_invalid:
+        for folder in folders:
+            require_completed(Run.open(folder))
+    return [run for folder in folders for run in load_thermal_runs(folder, gyro)]
 
 
 def _check(
@@ -94,22 +90,4 @@ def _check(
             expected="at least one run that takes no part in the fit, to choose between models",
             remedy="name one with --validate",
         )
-    units = {run.unit_id for run in (*train, *validation, *tests)}
-    if len(units) > 1:
-        raise ConfigurationError(
-            "runs of several units in one fit",
-            where="fit",
-            found=", ".join(sorted(units)),
-            expected="runs of one unit: a compensation belongs to one gyro",
-            remedy="fit each unit on its own runs",
-        )
-    seen = {run.checksum for run in train}
-    for run in (*validation, *tests):
-        if run.checksum and run.checksum in seen:
-            raise ConfigurationError(
-                "a run is used for training and for judging",
-                where="fit",
-                found=run.run_id,
-                expected="different runs: a model is judged on what it has not seen",
-                remedy="name each run once",
-            )
+    require_separate(train, (*validation, *tests))

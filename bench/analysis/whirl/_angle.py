@@ -1,10 +1,9 @@
 """The rotation angle at every gyro sample, from a table polled far more slowly, by the unit's own z gyro.
 
-Between two polls a real table ripples; the z gyro sees that. Its integral, scaled and shifted onto the
-encoder, is the angle: encoder at the polls, gyro in between. The fit that lays one on the other also finds
-scale factor, z drift, how much later the table's answers were stamped than they were true (latency), and
-whether the two clocks run apart. The last two show only if the rate changes, so a run should begin and end at
-rest.
+Between two polls a real table ripples; the z gyro sees that. Its integral, scaled and shifted onto the encoder,
+is the angle: encoder at the polls, gyro in between. The fit that lays one on the other also finds scale factor,
+z drift, how much later the table's answers were stamped than they were true (latency), and whether the two
+clocks run apart. The last two show only if the rate changes, so a run should begin and end at rest.
 """
 
 from __future__ import annotations

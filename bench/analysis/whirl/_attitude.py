@@ -38,8 +38,7 @@ def body_attitude(heading_deg: float) -> Array:
 
 
 def unit_attitude(record: TurnRecord, heading_deg: float) -> Array:
-    """Return C_s'^n at the edges of the samples, float64 (n + 1, 3, 3), n = east, north, up, of a unit at
-    rest.
+    """Return C_s'^n at the edges of the samples, float64 (n + 1, 3, 3), n = east, north, up, of a unit at rest.
 
     Strapdown integral from a level start with the body's heading; the Earth turns under it. Samples that are
     not usable hold the rate before them. Levelling errors t turn the result slowly (t times Earth rate).

@@ -68,10 +68,9 @@ def rotation_findings(record: TurnRecord, announced: Sequence[tuple[float, float
                     Finding(
                         "rotation",
                         f"the table {what} unannounced at {at:.0f} s, for {int(odd.sum())} s in all: the "
-                        f"direct fit "
-                        "follows the measured angle and stays right, with fewer turns than planned; a fit "
-                        "at the "
-                        "nominal angle, and a plot against it, would be wrong from there on",
+                        "direct fit follows the measured angle and stays right, with fewer turns than "
+                        "planned; a fit at the nominal angle, and a plot against it, would be wrong from "
+                        "there on",
                     )
                 )
     return found
@@ -96,9 +95,8 @@ def alignment_findings(alignment: Alignment, rate_dps: float, duration_s: float)
             Finding(
                 "clock_unknown",
                 "whether the clocks of table and gyro run apart does not show in this rotation (it looks "
-                "like a scale "
-                "factor); 100 ppm would turn a line m by m times 2.2 deg in an hour at 6 deg/s: begin and "
-                "end at rest",
+                "like a scale factor); 100 ppm would turn a line m by m times 2.2 deg in an hour at 6 deg/s: "
+                "begin and end at rest",
             )
         )
     if alignment.latency_s is None:
@@ -137,9 +135,8 @@ def earth_rate_findings(fit: DirectFit, record: TurnRecord) -> list[Finding]:
     return [
         Finding(
             "level",
-            f"the rate that stands still in the body is {abs(rate.value):.3f} deg/h, horizontal Earth "
-            f"rate is "
-            f"{expected:.3f} deg/h: check latitude, level and the signs of the axes",
+            f"the rate that stands still in the body is {abs(rate.value):.3f} deg/h, horizontal Earth rate "
+            f"is {expected:.3f} deg/h: check latitude, level and the signs of the axes",
         )
     ]
 

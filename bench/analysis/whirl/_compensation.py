@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from bench.analysis.common.compensation import FittedCompensation, software_versions
+from bench.analysis.common.compensation import FittedCompensation, provenance
 from bench.analysis.whirl._direct import DirectFit
 from bench.analysis.whirl._gauge import FREE_PART, MEANING, Gauge, gauge_tilt
 from bench.analysis.whirl._kinematics import body_tilt, body_to_true
 from bench.analysis.whirl._residual import slack
 from bench.analysis.whirl._types import Complex
 from drivers.base.arrays import Array
-from drivers.base.clock import utc_now
 from drivers.base.constants import ARCSEC_PER_RAD
 
 
 @dataclass(frozen=True, eq=False)
 class WhirlCompensation(FittedCompensation):
-    """The tilt of the gyros' frame in body axes as a function of the rotation angle, arcsec, complex: x + j
-    y.
+    """The tilt of the gyros' frame in body axes as a function of the rotation angle, arcsec, complex: x + j y.
 
     `lines`, `amplitudes_arcsec`, `sd_arcsec`: (l,). `gauge_arcsec` is the constant that `gauge` stands for.
     `play_arcsec` is added as the table turns back by `travel_deg`. `declared`: what the fit could not tell, in
@@ -62,10 +60,8 @@ class WhirlCompensation(FittedCompensation):
             gauge_arcsec=gauge_tilt(gauge, fit.lines, fit.amplitudes_arcsec, external_arcsec),
             play_arcsec=0j if fit.play_arcsec is None else fit.play_arcsec.value,
             travel_deg=travel_deg,
-            runs=dict(runs),
             declared=(FREE_PART, f"gauge {gauge}: {MEANING[gauge]}", *fit.declared),
-            software=software_versions(),
-            created_utc=utc_now(),
+            **provenance(runs),
         )
 
     def tilt_arcsec(self, angle_rad: Array, start_slack: float = 0.0) -> Complex:
@@ -83,35 +79,6 @@ class WhirlCompensation(FittedCompensation):
     def stream(self) -> WhirlStream:
         """Return a corrector for attitudes that come one by one."""
         return WhirlStream(self)
-
-    def _described(self) -> dict[str, Any]:
-        """Return amplitudes as (real, imaginary) in arcsec."""
-        return {
-            "lines": list(self.lines),
-            "amplitudes_arcsec": [[value.real, value.imag] for value in self.amplitudes_arcsec.tolist()],
-            "sd_arcsec": self.sd_arcsec.tolist(),
-            "gauge": self.gauge,
-            "gauge_arcsec": [self.gauge_arcsec.real, self.gauge_arcsec.imag],
-            "play_arcsec": [complex(self.play_arcsec).real, complex(self.play_arcsec).imag],
-            "travel_deg": self.travel_deg,
-            "runs": dict(self.runs),
-            "declared": list(self.declared),
-        }
-
-    @classmethod
-    def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
-        return cls(
-            unit_id=state["unit_id"],
-            lines=tuple(state["lines"]),
-            amplitudes_arcsec=np.array([complex(*pair) for pair in state["amplitudes_arcsec"]]),
-            sd_arcsec=np.array(state["sd_arcsec"], dtype=np.float64),
-            gauge=state["gauge"],
-            gauge_arcsec=complex(*state["gauge_arcsec"]),
-            play_arcsec=complex(*state["play_arcsec"]),
-            travel_deg=state["travel_deg"],
-            declared=tuple(state["declared"]),
-            **metadata,
-        )
 
 
 class WhirlStream:

@@ -25,14 +25,12 @@ SEPARABLE = 10.0
 _SINGULAR = 1e6
 DRIFT_IN_TILT = (
     "drift and the constant tilt of the unit against the spin axis (line +1) are one and the same in "
-    "rotation one "
-    "way: both are in line +1, which also holds what is wrong with the installation angles; a reversal "
-    "separates them"
+    "rotation one way: both are in line +1, which also holds what is wrong with the installation angles; a "
+    "reversal separates them"
 )
 INSTALLATION_IN_TILT = (
     "line +1 also holds what is wrong with the installation angles of the x and y gyros towards z: no "
-    "rotation about "
-    "z tells the two apart, and the attitude needs their sum only"
+    "rotation about z tells the two apart, and the attitude needs their sum only"
 )
 
 

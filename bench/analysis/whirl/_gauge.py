@@ -10,21 +10,18 @@ from drivers.base.errors import ConfigurationError
 
 Gauge = Literal["mean", "start", "external"]
 FREE_PART = (
-    "free: the constant tilt a_0 of the spin axis in body axes (the first harmonic that turns backwards "
-    "in rotating "
-    "axes). It makes no angular rate, so no gyro run can give it; the oscillation is removed whatever it "
-    "is set to"
+    "free: the constant tilt a_0 of the spin axis in body axes (the first harmonic that turns backwards in "
+    "rotating axes). It makes no angular rate, so no gyro run can give it; the oscillation is removed "
+    "whatever it is set to"
 )
 MEANING: dict[Gauge, str] = {
     "mean": "mean spin axis: the body's z axis is the mean of the wobbling axis, the mean tilt over a "
     "turn is zero; "
     "carrier roll and pitch are those of this axis and differ from those of the case by its boresight",
-    "start": "frames coincide at angle zero: carrier roll and pitch are those that the unit would give if "
-    "it were "
-    "locked at table angle zero",
-    "external": "set from outside: carrier roll and pitch are those of the level or optical cube that "
-    "gave the two "
-    "constants",
+    "start": "frames coincide at angle zero: carrier roll and pitch are those that the unit would give if it "
+    "were locked at table angle zero",
+    "external": "set from outside: carrier roll and pitch are those of the level or optical cube that gave "
+    "the two constants",
 }
 
 

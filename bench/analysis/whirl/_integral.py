@@ -1,5 +1,4 @@
-"""The patent's fit: the integrated residual rate, a Fourier series in the rotation angle, coefficients
-matched.
+"""The patent's fit: the integrated residual rate, a Fourier series in the rotation angle, coefficients matched.
 
     theta_x = sum x_c cos n psi + x_s sin n psi, theta_y likewise;
     integral of wbar_x = sum A_x cos n psi + B_x sin n psi, wbar_y likewise.
@@ -107,8 +106,7 @@ def match_coefficients(fit: FourierFit) -> Array:
 
 
 def body_lines(coefficients_arcsec: Array) -> tuple[tuple[float, ...], Complex]:
-    """Return the lines m = n + 1 and their amplitudes (l,) of coefficients as `match_coefficients` gives
-    them.
+    """Return the lines m = n + 1 and their amplitudes (l,) of coefficients as `match_coefficients` gives them.
 
     Line 0, the free part, is left out.
     """

@@ -32,8 +32,7 @@ class Turns:
 def load_turns(run: Run, gyro: str | None = None) -> Turns:
     """Read a run with rotation; `gyro` defaults to the first with axes x, y, z.
 
-    ConfigurationError if no gyro has three axes; UnfitRotation names a recording that cannot carry a whirl
-    fit.
+    ConfigurationError if no gyro has three axes; UnfitRotation names a recording that cannot carry a whirl fit.
     """
     name = gyro or next((unit for unit in run.gyros if _has_axes(run, unit)), None)
     if name is None or name not in run.gyros or not _has_axes(run, name):

@@ -122,8 +122,7 @@ def judge(
 
 
 def integrated_residual(fit: DirectFit, at: int = 0) -> tuple[Array, Complex, Complex]:
-    """Return time (k,), integrated body tilt and its fit, complex (k,) arcsec, of record `at`; rates taken
-    out.
+    """Return time (k,), integrated body tilt and its fit, complex (k,) arcsec, of record `at`; rates taken out.
 
     Both start at zero: the constant is free.
     """
@@ -149,8 +148,7 @@ def _cage_finding(line: Line) -> Finding:
     return Finding(
         "line",
         f"a line off the whole numbers, {line.line:.4f} times the table's turn, "
-        f"{abs(line.amplitude_arcsec):.2f} arcsec "
-        f"(statistic {line.statistic:.0f}, threshold {line.threshold:.1f}): a bearing's cage or rollers. "
-        f"It is not in "
-        "the compensation, since its phase is not kept from run to run",
+        f"{abs(line.amplitude_arcsec):.2f} arcsec (statistic {line.statistic:.0f}, threshold "
+        f"{line.threshold:.1f}): a bearing's cage or rollers. It is not in the compensation, since its phase "
+        "is not kept from run to run",
     )

@@ -39,10 +39,9 @@ class Finding:
 class TurnRecord:
     """Rates and table angle of one run; n samples, one every `period_s` without holes.
 
-    `rate_dps`: (n, 3), mean rate of the gyros x, y, z over each interval. `angle_rad`: (n + 1,), measured
-    table angle at the edges of the intervals, turns counted, counter-clockwise positive about z. `usable`:
-    bool (n,), False where a sample is missing or invalid (its rates are then not looked at). `time_s`: (n +
-    1,), edges.
+    `rate_dps`: (n, 3), mean rate of the gyros x, y, z over each interval. `angle_rad`: (n + 1,), measured table
+    angle at the edges of the intervals, turns counted, counter-clockwise positive about z. `usable`: bool (n,),
+    False where a sample is missing or invalid (its rates are then not looked at). `time_s`: (n + 1,), edges.
     """
 
     run_id: str
