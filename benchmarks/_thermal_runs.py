@@ -190,7 +190,7 @@ def _collect(
     lab: LabPlant, profile: Sequence[Phase], starts_s: NDArray[np.float64], count: int, rate_dps: float
 ) -> ThermalRunData:
     signal = lab.unit("gyro").measure(0.0, count, 1.0)
-    truth, air = lab.true_drift("gyro"), lab.air_record()
+    truth, air = lab.true_drift("gyro"), lab.chamber.record()
     time_s = np.arange(1.0, count + 1.0)
     output_dps = np.degrees(signal.angle_increment_rad[:, 0])
     names = np.array([phase.name for phase in profile])

@@ -70,32 +70,21 @@ def _limit_dps(rates: SlowRates) -> float | None:
     return limit / 3600.0 if plain and bent < 0.25 * cut / limit else None
 
 
-def _dead_band_dph(rates: SlowRates) -> float | None:
-    standing = _standing(rates)
-    if standing is None:
-        return None
-    levels, highest = standing
-    return _best(rates, highest, _between(levels, highest), _without_band)
+def _band_dph(
+    rates: SlowRates, tries: Callable[[Array, float], Array], answer: Callable[[Array, float], Array]
+) -> float | None:
+    """Return the band, deg/h, whose answer leaves the least energy in slow rates, run means taken out.
 
-
-def _lock_dph(rates: SlowRates) -> float | None:
-    standing = _standing(rates)
-    if standing is None:
-        return None
-    levels, highest = standing
-    return _best(rates, highest, np.geomspace(0.5 * levels[0], highest, _TRIES), _beat)
-
-
-def _standing(rates: SlowRates) -> tuple[Array, float] | None:
-    """Return levels of rate and the highest at which the output may stand still; None if it never does."""
+    `tries` gives bands from levels of rate and the highest at which the output may stand still; None if it never
+    does.
+    """
     speed = np.abs(rates.rate)
     levels = _levels(speed)
     standing = [size for size in levels.tolist() if _stands(rates, speed <= size)]
-    return (levels, _above(speed, standing[-1])) if standing else None
-
-
-def _best(rates: SlowRates, highest: float, tried: Array, answer: Callable[[Array, float], Array]) -> float:
-    """Return the band, deg/h, whose answer leaves the least energy in slow rates, run means taken out."""
+    if not standing:
+        return None
+    highest = _above(speed, standing[-1])
+    tried = tries(levels, highest)
     near = np.abs(rates.rate) < 20.0 * highest
     few = SlowRates(rates.rate[near], rates.output[near], rates.run[near])
     every = np.ones(len(few.rate), dtype=bool)
@@ -113,6 +102,10 @@ def _between(levels: Array, highest: float) -> Array:
     """Return bands halfway between levels up to the highest; where rates are far apart, close to the lower."""
     following = np.append(levels[1:], highest)
     return np.asarray(0.5 * (levels + np.minimum(following, 1.5 * levels))[levels <= highest])
+
+
+def _locks(levels: Array, highest: float) -> Array:
+    return np.geomspace(0.5 * levels[0], highest, _TRIES)
 
 
 def _above(speed: Array, size: float) -> float:
@@ -157,7 +150,7 @@ LIMIT_EFFECTS = (
         "IEEE Std 528, dead band",
         "Small rates give no output.",
         ({"band_dph": 10.0},),
-        propose=lambda rates: _grid("band_dph", _dead_band_dph(rates)),
+        propose=lambda rates: _grid("band_dph", _band_dph(rates, _between, _without_band)),
     ),
     Effect(
         "lock_in",
@@ -168,6 +161,6 @@ LIMIT_EFFECTS = (
         "Aronowitz, The Laser Gyro, 1971: the beat of two coupled beams is the root of rate^2 - lock-in^2",
         "Small rates give no output and those a little larger too little: the beams lock.",
         ({"lock_dph": 10.0},),
-        propose=lambda rates: _grid("lock_dph", _lock_dph(rates)),
+        propose=lambda rates: _grid("lock_dph", _band_dph(rates, _locks, _beat)),
     ),
 )

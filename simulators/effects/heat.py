@@ -131,19 +131,12 @@ GYRO_HEAT = (CASE_TO_GYRO_CONDUCTANCE, GYRO_HEAT_CAPACITY, GYRO_CORE_HEAT, GYRO_
 TEMPERATURE_SENSOR = (TEMPERATURE_SENSOR_OFFSET, TEMPERATURE_SENSOR_GAIN, TEMPERATURE_SENSOR_LAG)
 
 
-def _node(
-    inputs: ChannelInputs,
-    conductance: float,
-    capacity: float,
-    inner: tuple[float, float],
-    power_w: float,
-    start: float,
-) -> Array:
-    """Temperature of a body in exchange with `drive` and with a mass behind it: two modes, exactly.
+def _node(inputs: ChannelInputs, heat: tuple[float, ...], start: float) -> Array:
+    """Temperature of a body (`_body`) in exchange with `drive` and with a mass behind it: two modes, exactly.
 
     C dT/dt = G (drive - T) + Gi (Ti - T) + P;  Ci dTi/dt = Gi (T - Ti). Both begin at `start`.
     """
-    inner_conductance, inner_capacity = inner
+    conductance, capacity, inner_capacity, inner_conductance, power_w = heat
     dynamics = np.array(
         [
             [-(conductance + inner_conductance) / capacity, inner_conductance / capacity],
@@ -164,26 +157,22 @@ def _node(
 
 def case_temperature(inputs: ChannelInputs, values: Values) -> Array:
     """Temperature of the case in the recorded air."""
-    (conductance,) = AIR_TO_CASE_CONDUCTANCE.of(values)
-    (capacity,) = CASE_HEAT_CAPACITY.of(values)
-    inner_capacity, inner_conductance = FIXTURE_HEAT.of(values)
-    (power_w,) = SELF_HEATING_POWER.of(values)
-    return _node(inputs, conductance, capacity, (inner_conductance, inner_capacity), power_w, inputs.start)
+    return _node(inputs, _body(CASE_HEAT, values), inputs.start)
 
 
 def gyro_temperature(inputs: ChannelInputs, values: Values) -> Array:
     """What the gyro's sensor reads in the recorded case."""
-    (conductance,) = CASE_TO_GYRO_CONDUCTANCE.of(values)
-    (capacity,) = GYRO_HEAT_CAPACITY.of(values)
-    inner_capacity, inner_conductance = GYRO_CORE_HEAT.of(values)
-    (power_w,) = GYRO_HEATING_POWER.of(values)
     (offset_k,) = TEMPERATURE_SENSOR_OFFSET.of(values)
     (gain_percent,) = TEMPERATURE_SENSOR_GAIN.of(values)
     (lag_s,) = TEMPERATURE_SENSOR_LAG.of(values)
     start = (inputs.start - offset_k + 0.01 * gain_percent * REFERENCE_C) / (1.0 + 0.01 * gain_percent)
-    true = _node(inputs, conductance, capacity, (inner_conductance, inner_capacity), power_w, start)
-    late = follower(true, lag_s, inputs.period_s, start)
+    late = follower(_node(inputs, _body(GYRO_HEAT, values), start), lag_s, inputs.period_s, start)
     return late + 0.01 * gain_percent * (late - REFERENCE_C) + offset_k
+
+
+def _body(effects: Sequence[ChannelEffect], values: Values) -> tuple[float, ...]:
+    """Return conductance, capacity, inner capacity, inner conductance and power of a body, W/K, J/K, W."""
+    return tuple(value for effect in effects for value in effect.of(values))
 
 
 @dataclass(frozen=True)
@@ -196,9 +185,9 @@ class Reading:
 
 
 def heat_of(effects: Sequence[ChannelEffect], values: Values) -> tuple[float, ...] | None:
-    """Return conductance, capacity, inner capacity, inner conductance and power of a body, W/K, J/K, W.
+    """Return a body's heat as `_body` does, None where the values say nothing of it.
 
-    None where the values say nothing of it. ConfigurationError where they say only a part of it.
+    ConfigurationError where they say only a part of it.
     """
     needed = {effect.name for effect in effects if effect.needed}
     some = needed & set(values)
@@ -209,7 +198,7 @@ def heat_of(effects: Sequence[ChannelEffect], values: Values) -> tuple[float, ..
             found=", ".join(sorted(some)),
             expected=", ".join(sorted(needed)),
         )
-    return tuple(value for effect in effects for value in effect.of(values)) if some else None
+    return _body(effects, values) if some else None
 
 
 def reading_of(values: Values) -> Reading:

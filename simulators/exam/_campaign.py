@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from drivers.base.arrays import Array
 from simulators.plant.fog import fog_network, shupe_row
 from simulators.plant.fog_parameters import FOG_MID, FogParameters
-from simulators.plant.thermal import steady_state_c, tick_matrix
+from simulators.plant.thermal import step_of
 
 LAYERS = 16
 LATITUDE_DEG = 39.10
@@ -25,36 +25,44 @@ POSITIONS = ((0.0, 0.0), (90.0, 0.0), (180.0, 0.0), (270.0, 0.0), (270.0, 90.0),
 
 @dataclass(frozen=True)
 class Profile:
-    """Chamber set points as (time s, degC), joined linearly; conditions are table rates or attitudes."""
+    """Chamber set points, joined linearly, and the phases that begin at them: (time s, degC, name).
+
+    The last one is the end. Conditions are table rates or attitudes.
+    """
 
     name: str
-    duration_s: int
-    set_points: tuple[tuple[float, float], ...]
+    points: tuple[tuple[float, float, str], ...]
     conditions: tuple[str, ...]
-    phases: tuple[tuple[float, str], ...]
+
+    @property
+    def duration_s(self) -> int:
+        """Time of the last point."""
+        return int(self.points[-1][0])
 
 
-_SHOCK = ((0.0, 25.0), (3600.0, 25.0), (3950.0, -45.0), (8450.0, -45.0), (8800.0, 25.0), (14000.0, 25.0))
-_SHOCK_PHASES = (
-    (0.0, "equilibrium"),
-    (3600.0, "shock"),
-    (3950.0, "soak"),
-    (8450.0, "return"),
-    (8800.0, "final"),
+_SHOCK = (
+    (0.0, 25.0, "equilibrium"),
+    (3600.0, 25.0, "shock"),
+    (3950.0, -45.0, "soak"),
+    (8450.0, -45.0, "return"),
+    (8800.0, 25.0, "final"),
+    (14000.0, 25.0, ""),
+)
+_SLOW = (
+    (0.0, 25.0, "equilibrium"),
+    (3000.0, 25.0, "down"),
+    (7200.0, -45.0, "soak"),
+    (9000.0, -45.0, "up"),
+    (13200.0, 25.0, "final"),
+    (14000.0, 25.0, ""),
 )
 PROFILES = (
-    Profile("shock east", 14000, _SHOCK, ("east",), _SHOCK_PHASES),
-    Profile("shock up", 14000, _SHOCK, ("+20", "-20", "0"), _SHOCK_PHASES),
-    Profile(
-        "slow ramp",
-        14000,
-        ((0.0, 25.0), (3000.0, 25.0), (7200.0, -45.0), (9000.0, -45.0), (13200.0, 25.0), (14000.0, 25.0)),
-        ("east",),
-        ((0.0, "equilibrium"), (3000.0, "down"), (7200.0, "soak"), (9000.0, "up"), (13200.0, "final")),
-    ),
-    Profile("quiet", 7200, ((0.0, 25.0), (7200.0, 25.0)), ("east",), ((0.0, "room"),)),
-    Profile("rates", 3000, ((0.0, 25.0), (3000.0, 25.0)), ("steps",), ((0.0, "steps"),)),
-    Profile("positions", 3600, ((0.0, 25.0), (3600.0, 25.0)), ("six",), ((0.0, "positions"),)),
+    Profile("shock east", _SHOCK, ("east",)),
+    Profile("shock up", _SHOCK, ("+20", "-20", "0")),
+    Profile("slow ramp", _SLOW, ("east",)),
+    Profile("quiet", ((0.0, 25.0, "room"), (7200.0, 25.0, "")), ("east",)),
+    Profile("rates", ((0.0, 25.0, "steps"), (3000.0, 25.0, "")), ("steps",)),
+    Profile("positions", ((0.0, 25.0, "positions"), (3600.0, 25.0, "")), ("six",)),
 )
 
 
@@ -82,16 +90,15 @@ class RunTruth:
 
 
 @cache
-def _plant() -> tuple[Array, Array, int]:
-    """Return the one-tick matrix, the steady state at 25 degC and the number of states of a 16-layer coil."""
+def _plant() -> tuple[Array, int]:
+    """Return the one-tick matrix and the number of states of a 16-layer coil."""
     parameters: FogParameters = replace(FOG_MID, layers=LAYERS)
     network = fog_network(parameters)
-    rows = [network.row("spool_sensor"), network.row("case_sensor"), network.row("board")]
-    rows += [network.row(f"layer_{k}") for k in range(LAYERS)]
-    none = np.zeros(len(network.names))
-    of_state = np.array([*rows, none])
-    of_rate = np.array([none] * len(rows) + [shupe_row(parameters, network, 1)])
-    return tick_matrix(network, of_state, of_rate), steady_state_c(network, 25.0), len(network.names)
+    layers = [f"layer_{k}" for k in range(LAYERS)]
+    outputs = ["spool_sensor", "case_sensor", "board", *layers, "shupe_dph"]
+    of_state = {name: network.row(name) for name in outputs[:-1]}
+    matrix = step_of(network, outputs, of_state, {"shupe_dph": shupe_row(parameters, network, 1)})
+    return matrix, len(network.names)
 
 
 def simulate_campaign(seed: int, repeats: int) -> list[RunTruth]:
@@ -108,7 +115,7 @@ def simulate_campaign(seed: int, repeats: int) -> list[RunTruth]:
 
 
 def _air(profile: Profile, rng: np.random.Generator) -> Array:
-    times, points = np.array(profile.set_points).T
+    times, points = np.array([point[:2] for point in profile.points]).T
     late_s, room_k, cold_k = rng.normal(0.0, 15.0), rng.normal(0.0, 0.5), rng.normal(0.0, 0.5)
     cold = (25.0 - points) / 70.0
     now = np.arange(1.0, profile.duration_s + 1.0)
@@ -121,7 +128,7 @@ def _air(profile: Profile, rng: np.random.Generator) -> Array:
 
 def _heat_flow(air: Array) -> Array:
     """Return outputs (runs, n, 4 + layers) for air (runs, n): T_in, T_out, board, layers, Shupe rotation."""
-    matrix, _, states = _plant()
+    matrix, states = _plant()
     runs, n = air.shape
     # power has been off: the unit starts at room temperature, its board's heat still to come
     state = np.full((states + 2, runs), 0.0)
@@ -142,8 +149,8 @@ def _truth(
     n = profile.duration_s
     time_s = np.arange(1.0, n + 1.0)
     angle, edge_rate, azimuth, elevation = _table(condition, n, float(rng.uniform(0.0, 360.0)))
-    starts = np.array([start for start, _ in profile.phases])
-    names = np.array([name for _, name in profile.phases])
+    starts = np.array([start for start, _, _ in profile.points[:-1]])
+    names = np.array([name for _, _, name in profile.points[:-1]])
     phase = names[np.searchsorted(starts, time_s - 1.0, side="right") - 1]
     return RunTruth(
         profile.name,

@@ -198,10 +198,6 @@ class LabPlant:
         """
         return self.unit(unit_name).truth()
 
-    def air_record(self) -> Mapping[str, Array]:
-        """Return `air_temp_c`, `set_point_c` of the chamber, float64 (ticks,), tick k at k s."""
-        return self._chamber.record()
-
     def _add(self, config: UnitConfig) -> None:
         if config.name in self._units:
             raise ConfigurationError("two units of one name", where="plant", found=config.name)

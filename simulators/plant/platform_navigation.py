@@ -8,61 +8,32 @@ errors scale with the error and not with the Earth's radius: d'' = (R(phi) - 1) 
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 
 from drivers.base.arrays import Array
-from drivers.base.constants import (
-    ARCSEC_RAD,
-    EARTH_AXIS_M,
-    EARTH_ECCENTRICITY_SQUARED,
-    EARTH_MU_M3PS2,
-    EARTH_RATE_RAD_S,
-    SCHULER_RAD_S,
-)
+from drivers.base.constants import ARCSEC_RAD, EARTH_AXIS_M, EARTH_RATE_RAD_S, SCHULER_RAD_S
 
-Gravity = Literal["spherical", "ellipsoid"]
-
-_J2 = 1.08262982131e-3
 _LONGEST_STEP_S = 60.0
 
 
 class PlatformNavigator:
-    """A platform INS that stands still on the Earth, advanced in steps of `step_s`.
+    """A platform INS that stands still on a ball of the Earth's radius, advanced in steps of `step_s`.
 
-    `latitude_deg` is geocentric for "spherical" and geodetic for "ellipsoid" gravity (J2). `damping` is the
-    ratio zeta with the reference velocity zero; `started_turned` starts on R(phi) r, which excites no Schuler
-    motion, instead of on the true position.
+    `latitude_deg` is geocentric. `damping` is the ratio zeta with the reference velocity zero. It starts without
+    misalignment at the true position.
     """
 
-    def __init__(
-        self,
-        latitude_deg: float,
-        angle_rad: float,
-        step_s: float,
-        *,
-        damping: float = 0.0,
-        gravity: Gravity = "spherical",
-        start_phi_as: Array | None = None,
-        started_turned: bool = False,
-    ) -> None:
+    def __init__(self, latitude_deg: float, angle_rad: float, step_s: float, *, damping: float = 0.0) -> None:
         self._parts = math.ceil(step_s / _LONGEST_STEP_S)
         self._step_s = step_s / self._parts
-        self._damping, self._ellipsoid = damping, gravity == "ellipsoid"
-        geodetic = math.radians(latitude_deg)
-        shrink = 1.0 - EARTH_ECCENTRICITY_SQUARED if self._ellipsoid else 1.0
-        self._geocentric = math.atan2(shrink * math.sin(geodetic), math.cos(geodetic))
-        self._latitude = geodetic
+        self._damping = damping
+        latitude = math.radians(latitude_deg)
+        self._geocentric = math.atan2(math.sin(latitude), math.cos(latitude))  # -90 to 90 deg
         self._angle = angle_rad
-        self._radius = _radius(self._geocentric) if self._ellipsoid else EARTH_AXIS_M
-        self._phi = np.zeros(3) if start_phi_as is None else np.asarray(start_phi_as, dtype=np.float64)
+        self._radius = EARTH_AXIS_M
+        self._phi = np.zeros(3)
         self._state = np.zeros(6)
-        if started_turned:
-            position = self._true(angle_rad)
-            velocity = EARTH_RATE_RAD_S * np.array([-position[1], position[0], 0.0])
-            turn = rotation(self._phi * ARCSEC_RAD) - np.eye(3)
-            self._state = np.concatenate([turn @ position, turn @ velocity])
 
     def advance(self, phi_as: Array) -> tuple[Array, Array]:
         """Go on to misalignments (n, 3), one a step; return (latitude, longitude) errors, arcsec, (n,)."""
@@ -91,27 +62,20 @@ class PlatformNavigator:
     def _rate(self, state: Array, angle: float, turn: Array) -> Array:
         place = self._true(angle)
         deviation, velocity = state[:3], state[3:]
-        own = self._gravity(place)
-        force = np.array([-(EARTH_RATE_RAD_S**2) * place[0], -(EARTH_RATE_RAD_S**2) * place[1], 0.0]) - own
-        pull = -(SCHULER_RAD_S**2) * deviation  # the ball's, without the rounding of a difference
-        if self._ellipsoid:
-            pull = self._gravity(place + deviation) - own
+        turning = np.array([-(EARTH_RATE_RAD_S**2) * place[0], -(EARTH_RATE_RAD_S**2) * place[1], 0.0])
+        force = turning - self._gravity(place)
+        pull = self._pull(place, deviation)
         damp = 2.0 * self._damping * SCHULER_RAD_S
         against = velocity - EARTH_RATE_RAD_S * np.array([-deviation[1], deviation[0], 0.0])
         return np.concatenate([velocity, turn @ force + pull - damp * against])
 
     def _gravity(self, place: Array) -> Array:
         """Gravitation with the altitude given from outside: the spring holds the computed radius to it."""
-        if not self._ellipsoid:
-            return -(SCHULER_RAD_S**2) * place
-        distance = math.sqrt(float(place @ place))
-        radius = _radius(math.asin(place[2] / distance))
-        aided = place * (radius / distance)
-        sine2 = (place[2] / distance) ** 2
-        factor = 1.5 * _J2 * (EARTH_AXIS_M / radius) ** 2
-        shape = np.array([1.0 + factor * (1.0 - 5.0 * sine2)] * 2 + [1.0 + factor * (3.0 - 5.0 * sine2)])
-        field: Array = -EARTH_MU_M3PS2 / radius**3 * aided * shape - SCHULER_RAD_S**2 * (place - aided)
-        return field
+        return -(SCHULER_RAD_S**2) * place
+
+    def _pull(self, place: Array, deviation: Array) -> Array:
+        """Gravitation at the computed place less that at the true one, without the rounding of a difference."""
+        return -(SCHULER_RAD_S**2) * deviation
 
     def _true(self, angle: float) -> Array:
         level = self._radius * math.cos(self._geocentric)
@@ -130,10 +94,6 @@ class PlatformNavigator:
         # tan(a - b) of the geocentric latitudes; level' - level by its own small terms.
         gained = (2.0 * level * outward + outward**2 + side**2) / (computed_level + level)
         change = math.atan2(z * level - up * gained, computed_level * level + (up + z) * up)
-        if self._ellipsoid:
-            shrink = 1.0 - EARTH_ECCENTRICITY_SQUARED
-            geodetic = math.atan2(math.tan(self._geocentric + change), shrink)
-            change = geodetic - self._latitude
         return change / ARCSEC_RAD, longitude / ARCSEC_RAD
 
 
@@ -148,9 +108,3 @@ def rotation(turn_rad: Array) -> Array:
     half = math.sin(0.5 * angle) / (0.5 * angle)
     matrix: Array = np.eye(3) + math.sin(angle) / angle * cross + 0.5 * half**2 * (cross @ cross)
     return matrix
-
-
-def _radius(geocentric_rad: float) -> float:
-    """Geocentric radius of the WGS 84 ellipsoid."""
-    ratio = EARTH_ECCENTRICITY_SQUARED / (1.0 - EARTH_ECCENTRICITY_SQUARED)
-    return EARTH_AXIS_M / math.sqrt(1.0 + ratio * math.sin(geocentric_rad) ** 2)

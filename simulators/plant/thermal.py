@@ -105,11 +105,6 @@ def case_and_inside(
     return build_network(capacity, links, {inside: power_w}, lags)
 
 
-def steady_state_c(network: Network, air_temp_c: float) -> Array:
-    """Return the state, float64 (n,), at which nothing changes with the air at `air_temp_c`."""
-    return np.asarray(np.linalg.solve(network.dynamics, -network.drive @ [air_temp_c, 1.0]))
-
-
 def tick_matrix(network: Network, of_state: Array, of_rate: Array, dt_s: float = 1.0) -> Array:
     """Return the matrix, float64 (n + m, n + 2), that takes (x, u) to (x after `dt_s`, m outputs there).
 

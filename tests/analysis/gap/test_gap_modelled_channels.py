@@ -68,7 +68,7 @@ def _shocked(channels: dict[str, tuple[float, ...]]) -> tuple[np.ndarray, np.nda
         lab.chamber.demand(start, set_point_c=target, ramp_up=10.0, ramp_down=10.0, running=True)
     lab.advance(7000.0)
     truth = lab.true_drift("u")
-    return lab.air_record()["air_temp_c"], truth["case_temp_c"], truth["sensor_temp_c"]
+    return lab.chamber.record()["air_temp_c"], truth["case_temp_c"], truth["sensor_temp_c"]
 
 
 def test_every_channel_follows_the_catalogues_formula() -> None:

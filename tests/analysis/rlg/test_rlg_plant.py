@@ -21,12 +21,12 @@ from simulators.plant.rlg import (
     rlg_unit,
 )
 from simulators.plant.rlg import RlgState as State
-from simulators.plant.thermal import steady_state_c
 
 
 def test_two_watts_warm_block_and_case_by_their_conductances() -> None:
     network = rlg_network()
-    state = dict(zip(network.names, steady_state_c(network, -10.0), strict=True))
+    steady = np.linalg.solve(network.dynamics, -network.drive @ [-10.0, 1.0])
+    state = dict(zip(network.names, steady, strict=True))
     assert state["case"] == pytest.approx(-10.0 + 2.0 / 1.2)
     assert state["block"] == pytest.approx(-10.0 + 2.0 / 1.2 + 2.0 / 0.30)
     assert state["case_sensor"] == pytest.approx(state["case"])

@@ -83,7 +83,7 @@ def test_a_unit_without_power_cools() -> None:
     plant.advance(7200.0)
     plant.power_cycle("g", 7200.0)
     plant.advance(21600.0)
-    block = plant.true_drift("g")["block_c"] - plant.air_record()["air_temp_c"]
+    block = plant.true_drift("g")["block_c"] - plant.chamber.record()["air_temp_c"]
     # 2 W over 0.30 W/K to the case and 1.2 W/K to the air
     warm_k = 2.0 / 0.30 + 2.0 / 1.2
     assert block[7199] == pytest.approx(warm_k, abs=1.0) and block[21599] == pytest.approx(warm_k, abs=1.0)

@@ -23,7 +23,7 @@ from simulators.plant.shupe import (
     pigtail_weight_m2,
     rotation_per_integral_dph,
 )
-from simulators.plant.thermal import AIR, Lag, Link, build_network, steady_state_c, tick_matrix
+from simulators.plant.thermal import AIR, Lag, Link, build_network, tick_matrix
 
 WINDINGS = ("cylinder", "dipole", "quadrupole")
 
@@ -31,7 +31,7 @@ WINDINGS = ("cylinder", "dipole", "quadrupole")
 @pytest.mark.parametrize("grade", [FOG_MID, FOG_NAV])
 def test_steady_state_is_a_fixed_point_and_passes_the_board_power(grade: FogParameters) -> None:
     network = fog_network(grade)
-    state = steady_state_c(network, -20.0)
+    state = np.linalg.solve(network.dynamics, -network.drive @ [-20.0, 1.0])
     n = len(network.names)
     step = tick_matrix(network, np.eye(n), np.eye(n))
     after = step @ np.concatenate((state, [-20.0, 1.0]))
