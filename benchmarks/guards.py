@@ -298,7 +298,7 @@ MECHANISMS = (
     Mechanism(
         2,
         "stop commands leave before any answer is awaited",
-        f"{_CONTROL}.safe_state:_Way._tell_all",
+        f"{_CONTROL}.safe_state:_Way._command_all",
         Skip("device.halt"),
         "tests/integration/test_aborts.py::test_stop_commands_leave_on_both_ports_before_any_answer_is_awaited",
     ),
@@ -312,7 +312,7 @@ MECHANISMS = (
     Mechanism(
         2,
         "a device that fails does not keep the other from being told",
-        f"{_CONTROL}.safe_state:_Way._tell",
+        f"{_CONTROL}.safe_state:_Way._command",
         Swap("BenchError", "KeyError"),
         _T_SESSION,
     ),

@@ -1,4 +1,4 @@
-"""The way to the safe state, for a run that ends and for the watchdog: tell, confirm, read back."""
+"""The way to the safe state, for a run that ends and for the watchdog: command, confirm, read back."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TRIES = 3
 _LATER_S = 2.0
 _OTHERS = 16
 """Ports that may go away one after the other while one device is being stopped."""
-_TELL_AGAIN_S = 5.0
+_COMMAND_AGAIN_S = 5.0
 RETURN_S = 20.0
 """How long the port of a device that went away is looked for."""
 _LOOK_S = 0.5
@@ -85,10 +85,10 @@ def bring_to_rest(
     """Stop every device, wait for its word, read back that it is at rest; return what each one came to.
 
     The stop commands of all leave first, before any answer is awaited or anything written down. A device that
-    does not answer, or a port that goes away meanwhile, does not keep the others from being told and read back.
-    A device that is silent or refuses is told on when the others rest, for `timeout_s` in all. A port that is
-    away is looked for then, for 20 s, and its device told when it is back.
-    `away(name, code)` gets whose port is gone or who does not obey, as soon as all others have been told and
+    does not answer, or a port that goes away meanwhile, does not keep the others from it. A device that is
+    silent or refuses is commanded again when the others rest, for `timeout_s` in all. A port that is away is
+    looked for then, for 20 s, and its device commanded when it is back.
+    `away(name, code)` gets whose port is gone or who does not obey, as soon as all others have been commanded and
     with every further try: somebody may stand beside it. The result is in the order in which they were read back,
     those that are not at rest last.
     """
@@ -96,7 +96,7 @@ def bring_to_rest(
 
 
 class _Way:
-    """The way to rest of some devices: who is still untold, whose port is gone, what each one read back."""
+    """The way to rest of some devices: who has not confirmed, whose port is gone, what each one read back."""
 
     def __init__(
         self,
@@ -106,7 +106,7 @@ class _Way:
         timeout_s: float,
     ) -> None:
         self._devices, self._clock, self._away, self._timeout_s = devices, clock, away, timeout_s
-        self._untold = list(devices)
+        self._unconfirmed = list(devices)
         self._gone: list[str] = []
         self._rests: dict[str, Reading] = {}
         self._problems: dict[str, Reading] = {}
@@ -114,47 +114,47 @@ class _Way:
 
     def go(self) -> dict[str, Reading]:
         """Go all of it."""
-        self._tell_all()
+        self._command_all()
         self._deadline_s = self._clock.now() + self._timeout_s
         for name in self._devices:
             if name not in self._problems:
                 self._read_back(name)
-        self._tell_on()
+        self._command_again()
         self._await_ports()
         return {
             name: found for name, found in self._rests.items() if name not in self._problems
         } | self._problems
 
-    def _tell_all(self) -> None:
+    def _command_all(self) -> None:
         """Stop all at once, then await its word: one refusal or a lost answer is no reason to leave it."""
         for device in self._devices.values():
             with suppress(BenchError):  # `make_safe` tries again, and says why if it cannot
                 device.halt()
         for attempt in range(_TRIES):
-            if attempt and self._untold:
+            if attempt and self._unconfirmed:
                 _pause(self._clock, _AGAIN_S)
-            for name in list(self._untold):
-                self._tell(name)
+            for name in list(self._unconfirmed):
+                self._command(name)
         for name in self._gone:
             self._away(name, "port_gone")
-        for name in self._untold:
+        for name in self._unconfirmed:
             self._away(name, "not_confirming")
 
-    def _tell(self, name: str) -> bool:
-        """Tell one device to rest; return whether it confirmed that."""
+    def _command(self, name: str) -> bool:
+        """Command one device to rest; return whether it confirmed that."""
         try:
             _in_spite_of_others(self._devices[name], self._devices[name].make_safe)
         except BenchError as error:
             self._fail(name, error)
             return False
-        self._untold = [other for other in self._untold if other != name]
+        self._unconfirmed = [other for other in self._unconfirmed if other != name]
         self._problems.pop(name, None)
         return True
 
     def _fail(self, name: str, error: BenchError) -> None:
         self._problems[name] = Reading.of(error)
         if isinstance(error, LinkLost):
-            self._untold = [other for other in self._untold if other != name]
+            self._unconfirmed = [other for other in self._unconfirmed if other != name]
             if name not in self._gone:
                 self._gone.append(name)
 
@@ -166,21 +166,21 @@ class _Way:
         else:
             self._problems.pop(name, None)
 
-    def _tell_on(self) -> None:
-        """The others rest: tell whoever was silent or refused until it confirms, or time is over."""
-        while self._untold and self._clock.now() < self._deadline_s:
+    def _command_again(self) -> None:
+        """The others rest: command whoever was silent or refused until it confirms, or time is over."""
+        while self._unconfirmed and self._clock.now() < self._deadline_s:
             before_s = self._clock.now()
             _pause(self._clock, _LATER_S)
-            for name in list(self._untold):
-                if self._tell(name):
+            for name in list(self._unconfirmed):
+                if self._command(name):
                     self._read_back(name)
-                elif name in self._untold:
+                elif name in self._unconfirmed:
                     self._away(name, "not_confirming")
             if self._clock.now() <= before_s:  # it stands still: the lab behind a virtual clock is gone
                 break
 
     def _await_ports(self) -> None:
-        """Look for ports that went away; tell the device whose port is back."""
+        """Look for ports that went away; command the device whose port is back."""
         until_s = self._clock.now() + RETURN_S
         while self._gone:
             for name in list(self._gone):
@@ -199,13 +199,13 @@ class _Way:
             self._away(name, "port_gone")
             return
         self._gone.remove(name)
-        if self._tell(name) or name not in self._gone:  # one that refuses may be at rest all the same
+        if self._command(name) or name not in self._gone:  # one that refuses may be at rest all the same
             self._deadline_s = max(self._deadline_s, self._clock.now() + self._timeout_s)
             self._read_back(name)
 
 
 def _in_spite_of_others(device: Instrument, work: Callable[[], _T]) -> _T:
-    """Do `work` of a device; again, if it met the loss of another port: whoever waits is told of any."""
+    """Do `work` of a device; again, if it met the loss of another port: whoever waits gets any."""
     for _ in range(_OTHERS):
         try:
             return work()
@@ -238,9 +238,9 @@ def _pause(clock: Clock, duration_s: float) -> None:
 def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
     """Read back until the device rests; replies to what was cut off when all began pass by in the pauses.
 
-    One that still does not is told again: the stop that left first may have been refused or lost.
+    One that still does not is commanded again: the stop that left first may have been refused or lost.
     """
-    again_s = clock.now() + _TELL_AGAIN_S
+    again_s = clock.now() + _COMMAND_AGAIN_S
     rest: Rest | None = None
     while True:
         _pause(clock, _AGAIN_S)
@@ -252,7 +252,7 @@ def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
         except (ProtocolError, DeviceSilent) as error:
             rest, found = None, error.found
         if clock.now() >= again_s:
-            again_s = clock.now() + _TELL_AGAIN_S
+            again_s = clock.now() + _COMMAND_AGAIN_S
             with suppress(BenchError):
                 device.halt()
                 device.make_safe()

@@ -41,9 +41,7 @@ def journal(folder, *kinds):
 
 
 def states(folder):
-    return [
-        (each.run.name, each.state, each.attempts) for each in CampaignFolder(folder).states(thorough=True)
-    ]
+    return [(run.run.name, run.state, run.attempts) for run in CampaignFolder(folder).states(thorough=True)]
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +104,7 @@ def test_a_folder_that_is_not_what_was_sealed_does_not_count(done, tmp_path, dam
         manifest.update(change.get(damage, {"parameters": manifest["parameters"] | {"turns": 3}}))
         (run / "manifest.json").write_text(json.dumps(manifest))
     found = CampaignFolder(copy).states(thorough=True)
-    assert [each.state for each in found] == ["done", "open", "done"]
+    assert [run.state for run in found] == ["done", "open", "done"]
     assert found[1].reason and CampaignFolder(copy).next_id(found[1].run) == "turn-2.2"
 
 

@@ -64,7 +64,7 @@ def test_a_diagnosis_says_the_same(short_run, far):
         CliRunner().invoke(app, ["gap", "diagnose", str(place), "--model", str(MODEL), "--json"])
         for place in (far, short_run)
     ]
-    assert [each.exit_code for each in said] == [0, 0], said[0].output
+    assert [result.exit_code for result in said] == [0, 0], said[0].output
     assert json.loads(said[0].output) == json.loads(said[1].output)
 
 

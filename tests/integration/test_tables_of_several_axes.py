@@ -98,7 +98,7 @@ def test_after_400_s_of_rest_the_diagnosis_sees_the_table_held_at_its_angle(tmp_
         result = _drive(lab, tmp_path, rest)
     series, missing = load_channels(result.folder)
     assert "table_angle" not in missing
-    (held,) = [each for each in series if each.channel == "table_angle"]
+    (held,) = [channel for channel in series if channel.channel == "table_angle"]
     assert np.all(held.inputs.angle_deg == 89.12345678)
     assert 380.0 < held.inputs.time_s[-1] - held.inputs.time_s[0] < 420.0
     angle_deg = pq.read_table(result.folder / "turntable.parquet")["angle_deg"].to_numpy()[-100:]

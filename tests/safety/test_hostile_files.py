@@ -311,7 +311,7 @@ def test_a_hostile_dbc_is_refused_or_read_as_data(hostile, tmp_path, monkeypatch
     (tmp_path / "bad.toml").write_text(MAPPING)
     with suppress(ConfigurationError):
         load_layout(str(tmp_path / "bad.toml"))
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["bad.dbc", "bad.toml"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["bad.dbc", "bad.toml"]
 
 
 @pytest.mark.parametrize("name", ["raw/fog_1.bin", "raw/fog_1.idx", "events.jsonl", "gyro_fog_1.parquet"])

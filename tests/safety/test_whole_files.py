@@ -24,7 +24,7 @@ def test_a_disk_that_fills_up_leaves_the_old_file_and_no_remains(tmp_path, monke
     assert str(path) in str(told.value) and "free space" in str(told.value)
     monkeypatch.undo()
     assert read_state(path) == {"number": 1}
-    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
 def test_a_file_takes_the_old_ones_place_only_when_it_is_on_the_disk(tmp_path, monkeypatch):

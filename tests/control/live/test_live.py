@@ -163,7 +163,7 @@ def test_requests_are_taken_in_order_once_and_an_abort_interrupts(session, tmp_p
         drop_request(tmp_path, "abort", "Dee")
         step(session)
         interrupt.check()
-    assert [(each.action, each.by) for each in session.take()] == [
+    assert [(request.action, request.by) for request in session.take()] == [
         ("pause", "Ann"),
         ("resume", "Bob"),
         ("abort", "Cem"),

@@ -18,7 +18,7 @@ def inner(pytester, monkeypatch):
         junit = pytester.path / "junit.xml"
         result = pytester.runpytest_subprocess("-p", "no:cacheprovider", f"--junitxml={junit}", *options)
         properties = {
-            case.get("name"): {each.get("name"): each.get("value") for each in case.iter("property")}
+            case.get("name"): {entry.get("name"): entry.get("value") for entry in case.iter("property")}
             for case in ElementTree.parse(junit).iter("testcase")
         }
         return result, properties
@@ -124,7 +124,7 @@ def test_a_bench_file_is_driven_and_an_unprepared_one_is_not(inner, tmp_path):
             source, "--bench", str(path), "--bench-yes", "--bench-runs", str(tmp_path / "runs")
         )
         result.assert_outcomes(passed=1)
-    folders = sorted(each.name for each in (tmp_path / "runs").iterdir())
+    folders = sorted(run.name for run in (tmp_path / "runs").iterdir())
     assert len(folders) == 2 and properties["test_it"]["run_folder"].endswith(folders[1])
 
 
