@@ -29,7 +29,6 @@ from drivers.base.errors import (
     DeviceSilent,
     ProtocolError,
     RecordError,
-    RunAborted,
     RunUnsealed,
     WrongDevice,
 )
@@ -299,6 +298,3 @@ def _signals(clock: Clock) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-__all__ = ["RunAborted", "RunRequest", "RunResult", "run_procedure"]
