@@ -17,6 +17,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from drivers.base.errors import ConfigurationError
+
 SETTINGS_BYTES = 1 << 20
 """Most bytes of a file that a person writes: bench, campaign, frame, mapping, limits. Parsed TOML takes up to 500
 times as much memory."""
@@ -101,6 +103,28 @@ def parse_toml(content: bytes) -> dict[str, Any]:
         if not level:
             return data
     raise ValueError("nested too deep")
+
+
+def read_settings(
+    path: Path, what: str, *, expected: str = "a TOML file", remedy: str = ""
+) -> tuple[dict[str, Any], bytes]:
+    """Return the table of a TOML file that a person wrote, and its bytes; `what`: the file, in words.
+
+    ConfigurationError for one that cannot be read or is no TOML.
+    """
+    try:
+        content = read_bounded(path, SETTINGS_BYTES)
+    except OSError as error:
+        found = error.strerror or str(error)
+        raise ConfigurationError(
+            f"{what} cannot be read", where=str(path), found=found, expected=expected, remedy=remedy
+        ) from error
+    try:
+        return parse_toml(content), content
+    except ValueError as error:
+        raise ConfigurationError(
+            f"{what} is not TOML", where=str(path), found=str(error), expected="TOML 1.0 in UTF-8"
+        ) from error
 
 
 def _inner(value: Any) -> list[Any]:

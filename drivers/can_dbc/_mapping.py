@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.base.constants import STANDARD_GRAVITY_MPS2, ZERO_CELSIUS_K
 from drivers.base.errors import ConfigurationError
-from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
+from drivers.base.files import read_settings
 from drivers.can_dbc._dbc import compile_message, find_message, load_database
 from drivers.can_dbc._layout import CanLayout, Role, SignalUse, Slot, ValidRule, outer_multiplexer
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
@@ -76,19 +76,8 @@ def load_layout(name: str, folder: Path = Path()) -> CanLayout:
     ConfigurationError names the key, message or signal that cannot be used.
     """
     path = SHIPPED / f"{name}.toml" if name in shipped_layouts() else folder / name
-    try:
-        mapping = parse_toml(read_bounded(path, SETTINGS_BYTES))
-    except OSError as error:
-        raise ConfigurationError(
-            "the CAN mapping cannot be read",
-            where=str(path),
-            found=error.strerror or str(error),
-            expected="a mapping file (TOML), or one of " + ", ".join(shipped_layouts()),
-        ) from error
-    except ValueError as error:
-        raise ConfigurationError(
-            "the CAN mapping is not TOML", where=str(path), found=str(error), expected="TOML 1.0 in UTF-8"
-        ) from error
+    expected = "a mapping file (TOML), or one of " + ", ".join(shipped_layouts())
+    mapping, _ = read_settings(path, "the CAN mapping", expected=expected)
     return layout_from_mapping(mapping, path.parent, str(path), path.stem)
 
 

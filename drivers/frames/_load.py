@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from drivers.base.errors import ConfigurationError
-from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
+from drivers.base.files import read_settings
 from drivers.frames._form import Form, forms_of
 from drivers.frames._lines import LineDescription, line_form, verify_lines
 from drivers.frames._model import Description
@@ -100,25 +100,7 @@ def description_path(description: str) -> Path:
 
 def load_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; ConfigurationError if it cannot be read or is none."""
-    try:
-        content = read_bounded(path, SETTINGS_BYTES)
-    except OSError as error:
-        raise ConfigurationError(
-            "the frame description cannot be read",
-            where=str(path),
-            found=error.strerror or str(error),
-            expected="a TOML file",
-            remedy="check the path",
-        ) from error
-    try:
-        return parse_toml(content)
-    except ValueError as error:
-        raise ConfigurationError(
-            "the frame description is not TOML",
-            where=str(path),
-            found=str(error),
-            expected="TOML 1.0 in UTF-8",
-        ) from error
+    return read_settings(path, "the frame description", remedy="check the path")[0]
 
 
 def load_family(description: str, settings: Mapping[str, str] | None = None) -> FrameFamily:

@@ -14,8 +14,7 @@ from pydantic_core import ErrorDetails
 
 from bench.record.benchfile._checks import cross_checks, device_sections
 from bench.record.benchfile._model import BenchFile
-from drivers.base.errors import ConfigurationError
-from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
+from drivers.base.files import read_settings
 from drivers.kit.config import Mistake, Section, refusal
 from drivers.kit.registry import ROLES, config_class, one_of
 
@@ -23,22 +22,7 @@ from drivers.kit.registry import ROLES, config_class, one_of
 def load_bench_file(path: Path | str) -> BenchFile:
     """Read and check the bench file at `path`; raises ConfigurationError that lists every mistake."""
     path = Path(path)
-    try:
-        content = read_bounded(path, SETTINGS_BYTES)
-    except OSError as error:
-        raise ConfigurationError(
-            "the bench file cannot be read",
-            where=str(path),
-            found=error.strerror or str(error),
-            expected="a TOML file",
-            remedy="check the path given with --bench",
-        ) from error
-    try:
-        data = parse_toml(content)
-    except ValueError as error:
-        raise ConfigurationError(
-            "the bench file is not TOML", where=str(path), found=str(error), expected="TOML 1.0 in UTF-8"
-        ) from error
+    data, content = read_settings(path, "the bench file", remedy="check the path given with --bench")
     data, mistakes = _with_files(data, path.parent)
     return _checked(data, str(path), hashlib.sha256(content).hexdigest(), True, mistakes)
 
