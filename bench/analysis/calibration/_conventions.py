@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bench.analysis.common.attitude import cross_matrix
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, EARTH_RATE_RAD_S, EQUATOR_GRAVITY_MPS2, UG_MPS2, gravity_mps2
 
@@ -125,14 +126,6 @@ class Task:
     target_sigma: Array = field(
         default_factory=lambda: _by_kind((0.0, 0.0, 0.0), 0.0, (0.003, 10.0, 5.0, 5.0, 5.0))[PARAMETERS]
     )
-
-
-def cross_matrix(vector: Array) -> Array:
-    """Return [v x], shape (..., 3, 3), of v (..., 3)."""
-    x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
-    zero = np.zeros_like(x)
-    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def rotation(axis: Array, angle_rad: Array) -> Array:

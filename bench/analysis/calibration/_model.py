@@ -21,10 +21,10 @@ from bench.analysis.calibration._conventions import (
     STATES,
     Noise,
     Site,
-    cross_matrix,
     rotation,
 )
 from bench.analysis.calibration._schedule import Move, Profile, Schedule
+from bench.analysis.common.attitude import cross_matrix
 from drivers.base.arrays import Array
 
 MEASUREMENT_INTERVAL_S = 1.0

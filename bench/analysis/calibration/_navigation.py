@@ -12,15 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.calibration._conventions import KA_ELEMENTS, Site, cross_matrix, rotation, unpack
+from bench.analysis.calibration._conventions import KA_ELEMENTS, Site, rotation, unpack
 from bench.analysis.calibration._model import propagators
+from bench.analysis.common.attitude import cross_matrix, running_rotation
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
 
 INTERVAL_S = 1.0
 EXTRA = 7
 """Lever arms of accelerometers x and y (6), accelerometer lag (1)."""
-_BLOCK = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +109,7 @@ def navigate(data: Increments, attitude: Array, site: Site) -> Track:
     earth = site.earth_rate_rad_s
     rate = float(np.linalg.norm(earth))
     times = step * np.arange(count + 1, dtype=np.float64)
-    products = _prefix_products(_quaternions(coned))
-    inertial = attitude @ np.concatenate([np.eye(3)[None], _matrices(products)])
+    inertial = attitude @ running_rotation(coned)
     c = rotation(earth / rate, -rate * times) @ inertial
     half = rotation(earth / rate, np.array([-rate * step / 2.0]))[0]
     gained = np.einsum("ij,njk,nk->ni", half, c[:-1], sculled, optimize=True)
@@ -156,42 +155,3 @@ def _lever_rows(rate: Array, period_s: float) -> Array:
     """Return [w' x] + [w x]^2, shape (n, 3, 3), of rates (n, 3) at a constant period."""
     skew = cross_matrix(rate)
     return np.asarray(cross_matrix(np.gradient(rate, period_s, axis=0)) + skew @ skew)
-
-
-def _quaternions(vectors: Array) -> Array:
-    """Return unit quaternions (n, 4), scalar first, of rotation vectors (n, 3)."""
-    angle = np.linalg.norm(vectors, axis=1)
-    half_sinc = np.sinc(angle / (2.0 * np.pi)) / 2.0
-    return np.concatenate([np.cos(angle / 2.0)[:, None], half_sinc[:, None] * vectors], axis=1)
-
-
-def _product(p: Array, q: Array) -> Array:
-    """Return quaternion products p q, (..., 4)."""
-    scalar = p[..., :1] * q[..., :1] - np.sum(p[..., 1:] * q[..., 1:], axis=-1, keepdims=True)
-    vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
-    return np.concatenate([scalar, vector], axis=-1)
-
-
-def _prefix_products(q: Array) -> Array:
-    """Return q_0, q_0 q_1, q_0 q_1 q_2, ..., shape (n, 4): within blocks all at once, then over blocks."""
-    count = len(q)
-    if count == 1:
-        return q
-    blocks = -(-count // _BLOCK)
-    padded = np.zeros((blocks * _BLOCK, 4))
-    padded[:, 0] = 1.0
-    padded[:count] = q
-    inside = padded.reshape(blocks, _BLOCK, 4)
-    for at in range(1, _BLOCK):
-        inside[:, at] = _product(inside[:, at - 1], inside[:, at])
-    if blocks > 1:
-        before = _prefix_products(inside[:-1, -1].copy())
-        inside[1:] = _product(before[:, None], inside[1:])
-    whole = inside.reshape(-1, 4)[:count]
-    return np.asarray(whole / np.linalg.norm(whole, axis=1, keepdims=True))
-
-
-def _matrices(q: Array) -> Array:
-    """Return rotation matrices (n, 3, 3) of unit quaternions (n, 4)."""
-    skew = cross_matrix(q[:, 1:])
-    return np.asarray(np.eye(3) + 2.0 * q[:, :1, None] * skew + 2.0 * skew @ skew)

@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from bench.analysis.common.attitude import rotations, running_rotation
 from bench.analysis.common.statistics import hold
-from bench.analysis.whirl._kinematics import body_to_rotating, rotation, rotation_vector
+from bench.analysis.whirl._kinematics import body_to_rotating
 from bench.analysis.whirl._types import Complex, TurnRecord
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_PER_RAD, EARTH_RATE_DPH
@@ -34,7 +36,7 @@ def body_attitude(heading_deg: float) -> Array:
 
     `heading_deg`: azimuth of the body's y axis, clockwise from north.
     """
-    return np.asarray(rotation(np.array([[0.0, 0.0, -np.radians(heading_deg)]]))[0])
+    return np.asarray(rotations(np.array([[0.0, 0.0, -np.radians(heading_deg)]]))[0])
 
 
 def unit_attitude(record: TurnRecord, heading_deg: float) -> Array:
@@ -45,16 +47,16 @@ def unit_attitude(record: TurnRecord, heading_deg: float) -> Array:
     """
     rate = np.radians(hold(record.rate_dps, record.usable))
     start = body_attitude(heading_deg) @ body_to_rotating(record.angle_rad[:1])[0].T
-    inertial = start @ _running_product(rotation(rate * record.period_s))
+    inertial = start @ running_rotation(rate * record.period_s)
     latitude = np.radians(record.latitude_deg)
     earth = np.radians(EARTH_RATE_DPH / 3600.0) * np.array([0.0, np.cos(latitude), np.sin(latitude)])
     since = record.time_s - record.time_s[0]
-    return np.asarray(rotation(-since[:, None] * earth) @ inertial)
+    return np.asarray(rotations(-since[:, None] * earth) @ inertial)
 
 
 def carrier_tilt(attitude: Array) -> Complex:
     """Return the tilt of carrier attitudes C_b^n (n, 3, 3) against the first, arcsec, about x_b + j y_b."""
-    vector = rotation_vector(attitude[0].T @ attitude)
+    vector = Rotation.from_matrix(attitude[0].T @ attitude).as_rotvec()
     return np.asarray((vector[:, 0] + 1j * vector[:, 1]) * ARCSEC_PER_RAD)
 
 
@@ -103,27 +105,3 @@ def tilt_spectrum(tilt: Complex, angle_rad: Array, lines: Array) -> Array:
     weight = np.hanning(len(flat) + 2)[1:-1]
     flat = flat * weight / weight.sum()
     return np.array([abs(np.vdot(np.exp(1j * line * angle_rad), flat)) for line in lines])
-
-
-def _running_product(steps: Array) -> Array:
-    """Return the products I, s0, s0 s1, ... of rotations (n, 3, 3), float64 (n + 1, 3, 3).
-
-    In blocks of about sqrt(n): all blocks advance together, then each is put after the one before.
-    """
-    size = max(1, int(np.sqrt(len(steps))))
-    count = -(-len(steps) // size)
-    padded = np.broadcast_to(np.eye(3), (count * size, 3, 3)).copy()
-    padded[: len(steps)] = steps
-    rows = padded.reshape(count, size, 3, 3)
-    for column in range(1, size):
-        rows[:, column] = rows[:, column - 1] @ rows[:, column]
-    before = np.eye(3)
-    for block in rows:
-        block[:] = before @ block
-        before = _orthonormal(block[-1])
-    return np.concatenate((np.eye(3)[None], padded[: len(steps)]))
-
-
-def _orthonormal(matrix: Array) -> Array:
-    """Return the nearest rotation to first order: rounding does not add up over hours."""
-    return np.asarray(matrix @ (1.5 * np.eye(3) - 0.5 * matrix.T @ matrix))

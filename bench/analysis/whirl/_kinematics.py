@@ -18,6 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bench.analysis.common.attitude import rotations
 from bench.analysis.whirl._types import Complex
 from drivers.base.arrays import Array
 
@@ -42,33 +43,7 @@ def body_to_rotating(angle_rad: Array) -> Array:
 def body_to_true(angle_rad: Array, tilt_rad: Complex) -> Array:
     """Return C_b^s' = C_b^s exp(-[th_b x]), float64 (n, 3, 3), for tilts in body axes, complex (n,) in rad."""
     vector = np.stack([tilt_rad.real, tilt_rad.imag, np.zeros(len(tilt_rad))], axis=1)
-    return np.asarray(body_to_rotating(angle_rad) @ rotation(-vector))
-
-
-def rotation(vector: Array) -> Array:
-    """Return exp([v x]), float64 (n, 3, 3), for rotation vectors (n, 3) in rad (Rodrigues)."""
-    size = np.linalg.norm(vector, axis=1)[:, None, None]
-    x, y, z = vector.T
-    cross = np.zeros((len(vector), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
-    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
-    # sinc needs no division by a size of zero
-    first, half = np.sinc(size / np.pi), np.sinc(size / (2.0 * np.pi))
-    return np.asarray(np.eye(3) + first * cross + 0.5 * half * half * (cross @ cross))
-
-
-def rotation_vector(matrix: Array) -> Array:
-    """Return v of exp([v x]) = matrix, float64 (n, 3), for rotations below a quarter turn."""
-    twice = np.stack(
-        [
-            matrix[:, 2, 1] - matrix[:, 1, 2],
-            matrix[:, 0, 2] - matrix[:, 2, 0],
-            matrix[:, 1, 0] - matrix[:, 0, 1],
-        ],
-        axis=1,
-    )
-    sine = np.minimum(0.5 * np.linalg.norm(twice, axis=1), 1.0)
-    return np.asarray(0.5 * twice / np.sinc(np.arcsin(sine) / np.pi)[:, None])
+    return np.asarray(body_to_rotating(angle_rad) @ rotations(-vector))
 
 
 def harmonic_matrix(harmonic: int) -> Array:

@@ -56,7 +56,6 @@ class WhirlStudy:
     fourier: FourierFit | None
     judgements: tuple[Judgement, ...]
     judged_on_fitted: bool
-    cage_lines: tuple[Line, ...]
     findings: tuple[Finding, ...]
     heading_deg: float
 
@@ -87,8 +86,7 @@ def study_whirl(
     )
     for turns in test:
         compensation.require_unit(turns.record.unit_id)
-    cage = scan_lines(fit)
-    findings += [_cage_finding(line) for line in cage]
+    findings += [_cage_finding(line) for line in scan_lines(fit)]
     fourier = _patent(records[0], fit)
     judged = [turns.record for turns in (test or train)]
     return WhirlStudy(
@@ -97,7 +95,6 @@ def study_whirl(
         fourier=fourier,
         judgements=tuple(judge(record, compensation, fit, fourier) for record in judged),
         judged_on_fitted=not test,
-        cage_lines=cage,
         findings=tuple(findings),
         heading_deg=heading_from_body_rate(fit.body_rate_dph[0].value),
     )

@@ -25,10 +25,11 @@ from bench.analysis.calibration import (
     load_scheme,
     unpack,
 )
-from bench.analysis.calibration._conventions import cross_matrix, pack
+from bench.analysis.calibration._conventions import pack
 from bench.analysis.calibration._model import observability_matrix
 from bench.analysis.calibration._navigation import navigate
 from bench.analysis.calibration._schedule import parse_moves
+from bench.analysis.common.attitude import cross_matrix
 from benchmarks._turned_imu import Rest, Turn, measure_motion
 from drivers.base.constants import UG_MPS2
 from drivers.base.errors import RecordError

@@ -1,0 +1,69 @@
+"""Rotations of many samples: cross products, quaternions with their running product, matrices.
+
+A product of turns is associative: it is found by a prefix product over blocks, no loop over samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivers.base.arrays import Array
+
+_BLOCK = 32
+
+
+def cross_matrix(vector: Array) -> Array:
+    """Return [v x], shape (..., 3, 3), of v (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
+    zero = np.zeros_like(x)
+    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def rotations(vectors: Array) -> Array:
+    """Return exp([v x]), shape (n, 3, 3), of rotation vectors (n, 3) in rad."""
+    return matrices(quaternions(vectors))
+
+
+def running_rotation(vectors: Array) -> Array:
+    """Return I, R_0, R_0 R_1, ..., shape (n + 1, 3, 3), of rotation vectors (n, 3) in rad."""
+    return np.concatenate([np.eye(3)[None], matrices(_prefix_products(quaternions(vectors)))])
+
+
+def quaternions(vectors: Array) -> Array:
+    """Return unit quaternions (n, 4), scalar first, of rotation vectors (n, 3)."""
+    angle = np.linalg.norm(vectors, axis=1)
+    half_sinc = np.sinc(angle / (2.0 * np.pi)) / 2.0
+    return np.concatenate([np.cos(angle / 2.0)[:, None], half_sinc[:, None] * vectors], axis=1)
+
+
+def _product(p: Array, q: Array) -> Array:
+    """Return quaternion products p q, (..., 4)."""
+    scalar = p[..., :1] * q[..., :1] - np.sum(p[..., 1:] * q[..., 1:], axis=-1, keepdims=True)
+    vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
+    return np.concatenate([scalar, vector], axis=-1)
+
+
+def _prefix_products(q: Array) -> Array:
+    """Return q_0, q_0 q_1, q_0 q_1 q_2, ..., shape (n, 4): within blocks all at once, then over blocks."""
+    count = len(q)
+    if count == 1:
+        return q
+    blocks = -(-count // _BLOCK)
+    padded = np.zeros((blocks * _BLOCK, 4))
+    padded[:, 0] = 1.0
+    padded[:count] = q
+    inside = padded.reshape(blocks, _BLOCK, 4)
+    for at in range(1, _BLOCK):
+        inside[:, at] = _product(inside[:, at - 1], inside[:, at])
+    if blocks > 1:
+        before = _prefix_products(inside[:-1, -1].copy())
+        inside[1:] = _product(before[:, None], inside[1:])
+    whole = inside.reshape(-1, 4)[:count]
+    return np.asarray(whole / np.linalg.norm(whole, axis=1, keepdims=True))
+
+
+def matrices(q: Array) -> Array:
+    """Return rotation matrices (n, 3, 3) of unit quaternions (n, 4)."""
+    skew = cross_matrix(q[:, 1:])
+    return np.asarray(np.eye(3) + 2.0 * q[:, :1, None] * skew + 2.0 * skew @ skew)
