@@ -7,12 +7,13 @@ with one. Annotations and decorators are left out: nothing evaluates the ones, a
 (`frozen=True`) is no behaviour. The draw is the same for the same sources, and a larger sample holds the
 smaller one.
 
-Each mutant is put into a copy of the tree, where the room's tests run, those first that ran the mutated line when
-nothing was changed, the quickest of them first. It is caught if a test fails, or if they take several times the
-processor time that they take without it. A test on the host's clock must fail twice. Results are kept by room in
-build/mutants: what is broken off goes on; a caught mutant stays caught while its file is the same; a survivor is
-tried again when a test has changed. Those that no input can show stand in equivalent_mutants.toml, with the
-reason, and do not count. `--write` puts the table into benchmarks/reliability.md.
+Each mutant is put into a copy of the tree, where the files with tests run that ran the mutated line when
+nothing was changed; these tests first, the quickest of them first of all. It is caught if a test fails, or
+if they take several times the processor time that they take without it. A test on the host's clock must
+fail twice. Results are kept by room in build/mutants: what is broken off goes on; a caught mutant stays
+caught while its file is the same; a survivor is tried again when a test has changed. Those that no input
+can show stand in equivalent_mutants.toml, with the reason, and do not count. `--write` puts the table into
+benchmarks/reliability.md.
 """
 
 from __future__ import annotations
@@ -294,26 +295,28 @@ class Clean:
     limit_s: float
 
     def order(self, mutant: Mutant) -> list[str]:
-        """Return the tests in the order in which they find the mutant soonest.
+        """Return the tests that may find the mutant, in the order in which they find it soonest.
 
-        Those that ran its statement, quickest first; then all others, quickest first. Tests of one file that
-        stand together stay so, because they may share a fixture that takes long to make.
+        Those that ran its statement, quickest first, then all others of their files: they may share what a
+        fixture has made. If no test ran it (it is executed at import, or in another process), all tests are
+        returned.
         """
         lines = self.ran.get(mutant.file, {})
         line = max((line for line in lines if line <= mutant.line), default=None)
-        near = set() if line is None else set(lines[line])
-        rank = {test: (test not in near, seconds) for test, seconds in self.seconds.items()}
-        first: dict[tuple[bool, str], float] = {}
-        for test, (far, seconds) in rank.items():
-            group = far, test.partition("::")[0]
-            first[group] = min(seconds, first.get(group, seconds))
+        near = set(self.seconds if line is None else lines[line] or self.seconds)
+        first: dict[str, float] = {}
+        for test in near:
+            first[_file_of(test)] = min(self.seconds[test], first.get(_file_of(test), self.seconds[test]))
 
         def key(test: str) -> tuple[bool, float, str, float]:
-            far, seconds = rank[test]
-            file = test.partition("::")[0]
-            return far, first[far, file], file, seconds
+            file = _file_of(test)
+            return test not in near, first[file], file, self.seconds[test]
 
-        return sorted(rank, key=key)
+        return sorted((test for test in self.seconds if _file_of(test) in first), key=key)
+
+
+def _file_of(test: str) -> str:
+    return test.partition("::")[0]
 
 
 class _Watch:
@@ -369,19 +372,19 @@ class Trials:
 
     def outcome(self, mutant: Mutant, changed: str) -> tuple[str, str]:
         """Return what the tests make of a mutant, and the one that failed."""
-        tests = mutant.part.tests
         clean = self._without(mutant.part)
-        order = _Order(clean.order(mutant))
+        order = clean.order(mutant)
+        files, plugin = sorted(set(map(_file_of, order))), _Order(order)
         with self._copy.changed(mutant.file, changed):
-            found = self._copy.run(tests, clean.limit_s, [order])
+            found = self._copy.run(files, clean.limit_s, [plugin])
             if found.kind == FAILED and self._uses_the_hosts_clock(found.test):
                 again = self._copy.run([found.test], clean.limit_s)
                 if again.kind == PASSED:  # it had failed because the machine was busy
-                    found = self._copy.run(tests, clean.limit_s, [order])
+                    found = self._copy.run(files, clean.limit_s, [plugin])
         return {PASSED: _SURVIVED, FAILED: _CAUGHT}.get(found.kind, found.kind), found.test
 
     def _uses_the_hosts_clock(self, test: str) -> bool:
-        file = ROOT / test.partition("::")[0]
+        file = ROOT / _file_of(test)
         return file.is_file() and "pytest.mark.concurrent" in file.read_text(encoding="utf-8")
 
     def _without(self, part: Part) -> Clean:
