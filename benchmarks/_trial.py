@@ -68,7 +68,7 @@ _LIBRARIES = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """How tests ended, the first that failed, and the processor time that they took, children included."""
+    """How tests ended, which failed first, and the processor time that they took, children included."""
 
     kind: str
     test: str
@@ -142,7 +142,7 @@ class Copy:
             return Outcome(TIME, "", processor_s)
         if status == 0:
             return Outcome(PASSED, "", processor_s)
-        failed = re.search(r"^(?:FAILED|ERROR) (\S+::\S+)", self.said(), re.MULTILINE)
+        failed = re.search(r"^(?:FAILED|ERROR) (\S+::\w+)", self.said(), re.MULTILINE)
         return Outcome(FAILED, failed[1] if failed else NO_TEST, processor_s)
 
     def said(self) -> str:

@@ -356,7 +356,7 @@ MECHANISMS = (
         "the watchdog takes over from the dead",
         f"{_CONTROL}.watchdog._process:main",
         Swap("silent_s = None", "return 0"),
-        f"{_T_DOG} -k 9-the",
+        f"{_T_DOG} -k 9-runner_ended",
     ),
     Mechanism(
         2,
@@ -370,10 +370,14 @@ MECHANISMS = (
         "who stops the runner does not stop its watchdog",
         f"{_CONTROL}.watchdog._process:main",
         Skip("signal.signal"),
-        f"{_T_DOG} -k 9-the",
+        f"{_T_DOG} -k 9-runner_ended",
     ),
     Mechanism(
-        2, "the watchdog is armed", f"{_CONTROL}.runner:_drive", Skip("watchdog.arm"), f"{_T_DOG} -k 9-the"
+        2,
+        "the watchdog is armed",
+        f"{_CONTROL}.runner:_drive",
+        Skip("watchdog.arm"),
+        f"{_T_DOG} -k 9-runner_ended",
     ),
     Mechanism(
         2,
@@ -568,7 +572,7 @@ MECHANISMS = (
         "an event has numbers where readers count on them",
         "bench.record.events._base:Number",
         Value("Any"),
-        f"{_T_TYPES} -k event_log",
+        "tests/record/test_typed_events.py -k another_type",
     ),
     Mechanism(
         3,

@@ -291,3 +291,15 @@ def test_a_demand_is_recorded_with_every_digit(two):
     assert (rows[0]["angle_deg"], rows[0]["sense"]) == (89.12345678, "shortest")
     assert (rows[1]["angle_deg"], rows[1]["sense"]) == (-3.00000001, "negative")
     assert (rows[2]["rate_dps"], rows[3]["rate_dps"]) == (10.0000049, 0.0)
+
+
+@pytest.mark.parametrize("door", ["open", "closed"])
+def test_what_is_forbidden_is_told_with_the_state_that_was_found(two, door):
+    rule = ForbiddenState(name="spin", rate_dps=Band(above=5.0), door=door)
+    watch = watched(two, LimitsSection(forbid=(rule,)))
+    watch._chamber.look_at_door = lambda: door == "open"
+    two.station.spin(6.0, "outer")
+    with pytest.raises(LimitExceeded) as refused:
+        watch.look()
+    assert refused.value.found.startswith("6.000 deg/s at ")
+    assert refused.value.found.endswith(f" deg, air 20.0 degC, set point 20.0 degC, door {door}")

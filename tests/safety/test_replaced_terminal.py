@@ -36,3 +36,16 @@ def test_a_serial_port_may_go_and_come_back():
     opener = _of("/dev/ttyUSB0", lambda clock, tap: opened.append(1))
     opener(None, None)
     assert opened == [1]
+
+
+@pytest.mark.parametrize("other", [(0, 1, 1), (9, 9, 9), None])
+def test_any_other_device_of_the_name_is_let_alone(monkeypatch, other):
+    """Whether it is older or newer than the one that was guarded, or is gone."""
+    devices = iter([(5, 5, 5), (5, 5, 5), other])
+    monkeypatch.setattr("bench.control.watchdog._process.device_at", lambda port: next(devices))
+    opened = []
+    opener = _of("/dev/pts/7", lambda clock, tap: opened.append(1))
+    opener(None, None)
+    with pytest.raises(_Replaced):
+        opener(None, None)
+    assert opened == [1]
