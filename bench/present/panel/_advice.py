@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from bench.present.sentences import event_of, safe_sentences, sentence
@@ -28,10 +28,6 @@ class Banner:
     happened: str = ""
     done: str = ""
     press: str = ""
-
-    def as_dict(self) -> dict[str, str]:
-        """Return it as plain values."""
-        return asdict(self)
 
 
 NOT_HERE = Banner(
@@ -69,11 +65,11 @@ def banner(now: Mapping[str, Any] | None, events: Sequence[Event], age_s: float)
         )
     if safe := _safe_states(events):
         why = safe[0].why.capitalize()
-        if not all(each.confirmed for each in safe):
+        if not all(device.confirmed for device in safe):
             return Banner("bad", "Not confirmed safe", why, _told(safe), _GO_AND_LOOK)
         tone: Tone = "good" if safe[0].cause == "end_of_run" else "bad"
         return Banner(tone, "Closing", why, _told(safe), "Nothing: the record is being closed.")
-    shown = [event_of(row) for row in _rows(now, "alarms")]
+    shown = _events(now, "alarms")
     alarms = [event for event in shown if not isinstance(event, Invalid)]
     if state == "asking":
         return Banner(
@@ -112,9 +108,7 @@ def banner(now: Mapping[str, Any] | None, events: Sequence[Event], age_s: float)
 def _ended(now: Mapping[str, Any], events: Sequence[Event]) -> Banner:
     outcome, reason = str(now.get("outcome")), str(now.get("reason") or "")
     # a record that could not be written has no line of it
-    safe = _safe_states(events) or _safe_states(
-        [event_of({"kind": SafeState.kind, **row}) for row in _rows(now, "safe")]
-    )
+    safe = _safe_states(events) or _safe_states(_events(now, "safe", kind=SafeState.kind))
     done = _told(safe)
     if outcome == "completed":
         warned = "; ".join(str(text) for text in now.get("warnings") or ())
@@ -123,12 +117,12 @@ def _ended(now: Mapping[str, Any], events: Sequence[Event]) -> Banner:
         )
     if outcome == "invalid":
         press = "Nothing is urgent. Read the reason; repeat the run if needed."
-        shown = [event_of(row) for row in _rows(now, "alarms")]
+        shown = _events(now, "alarms")
         if alarms := [event for event in shown if not isinstance(event, Invalid)]:
             press += f" The last alarm was: {sentence(alarms[-1])}"
         return Banner("doubt", "Invalid", reason, done, press)
     happened, remedy = _what_happened(now.get("error"), reason)
-    if not all(each.confirmed for each in safe):
+    if not all(device.confirmed for device in safe):
         return Banner("bad", "Not confirmed safe", happened, done, f"{_GO_AND_LOOK} {remedy}")
     word = "Aborted" if outcome == "aborted" else outcome.capitalize() or "Ended"
     return Banner("bad", word, happened, done, f"Nothing is urgent. {remedy}")
@@ -144,25 +138,26 @@ def _what_happened(error: object, reason: str) -> tuple[str, str]:
     return reason, f"{remedy[0].upper()}{remedy[1:].rstrip('.')}."
 
 
-def _rows(now: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    return [row for row in now.get(key) or () if isinstance(row, Mapping)]
+def _events(now: Mapping[str, Any], key: str, **fields: str) -> list[Event]:
+    """Return the events of a list of now.json, each line with `fields` in it."""
+    return [event_of(fields | dict(row)) for row in now.get(key) or () if isinstance(row, Mapping)]
 
 
 def _safe_states(events: Sequence[Event]) -> list[SafeState]:
     """Return what became of each device when the bench was made safe; nothing if it was told to go on since."""
-    found: dict[str, SafeState] = {}
+    states: dict[str, SafeState] = {}
     for event in events:
         if isinstance(event, SafeState):
-            found[event.device] = event
+            states[event.device] = event
         elif isinstance(event, Demand):
-            found.pop(event.device, None)
-    return list(found.values())
+            states.pop(event.device, None)
+    return list(states.values())
 
 
 def _told(states: Sequence[SafeState]) -> str:
     """Return what the bench has done, first what is in danger."""
     told = "; ".join(safe_sentences(states))
-    return f"bench made safe; {told}" if states and all(each.confirmed for each in states) else told
+    return f"bench made safe; {told}" if states and all(device.confirmed for device in states) else told
 
 
 def _who_paused(events: Sequence[Event]) -> str:

@@ -17,7 +17,7 @@ from drivers.base.errors import BenchError
 
 _CONTROL_S = 0.25
 _HISTORY_S = 2.0
-_PATIENCE_S = 20.0
+_NAME_TIMEOUT_S = 20.0
 _WORDS = {"completed": "✓ completed", "invalid": "! invalid", "aborted": "✕ aborted", "running": "● open"}
 
 
@@ -82,7 +82,7 @@ class Controls:
             ui.timer(0.1, self._recall_name, once=True)
             self._pause = self._button("Pause", "pause", lambda: self._request("pause"))
             self._resume = self._button("Resume", "play_arrow", lambda: self._request("resume"))
-            self._abort = self._button("Abort", "dangerous", self._confirm_abort, color="negative")
+            self._abort = self._button("Abort", "dangerous", lambda: self._dialog.open(), color="negative")
             ui.button(icon="contrast", on_click=lambda: _toggle(dark)).props(
                 'flat round dense aria-label="light or dark"'
             ).classes("contrast")
@@ -172,9 +172,6 @@ class Controls:
             return
         ui.notify(f"asked for {action}")
 
-    def _confirm_abort(self) -> None:
-        self._dialog.open()
-
     def _abort_now(self) -> None:
         self._dialog.close()
         self._request("abort")
@@ -184,14 +181,14 @@ class Controls:
 
     async def _recall_name(self) -> None:
         try:
-            name = await ui.run_javascript("localStorage.getItem('gyrobench-name')", timeout=_PATIENCE_S)
+            name = await ui.run_javascript("localStorage.getItem('gyrobench-name')", timeout=_NAME_TIMEOUT_S)
         except TimeoutError:  # the page was closed again, or its browser is very busy
             return
         if name and not self._name.value:
             self._name.value = str(name)[:40]
 
     @staticmethod
-    def _button(text: str, icon: str, act: Callable[[], None], color: str = "primary") -> ui.button:
+    def _button(text: str, icon: str, act: Callable[[], object], color: str = "primary") -> ui.button:
         props = f'no-caps unelevated data-testid="{text.lower()}"'
         return ui.button(text, icon=icon, on_click=act, color=color).props(props)
 
@@ -215,17 +212,10 @@ def _toggle(dark: ui.dark_mode) -> None:
 
 
 def _history_table() -> ui.table:
+    labels = {"run": "Run", "procedure": "Procedure", "units": "Units", "started": "Started (UTC)"}
+    labels |= {"length": "Bench time", "outcome": "Outcome", "report": ""}
     columns = [
-        {"name": name, "label": label, "field": name, "align": "left"}
-        for name, label in (
-            ("run", "Run"),
-            ("procedure", "Procedure"),
-            ("units", "Units"),
-            ("started", "Started (UTC)"),
-            ("length", "Bench time"),
-            ("outcome", "Outcome"),
-            ("report", ""),
-        )
+        {"name": name, "label": label, "field": name, "align": "left"} for name, label in labels.items()
     ]
     table = ui.table(columns=columns, rows=[], row_key="run", pagination=10).props("flat dense")
     table.add_slot(
@@ -240,8 +230,8 @@ def _history_table() -> ui.table:
 
 
 def _history_row(entry: Entry) -> dict[str, str]:
-    found = entry.manifest
-    if found is None:
+    manifest = entry.manifest
+    if manifest is None:
         return {
             "run": entry.name,
             "outcome": "cannot be read",
@@ -251,11 +241,11 @@ def _history_row(entry: Entry) -> dict[str, str]:
         }
     return {
         "run": entry.name,
-        "procedure": found.procedure,
-        "units": ", ".join(found.units.values()),
-        "started": found.started_utc[:19].replace("T", " "),
-        "length": duration(found.duration_s),
-        "outcome": _WORDS[found.outcome],
-        "kind": found.outcome,
-        "link": f"/report/{quote(entry.name)}" if found.complete else "",
+        "procedure": manifest.procedure,
+        "units": ", ".join(manifest.units.values()),
+        "started": manifest.started_utc[:19].replace("T", " "),
+        "length": duration(manifest.duration_s),
+        "outcome": _WORDS[manifest.outcome],
+        "kind": manifest.outcome,
+        "link": f"/report/{quote(entry.name)}" if manifest.complete else "",
     }

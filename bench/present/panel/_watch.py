@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -95,8 +95,8 @@ class Watch:
     def prompts(self) -> list[dict[str, Any]]:
         """The open questions."""
         now = self.now or {}
-        found = now.get("prompts") if now.get("alive") else None
-        return [p for p in found or [] if isinstance(p, dict) and isinstance(p.get("id"), int)]
+        prompts = now.get("prompts") if now.get("alive") else None
+        return [p for p in prompts or [] if isinstance(p, dict) and isinstance(p.get("id"), int)]
 
     @property
     def steerable(self) -> bool:
@@ -115,7 +115,7 @@ class Watch:
         if self.name and self.session is None:
             head = NOT_HERE
         return {
-            "banner": head.as_dict(),
+            "banner": asdict(head),
             "log": [_shown(line) for line in lines[-_LINES_SHOWN:]][::-1],
             "alarms": [_shown(line) for line in now.get("alarms") or ()][::-1],
             "gyros": sorted(now.get("gyros") or {}),
@@ -145,17 +145,18 @@ class Watch:
 
     def _choose(self) -> None:
         """Take the session written to last, unless the one shown still lives or one was asked for by name."""
-        found = self.folder.sessions()
+        folders = self.folder.sessions()
         if self.name:
-            found = [each for each in (self.folder.session(self.name),) if each is not None]
-        if found and found[0] != self.session and not (self.session is not None and self.steerable):
-            self.session, self._stamp = found[0], ""
+            named = self.folder.session(self.name)
+            folders = [named] if named is not None else []
+        if folders and folders[0] != self.session and not (self.session is not None and self.steerable):
+            self.session, self._stamp = folders[0], ""
         self.others = self._at_work()
 
     def _at_work(self) -> list[Session]:
         """Return the sessions beside the one shown whose process lives and has written lately."""
         lately_ns = (epoch_seconds() - _LATELY_S) * 1e9
-        found = []
+        sessions = []
         for folder in self.folder.sessions()[:_SESSIONS]:
             with suppress(BenchError, OSError):
                 if folder == self.session or (folder / NOW).stat().st_mtime_ns < lately_ns:
@@ -163,8 +164,8 @@ class Watch:
                 now = read_now(folder)
                 if now is not None and now["alive"] and now.get("state") != "ended":
                     name = str(folder.relative_to(self.folder.root))
-                    found.append(Session(name, _what(now, name)))
-        return sorted(found, key=lambda each: each.name)
+                    sessions.append(Session(name, _what(now, name)))
+        return sorted(sessions, key=lambda session: session.name)
 
     def _read(self) -> None:
         assert self.session is not None
