@@ -46,10 +46,9 @@ from bench.present.report._scores import by_model, by_run, model_table, run_matr
 from bench.present.report._tables import (
     checks_table,
     checksum_table,
-    devices_table,
+    record_sections,
     runs_table,
     software_facts,
-    streams_table,
 )
 from bench.present.report._verdict import campaign_verdict, chosen_scores
 from bench.record.recording import Run, checksum
@@ -57,7 +56,7 @@ from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
 
 if TYPE_CHECKING:
-    from bench.analysis.thermal import Scores, Study, ThermalRun
+    from bench.analysis.thermal import Study, ThermalRun
 
 _UNITS = {"t_in": "degC", "t_out": "degC", "dt_60": "degC/min", "gradient": "degC"}
 
@@ -113,23 +112,22 @@ def _traces(study: Study, traces: dict[str, Sequence[Trace]]) -> list[Trace]:
 
 
 def _model_scores(study: Study) -> list[ModelScore]:
-    ordered = [score.name for score in study.selection]
-    return [_model_score(name, row) for name in ordered for row in study.scores[name]]
-
-
-def _model_score(name: str, row: Scores) -> ModelScore:
-    return ModelScore(
-        model=name,
-        run_id=row.run_id,
-        stability_raw_dph=row.raw_stability_dph,
-        stability_comp_dph=row.stability_dph,
-        improvement_percent=row.improvement_pct,
-        attainable_percent=row.oracle_pct,
-        peak_dph=row.true_max_dph,
-        sf_rms_ppm=row.sf_true_rms_ppm if row.sf_true_rms_ppm is not None else row.sf_rms_ppm,
-        sf_max_ppm=row.sf_true_max_ppm if row.sf_true_max_ppm is not None else row.sf_max_ppm,
-        sf_raw_rms_ppm=row.sf_raw_rms_ppm,
-    )
+    return [
+        ModelScore(
+            model=model.name,
+            run_id=row.run_id,
+            stability_raw_dph=row.raw_stability_dph,
+            stability_comp_dph=row.stability_dph,
+            improvement_percent=row.improvement_pct,
+            attainable_percent=row.oracle_pct,
+            peak_dph=row.true_max_dph,
+            sf_rms_ppm=row.sf_rms_ppm if row.sf_true_rms_ppm is None else row.sf_true_rms_ppm,
+            sf_max_ppm=row.sf_max_ppm if row.sf_true_max_ppm is None else row.sf_true_max_ppm,
+            sf_raw_rms_ppm=row.sf_raw_rms_ppm,
+        )
+        for model in study.selection
+        for row in study.scores[model.name]
+    ]
 
 
 def _comparison(study: Study, index: int) -> Comparison:
@@ -139,7 +137,6 @@ def _comparison(study: Study, index: int) -> Comparison:
     bias, sf = _drift(study, run)
     used = run.time_s >= run.reference[0]
     time_s = block_means(run.time_s[used])
-    floor = study.scores[study.chosen][index].noise_floor_dph
     before_bias = None if run.bias_dph is None else _from_reference(run, run.bias_dph)
     before_sf = None if run.sf_error_ppm is None else _from_reference(run, run.sf_error_ppm)
     return Comparison(
@@ -149,7 +146,7 @@ def _comparison(study: Study, index: int) -> Comparison:
         bias_after_dph=None if before_bias is None else block_means((before_bias - bias)[used]),
         sf_before_ppm=None if before_sf is None else block_means(before_sf[used]),
         sf_after_ppm=None if before_sf is None else block_means((before_sf - sf)[used]),
-        floor_dph=floor,
+        floor_dph=study.scores[study.chosen][index].noise_floor_dph,
     )
 
 
@@ -217,9 +214,7 @@ def _header(content: CampaignContent) -> list[Fact]:
     units = list(dict.fromkeys(unit for run in content.runs for unit in run.units.values()))
     subject = content.subject or (content.compensation.unit_id if content.compensation else ", ".join(units))
     started = sorted(run.started_utc for run in content.runs if run.started_utc)
-    period = (
-        " to ".join(dict.fromkeys(moment(each) for each in (started[0], started[-1]))) if started else DASH
-    )
+    period = " to ".join(dict.fromkeys(moment(utc) for utc in (started[:1] + started[-1:]))) or DASH
     facts = [
         Fact("Unit under test", subject or DASH),
         Fact("Procedures", ", ".join(dict.fromkeys(run.procedure for run in content.runs)) or DASH),
@@ -234,13 +229,11 @@ def _header(content: CampaignContent) -> list[Fact]:
     models = dict.fromkeys(model for model, _, _ in described)
     seeds = {model: [seed for other, _, seed in described if other == model] for model in models}
     emulated = "; ".join(
-        f"{model}, seed {found[0]}" + (f" to {found[-1]}" if len(found) > 1 else "")
-        for model, found in seeds.items()
+        f"{model}, seed {those[0]}" + (f" to {those[-1]}" if len(those) > 1 else "")
+        for model, those in seeds.items()
     )
-    facts += [
-        Fact(label, text) for label, text in (("Operator", operators), ("Emulated devices", emulated)) if text
-    ]
-    return facts
+    optional = (("Operator", operators), ("Emulated devices", emulated))
+    return facts + [Fact(label, text) for label, text in optional if text]
 
 
 def _sections(content: CampaignContent) -> list[Section]:
@@ -252,6 +245,9 @@ def _sections(content: CampaignContent) -> list[Section]:
         *(f"Run {run.run_id}: {text}" for run in content.runs for text in run.warnings),
     ]
     bias = bias_panels("bias", content.comparisons, chosen)
+    checksums = {run.run_id: run.checksum for run in content.runs if run.checksum}
+    provenance = software_facts(content.software, content.bench_file_sha256)
+    provenance += checksum_table(checksums, "Checksums of the runs.")
     return [
         warnings(remarks),
         Section("Runs", [*runs_table(content.runs), *checks_table(content.runs)]),
@@ -269,18 +265,7 @@ def _sections(content: CampaignContent) -> list[Section]:
             ],
         ),
         Section("Compensation", _compensation(content.compensation)),
-        Section("Streams", streams_table(content.runs)),
-        Section("Devices", devices_table(content.runs)),
-        Section(
-            "Provenance",
-            [
-                *software_facts(content.software, content.bench_file_sha256),
-                *checksum_table(
-                    {run.run_id: run.checksum for run in content.runs if run.checksum},
-                    "Checksums of the runs.",
-                ),
-            ],
-        ),
+        *record_sections(content.runs, provenance),
         Section("Definitions", [Definitions(terms)] if (terms := _terms(content)) else []),
     ]
 
@@ -334,13 +319,8 @@ def _compensation(compensation: CompensationSummary | None) -> list[Block]:
 def _terms(content: CampaignContent) -> list[tuple[str, str]]:
     terms = []
     if content.scores:
-        terms += [
-            glossary.STABILITY,
-            glossary.IMPROVEMENT,
-            glossary.ATTAINABLE,
-            glossary.HELD_OUT,
-            glossary.PEAK,
-        ]
+        terms += [glossary.STABILITY, glossary.IMPROVEMENT, glossary.ATTAINABLE]
+        terms += [glossary.HELD_OUT, glossary.PEAK]
     if known(content.noise_floor_dph) or any(known(item.floor_dph) for item in content.comparisons):
         terms.append(glossary.FLOOR)
     if any(known(score.sf_rms_ppm) for score in content.scores):

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from bench.present.report import _glossary as glossary
 from bench.present.report import _parts as parts
 from bench.present.report._content import RunSummary
 from bench.present.report._numbers import DASH, moment, significant, unit_text
@@ -34,11 +35,10 @@ from bench.present.report._page import (
 from bench.present.report._tables import (
     checks_table,
     checksum_table,
-    devices_table,
     limits_text,
+    record_sections,
     runs_table,
     software_facts,
-    streams_table,
 )
 
 Judgement = Literal["pass", "fail", "not measured", "not judged"]
@@ -52,23 +52,18 @@ _TONES: Mapping[str, Tone] = {
     "not measured": "bad",
     "not judged": "doubt",
 }
-_RULE = (
-    "Decision rule",
-    "Simple acceptance (ISO/IEC Guide 98-4): the value measured lies inside the limits, the limits included. An "
-    "interval that reaches beyond them is marked.",
-)
 _TERMS = [
-    _RULE,
+    (
+        "Decision rule",
+        "Simple acceptance (ISO/IEC Guide 98-4): the value measured lies inside the limits, the limits included. "
+        "An interval that reaches beyond them is marked.",
+    ),
     ("Value", "Of several runs the one nearest to failing: the largest magnitude where there is no limit."),
     (
         "Verified",
         "Checksums of the run's files recomputed, its tables rebuilt from the raw bytes: all equal.",
     ),
-    ("Bias stability", "1σ of averages over the stated time (GJB 2426A); not the bias instability."),
-    (
-        "Bias instability",
-        "Flicker coefficient B; the flat part of the Allan deviation is 0.664 B (IEEE Std 952).",
-    ),
+    *glossary.STANDARD_BIAS,
 ]
 
 
@@ -120,12 +115,9 @@ class CertifiedFigure:
             return math.inf
         if not self.limited:
             return abs(value)
-        ends = []
-        if self.upper_limit is not None:
-            ends.append(value - self.upper_limit)
-        if self.lower_limit is not None:
-            ends.append(self.lower_limit - value)
-        return max(ends)
+        above = -math.inf if self.upper_limit is None else value - self.upper_limit
+        below = -math.inf if self.lower_limit is None else self.lower_limit - value
+        return max(above, below)
 
 
 @dataclass(frozen=True)
@@ -140,7 +132,7 @@ class UnitCertificate:
     def verdict(self) -> UnitVerdict:
         """The unit's verdict; without any limit nothing was judged."""
         judged = [figure.judgement for figure in self.figures if figure.limited]
-        if self.against or any(one != "pass" for one in judged):
+        if self.against or any(judgement != "pass" for judgement in judged):
             return "not passed"
         return "passed" if judged else "not judged"
 
@@ -194,9 +186,7 @@ def certificate_page(content: CertificateContent) -> Page:
             Section("Runs", [*runs_table(content.runs), *checks_table(content.runs)]),
             Section("Records", _checks(content)),
             Section("Figures", content.figures),
-            Section("Streams", streams_table(content.runs)),
-            Section("Devices", devices_table(content.runs)),
-            Section("Provenance", _provenance(content)),
+            *record_sections(content.runs, _provenance(content)),
             Section("Definitions", [Definitions(_TERMS)]),
         ],
         colophon=parts.made(content.created_utc, parts.OF_RUNS),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -166,29 +167,21 @@ def _reasons(run: RunSummary, check: str) -> list[str]:
 def _figures(results: Sequence[StandardFigures], limits: Limits) -> list[CertifiedFigure]:
     from bench.analysis.figures import figures_over_runs
 
-    found: dict[str, list[tuple[str, Figure]]] = {}
-    for result in results:
-        for figure in result.figures:
-            found.setdefault(figure.name, []).append((result.run_id, figure))
+    figures = [(result.run_id, figure) for result in results for figure in result.figures]
     if len(results) > 1:
-        for figure in figures_over_runs(results):
-            found.setdefault(figure.name, []).append((_OVER_RUNS, figure))
-    names = dict.fromkeys([*FIGURES, *found, *limits.rows])
-    return [_figure(name, found.get(name, []), limits.rows.get(name)) for name in names]
+        figures += [(_OVER_RUNS, figure) for figure in figures_over_runs(results)]
+    by_name: dict[str, list[tuple[str, Figure]]] = {}
+    for run, figure in figures:
+        by_name.setdefault(figure.name, []).append((run, figure))
+    names = dict.fromkeys([*FIGURES, *by_name, *limits.rows])
+    return [_figure(name, by_name.get(name, []), limits.rows.get(name)) for name in names]
 
 
 def _figure(name: str, rows: Sequence[tuple[str, Figure]], limit: Limit | None) -> CertifiedFigure:
     units = {figure.unit for _, figure in rows} or {FIGURES.get(name, FURTHER.get(name, ""))}
-    shown = CertifiedFigure(
-        name,
-        units.pop(),
-        {run: figure.value for run, figure in rows},
-        None if limit is None else limit.low,
-        None if limit is None else limit.high,
-    )
+    low, high = (None, None) if limit is None else (limit.low, limit.high)
+    shown = CertifiedFigure(name, units.pop(), {run: figure.value for run, figure in rows}, low, high)
     of_value = next((figure for _, figure in rows if figure.value == shown.value), None)
     if of_value is None:
         return shown
-    return CertifiedFigure(
-        **{**shown.__dict__, "low": of_value.low, "high": of_value.high, "source": of_value.source}
-    )
+    return replace(shown, low=of_value.low, high=of_value.high, source=of_value.source)

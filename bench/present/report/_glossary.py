@@ -9,10 +9,7 @@ STABILITY = (
     "shock, soak and recovery included. It is not the bias instability of IEEE Std 952, which is the "
     "flicker-noise coefficient read from the flat part of an Allan deviation.",
 )
-IMPROVEMENT = (
-    "Improvement",
-    "100 % × (1 − bias stability after / bias stability before compensation).",
-)
+IMPROVEMENT = ("Improvement", "100 % × (1 − bias stability after / bias stability before compensation).")
 ATTAINABLE = (
     "Attainable improvement",
     "The improvement that subtracting the true thermal drift would give. The rest is noise that no "
@@ -24,10 +21,7 @@ FLOOR = (
     "Standard deviation of 100 s means without any drift. For white noise alone it is 6 × N, with N the "
     "angle random walk in °/√h (IEEE Std 952); bias instability adds to it.",
 )
-PEAK = (
-    "Peak",
-    "Largest absolute 100 s mean of what is left after compensation.",
-)
+PEAK = ("Peak", "Largest absolute 100 s mean of what is left after compensation.")
 SCALE_FACTOR = (
     "Scale-factor error",
     "Change of the scale factor against its mean over the equilibrium before the shock, in parts per "
@@ -35,10 +29,7 @@ SCALE_FACTOR = (
     "point in time over runs at positive, negative and zero rate that went through the same "
     "temperatures.",
 )
-HELD_OUT = (
-    "Held-out run",
-    "A run that had no part in fitting or choosing a model.",
-)
+HELD_OUT = ("Held-out run", "A run that had no part in fitting or choosing a model.")
 LOST = (
     "Frames lost, rejected",
     "Lost: missing by the gyro's own frame counter, other than while the procedure had it switched off. "
@@ -49,3 +40,11 @@ CLOCK = (
     "Rate of the gyro's own clock against the bench's, from its frame counter fitted to the times of "
     "arrival.",
 )
+STANDARD_BIAS = (
+    ("Bias stability", "1σ of averages over the stated time (GJB 2426A); not the bias instability."),
+    (
+        "Bias instability",
+        "Flicker coefficient B; the flat part of the Allan deviation is 0.664 B (IEEE Std 952).",
+    ),
+)
+"""The terms of bias as the reports of standard tests have them."""

@@ -14,13 +14,12 @@ from bench.present.report._plots import trace_figure
 from bench.present.report._run_content import run_content
 from bench.present.report._tables import (
     checksum_table,
-    devices_table,
     measured,
     measurements_table,
     outcome,
     parameter_facts,
+    record_sections,
     software_facts,
-    streams_table,
 )
 from bench.record.recording import Run
 from bench.record.run_folder import MANIFEST_FILE, is_run, url_of
@@ -63,16 +62,11 @@ def report_run(folder: Path, out: Path | None = None) -> Path:
     return write_report(out or (Path(folder.name) if url_of(folder) else folder) / REPORT_FILE, page)
 
 
-def units_text(units: dict[str, str]) -> str:
-    """Return the units under test with the names the bench gives them."""
-    return ", ".join(f"{unit} ({name})" for name, unit in units.items()) or DASH
-
-
 def _header(content: RunContent) -> list[Fact]:
     run = content.summary
     facts = [
         Fact("Procedure", run.procedure),
-        Fact("Unit under test", units_text(dict(run.units))),
+        Fact("Unit under test", ", ".join(f"{unit} ({name})" for name, unit in run.units.items()) or DASH),
         Fact("Bench", run.bench_name or DASH),
         Fact("Started", moment(run.started_utc)),
         Fact("Duration", duration(run.duration_s)),
@@ -82,8 +76,7 @@ def _header(content: RunContent) -> list[Fact]:
         ("Operator", run.operator),
         ("Emulated devices", run.emulated),
     )
-    facts += [Fact(label, text) for label, text in optional if text]
-    return facts
+    return facts + [Fact(label, text) for label, text in optional if text]
 
 
 def _verdict(run: RunSummary) -> Verdict:
@@ -92,10 +85,7 @@ def _verdict(run: RunSummary) -> Verdict:
     judged = [item for item in run.measurements if item.low is not None or item.high is not None]
     headlines = [
         Headline(
-            measured(item.name),
-            significant(item.value),
-            unit_text(item.unit),
-            note=_limit_note(item.passed),
+            measured(item.name), significant(item.value), unit_text(item.unit), note=_limit_note(item.passed)
         )
         for item in judged[:4]
     ]
@@ -111,22 +101,13 @@ def _sections(content: RunContent) -> list[Section]:
     figures: list[Block] = []
     for number, trace in enumerate(content.traces, start=1):
         figures += trace_figure(f"trace-{number}", trace)
-    terms = Definitions([LOST, CLOCK])
+    caption = "Checksum of the run's manifest, which holds those of all its files."
+    provenance = software_facts(run.software, run.bench_file_sha256)
+    provenance += checksum_table({run.run_id: run.checksum} if run.checksum else {}, caption)
     return [
         warnings(run.warnings),
         Section("Course of the run", figures),
         Section("Measurements", measurements_table(run.measurements)),
         Section("Parameters", parameter_facts(run)),
-        Section("Streams", [*streams_table([run]), terms] if run.streams else []),
-        Section("Devices", devices_table([run])),
-        Section(
-            "Provenance",
-            [
-                *software_facts(run.software, run.bench_file_sha256),
-                *checksum_table(
-                    {run.run_id: run.checksum} if run.checksum else {},
-                    "Checksum of the run's manifest, which holds those of all its files.",
-                ),
-            ],
-        ),
+        *record_sections([run], provenance, [Definitions([LOST, CLOCK])]),
     ]

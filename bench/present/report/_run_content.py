@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -160,17 +161,15 @@ def _with_output(trace: Trace, output: Table, time_s: Array, turntable: Table | 
             _seconds(turntable), np.asarray(turntable["rate_dps"], dtype=np.float64), middle_s
         )
     turned = bool(np.nanmax(np.abs(table_dps), initial=0.0) > _TURNING_DPS)
-    name = "Output less table rate" if turned else "Output"
-    return Trace(
-        **{
-            **trace.__dict__,
-            "gyro_temp_c": np.interp(trace.time_s, temp_s[known], temp_c[known], np.nan, np.nan)
-            if known.any()
-            else None,
-            "output_time_s": middle_s,
-            "output_dph": 3600.0 * (rate_dps - table_dps),
-            "output_name": name,
-        }
+    gyro_temp_c = (
+        np.interp(trace.time_s, temp_s[known], temp_c[known], np.nan, np.nan) if known.any() else None
+    )
+    return replace(
+        trace,
+        gyro_temp_c=gyro_temp_c,
+        output_time_s=middle_s,
+        output_dph=3600.0 * (rate_dps - table_dps),
+        output_name="Output less table rate" if turned else "Output",
     )
 
 
@@ -195,10 +194,10 @@ def _steady_rate(time_s: Array, rate_dps: Array, middle_s: Array) -> Array:
         time_s, np.concatenate((middle_s - _BLOCK_S / 2.0, middle_s[-1:] + _BLOCK_S / 2.0))
     )
     means = np.full(len(middle_s), np.nan)
-    for at, (start, stop) in enumerate(pairwise(edges)):
+    for block, (start, stop) in enumerate(pairwise(edges)):
         part = rate_dps[start:stop]
         if len(part) and np.ptp(part) <= _TURNING_DPS + 1e-3 * np.abs(part).max():
-            means[at] = part.mean()
+            means[block] = part.mean()
     return means
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.present.report import _glossary as glossary
 from bench.present.report import _parts as parts
 from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import DASH, moment, significant, unit_text
@@ -35,11 +36,7 @@ _HEADLINES = (
     "angle random walk",
 )
 _TERMS = [
-    ("Bias stability", "1σ of averages over the stated time (GJB 2426A); not the bias instability."),
-    (
-        "Bias instability",
-        "Flicker coefficient B; the flat part of the Allan deviation is 0.664 B (IEEE Std 952).",
-    ),
+    *glossary.STANDARD_BIAS,
     (
         "Interval",
         "Holds the coefficient with 95 % probability. From zero on: the record does not show this noise, and the "
@@ -88,11 +85,11 @@ def standard_test_page(
 
 
 def _verdict(results: Sequence[StandardFigures], missing: Sequence[str]) -> Verdict:
-    found = {figure.name: figure for figure in results[0].figures}
+    figures = {figure.name: figure for figure in results[0].figures}
     headlines = [
-        Headline(name, significant(found[name].value), unit_text(found[name].unit))
+        Headline(name, significant(figures[name].value), unit_text(figures[name].unit))
         for name in _HEADLINES
-        if name in found
+        if name in figures
     ]
     if missing:
         return Verdict("Incomplete", "doubt", ["Some figures are missing; the warnings say why."], headlines)

@@ -25,6 +25,7 @@ from bench.present.report._page import (
     Fact,
     Facts,
     Row,
+    Section,
     Table,
     Tone,
     named,
@@ -183,6 +184,18 @@ def software_facts(software: Mapping[str, str], bench_file_sha256: str) -> list[
     if bench_file_sha256:
         facts.append(Fact("Bench file, SHA-256", bench_file_sha256, code=True))
     return [Facts(facts)] if facts else []
+
+
+def record_sections(
+    runs: Sequence[RunSummary], provenance: Sequence[Block], terms: Sequence[Block] = ()
+) -> list[Section]:
+    """Return what every report says of its runs' records: streams (with `terms`), devices, `provenance`."""
+    streams = streams_table(runs)
+    return [
+        Section("Streams", [*streams, *terms] if streams else []),
+        Section("Devices", devices_table(runs)),
+        Section("Provenance", provenance),
+    ]
 
 
 def parameter_facts(run: RunSummary) -> list[Block]:

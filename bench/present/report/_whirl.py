@@ -293,17 +293,17 @@ def _line_table(study: WhirlStudy) -> list[Block]:
 
 def _fit_facts(study: WhirlStudy) -> list[Fact]:
     fit = study.fit
-    rate = fit.body_rate_dph[0]
+    drift = _with_sd(fit.drift_dph[0], "°/h") if fit.drift_dph else "not separable from line +1"
     facts = [
-        ("Rate that stands still in the body", _with_sd(rate, "°/h")),
-        ("Azimuth of y from Earth rate", f"{study.heading_deg:.3f}°"),
-        ("Angle random walk an axis", f"{fit.noise_arcsec_per_sqrt_s / 60.0:.5f} °/√h"),
-        ("Drift", _with_sd(fit.drift_dph[0], "°/h") if fit.drift_dph else "not separable from line +1"),
-        ("Separation of drift and line +1", f"condition number {fit.separation:.3g}"),
+        Fact("Rate that stands still in the body", _with_sd(fit.body_rate_dph[0], "°/h")),
+        Fact("Azimuth of y from Earth rate", f"{study.heading_deg:.3f}°"),
+        Fact("Angle random walk an axis", f"{fit.noise_arcsec_per_sqrt_s / 60.0:.5f} °/√h"),
+        Fact("Drift", drift),
+        Fact("Separation of drift and line +1", f"condition number {fit.separation:.3g}"),
     ]
     if fit.play_arcsec is not None:
-        facts.append(("Jump of tilt with the sense of rotation", _with_sd(fit.play_arcsec, "arcsec")))
-    return [Fact(*pair) for pair in facts]
+        facts.append(Fact("Jump of tilt with the sense of rotation", _with_sd(fit.play_arcsec, "arcsec")))
+    return facts
 
 
 def _with_sd(estimate: Estimate, unit: str) -> str:
