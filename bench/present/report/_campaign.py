@@ -229,7 +229,7 @@ def _header(content: CampaignContent) -> list[Fact]:
     models = dict.fromkeys(model for model, _, _ in described)
     seeds = {model: [seed for other, _, seed in described if other == model] for model in models}
     emulated = "; ".join(
-        f"{model}, seed {those[0]}" + (f" to {those[-1]}" if len(those) > 1 else "")
+        f"{model}, seed {those[0]}" + (f" to {those[-1]}" if those[-1] != those[0] else "")
         for model, those in seeds.items()
     )
     optional = (("Operator", operators), ("Emulated devices", emulated))
