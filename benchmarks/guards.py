@@ -443,7 +443,7 @@ MECHANISMS = (
         3,
         "without the token nothing is served",
         f"{_PANEL}._access:Access.__call__",
-        always("self._token is None or self._has_token(headers)"),
+        always("self._token is None or self._has_token(request)"),
         _T_PANEL,
     ),
     Mechanism(

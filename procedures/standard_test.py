@@ -268,10 +268,11 @@ def _at_rate(
 ) -> None:
     bench.table.spin(rate_dps)
     bench.wait(_SETTLE_S, "settling")
-    least_s = p.dwell_s(rate_dps)
-    turns_s = 360.0 / abs(rate_dps) if rate_dps else 1.0
-    wanted_s = turns_s * math.ceil(600.0 / turns_s) if longest else least_s
-    _interval(bench, test, max(least_s, wanted_s), rate_dps=rate_dps, **fields)
+    dwell_s = p.dwell_s(rate_dps)
+    if longest:
+        turn_s = 360.0 / abs(rate_dps) if rate_dps else 1.0
+        dwell_s = max(dwell_s, turn_s * math.ceil(600.0 / turn_s))
+    _interval(bench, test, dwell_s, rate_dps=rate_dps, **fields)
 
 
 def _interval(bench: Bench, test: str, duration_s: float, **fields: float) -> None:
@@ -307,14 +308,14 @@ def demands(p: StandardTestParameters) -> Demands:
 
 def figures(p: StandardTestParameters) -> set[str]:
     """Return the figures that such a run measures."""
-    found = set(_ALWAYS)
+    measured = set(_ALWAYS)
     if p.plan().power_cycles > 0:
-        found.add("bias repeatability")
+        measured.add("bias repeatability")
     if p.sequences > 1:
-        found.add("scale-factor repeatability")
+        measured.add("scale-factor repeatability")
     if p.temperatures:
-        found |= {"bias temperature sensitivity", "scale-factor temperature sensitivity"}
-    return found
+        measured |= {"bias temperature sensitivity", "scale-factor temperature sensitivity"}
+    return measured
 
 
 PROCEDURE = Procedure(

@@ -50,6 +50,7 @@ class SystemCalibrationParameters(Parameters):
 def run(bench: Bench, p: SystemCalibrationParameters) -> None:
     """Run the test."""
     plan = plan_turns(_schedule(p), table_axes(bench.file.table))
+    schedule = plan.schedule
     _note_heading(bench, p, plan)
     for name in bench.table.axes:
         bench.table.check(p.rate_dps, name)
@@ -63,19 +64,22 @@ def run(bench: Bench, p: SystemCalibrationParameters) -> None:
             mounting=plan.mount_text,
             attitude=plan.mount.tolist(),
         )
-        _describe(bench, plan)
+        home, moves = home_text(schedule.home), moves_text(schedule.moves)
+        timing = (schedule.dwell_s, schedule.rate_dps)
+        # The fit reads from here what is really turned.
+        bench.event(Scheme(schedule.name, schedule.source, home, moves, *timing, plan.mount_text))
         bench.table.device.servo_on()
         bench.table.confine(p.rate_dps)
         bench.table.home()
 
-    with bench.step("K2", f"Start attitude, {home_text(plan.schedule.home)}; warm-up"):
+    with bench.step("K2", f"Start attitude, {home}; warm-up"):
         bench.phase("warm_up")
         for name, angle_deg in plan.start_deg.items():
             bench.table.point(angle_deg, name)
         bench.wait(60.0 * p.warm_up_min, "warm-up")
 
-    with bench.step("K3", f"{plan.schedule.positions} positions of {plan.schedule.name}"):
-        _dwell(bench, p, 1, plan.schedule.positions)
+    with bench.step("K3", f"{schedule.positions} positions of {schedule.name}"):
+        _dwell(bench, p, 1, schedule.positions)
         for number, turn in enumerate(plan.turns, 2):
             bench.phase("turn")
             bench.event(Turn(number - 1, turn.axis, turn.by_deg, turn.to_deg))
@@ -86,7 +90,7 @@ def run(bench: Bench, p: SystemCalibrationParameters) -> None:
                 sense="positive" if turn.by_deg > 0 else "negative",
                 timeout_s=timeout_s,
             )
-            _dwell(bench, p, number, plan.schedule.positions)
+            _dwell(bench, p, number, schedule.positions)
 
     with bench.step("K4", "Close"):
         bench.phase("close")
@@ -100,32 +104,14 @@ def _dwell(bench: Bench, p: SystemCalibrationParameters, number: int, positions:
     bench.wait(p.dwell_s, f"position {number} of {positions}")
 
 
-def _describe(bench: Bench, plan: TurningPlan) -> None:
-    """Write down what is really turned: the fit reads it from here."""
-    schedule = plan.schedule
-    bench.event(
-        Scheme(
-            schedule.name,
-            schedule.source,
-            home_text(schedule.home),
-            moves_text(schedule.moves),
-            schedule.dwell_s,
-            schedule.rate_dps,
-            plan.mount_text,
-        )
-    )
-
-
 def _note_heading(bench: Bench, p: SystemCalibrationParameters, plan: TurningPlan) -> None:
     """Say what another heading than the scheme's own costs, if the table forces one."""
-    own = _schedule(p)
-    here, there = (
-        evaluate(Task(site=Site(bench.file.bench.latitude_deg)), each).merit.worst
-        for each in (plan.schedule, own)
-    )
+    turned, planned = plan.schedule, _schedule(p)
+    task = Task(site=Site(bench.file.bench.latitude_deg))
+    here, there = (evaluate(task, schedule).merit.worst for schedule in (turned, planned))
     if here > 1.02 * there:
         bench.note(
-            f"this table turns the scheme from {home_text(plan.schedule.home)} instead of {home_text(own.home)}: "
+            f"this table turns the scheme from {home_text(turned.home)} instead of {home_text(planned.home)}: "
             f"worst sigma over target {here:.2f} instead of {there:.2f} (reference noise)"
         )
 

@@ -125,12 +125,12 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> float:
 def _deviation_dph(gyro: GyroStation, start_s: float, end_s: float) -> float:
     """Return the standard deviation of a dwell's mean, by its pieces' scatter about a line; 0 if unknown."""
     borders = np.linspace(start_s, end_s, _PIECES + 1).tolist()
-    pieces = np.array([3600.0 * gyro.mean_rate_dps(*each) for each in pairwise(borders)])
-    at = np.flatnonzero(np.isfinite(pieces))
-    if len(at) < 4:
+    pieces = np.array([3600.0 * gyro.mean_rate_dps(*piece) for piece in pairwise(borders)])
+    known = np.flatnonzero(np.isfinite(pieces))
+    if len(known) < 4:
         return 0.0
-    left = pieces[at] - np.polyval(np.polyfit(at, pieces[at], 1), at)
-    return float(np.sqrt(np.sum(left**2) / (len(at) - 2) / len(at)))
+    residuals = pieces[known] - np.polyval(np.polyfit(known, pieces[known], 1), known)
+    return float(np.sqrt(np.sum(residuals**2) / (len(known) - 2) / len(known)))
 
 
 def expected_duration_s(p: ZeroBiasParameters) -> float:

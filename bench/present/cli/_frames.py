@@ -12,7 +12,6 @@ from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from bench.present.cli._console import Terminal
-    from bench.record.capture import Capture
     from drivers.frames import Form, FrameFamily
 
 app = typer.Typer(
@@ -85,15 +84,14 @@ def _show(console: Terminal, family: FrameFamily, settings: Mapping[str, str]) -
     )
     for form in family.forms:
         if isinstance(about, LineDescription):
-            check = about.line.checksum
-            head, size = about.line.start or "-", f"{about.line.columns} columns"
-            sort = check.kind if check else "none"
-            grid.add_row(form.name, head, size, sort, _channels(form), _false_frames(form))
-            continue
-        size = str(form.length) if form.length is not None else f"{form.shortest} to {form.longest}"
-        kinds = ", ".join(check.kind for check in form.checksums) or "none"
-        heads = " or ".join(sync.hex(" ") for sync in form.syncs)
-        grid.add_row(form.name, heads, size, kinds, _channels(form), _false_frames(form))
+            heads, size = about.line.start or "-", f"{about.line.columns} columns"
+            kinds: str = about.line.checksum.kind if about.line.checksum else "none"
+        else:
+            size = str(form.length) if form.length is not None else f"{form.shortest} to {form.longest}"
+            kinds = ", ".join(check.kind for check in form.checksums) or "none"
+            heads = " or ".join(sync.hex(" ") for sync in form.syncs)
+        false_frames = f"{_RANDOM_BYTES * form.false_per_byte:.2g}"
+        grid.add_row(form.name, heads, size, kinds, _channels(form), false_frames)
     console.print(grid)
     for name, setting in about.setting.items():
         chosen = settings.get(name, setting.default)
@@ -110,10 +108,6 @@ def _show(console: Terminal, family: FrameFamily, settings: Mapping[str, str]) -
         if about.vector
         else "no vectors: nothing says that this description fits a real unit"
     )
-
-
-def _false_frames(form: Form) -> str:
-    return f"{_RANDOM_BYTES * form.false_per_byte:.2g}"
 
 
 def _channels(form: Form) -> str:
@@ -135,7 +129,9 @@ def _decode(console: Terminal, family: FrameFamily, path: Path, out: Path, parqu
         raise ConfigurationError(
             "there is no message of this description in the capture",
             where=str(path),
-            found=_beginning(capture),
+            found=f"{capture.size} bytes that begin with {capture.head.hex(' ')}"
+            if capture.size
+            else "an empty file",
             expected=f"messages of {family.description.title}",
             remedy=_remedy(path),
         )
@@ -171,9 +167,3 @@ def _remedy(path: Path) -> str:
     if fits and 2 * max(fits.values()) > len(data):
         return f"`gyrobench frames check {max(fits, key=lambda name: fits[name])}` fits it"
     return "check that the capture is of this device, and that it was taken at the right baud rate"
-
-
-def _beginning(capture: Capture) -> str:
-    if not capture.size:
-        return "an empty file"
-    return f"{capture.size} bytes that begin with {capture.head.hex(' ')}"

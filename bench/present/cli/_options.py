@@ -36,6 +36,10 @@ DiagnosedRuns = Annotated[
 ]
 NominalModel = Annotated[Path, typer.Option("--model", help="nominal model (TOML)")]
 DiagnosedGyro = Annotated[str | None, typer.Option(help="gyro to diagnose; default the first of the runs")]
+Arw = Annotated[float, typer.Option(help="angle random walk, deg/sqrt(h)")]
+Vrw = Annotated[float, typer.Option(help="velocity random walk, ug/sqrt(Hz)")]
+VelocityNoise = Annotated[float, typer.Option(help="noise of the zero-velocity measurement")]
+Gravity = Annotated[float | None, typer.Option(help="gravity; default by latitude")]
 Jobs = Annotated[
     int | None,
     typer.Option("--jobs", help="processes at work; default 1, with --cluster local one a processor"),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from bench.present.cli._options import Cluster, Jobs, Json
+from bench.present.cli._options import Arw, Cluster, Gravity, Jobs, Json, VelocityNoise, Vrw
 from bench.present.cli._texts import duration
 from drivers.base.errors import ConfigurationError
 
@@ -32,8 +32,6 @@ SchemeBench = Annotated[
 Dwell = Annotated[float, typer.Option(help="rest after every turn")]
 Rate = Annotated[float, typer.Option(help="rate of the turns")]
 Latitude = Annotated[float, typer.Option(help="latitude")]
-Arw = Annotated[float, typer.Option(help="angle random walk, deg/sqrt(h)")]
-Vrw = Annotated[float, typer.Option(help="velocity random walk, ug/sqrt(Hz)")]
 
 
 @app.command()
@@ -46,10 +44,10 @@ def evaluate(
     dwell_s: Dwell = 180.0,
     rate_dps: Rate = 10.0,
     latitude_deg: Latitude = 45.7796,
-    gravity_mps2: Annotated[float | None, typer.Option(help="gravity; default by latitude")] = None,
+    gravity_mps2: Gravity = None,
     arw: Arw = 0.001,
     vrw: Vrw = 10.0,
-    velocity_noise_mps: Annotated[float, typer.Option(help="noise of the zero-velocity measurement")] = 1e-3,
+    velocity_noise_mps: VelocityNoise = 1e-3,
     json: Json = False,
     out: Annotated[Path | None, typer.Option(help="write an HTML report here")] = None,
     bench: SchemeBench = None,

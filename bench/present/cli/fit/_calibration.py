@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.present.cli._options import FitFolder, GyroToFit
+from bench.present.cli._options import Arw, FitFolder, Gravity, GyroToFit, VelocityNoise, Vrw
 
 if TYPE_CHECKING:
     from bench.analysis.calibration import Estimate
@@ -27,10 +27,10 @@ def calibration(
     latitude_deg: Annotated[
         float | None, typer.Option(help="latitude of the bench; a run says it itself")
     ] = None,
-    gravity_mps2: Annotated[float | None, typer.Option(help="gravity; default by latitude")] = None,
-    arw: Annotated[float, typer.Option(help="angle random walk, deg/sqrt(h)")] = 0.001,
-    vrw: Annotated[float, typer.Option(help="velocity random walk, ug/sqrt(Hz)")] = 10.0,
-    velocity_noise_mps: Annotated[float, typer.Option(help="noise of the zero-velocity measurement")] = 1e-3,
+    gravity_mps2: Gravity = None,
+    arw: Arw = 0.001,
+    vrw: Vrw = 10.0,
+    velocity_noise_mps: VelocityNoise = 1e-3,
     wander_dph: Annotated[float, typer.Option(help="gyro bias wander, deg/h; 0: none")] = 0.0,
     wander_ug: Annotated[float, typer.Option(help="accelerometer bias wander, ug; 0: none")] = 0.0,
     lever_arms: Annotated[
@@ -39,13 +39,7 @@ def calibration(
     range_dps: Annotated[float | None, typer.Option(help="measuring range of the gyros, deg/s")] = None,
 ) -> None:
     """System-level calibration of an IMU from the record of a rotation scheme."""
-    from bench.analysis.calibration import (
-        DPH_RAD_S,
-        BiasWander,
-        Noise,
-        calibrate,
-        load_record,
-    )
+    from bench.analysis.calibration import DPH_RAD_S, BiasWander, Noise, calibrate, load_record
     from bench.analysis.common.state_file import save_file, saved_together
     from bench.present.cli._console import Terminal
     from bench.present.report import calibration_content, calibration_page, write_report

@@ -58,15 +58,9 @@ def score_table(study: Study) -> Table:
 
     table = Table(title="means over the test runs")
     table.add_column("model", no_wrap=True)
-    for heading in (
-        "1σ of 100 s, deg/h",
-        "less by %",
-        "of attainable %",
-        "peak deg/h",
-        "SF rms ppm",
-        "max ppm",
-    ):
-        table.add_column(heading, justify="right")
+    heads = ("1σ of 100 s, deg/h", "less by %", "of attainable %", "peak deg/h", "SF rms ppm", "max ppm")
+    for head in heads:
+        table.add_column(head, justify="right")
     for score in study.selection:
         rows = study.scores[score.name]
         shares = [None if row.attained_fraction is None else 100 * row.attained_fraction for row in rows]

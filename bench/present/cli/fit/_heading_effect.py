@@ -105,8 +105,7 @@ def _not_temperature(study: HeadingStudy) -> str:
     if study.model.evidence.cause == "none":
         return "no heading effect beyond the noise of this run: nothing to compensate"
     return (
-        "the drift steps with heading and does not follow the temperature (friction, magnetic field, "
-        "cables?): "
+        "the drift steps with heading and does not follow the temperature (friction, magnetic field, cables?): "
         "compensating with temperature would add error, no compensation was written"
     )
 

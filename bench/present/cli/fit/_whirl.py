@@ -62,9 +62,8 @@ def _lines(study: WhirlStudy) -> Table:
 
     table = Table("line m", "about x arcsec", "about y arcsec", "sd an axis", "|a|^2 / 2 sd^2")
     fit = study.fit
-    for line, value, sd, evidence in zip(
-        fit.lines, fit.amplitudes_arcsec, fit.sd_arcsec, fit.statistic, strict=True
-    ):
+    columns = (fit.lines, fit.amplitudes_arcsec, fit.sd_arcsec, fit.statistic)
+    for line, value, sd, evidence in zip(*columns, strict=True):
         table.add_row(f"{line:+g}", f"{value.real:.4f}", f"{value.imag:.4f}", f"{sd:.4f}", f"{evidence:,.1f}")
     return table
 

@@ -63,12 +63,12 @@ def _watched(exam: Iterator[tuple[str, Marked | None]], cases: int) -> list[Mark
     console = Terminal()
     marked: list[Marked] = []
     try:
-        for shown, one in exam:
-            if one is None:
-                console.say(f"{shown} sealed", style="dim")
+        for name, case in exam:
+            if case is None:
+                console.say(f"{name} sealed", style="dim")
                 continue
-            marked.append(one)
-            console.say(f"{shown} {_line(one)}", soft_wrap=True)
+            marked.append(case)
+            console.say(f"{name} {_line(case)}", soft_wrap=True)
     except KeyboardInterrupt:
         if not marked:
             raise
@@ -76,17 +76,19 @@ def _watched(exam: Iterator[tuple[str, Marked | None]], cases: int) -> list[Mark
     return marked
 
 
-def _line(one: Marked) -> str:
-    truth = " + ".join(one.effects) or one.stochastic or "nothing"
-    said = [*one.causes, *one.stochastic_named, *(["unknown"] if one.called_unknown else [])]
-    shares = f"{one.stated_share[0]:.3f} ({one.true_share:.3f})"
-    return f"SNR {one.snr:.2f} {truth} -> {' + '.join(said) or 'no gap'}; closed {shares} {one.seconds:.1f} s"
+def _line(case: Marked) -> str:
+    truth = " + ".join(case.effects) or case.stochastic or "nothing"
+    said = [*case.causes, *case.stochastic_named, *(["unknown"] if case.called_unknown else [])]
+    shares = f"{case.stated_share[0]:.3f} ({case.true_share:.3f})"
+    return (
+        f"SNR {case.snr:.2f} {truth} -> {' + '.join(said) or 'no gap'}; closed {shares} {case.seconds:.1f} s"
+    )
 
 
 def exam_text(exam: Exam, note: str = "") -> str:
     """Return the exam's result as Markdown: counts, table with Wilson intervals, reliability, time."""
     marked, planned = exam.marked, exam.cases
-    kinds = Counter(each.kind for each in marked)
+    kinds = Counter(case.kind for case in marked)
     lines = [
         f"`gyrobench gap exam --cases {planned} --seed {exam.seed}`{f', {note}' if note else ''}.",
         "",
@@ -113,14 +115,14 @@ def exam_text(exam: Exam, note: str = "") -> str:
         "",
         "```",
     ]
-    for each in bins:
-        came = each.true / each.count
+    for group in bins:
+        came = group.true / group.count
         bar = "".join(
-            "|" if k == round(each.stated * _BAR) else "#" if k < round(came * _BAR) else "."
+            "|" if k == round(group.stated * _BAR) else "#" if k < round(came * _BAR) else "."
             for k in range(_BAR + 1)
         )
-        lines.append(f"stated {100 * each.stated:5.1f} %  true {100 * came:5.1f} %  {bar}  {each.count}")
-    times = sorted(each.seconds for each in marked)
+        lines.append(f"stated {100 * group.stated:5.1f} %  true {100 * came:5.1f} %  {bar}  {group.count}")
+    times = sorted(case.seconds for case in marked)
     lines += ["```", "", f"Seconds a case: median {times[len(times) // 2]:.1f}, longest {times[-1]:.1f}"]
     return "\n".join(lines) + "\n"
 

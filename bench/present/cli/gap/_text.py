@@ -42,10 +42,10 @@ def print_rate(console: Terminal, diagnosis: Diagnosis, following: Sequence[Sugg
         names = ", ".join(found.unidentifiable)
         console.say(f"  not to be seen in these runs: {names}", style="dim")
     _print_channels(console, diagnosis.channels)
-    for each in following[:2]:
+    for plan in following[:2]:
         console.say(
-            f"  next: {each.procedure} ({each.parameters}, {each.hours:.1f} h): {each.decides}, "
-            f"expected log odds {each.log_odds:.3g}"
+            f"  next: {plan.procedure} ({plan.parameters}, {plan.hours:.1f} h): {plan.decides}, "
+            f"expected log odds {plan.log_odds:.3g}"
         )
 
 
@@ -63,19 +63,14 @@ def print_position(console: Terminal, unit_id: str, found: PositionFinding) -> N
         "heading", "hours", "before arcsec", "after arcsec", "share %", title="where: position error rms"
     )
     for stay in found.stays:
-        table.add_row(
-            f"{stay.heading_deg:.0f} deg",
-            f"{stay.hours:.0f}",
-            f"{stay.rms_before_as:.1f}",
-            f"{stay.rms_after_as:.1f}",
-            f"{100 * stay.share:.0f}",
-        )
+        errors = (f"{stay.rms_before_as:.1f}", f"{stay.rms_after_as:.1f}", f"{100 * stay.share:.0f}")
+        table.add_row(f"{stay.heading_deg:.0f} deg", f"{stay.hours:.0f}", *errors)
     console.print(table)
-    for each in found.held_out:
+    for held in found.held_out:
         console.say(
-            f"on held-out run {each.run_id} {100 * each.share:.1f} % of the position error's energy is gone "
-            f"({100 * each.low:.1f} to {100 * each.high:.1f} %): {each.rms_before:.1f} -> "
-            f"{each.rms_after:.1f} arcsec rms"
+            f"on held-out run {held.run_id} {100 * held.share:.1f} % of the position error's energy is gone "
+            f"({100 * held.low:.1f} to {100 * held.high:.1f} %): {held.rms_before:.1f} -> "
+            f"{held.rms_after:.1f} arcsec rms"
         )
     if not found.held_out and found.closing:
         console.say("no held-out runs: how far the gap shrinks is not known")
@@ -103,14 +98,8 @@ def _rivals(cause: Cause[Any]) -> str:
 def _map(title: str, places: Sequence[Place]) -> Table:
     table = Table("profile", "runs", "time scale", "rms deg/h", "share %", "energy / floor", title=title)
     for place in [place for place in places if place.clear][:_SHOWN]:
-        table.add_row(
-            place.profile,
-            place.part,
-            place.band,
-            f"{place.rms:.4f}",
-            f"{100 * place.share:.0f}",
-            f"{place.energy_ratio:.1f}",
-        )
+        sizes = (f"{place.rms:.4f}", f"{100 * place.share:.0f}", f"{place.energy_ratio:.1f}")
+        table.add_row(place.profile, place.part, place.band, *sizes)
     return table
 
 
@@ -128,32 +117,27 @@ def _closing(shrunk: Shrinkage | None) -> str:
 
 def _print_channels(console: Terminal, channels: Sequence[ChannelFinding]) -> None:
     """Print a line for each channel, its causes, and what cannot be seen."""
-    seen = [each for each in channels if not each.reason]
+    seen = [channel for channel in channels if not channel.reason]
     if not seen:
         return
     table = Table("channel", "gap rms", "floor", "most of it", "verdict", "gone on held-out runs")
-    for each in seen:
-        table.add_row(
-            each.signal.replace("_", " "),
-            f"{each.rms:.3g} {each.unit}",
-            f"{each.floor_rms:.2g}",
-            _most(each.places),
-            each.verdict,
-            "".join(
-                f"{100 * held.share:.1f} %: {held.rms_before:.3g} -> {held.rms_after:.3g} {each.unit}"
-                for held in each.held_out
-            ),
+    for channel in seen:
+        gone = "".join(
+            f"{100 * held.share:.1f} %: {held.rms_before:.3g} -> {held.rms_after:.3g} {channel.unit}"
+            for held in channel.held_out
         )
+        rms, floor = f"{channel.rms:.3g} {channel.unit}", f"{channel.floor_rms:.2g}"
+        name = channel.signal.replace("_", " ")
+        table.add_row(name, rms, floor, _most(channel.places), channel.verdict, gone)
     console.print(table)
-    for each in seen:
-        for cause in each.causes:
-            chance = f"{100 * cause.probability:.0f} %"
-            console.say(f"  {cause.name} ({chance}): {each.told(cause)}")
-        for name in each.stochastic:
-            console.say(f"  {each.scatter(name)}")
-    for each in channels:
-        if each.reason:
-            console.say(f"  not seen: {each.signal.replace('_', ' ')}: {each.reason}", style="dim")
+    for channel in seen:
+        for cause in channel.causes:
+            console.say(f"  {cause.name} ({100 * cause.probability:.0f} %): {channel.told(cause)}")
+        for name in channel.stochastic:
+            console.say(f"  {channel.scatter(name)}")
+    for channel in channels:
+        if channel.reason:
+            console.say(f"  not seen: {channel.signal.replace('_', ' ')}: {channel.reason}", style="dim")
 
 
 def _most(places: Sequence[Place]) -> str:
