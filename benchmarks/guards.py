@@ -478,7 +478,7 @@ MECHANISMS = (
         3,
         "no path of a session leads out",
         f"{_PANEL}._folders:RunsFolder.within",
-        always("found.is_relative_to(self.root)"),
+        always("real.is_relative_to(self.root)"),
         _T_PANEL,
     ),
     Mechanism(

@@ -49,24 +49,24 @@ class RunsFolder:
     def within(self, path: str | Path) -> Path | None:
         """Return an absolute path that a session has written, None unless it is inside the runs folder."""
         try:
-            found = Path(path).resolve(strict=True)
+            real = Path(path).resolve(strict=True)
         except (OSError, RuntimeError, ValueError):
             return None
-        return found if found.is_relative_to(self.root) else None
+        return real if real.is_relative_to(self.root) else None
 
     def sessions(self) -> list[Path]:
         """Return the folders with live files, the one that was written to last first.
 
         A campaign has them itself; of a rehearsal each run has its own.
         """
-        found = []
+        live = []
         for folder in [self.root, *self._newest(self.root)]:
             if changed_ns := _live_ns(folder):
-                found.append((changed_ns, folder))
+                live.append((changed_ns, folder))
             elif not (folder / MANIFEST_FILE).exists():
                 runs = self._newest(folder / "runs")[:_REHEARSED]
-                found += [(run_ns, run) for run in runs if (run_ns := _live_ns(run))]
-        return [folder for _, folder in sorted(found, reverse=True)]
+                live += [(run_ns, run) for run in runs if (run_ns := _live_ns(run))]
+        return [folder for _, folder in sorted(live, reverse=True)]
 
     def session(self, name: str) -> Path | None:
         """Return the session folder of that name ("." is the runs folder itself), None if there is none."""
@@ -117,14 +117,14 @@ class RunsFolder:
     def _newest(self, folder: Path) -> list[Path]:
         try:
             with os.scandir(folder) as entries:
-                found = [
+                dated = [
                     (entry.stat(follow_symlinks=False).st_mtime_ns, entry.path)
                     for entry in entries
                     if entry.is_dir(follow_symlinks=False) and not entry.name.startswith(".")
                 ]
         except OSError:
             return []
-        return [Path(path) for _, path in sorted(found, reverse=True)[:_LOOKED_AT]]
+        return [Path(path) for _, path in sorted(dated, reverse=True)[:_LOOKED_AT]]
 
 
 def _live_ns(session: Path) -> int:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from bench.present.cli._texts import duration as hours_text
 from bench.present.sentences import demands_words
 
 DASH = "–"
@@ -20,7 +21,7 @@ def texts(now: Mapping[str, Any] | None, age_s: float) -> dict[str, str]:
     chamber, table = now.get("chamber") or {}, now.get("table") or {}
     time_s, left_s = now.get("time_s"), now.get("left_s")
     ended = now.get("state") == "ended"
-    found = {
+    words = {
         "title": str(campaign.get("title") or run.get("procedure") or "No session"),
         "run": str(run.get("run_id") or DASH),
         "procedure": str(run.get("procedure") or DASH),
@@ -46,11 +47,11 @@ def texts(now: Mapping[str, Any] | None, age_s: float) -> dict[str, str]:
         "demand": demands_words(table.get("demands") or {}) or DASH,
     }
     for name, value in (chamber.get("auxiliary_c") or {}).items():
-        found[f"aux.{name}"] = number(value, 2)
+        words[f"aux.{name}"] = number(value, 2)
     for name, gyro in (now.get("gyros") or {}).items():
-        found |= {f"gyro.{name}.{key}": text for key, text in _gyro(gyro).items()}
-        found[f"gyro.{name}.unit"] = str((run.get("units") or {}).get(name, ""))
-    return found
+        words |= {f"gyro.{name}.{key}": text for key, text in _gyro(gyro).items()}
+        words[f"gyro.{name}.unit"] = str((run.get("units") or {}).get(name, ""))
+    return words
 
 
 def _gyro(gyro: Mapping[str, Any]) -> dict[str, str]:
@@ -88,8 +89,7 @@ def duration(seconds: object) -> str:
     """Return a duration as h:mm:ss."""
     if not isinstance(seconds, int | float) or not math.isfinite(seconds):
         return DASH
-    whole = round(seconds)
-    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+    return hours_text(seconds)
 
 
 def _speed(value: object, emulated: bool) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -11,6 +12,9 @@ from bench.present.report._lettering import BOTTOM, CHARACTER, LINE, WIDE, label
 from bench.present.report._palette import BAND, BLUE, GRID, INK, MUTED, ORANGE
 from bench.present.report._plotting import FONT_SIZE, drawing, place, printable, svg
 from drivers.base.arrays import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _PITCH = 25.0
 _ROW_PT = 13.0
@@ -54,28 +58,24 @@ def heat_map(
         axes.set_yticklabels([printable(short(name, 38)) for name in rows])
         for y, row in enumerate(rows):
             for x, column in enumerate(columns):
-                cell = cells.get((row, column))
-                _draw_cell(axes, x, y, cell, most)
+                if (cell := cells.get((row, column))) is not None:
+                    _draw_cell(axes, x, y, cell, most)
         for k in groups:
             axes.axhline(k, color=MUTED.light, linewidth=0.8)
         return svg(figure, figure_id, description)
 
 
-def _draw_cell(axes: object, x: int, y: int, cell: HeatCell | None, most: float) -> None:
+def _draw_cell(axes: Axes, x: int, y: int, cell: HeatCell, most: float) -> None:
     from matplotlib.patches import Rectangle
 
-    if cell is None:
-        return
     box = (x + 0.03, y + 0.06)
     face = Rectangle(box, 0.94, 0.88, facecolor=BAND.light, edgecolor=GRID.light, linewidth=0.5)
-    axes.add_patch(face)  # type: ignore[attr-defined]
+    axes.add_patch(face)
     if not cell.significant:
         return
     depth = 0.12 + 0.78 * (max(cell.share, 0.0) / most) ** 0.5
-    axes.add_patch(  # type: ignore[attr-defined]
-        Rectangle(box, 0.94, 0.88, facecolor=ORANGE.light, alpha=depth, linewidth=0)
-    )
-    axes.text(  # type: ignore[attr-defined]
+    axes.add_patch(Rectangle(box, 0.94, 0.88, facecolor=ORANGE.light, alpha=depth, linewidth=0))
+    axes.text(
         x + 0.5,
         y + 0.53,
         printable(cell.text),
