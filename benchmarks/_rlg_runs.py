@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks._thermal_runs import Phase
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig
+from simulators.plant.model import UnitModel
 from simulators.plant.table import TableParameters
 
 _EAST_DEG = 90.0
@@ -52,10 +53,14 @@ def ramp_profile(
 
 
 def rlg_run(
-    profile: Sequence[Phase], *, unit_seed: int = 0, run_seed: int = 0, without: tuple[str, ...] = ()
+    profile: Sequence[Phase],
+    *,
+    unit_seed: int = 0,
+    run_seed: int = 0,
+    change: Callable[[UnitModel], UnitModel] | None = None,
 ) -> RlgRunData:
     """Run a ring laser through a chamber profile from power-on at the first phase's set point, axis east."""
-    unit = UnitConfig("gyro", "rlg", unit_seed=unit_seed, without=without)
+    unit = UnitConfig("gyro", "rlg", unit_seed=unit_seed, change=change)
     table = TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0)
     lab = LabPlant(PlantConfig(seed=run_seed, room_temp_c=profile[0].set_point_c, table=table, units=(unit,)))
     lab.table.servo(0.0, True)

@@ -5,7 +5,7 @@ Same physics and noise as the emulated lab, for developing models and testing fi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from simulators.plant.chamber import ChamberParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig, UnitKind
+from simulators.plant.model import UnitModel
 from simulators.plant.mounting import Mounting
 from simulators.plant.table import TableParameters
 
@@ -67,7 +68,7 @@ class RunSetup:
     rate_dps: float = 0.0
     mounting: Mounting = "axis_horizontal"
     latitude_deg: float = 39.10
-    without: tuple[str, ...] = ()
+    change: Callable[[UnitModel], UnitModel] | None = None
     chamber: ChamberParameters = field(default_factory=ChamberParameters)
 
 
@@ -172,7 +173,7 @@ def _setup(
 def _lab(setup: RunSetup, room_c: float) -> LabPlant:
     """Return a lab with the one unit, its table where the run needs it."""
     unit = UnitConfig(
-        "gyro", setup.model, unit_seed=setup.unit_seed, mounting=setup.mounting, without=setup.without
+        "gyro", setup.model, unit_seed=setup.unit_seed, mounting=setup.mounting, change=setup.change
     )
     table = TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0, max_acceleration_dps2=1000.0)
     lab = LabPlant(

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.whirl import TurnRecord, Turns, align_angle
+from benchmarks._without import effect_names, without
 from drivers.acutrol import decode_transcript, encode_state_query
 from drivers.kvh import KvhDecoder
 from simulators.emulators.acutrol import AcutrolEmulator
 from simulators.emulators.kvh import KvhEmulator
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
-from simulators.plant.model import effect_names
 from simulators.plant.triad import triad_unit
 from simulators.plant.wobble import EncoderParameters, Wobble
 
@@ -56,7 +56,7 @@ def emulate(plan: Plan) -> tuple[TurnRecord, Turns]:
         model="ins_triad",
         mount_azimuth_error_deg=plan.azimuth_deg,
         tilt_deg=plan.tilt_deg,
-        without=plan.without,
+        change=without(*plan.without),
         wobble=plan.wobble,
     )
     lab = LabPlant(

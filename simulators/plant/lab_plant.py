@@ -8,7 +8,7 @@ times give the same bits however `advance` and `measure` are called.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -23,7 +23,7 @@ from simulators.plant.gimbals import Gimbals
 from simulators.plant.imu import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
-from simulators.plant.model import UnitModel, leave_out
+from simulators.plant.model import UnitModel
 from simulators.plant.modelled_channels import (
     ModelledAir,
     ModelledTable,
@@ -48,7 +48,7 @@ _WALK = 61
 
 @dataclass(frozen=True)
 class UnitConfig:
-    """A unit under test. Unit seed 0 of a FOG grade is the nominal unit; `without` names effects left out.
+    """A unit under test. Unit seed 0 of a FOG grade is the nominal unit; `change` is made to every model of it.
 
     `axis`: the one under test, which a mounting speaks of. `aux_sensor`: number of the chamber's auxiliary sensor
     glued to its case, 0 for none. `wobble`: the bearing that an `ins_triad` turns in, None for the nominal one of
@@ -64,7 +64,7 @@ class UnitConfig:
     mount_azimuth_error_deg: float = 0.0
     tilt_deg: float = 0.0
     aux_sensor: int = 0
-    without: tuple[str, ...] = ()
+    change: Callable[[UnitModel], UnitModel] | None = None
     wobble: Wobble | None = None
     errors: ModelledErrors | None = None
 
@@ -98,7 +98,7 @@ def unit_model(config: UnitConfig, run_seed: int = 0, power_on: int = 0) -> Unit
         model = fog_unit(FOG_MID if config.model == "fog_mid" else FOG_NAV, config.unit_seed)
     if config.errors is not None:
         model = modelled(model, config.errors, (run_seed, config.unit_seed, _WALK))
-    return leave_out(model, config.without)
+    return model if config.change is None else config.change(model)
 
 
 class LabPlant:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks._rlg_runs import ramp_profile, rlg_run
+from benchmarks._without import without
 from drivers.frames import FrameDecoder, load_family
 from simulators.emulators.frames import FrameEmulator
 from simulators.plant import LabPlant, PlantConfig, UnitConfig
@@ -53,7 +54,9 @@ def test_bias_is_the_documented_sum() -> None:
 
 
 def test_on_a_steady_ramp_the_block_lags_by_its_heat() -> None:
-    run = rlg_run(ramp_profile(dwell_min=30.0), run_seed=3, without=("bias_instability", "angle_random_walk"))
+    run = rlg_run(
+        ramp_profile(dwell_min=30.0), run_seed=3, change=without("bias_instability", "angle_random_walk")
+    )
     late = slice(1800 + 12_000, 1800 + 18_000)
     assert 60 * np.gradient(
         np.convolve(run.case_c, np.ones(600) / 600, "same")[late]
@@ -81,7 +84,7 @@ def test_without_effects_nothing_is_left_but_the_earth_free_output() -> None:
     everything = [name for axis in model.axis_models for name in (*axis.bias_dph, *axis.sf_error_ppm)]
     run = rlg_run(
         ramp_profile(dwell_min=2.0, low_c=20.0, high_c=22.0),
-        without=(*everything, "turn_on", "angle_random_walk", "bias_instability", "quantisation"),
+        change=without(*everything, "turn_on", "angle_random_walk", "bias_instability", "quantisation"),
     )
     assert np.abs(run.true_bias_dph).max() == 0.0
     assert np.abs(run.bias_dph[5:]).max() < 1e-6  # the table points east first

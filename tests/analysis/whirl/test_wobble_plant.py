@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks._without import without
 from benchmarks.whirl_runs import LATITUDE_DEG, QUIET, STILL
 from drivers.base.constants import EARTH_RATE_DPH
 from drivers.base.errors import ConfigurationError
@@ -24,7 +25,7 @@ AS = math.radians(1.0 / 3600.0)
 
 
 def lab(wobble: Wobble, **config: object) -> LabPlant:
-    unit = UnitConfig("ins", model="ins_triad", without=QUIET, wobble=wobble)
+    unit = UnitConfig("ins", model="ins_triad", change=without(*QUIET), wobble=wobble)
     return LabPlant(PlantConfig(latitude_deg=LATITUDE_DEG, table=STILL, units=(unit,), **config))  # type: ignore[arg-type]
 
 

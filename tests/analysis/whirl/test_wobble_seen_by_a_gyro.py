@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks._without import without
 from benchmarks.whirl_runs import LATITUDE_DEG, QUIET, STILL
 from simulators.plant import LabPlant, PlantConfig, UnitConfig
 from simulators.plant.wobble import Wobble
@@ -18,7 +19,7 @@ def moved_arcsec_per_s(line: int, amplitude_arcsec: complex, angle_deg: np.ndarr
 
 
 def increments(wobble: Wobble) -> tuple[np.ndarray, np.ndarray]:
-    unit = UnitConfig("ins", model="ins_triad", without=QUIET, wobble=wobble)
+    unit = UnitConfig("ins", model="ins_triad", change=without(*QUIET), wobble=wobble)
     plant = LabPlant(PlantConfig(latitude_deg=LATITUDE_DEG, table=STILL, units=(unit,)))
     plant.table.servo(0.0, True)
     plant.table.demand_rate(0.0, 6.0)

@@ -7,6 +7,7 @@ import pytest
 
 from bench.lab.emulated import Plant, lab_config
 from bench.record.benchfile import load_bench_file
+from benchmarks._without import without
 from drivers.base.errors import ConfigurationError
 from drivers.frames import FrameDecoder, load_family
 from simulators.emulators.frames import FrameEmulator
@@ -62,7 +63,7 @@ def test_the_stream_stops_and_begins_with_frame_0() -> None:
 
 def test_every_power_on_draws_its_turn_on_bias() -> None:
     quiet = ("angle_random_walk", "bias_instability", "quantisation")
-    config = UnitConfig("g", "fog_mid", 0, without=quiet)
+    config = UnitConfig("g", "fog_mid", 0, change=without(*quiet))
     plant = LabPlant(PlantConfig(seed=4, units=(config,)))
     marks = []
     for cycle in range(60):

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks._thermal_runs import cold_shock, double_shock
+from benchmarks._without import effect_names, without
 from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
 from simulators.interfaces import ChamberPlant, GyroPlant, TablePlant
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID
-from simulators.plant.model import effect_names
 from simulators.plant.mounting import Mounting
 
 QUIET = tuple(effect_names(fog_unit(FOG_MID, 0)))
@@ -23,7 +23,7 @@ STILL = TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0)
 
 def quiet_lab(**unit: object) -> LabPlant:
     """A lab whose one gyro has no effect and no noise: it reads its input."""
-    config = UnitConfig("g", without=QUIET, **unit)  # type: ignore[arg-type]
+    config = UnitConfig("g", change=without(*QUIET), **unit)  # type: ignore[arg-type]
     return LabPlant(PlantConfig(units=(config,), table=STILL))
 
 
@@ -81,7 +81,9 @@ def test_stage_hand_turns_the_unit() -> None:
 def test_three_axis_unit_sees_one_rotation_vector(mounting: Mounting, axis: str) -> None:
     effects = ("bias_offset", "bias_temperature", "sf_offset", "sf_temperature")
     noise = ("angle_random_walk", "bias_instability", "turn_on")
-    bare = UnitConfig("m", "mems", axis=axis, mounting=mounting, tilt_deg=3.0, without=effects + noise)
+    bare = UnitConfig(
+        "m", "mems", axis=axis, mounting=mounting, tilt_deg=3.0, change=without(*effects, *noise)
+    )
     lab = LabPlant(PlantConfig(units=(bare,), table=STILL))
     lab.advance(20.0)
     vector = np.degrees(lab.unit("m").measure(10.0, 1, 1.0).angle_increment_rad[0]) * 3600.0
@@ -245,8 +247,8 @@ def test_auxiliary_sensor_sits_on_the_case() -> None:
 
 
 def test_leaving_an_effect_out_takes_away_exactly_that_effect() -> None:
-    def bias(without: tuple[str, ...]) -> np.ndarray:
-        unit = UnitConfig("g", without=without)
+    def bias(names: tuple[str, ...]) -> np.ndarray:
+        unit = UnitConfig("g", change=without(*names))
         lab = LabPlant(PlantConfig(units=(unit,)))
         lab.chamber.demand(0.0, set_point_c=-40.0, ramp_up=12.0, ramp_down=12.0, running=True)
         lab.advance(2000.0)
@@ -268,7 +270,7 @@ def test_leaving_an_effect_out_takes_away_exactly_that_effect() -> None:
 
 def test_refusals_name_what_was_wrong() -> None:
     with pytest.raises(ConfigurationError, match="gremlins"):
-        LabPlant(PlantConfig(units=(UnitConfig("g", without=("gremlins",)),)))
+        LabPlant(PlantConfig(units=(UnitConfig("g", change=without("gremlins")),)))
     with pytest.raises(ConfigurationError, match="no unit"):
         LabPlant(PlantConfig()).unit("g")
     with pytest.raises(ConfigurationError, match="two units"):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from benchmarks._thermal_runs import RunSetup, _shock, _start, simulate_thermal_run
+from benchmarks._without import without
 from simulators.plant.chamber import ChamberAir, ChamberDemand, ChamberParameters
 from simulators.plant.fog import fog_network, shupe_row
 from simulators.plant.fog_parameters import FOG_MID, FOG_NAV, FogParameters, spread
@@ -186,5 +187,5 @@ def test_each_effect_alone_has_the_design_figure(alone: tuple[str, ...], expecte
         "turn_on",
     }
     profile = [*_start(25.0, 90.0), *_shock(-45.0, 25.0, 12.0, 75.0, 90.0)]
-    data = simulate_thermal_run(profile, RunSetup(without=tuple(names - set(alone))))
+    data = simulate_thermal_run(profile, RunSetup(change=without(*(names - set(alone)))))
     assert np.ptp(data.true_bias_dph) == pytest.approx(expected_dph, rel=0.02)
