@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.present.cli._texts import duration as hours_text
 from bench.present.sentences import demands_words
 
 DASH = "–"
@@ -89,7 +88,8 @@ def duration(seconds: object) -> str:
     """Return a duration as h:mm:ss."""
     if not isinstance(seconds, int | float) or not math.isfinite(seconds):
         return DASH
-    return hours_text(seconds)
+    whole = round(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
 
 
 def _speed(value: object, emulated: bool) -> str:
