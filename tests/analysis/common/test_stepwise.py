@@ -236,3 +236,12 @@ def test_a_term_leaves_from_a_tenth_on_unless_it_would_enter(
 def test_a_term_enters_below_a_twentieth(p_value: float, entered: bool) -> None:
     x, y = term_of(p_value)
     assert stepwise(x, y).selected == (("x1",) if entered else ())
+
+
+def test_a_term_that_enters_and_leaves_for_ever_ends_the_search_where_it_was_before() -> None:
+    """Whoever lets in at p < 0.9 and puts out at p > 0.1 would go round without end."""
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=(200, 3))
+    y = x[:, 0] + rng.normal(size=200)
+    result = stepwise(x, y, p_enter=0.9, p_remove=0.1)
+    assert "x1" in result.selected and len(result.steps) < 10

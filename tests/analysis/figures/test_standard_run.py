@@ -9,7 +9,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from bench.analysis.figures import figures_over_runs, standard_figures
+from bench.analysis.figures import Figure, StandardFigures, figures_over_runs, standard_figures
 from bench.present.report import render_page, standard_test_page
 from bench.record.benchfile import BenchSection
 from bench.record.figure_limits import FIGURES, FURTHER, OVER_RUNS
@@ -189,3 +189,16 @@ def test_the_plan_follows_the_grade_and_what_is_given() -> None:
     demands = PROCEDURE.demands(fog)
     assert (demands.max_rate_dps, demands.min_temp_c, demands.max_temp_c) == (20.0, -40.0, 60.0)
     assert PROCEDURE.expected_duration_s(fog) > 3600 * 15
+
+
+def test_a_run_without_a_figure_takes_no_part_in_its_repeatability() -> None:
+    def result(**values: float) -> StandardFigures:
+        figures = tuple(Figure(name.replace("_", " "), value, "", "") for name, value in values.items())
+        return StandardFigures("r", "u", "g", figures, (), None, None)
+
+    runs = [result(bias=1.0, other=9.0), result(other=9.0), result(bias=1.4), result(scale_factor=1.0)]
+    (figure,) = figures_over_runs(runs)
+    assert (figure.name, figure.unit) == ("bias repeatability", "deg/h")
+    assert figure.value == pytest.approx(0.4 / np.sqrt(2.0))  # the standard deviation of two
+    ppm = figures_over_runs([result(scale_factor=2.0), result(scale_factor=2.0 + 4e-5)])[0]
+    assert ppm.value == pytest.approx(20.0 / np.sqrt(2.0), rel=1e-4)

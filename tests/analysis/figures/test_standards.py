@@ -103,3 +103,16 @@ def test_threshold_is_the_smallest_input_below_which_nothing_passes() -> None:
     assert threshold([RateStep(-0.2, -0.19), RateStep(0.05, 0.01)]) == 0.2
     with pytest.raises(ConfigurationError, match="above all of them"):
         threshold([RateStep(0.1, 0.0)])
+
+
+def test_asymmetry_of_rates_below_one_degree_a_second() -> None:
+    """Slopes of 1 + 30 ppm and 1 - 30 ppm differ by 60 ppm of their mean, however slow the rates are."""
+    rates = np.array([-0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5])
+    output = np.where(rates > 0, 1.0 + 30e-6, 1.0 - 30e-6) * rates
+    figures = scale_factor_figures([(rates, output)])
+    assert figures.asymmetry_ppm == pytest.approx(60.0, rel=1e-3)
+    residual = output - np.polyval(np.polyfit(rates, output, 1), rates)
+    assert figures.nonlinearity_ppm == pytest.approx(1e6 * np.abs(residual).max() / 0.5, rel=1e-7)
+    for part in (rates >= 0, rates <= 0):
+        with pytest.raises(ConfigurationError, match="asymmetry"):
+            scale_factor_figures([(rates[part], output[part])])
