@@ -1,0 +1,249 @@
+"""The plant families: noise as documented, inputs up to the limits stated, true values as in the catalogue."""
+
+import math
+
+import allantools
+import numpy as np
+import pytest
+
+from bench.record.exchange import read_log, read_mapping
+from benchmarks.gap_exam import _mems, _ring_laser
+from benchmarks.gap_exam._files import Logged, write_case
+from benchmarks.gap_exam._geometry import sensed_dph
+from benchmarks.gap_exam._make import draw_unit, kinds_of, make_case, plan, prepare_folder
+from benchmarks.gap_exam._mems import MEMS
+from benchmarks.gap_exam._ring_laser import RING_LASER
+from benchmarks.gap_exam._signals import drawn
+from benchmarks.gap_exam._stage import Stage
+from benchmarks.gap_exam._whitening import NoiseLevels, Part, deflection
+from simulators.effects import Stimulus, Variant, catalogue
+
+FAMILIES = {"ring_laser": RING_LASER, "mems": MEMS}
+
+
+@pytest.fixture(scope="module", params=FAMILIES)
+def made(request):
+    """A family, a unit of it and the unit's campaign."""
+    family = FAMILIES[request.param]
+    unit = draw_unit(family, 5, {})
+    return family, unit, family.campaign(unit)
+
+
+def still(seconds):
+    """A run at rest with a row a second."""
+    n = seconds
+    return Stage(
+        "X", "x", "x", 0, 0, 1.0, np.full(n + 1, 90.0), np.zeros(n), {}, np.full(n, 25.0), np.full(n, 25.0),
+        np.arange(n + 1.0), np.ones(n, bool), np.ones(n, bool), (("run", 0.0),),
+    )  # fmt: skip
+
+
+def deviations(family, taus, seconds=20_000, units=6):
+    """Mean Allan deviation of null units at rest, deg/h."""
+    squares = []
+    for seed in range(units):
+        stage = still(seconds)
+        unit = draw_unit(family, seed, {})
+        output = family.rows(unit, stage, np.zeros(seconds), drawn(seed, "noise"))
+        _, found, _, _ = allantools.oadev(output, rate=1.0, data_type="freq", taus=taus)
+        squares.append(found**2)
+    return np.sqrt(np.mean(squares, axis=0))
+
+
+def test_ring_laser_noise_is_white_markov_and_walk():
+    taus = np.array([4.0, 32.0, 256.0, 2000.0])
+    sheet = _ring_laser.SHEET
+    ratio = taus / _ring_laser.MARKOV_S
+    # IEEE Std 952, C.1.4: the exponentially correlated process
+    markov = sheet.bias_instability_dph**2 * 2.0 / ratio
+    markov *= 1.0 - (3.0 - 4.0 * np.exp(-ratio) + np.exp(-2.0 * ratio)) / (2.0 * ratio)
+    walk = sheet.rate_random_walk_dph_per_sqrt_h**2 * taus / 3600.0 / 3.0
+    expected = np.sqrt(3600.0 * sheet.arw_deg_per_sqrt_h**2 / taus + markov + walk)
+    np.testing.assert_allclose(deviations(RING_LASER, taus), expected, rtol=0.15)
+
+
+def test_mems_noise_is_white_flicker_and_walk():
+    taus = np.array([8.0, 64.0, 512.0])
+    sheet = _mems.SHEET
+    flicker = 2.0 * math.log(2.0) / math.pi * sheet.bias_instability_dph**2
+    walk = sheet.rate_random_walk_dph_per_sqrt_h**2 * taus / 3600.0 / 3.0
+    expected = np.sqrt(3600.0 * sheet.arw_deg_per_sqrt_h**2 / taus + flicker + walk)
+    np.testing.assert_allclose(deviations(MEMS, taus), expected, rtol=0.15)
+
+
+def test_mems_white_noise_has_the_colour_of_its_filter():
+    """Rows of the output's own period show the AR(2) spectrum."""
+    n = 60_000
+    stage = still(n)
+    stage = Stage(**{**vars(stage), "step_s": 0.1, "edges_s": np.arange(n + 1) * 0.1})
+    output = MEMS.rows(draw_unit(MEMS, 1, {}), stage, np.zeros(n), drawn(1, "noise"))
+    power = np.abs(np.fft.rfft(output - output.mean())) ** 2 / n
+    a, b = _mems.AR2
+    for turn in (0.2, 0.5, 0.9):
+        z = np.exp(-1j * np.pi * turn)
+        expected = 36000.0 * 0.06**2 * (1.0 - a - b) ** 2 / abs(1.0 - a * z - b * z * z) ** 2
+        middle = round(turn * n / 2)
+        assert power[middle - 900 : middle + 900].mean() == pytest.approx(expected, rel=0.12)
+
+
+def test_a_campaign_has_at_most_27_runs_and_a_profile_never_shown(made):
+    _, _, stages = made
+    assert len(stages) == 27
+    assert len({stage.run_id for stage in stages}) == len({stage.key for stage in stages}) == 27
+    shown = {stage.profile for stage in stages if not stage.held_out}
+    assert {stage.profile for stage in stages} - shown in ({"other cycle"}, {"stairs"})
+
+
+def test_inputs_reach_the_limits_stated(made):
+    family, _, stages = made
+    rates = np.concatenate([stage.axis_dps for stage in stages])
+    cold = min(stage.t_in_c.min() for stage in stages)
+    hot = max(stage.t_in_c.max() for stage in stages)
+    fastest, coldest, hottest = {"ring_laser": (100.0, -33.0, 45.0), "mems": (300.0, -33.0, 55.0)}[
+        family.name
+    ]
+    assert np.quantile(rates, 0.9999) == pytest.approx(fastest, rel=0.02)
+    assert rates.min() == pytest.approx(-fastest, rel=0.05)
+    assert cold < coldest and hot > hottest
+    periods = {round(float(np.median(np.diff(stage.edges_s))), 1) for stage in stages}
+    assert periods == ({0.2, 0.5, 1.0} if family is RING_LASER else {0.1, 0.5, 0.8, 1.0, 2.0})
+
+
+def test_rows_without_an_output_are_those_of_a_moving_table(made):
+    family, _, stages = made
+    for stage in stages:
+        jumps = np.abs(np.diff(stage.rate_dps, prepend=stage.rate_dps[0])) / stage.step_s
+        moving = stage.in_rows(jumps) > 1.0
+        if stage.code in ("PO", "TU", "RT"):
+            assert not (moving & stage.valid).any()
+            assert 0.02 < 1.0 - stage.valid.mean() < 0.2
+        else:
+            assert stage.valid.all()
+    missing = [stage.code for stage in stages if not stage.kept[~stage.valid].all()]
+    assert set(missing) == ({"RT"} if family is RING_LASER else {"TU"} & set(missing))
+
+
+def test_logs_say_in_their_own_units_what_happened(made, tmp_path):
+    family, unit, stages = made
+    codes = ("PO", "RT", "SL") if family is RING_LASER else ("TU", "RA", "RS")
+    for stage in [next(stage for stage in stages if stage.code == code) for code in codes]:
+        rng = drawn(0, "log")
+        rate = stage.in_rows(sensed_dph(stage, family.latitude_deg))
+        write_case(tmp_path, family, [Logged(stage, rate, *family.read(unit, stage, rng))])
+        mapping = read_mapping(tmp_path / "runs.toml")
+        log = read_log(tmp_path / mapping.run[0].file, mapping.columns)
+        output = log.columns["output"][1:]
+        np.testing.assert_allclose(
+            3600.0 * output, np.where(stage.valid, rate, np.nan)[stage.kept], rtol=1e-9
+        )
+        np.testing.assert_allclose(log.time_s[1:], stage.edges_s[1:][stage.kept], atol=1e-6)
+        true = stage.in_rows(stage.t_in_c)[stage.kept]
+        assert np.abs(log.columns["t_in"][1:] - true).max() < (0.1 if family is RING_LASER else 0.2)
+        middle = stage.in_rows(stage.elevation_deg)[stage.kept]
+        standing = stage.valid[stage.kept]
+        np.testing.assert_allclose(log.columns["elevation"][1:][standing], middle[standing], atol=1e-9)
+        turn = log.columns["angle"] - stage.at_edges(stage.angle_deg)[np.concatenate(([True], stage.kept))]
+        # a pause may hide whole turns
+        assert np.ptp(turn - 360.0 * np.round(turn / 360.0)) < 1e-3
+
+
+def test_the_true_rate_is_what_the_catalogue_expects_of_the_log(made):
+    family, _, stages = made
+    for stage in stages:
+        if stage.step_s == 1.0 or not stage.turning or stage.code in ("PO", "TU"):
+            continue
+        s = stimulus(family, stage)
+        mine = stage.in_seconds(sensed_dph(stage, family.latitude_deg))
+        np.testing.assert_allclose(mine, s.input_rate_dph, rtol=1e-7, atol=5e-3)
+
+
+def stimulus(family, stage):
+    """A run's inputs by the second."""
+    seconds = stage.edges_s[0] + np.arange(stage.seconds + 1.0)
+    angle = np.interp(seconds, np.arange(stage.steps + 1) * stage.step_s, stage.angle_deg)
+    middles = ((seconds[1:] - 0.5) / stage.step_s).astype(int)
+    return Stimulus(
+        seconds[1:] + stage.power_on_s,
+        stage.in_seconds(stage.t_in_c),
+        stage.in_seconds(stage.t_out_c),
+        angle,
+        stage.elevation_deg[middles],
+        family.latitude_deg,
+    )
+
+
+def test_true_values_are_those_of_the_catalogues_own_columns(made):
+    """A signal whose truth is stated is the catalogue's column times that value, but for its form."""
+    family, unit, stages = made
+    known = catalogue()
+    for name, effect in family.effects.items():
+        if effect.truth is None or name in ("mode_hop", "trim_step"):
+            continue
+        truth = effect.truth(unit, 0.5)
+        model = known[effect.names[0]]
+        parameters = [parameter.name for parameter in model.parameters]
+        own, theirs = [], []
+        for stage in stages:
+            if stage.held_out:
+                continue
+            values = np.array([truth.get(parameter, 0.0) for parameter in parameters])
+            seen = stage.seen()
+            signal = stage.in_seconds(effect.signal(unit, stage, 0.5))[seen]
+            column = (values @ Variant(model, {}).columns(stimulus(family, stage)))[seen]
+            # a bias of its own is each run's to fit
+            own.append(signal - signal.mean())
+            theirs.append(column - column.mean())
+        signal, column = np.concatenate(own), np.concatenate(theirs)
+        assert float(signal @ column) / float(column @ column) == pytest.approx(1.0, abs=0.08), name
+
+
+def test_every_effect_is_finite_and_seen_somewhere(made):
+    family, unit, stages = made
+    for name, effect in family.effects.items():
+        total = 0.0
+        for stage in stages[:9]:
+            signal = effect.signal(unit, stage, effect.sizes[1] if effect.curved else 1.0)
+            assert signal.shape == (stage.steps,) and np.isfinite(signal).all(), name
+            total += float(np.ptp(signal))
+        assert total > 0.0 or name in ("after_cycles", "cracked"), name
+
+
+def test_effects_that_change_differ_between_repeats_and_others_hardly(made):
+    family, unit, stages = made
+    pairs = [(a, b) for a in stages for b in stages if a.code == b.code and (a.repeat, b.repeat) == (0, 1)]
+    for name, effect in family.effects.items():
+        # where a turning table starts is random: what follows its angle differs in time, not in kind
+        if effect.names or name in ("third", "wound_cable"):
+            continue
+        apart = whole = 0.0
+        for a, b in pairs:
+            first, second = (stage.in_seconds(effect.signal(unit, stage, 1.0)) for stage in (a, b))
+            n = min(len(first), len(second))
+            apart += float(np.var(first[:n] - second[:n]))
+            whole += float(np.var(first) + np.var(second))
+        assert (apart > 0.2 * whole) == effect.changing, (name, apart / max(whole, 1e-30))
+
+
+def test_the_deflection_of_a_sine_in_white_noise_is_the_closed_form():
+    n, amplitude, white = 4096, 0.3, 0.01
+    sine = amplitude * np.sin(2.0 * np.pi * 50.0 * (np.arange(n) + 0.5) / n)
+    part = Part(sine[None], np.ones((1, n)), np.ones(n, bool))
+    found = deflection([part, part], NoiseLevels(white, 0.0, 0.0))
+    assert found == pytest.approx(amplitude * math.sqrt(n) / (60.0 * white), rel=1e-9)
+    twin = Part(sine[None], np.stack((sine, np.ones(n))), np.ones(n, bool))
+    assert deflection([twin, twin], NoiseLevels(white, 0.0, 0.0)) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_cases_have_the_ratio_planned_and_come_out_the_same_again(tmp_path):
+    from benchmarks.gap_exam._files import read_seal
+
+    prepare_folder(RING_LASER, tmp_path)
+    single = next(what for what in plan(RING_LASER, 3, 12) if what.kind == "pair")
+    make_case(RING_LASER, tmp_path, single)
+    seal = read_seal(tmp_path / "sealed" / f"{single.name}.json")
+    assert dict(seal.snr) == pytest.approx(dict(single.effects), rel=1e-3)
+    first = (tmp_path / "cases" / single.name / "PO_1.csv").read_bytes()
+    make_case(RING_LASER, tmp_path, single)
+    assert (tmp_path / "cases" / single.name / "PO_1.csv").read_bytes() == first
+    assert plan(RING_LASER, 3, 12) == plan(RING_LASER, 3, 12)
+    assert kinds_of(12).count("null") == 3 and kinds_of(24).count("noise") == 2
