@@ -137,8 +137,12 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part("bench/analysis/figures/*", "tests/analysis/figures/test_standards test_standard_run"),
     ),
     "gap": (
-        _part("bench/analysis/gap/_channel*", "tests/analysis/gap/test_gap_channels"),
-        _part("bench/analysis/gap/_position", "tests/analysis/gap/test_gap_platform"),
+        _part(
+            "bench/analysis/gap/_channel*",
+            "tests/analysis/gap/test_gap_channels test_gap_modelled_channels test_gap_recording",
+            "tests/analysis/gap/test_gap_one_diagnosis test_gap_platform test_gap_systems",
+        ),
+        _part("bench/analysis/gap/_position", "tests/analysis/gap/test_gap_platform test_gap_one_diagnosis"),
         _part(
             "bench/analysis/gap/_import _run_folder _data _model_file",
             "tests/analysis/gap/test_gap_cells test_gap_import",
@@ -159,8 +163,10 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/*",
             "tests/analysis/gap/test_gap_fit test_gap_cells test_gap_close test_gap_doubt test_gap_lines",
-            "tests/analysis/gap/test_gap_refine test_gap_noise test_gap_grams test_gap_diagnosis",
-            "tests/analysis/gap/test_gap_record_effects",
+            "tests/analysis/gap/test_gap_refine test_gap_noise test_gap_grams test_gap_second_look",
+            "tests/analysis/gap/test_gap_diagnosis test_gap_one_diagnosis test_gap_recording test_gap_systems",
+            "tests/analysis/gap/test_gap_record_effects test_gap_channels test_gap_effects test_gap_rehearsal",
+            "tests/analysis/gap/test_gap_modelled_unit",
         ),
     ),
 }
