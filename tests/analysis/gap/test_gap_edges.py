@@ -1,0 +1,195 @@
+"""Parts of the diagnosis by hand: harmonics, times to wait, grids, pools, curves, noise, marks of an exam."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.fft import dct
+from scipy.stats import norm
+from statsmodels.stats.proportion import proportion_confint
+
+from bench.analysis.gap import Noise
+from bench.analysis.gap._channel_data import Demand, _held, _quiet_from
+from bench.analysis.gap._data import Group
+from bench.analysis.gap._generic import free_curves
+from bench.analysis.gap._lines import SpectralLine, _of_one_length, _surroundings
+from bench.analysis.gap._noise import periodogram
+from bench.analysis.gap._refine import _spacing
+from bench.analysis.gap._score import Exam, Marked, wilson
+from bench.analysis.gap._stochastic import judge_noise
+from simulators.effects import Variant
+from tests.analysis.gap.conftest import effect, made_run, stimulus
+
+
+@pytest.mark.parametrize(
+    ("turns", "harmonic"),
+    [(1.0, 1), (0.5, 2), (1 / 3, 3), (1 / 24, 24), (1 / 25, 0), (0.0, 0), (-1.0, 0), (2.0, 0), (0.345, 0)],
+)
+def test_a_line_is_a_harmonic_if_a_turn_holds_a_whole_number_of_its_periods(turns, harmonic):
+    line = SpectralLine("p", 40.0, 1.0, 1.0, turns)
+    assert line.harmonic == harmonic and line.frequency_hz == 0.025
+    assert replace(line, turns=turns * 1.005).harmonic == harmonic  # half a percent is the rate's own error
+
+
+def test_a_demand_is_reached_after_its_way_and_half_an_hour():
+    """From 20 to -40 degC at 2 K/min: 30 min; to 0 degC at once: a kelvin a second of a minute, 40 min."""
+    demands = [
+        Demand(100.0, 20.0, math.inf),
+        Demand(1000.0, -40.0, 2.0 / 60.0),
+        Demand(9000.0, 0.0, math.inf),
+    ]
+    times_s = np.array([0.0, 100.0, 999.0, 1000.0, 8999.0, 9000.0, 1e5])
+    expected = [1900.0] * 3 + [1000.0 + 1800.0 + 1800.0] * 2 + [9000.0 + 2400.0 + 1800.0] * 2
+    assert _quiet_from(demands, times_s).tolist() == pytest.approx(expected)
+    assert _held(demands, times_s).tolist() == [20.0, 20.0, 20.0, -40.0, -40.0, 0.0, 0.0]
+
+
+def test_the_spacing_of_a_grid_is_half_of_both_neighbours_and_at_its_end_the_one():
+    shape = effect("warm_up")
+    grid = sorted({float(each["time_constant_s"]) for each in shape.shapes})
+    assert len(grid) > 2
+    for at in range(len(grid)):
+        low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
+        steps = (at > 0) + (at < len(grid) - 1)
+        found = _spacing(Variant(shape, {"time_constant_s": grid[at] * 1.0001}))
+        assert found == pytest.approx({"time_constant_s": (high - low) / steps})
+
+
+def test_runs_of_one_length_are_looked_at_together_and_each_alone():
+    rng = np.random.default_rng(1)
+    groups = [
+        Group(name, ("0",), ((made_run(name, stimulus(n), rng, profile=name),),))
+        for name, n in (("a", 4000), ("b", 5000), ("c", 4000))
+    ]
+    assert _of_one_length(groups) == [[0], [1], [2], [0, 2]]
+    assert _of_one_length(groups[:2]) == [[0], [1]]
+
+
+def test_surroundings_are_the_median_beside_a_window_and_its_neighbours():
+    energy = np.ones(101)
+    energy[50] = 1e6
+    found = _surroundings(energy)
+    assert found.tolist() == pytest.approx([1.0] * 101)
+
+
+def curves(*runs):
+    return {variant.effect.name for variant in free_curves(list(runs))}
+
+
+def test_free_curves_are_drawn_over_what_changes_enough():
+    rng = np.random.default_rng(1)
+    still = made_run("still", stimulus(4000, cold=False), rng)
+    shock = made_run("shock", stimulus(4000), rng)
+    turning = made_run("turning", stimulus(4000, rate_dps=5.0, cold=False), rng)
+    (of_angle,) = curves(still)
+    assert "angle" in of_angle
+    assert {"T_in", "T_out", "dT_in/dt", "T_in - T_out"} <= {
+        word
+        for name in curves(shock)
+        for word in ("T_in", "T_out", "dT_in/dt", "T_in - T_out")
+        if word in name
+    }
+    assert len(curves(turning)) == 2 and len(curves(shock, turning)) > len(curves(shock))
+
+
+SHEET = Noise(0.004)
+
+
+def spectra(noise_of, n=20_000, runs=4):
+    rng = np.random.default_rng(3)
+    rows = np.stack([noise_of(rng, n) for _ in range(runs)])
+    return [periodogram(dct(rows, norm="ortho", axis=1), 1.0)]
+
+
+def test_white_noise_of_the_sheet_is_no_effect_and_twice_as_much_is():
+    """0.004 deg/sqrt(h) is 0.24 deg/h in 1 s means: 60 times as many deg/h as deg/sqrt(h) in a second."""
+    verdict = judge_noise(spectra(lambda rng, n: rng.normal(0.0, 0.24, n)), SHEET, "repeats")
+    assert verdict.named == "" and verdict.noise.arw_deg_per_sqrt_h == pytest.approx(0.004, rel=0.05)
+    louder = judge_noise(spectra(lambda rng, n: rng.normal(0.0, 0.48, n)), SHEET, "repeats")
+    assert louder.named == "noise_level" and louder.probabilities["noise_level"] > 0.9
+    assert louder.noise.arw_deg_per_sqrt_h == pytest.approx(0.008, rel=0.05)
+    assert louder.risen("noise_level").startswith("arw_deg_per_sqrt_h = 0.00")
+    assert louder.risen("noise_level").endswith(", the model has 0.004") and louder.risen("shupe") == ""
+    assert sum(louder.probabilities.values()) == pytest.approx(1.0)
+
+
+def test_a_walk_beside_white_noise_is_named_as_one():
+    """A walk of 2 deg/h/sqrt(h): steps of 2 / 60 deg/h a second."""
+    walk = judge_noise(
+        spectra(lambda rng, n: rng.normal(0.0, 0.24, n) + np.cumsum(rng.normal(0.0, 2.0 / 60.0, n))),
+        SHEET,
+        "repeats",
+    )
+    assert walk.named == "rate_random_walk"
+    assert walk.noise.rate_random_walk_dph_per_sqrt_h == pytest.approx(2.0, rel=0.2)
+
+
+def test_without_spectra_the_sheet_holds():
+    verdict = judge_noise([], SHEET, "repeats")
+    assert (verdict.named, verdict.noise, verdict.source, verdict.risen("noise_level")) == (
+        "",
+        SHEET,
+        "data sheet",
+        "",
+    )
+
+
+def mark(kind="single", snr=2.0, effects=("shupe",), causes=None, **changes):
+    fields = {
+        "seed": 1, "kind": kind, "effects": effects, "stochastic": "", "snr": snr, "sha256": "",
+        "causes": {"shupe": 0.9} if causes is None else causes, "alternatives": {}, "stochastic_named": (),
+        "unknown": 0.1, "placed": True, "stated_share": (0.9, 0.8, 0.99), "true_share": 0.95, "seconds": 1.0,
+    }  # fmt: skip
+    return Marked(**(fields | changes))
+
+
+def lines(*marked):
+    return {(line.what, line.snr): (line.right, line.of) for line in Exam(1, len(marked), marked).lines}
+
+
+def test_an_exams_lines_count_what_was_right():
+    both = {"shupe": 0.9, "warm_up": 0.8}
+    found = lines(
+        mark(),
+        mark(causes={"warm_up": 0.9}, placed=False, true_share=0.90),
+        mark("pair", effects=("shupe", "warm_up"), causes=both),
+        mark("pair", effects=("shupe", "warm_up"), causes={"shupe": 0.9}, snr=1.0),
+        mark("pair", effects=("shupe", "warm_up"), causes=both, snr=0.9),
+        mark("null", effects=(), causes={}, snr=0.0),
+    )
+    assert found["pairs: precision", "1..30"] == (3, 3)
+    assert found["pairs: recall", "1..30"] == (3, 4)
+    exact = {snr: hits for (what, snr), hits in found.items() if what == "pair: exactly both"}
+    assert sum(right for right, _ in exact.values()) == 2 and sum(of for _, of in exact.values()) == 3
+    placed = [hits for (what, _), hits in found.items() if what.startswith("place: ")]
+    assert sum(right for right, _ in placed) == 3 and sum(of for _, of in placed) == 4
+    null = next(hits for (what, _), hits in found.items() if what.startswith("null: "))
+    assert null == (0, 1)
+
+
+def test_claims_are_gathered_in_tenths_and_held_against_what_came_true():
+    """Ten claims of 0.85, of which half are right, and ten of nothing unknown at 0.05, all of them right."""
+    right, wrong = mark(causes={"shupe": 0.85}, unknown=0.05), mark(causes={"warm_up": 0.85}, unknown=0.05)
+    bins, error = Exam(1, 10, (right,) * 5 + (wrong,) * 5).reliability
+    assert [(round(each.stated, 9), each.count, each.true) for each in bins] == [(0.05, 10, 0), (0.85, 10, 5)]
+    assert error == pytest.approx((0.05 * 10 + 0.35 * 10) / 20)
+    sure, _ = Exam(1, 1, (mark(causes={"shupe": 1.0}, unknown=0.0),)).reliability
+    assert [(each.stated, each.count, each.true) for each in sure] == [(0.0, 1, 0), (1.0, 1, 1)]
+
+
+def test_shrinkage_of_an_exam_is_that_of_single_effects_and_pairs_that_can_be_seen():
+    shares = (0.5, 0.9, 0.95, 1.0)
+    marked = [mark(true_share=share) for share in shares]
+    median, tenth = Exam(1, 5, (*marked, mark("null", effects=(), true_share=0.0))).shrinkage_quantiles
+    assert (median, tenth) == (pytest.approx(0.925), pytest.approx(0.62))
+    assert all(map(math.isnan, Exam(1, 0, ()).shrinkage_quantiles))
+
+
+@pytest.mark.parametrize(("right", "of"), [(7, 10), (0, 10), (10, 10), (181, 200)])
+def test_wilsons_interval_is_that_of_statsmodels(right, of):
+    expected = proportion_confint(right, of, alpha=2.0 * norm.sf(1.96), method="wilson")
+    assert wilson(right, of) == pytest.approx(expected, abs=1e-9)
+    assert wilson(0, 0) == (0.0, 1.0)
