@@ -163,7 +163,8 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/*",
             "tests/analysis/gap/test_gap_edges test_gap_fit test_gap_cells test_gap_close test_gap_doubt",
-            "tests/analysis/gap/test_gap_lines test_gap_refine test_gap_noise test_gap_grams test_gap_second_look",
+            "tests/analysis/gap/test_gap_lines test_gap_refine test_gap_noise test_gap_grams",
+            "tests/analysis/gap/test_gap_second_look",
             "tests/analysis/gap/test_gap_diagnosis test_gap_one_diagnosis test_gap_recording test_gap_systems",
             "tests/analysis/gap/test_gap_record_effects test_gap_channels test_gap_effects test_gap_rehearsal",
             "tests/analysis/gap/test_gap_modelled_unit",
