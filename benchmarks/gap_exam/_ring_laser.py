@@ -30,6 +30,7 @@ SHEET = Sheet(0.0025, 0.003, 0.001, 0.05, 30.0, 0.03, 0.01)
 MARKOV_S = 1200.0
 RATES_DPS = (5.0, -5.0, 20.0, -20.0, 45.0, -45.0, 80.0, -80.0, 100.0, -100.0, 60.0, -60.0)
 RATE_STEP_S, RAMP_DPS2 = 120.0, 25.0
+SWING_S, SWING_DPS, SWING_PERIOD_S = 200.0, 30.0, 40.0
 SLOW_DPH = (0.0, 20.0, -20.0, 5.0, -5.0, -12.0, 60.0, -60.0, 200.0, -200.0, -30.0, 0.0)
 SLOW_STEP_S = 150.0
 POSITION_S, MOVE_S = 110.0, 8.0
@@ -73,7 +74,9 @@ _SHOCK_PHASES = (
 PROFILES = (
     _Profile("CY", "two shocks", _SHOCK, ("level", "+15", "-15", "still"), 1.0, 0.25, phases=_SHOCK_PHASES),
     _Profile("LR", "long ramp", ((0, -38), (900, -38), (6200, 56)), ("level",), 1.0, 1.0),
-    _Profile("RT", "rate steps", _flat(len(RATES_DPS) * RATE_STEP_S + 60.0), ("steps",), 0.25, 0.05),
+    _Profile(
+        "RT", "rate steps", _flat(len(RATES_DPS) * RATE_STEP_S + 60.0 + SWING_S), ("steps",), 0.25, 0.05
+    ),
     _Profile("SL", "slow rates", _flat(len(SLOW_DPH) * SLOW_STEP_S), ("slow",), 1.0, 0.25),
     _Profile("PO", "positions", _flat(len(POSITIONS) * POSITION_S), ("sixteen",), 0.5, 0.1),
     _Profile("QU", "room", _flat(3600.0), ("level",), 1.0, 1.0, repeats=2),
@@ -194,8 +197,12 @@ def _table(
         wanted = np.repeat(np.array(SLOW_DPH) / 3600.0, round(SLOW_STEP_S / step_s))
         rate = follow(wanted, 0.4, step_s)
     elif condition == "steps":
-        level = np.repeat((*RATES_DPS, 0.0), round(RATE_STEP_S / step_s))[:steps]
+        level = np.repeat((*RATES_DPS, 0.0, 0.0, 0.0), round(RATE_STEP_S / step_s))[:steps]
         rate = _ringing(_ramped(np.insert(level, 0, 0.0)[:-1], RAMP_DPS2 * step_s), step_s)
+        # the table swings at the end, slowly enough for the logger
+        swing = round(SWING_S / step_s)
+        turn = 2.0 * math.pi * np.arange(swing) * step_s / SWING_PERIOD_S
+        level[-swing:] = rate[-swing:] = SWING_DPS * np.sin(turn)
         moving = np.abs(rate - level) > 1e-3 * np.maximum(np.abs(level), 1.0)
     else:
         rate = np.full(steps, 0.0 if condition == "still" else float(condition))

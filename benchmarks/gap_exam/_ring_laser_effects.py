@@ -300,7 +300,7 @@ EFFECTS: Mapping[str, Effect] = {
         _sf_asymmetry, "scale_factor_asymmetry", truth=lambda unit, size: {"asymmetry_ppm": size}
     ),
     "sf_curve": known(_sf_curve, "scale_factor_nonlinearity"),
-    "saturation": Effect(_saturation, ("saturation",), ("scale_factor_nonlinearity",), signed=False),
+    "saturation": Effect(_saturation, ("saturation", "scale_factor_nonlinearity"), signed=False),
     "lock_in": Effect(_lock_in, ("dead_zone", "lock_in"), curved=True, sizes=(0.02, 12.0), signed=False),
     "misalignment": misalignment(LATITUDE_DEG),
     "azimuth": azimuth(LATITUDE_DEG),

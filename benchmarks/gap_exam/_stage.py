@@ -92,12 +92,11 @@ class Stage:
         return np.asarray(np.interp(self.edges_s, np.arange(self.steps + 1) * self.step_s, angle_deg))
 
     def seen(self) -> NDArray[np.bool_]:
-        """Return which whole seconds have a row with an output in them, (seconds,)."""
-        ends = self.edges_s[1:][self.valid & self.kept] - self.edges_s[0]
-        second = np.ceil(ends - 1e-9).astype(np.int64) - 1
-        seen = np.zeros(self.seconds, dtype=bool)
-        seen[second[(second >= 0) & (second < self.seconds)]] = True
-        return seen
+        """Return which whole seconds are covered by rows with an output, (seconds,)."""
+        covered_s = np.where(self.valid & self.kept, np.diff(self.edges_s), 0.0)
+        whole = self.edges_s[0] + np.arange(self.seconds + 1.0)
+        upto = np.interp(whole, self.edges_s, np.concatenate(([0.0], np.cumsum(covered_s))))
+        return np.asarray(np.diff(upto) > 0.99)
 
     def _means(self, signal: Array, edges_s: Array) -> Array:
         sums = np.concatenate(([0.0], np.cumsum(signal) * self.step_s))
