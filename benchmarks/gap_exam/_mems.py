@@ -211,9 +211,10 @@ def _table(
         wanted = np.repeat(LEVELS_DPS, round(LEVEL_S / step_s)).astype(np.float64)
         rate = _limited_jerk(wanted, step_s)
     elif condition == "swing":
-        # 0.01 to 0.12 Hz
+        # 0.01 to 0.12 Hz about an axis across the input axis, as cross-axis sensitivity is tested
         turns = 0.01 * time + 0.5 * (0.12 - 0.01) / SWEEP_S * time**2
         rate = SWING_DPS * np.sin(2.0 * math.pi * turns)
+        up = np.zeros(steps)
     else:
         rate = np.full(steps, 0.0 if condition == "up" else float(condition))
     slow = 3e-5 * np.abs(rate) * np.sin(2.0 * math.pi * time / 37.0 + rng.uniform(0.0, 6.0))

@@ -18,7 +18,6 @@ from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._signals import drawn, follow, slope_per_min, smooth_step
 from benchmarks.gap_exam._stage import Stage
 from benchmarks.gap_exam._turning import (
-    azimuth,
     encoder,
     heading,
     impulses,
@@ -27,7 +26,6 @@ from benchmarks.gap_exam._turning import (
     misalignment,
     skew,
     telegraph,
-    tilt,
 )
 from drivers.base.arrays import Array
 from drivers.base.constants import ZERO_CELSIUS_K
@@ -279,8 +277,6 @@ EFFECTS: Mapping[str, Effect] = {
     "soft_limit": Effect(_soft_limit, ("saturation", "scale_factor_nonlinearity"), signed=False),
     "threshold": Effect(_threshold, ("dead_zone", "lock_in"), curved=True, sizes=(0.5, 3e4), signed=False),
     "misalignment": misalignment(LATITUDE_DEG),
-    "azimuth": azimuth(LATITUDE_DEG),
-    "tilt": tilt(LATITUDE_DEG),
     "encoder": encoder((1, 2, 4, 7, 10, 16), 0.1),
     "latency": latency(),
     "skew": skew(),
