@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
@@ -74,19 +74,16 @@ def answer_case(folder: Path, name: str) -> tuple[str, float, str]:
     return name, seconds, facts.get("verdict", "") or error.strip().splitlines()[-1]
 
 
-def _closing(found: Diagnosis, nominal: Model, case: Path, held_out: list[Any]) -> dict[str, Array]:
-    """Return by held-out run what the closed models add to the nominal one's rate, deg/h, (n,).
+def _closing(found: Diagnosis, nominal: Model, case: Path, held_out: Sequence[Any]) -> dict[str, Array]:
+    """Return by held-out run what the closed model adds to the nominal one's rate, deg/h, (n,), as `closed`.
 
-    `closed`: the causes named. `learned`: also what is offered for the part without a name. Beside them the
-    nominal model's columns (q, n), which samples were recorded, and the period in s.
+    Beside it the nominal model's columns (q, n), which samples were recorded, and the period in s.
     """
-    models = {"closed": closed_model(found), "learned": closed_model(found, resembling=True)}
-    keys, arrays = run_keys(case), {}
+    closed, keys = closed_model(found), run_keys(case)
+    arrays: dict[str, Array] = {}
     for run in held_out:
         key, stimulus = keys[run.run_id], run.stimulus
-        before = nominal.predict(stimulus)
-        for name, model in models.items():
-            arrays[f"{name}|{key}"] = model.predict(stimulus) - before
+        arrays[f"closed|{key}"] = closed.predict(stimulus) - nominal.predict(stimulus)
         arrays[f"nominal|{key}"] = nominal.columns(stimulus)
         arrays[f"seen|{key}"] = np.isfinite(run.output_dph).astype(np.float64)
         arrays[f"period|{key}"] = np.array([stimulus.period_s])

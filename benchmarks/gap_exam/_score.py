@@ -89,9 +89,8 @@ class Marked:
     """A case, opened and compared.
 
     `right`: of every cause stated whether it is true; `found`: of every known effect whether it is named.
-    `closed` is the part of the true gap in the held-out runs that is gone, `learned` the same on a profile
-    never shown, with what is offered for the part without a name. `covered`: of parameters whose truth is
-    known whether the interval holds it.
+    `closed` is the part of the true gap in the held-out runs that is gone, `elsewhere` the same on a profile
+    never shown. `covered`: of parameters whose truth is known whether the interval holds it.
     """
 
     name: str
@@ -100,8 +99,10 @@ class Marked:
     right: tuple[bool, ...]
     found: Mapping[str, bool]
     closed: float
-    learned: float
+    elsewhere: float
     covered: tuple[bool, ...]
+    twins: tuple[bool, ...] = ()
+    """Of every false cause of a case with one effect: whether the runs cannot tell it from the true one."""
 
     @property
     def kind(self) -> str:
@@ -204,7 +205,12 @@ def _marked(folder: Path, name: str, seal: Seal, answer: Answer, noise: NoiseLev
     )
     found = {effect: bool(named & own) for effect, own in names.items() if own and seal.kind != "noise"}
     shares = _true_shares(folder, name, seal, noise)
-    return Marked(name, seal, answer, tuple(right), found, *shares, tuple(covered))
+    twins = [
+        indistinct(folder, name, effects, cause.members, noise)
+        for cause, true in zip(answer.causes, right, strict=True)
+        if not true and len(effects) == len(seal.snr) == 1
+    ]
+    return Marked(name, seal, answer, tuple(right), found, *shares, tuple(covered), tuple(twins))
 
 
 def _true_shares(folder: Path, name: str, seal: Seal, noise: NoiseLevels) -> tuple[float, float]:
@@ -223,11 +229,10 @@ def _true_shares(folder: Path, name: str, seal: Seal, noise: NoiseLevels) -> tup
     if not effects:
         return math.nan, math.nan
 
-    def share(model: str, among: Sequence[str]) -> float:
-        parts = [_part(gap_of(truth, effects, key), closing, model, key) for key in among]
-        return _share(parts, noise)
+    def share(among: Sequence[str]) -> float:
+        return _share([_part(gap_of(truth, effects, key), closing, key) for key in among], noise)
 
-    return share("closed", keys), share("learned", [key for key in keys if key in seal.left_out])
+    return share(keys), share([key for key in keys if key in seal.left_out])
 
 
 def _share(parts: Sequence[Part], noise: NoiseLevels) -> float:
@@ -241,12 +246,12 @@ def _share(parts: Sequence[Part], noise: NoiseLevels) -> float:
     return 1.0 - float(gram[0, 0] - 2.0 * gram[0, 1] + gram[1, 1]) / before
 
 
-def _part(gap: Array, answered: Mapping[str, Array], model: str, key: str) -> Part:
+def _part(gap: Array, answered: Mapping[str, Array], key: str) -> Part:
     """Return gap and what closes it in a run, on the coarser of their periods.
 
     The sealed gap has a period of 1 s, or a longer one if its length says so.
     """
-    closing, nominal, seen = (answered[f"{what}|{key}"] for what in (model, "nominal", "seen"))
+    closing, nominal, seen = (answered[f"{what}|{key}"] for what in ("closed", "nominal", "seen"))
     period_s = float(answered[f"period|{key}"][0])
     apart_s = max(1.0, round(len(closing) * period_s / len(gap)))
     fine, coarse = sorted((apart_s, period_s))

@@ -10,9 +10,10 @@ from bench.record.exchange import read_log, read_mapping
 from benchmarks.gap_exam import _mems, _ring_laser
 from benchmarks.gap_exam._files import Logged, write_case
 from benchmarks.gap_exam._geometry import sensed_dph
-from benchmarks.gap_exam._make import draw_unit, kinds_of, make_case, plan, prepare_folder
+from benchmarks.gap_exam._make import Plan, draw_unit, kinds_of, make_case, plan, prepare_folder
 from benchmarks.gap_exam._mems import MEMS
 from benchmarks.gap_exam._ring_laser import RING_LASER
+from benchmarks.gap_exam._separable import indistinct
 from benchmarks.gap_exam._signals import drawn
 from benchmarks.gap_exam._stage import Stage
 from benchmarks.gap_exam._whitening import NoiseLevels, Part, deflection
@@ -235,6 +236,16 @@ def test_the_deflection_of_a_sine_in_white_noise_is_the_closed_form():
     assert found == pytest.approx(amplitude * math.sqrt(n) / (60.0 * white), rel=1e-9)
     twin = Part(sine[None], np.stack((sine, np.ones(n))), np.ones(n, bool))
     assert deflection([twin, twin], NoiseLevels(white, 0.0, 0.0)) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_the_runs_tell_a_curve_from_a_tilt_and_not_an_effect_from_its_own_column(tmp_path):
+    prepare_folder(RING_LASER, tmp_path)
+    make_case(RING_LASER, tmp_path, Plan("single_1", "single", 77, (("mass_squared", 2.0),)))
+    sheet = RING_LASER.sheet
+    noise = NoiseLevels(sheet.arw_deg_per_sqrt_h, sheet.bias_instability_dph, 0.001, sheet.quantum_arcsec)
+    assert indistinct(tmp_path, "single_1", ["mass_squared"], ["acceleration_squared"], noise)
+    assert not indistinct(tmp_path, "single_1", ["mass_squared"], ["bias_quadratic"], noise)
+    assert not indistinct(tmp_path, "single_1", ["mass_squared"], ["noise_level"], noise)
 
 
 def test_cases_have_the_ratio_planned_and_come_out_the_same_again(tmp_path):
