@@ -8,11 +8,12 @@ with one. Annotations and decorators are left out: nothing evaluates the ones, a
 smaller one.
 
 Each mutant is put into a copy of the tree, where the files with tests run that ran the mutated line when
-nothing was changed; these tests first, the quickest of them first of all. It is caught if a test fails, or
-if they take several times the processor time that they take without it. A test on the host's clock must
-fail twice. Results are kept by room in build/mutants: what is broken off goes on; a caught mutant stays
-caught while its file is the same; a survivor is tried again when a test has changed. Those that no input
-can show stand in equivalent_mutants.toml, with the reason, and do not count. `--write` puts the table into
+nothing was changed, or nothing of its part (they run it in another process); the tests that ran the line
+first, the quickest of them first of all. It is caught if a test fails, or if they take several times the
+processor time that they take without it. A test on the host's clock must fail twice. Results are kept by
+room in build/mutants: what is broken off goes on; a caught mutant stays caught while its file is the same;
+a survivor is tried again when a test has changed. Those that no input can show stand in
+equivalent_mutants.toml, with the reason, and do not count. `--write` puts the table into
 benchmarks/reliability.md.
 """
 
@@ -39,6 +40,8 @@ _SEED, _SAMPLE = 1, 200
 _GOAL = 0.85
 _FACTOR, _LEAST_S, _CLEAN_S = 4.0, 10.0, 600.0
 """A mutant's tests may take so many times the processor time that they take without it, and this at least."""
+_BLIND_S = 1e3
+"""Tests that ran nothing of a part come last, as if they took so long."""
 _CAUGHT, _SURVIVED, _SAME = "caught", "survived", "equivalent"
 
 
@@ -305,16 +308,17 @@ class Clean:
     def order(self, mutant: Mutant) -> list[str]:
         """Return the tests that may find the mutant, in the order in which they find it soonest.
 
-        Those that ran its statement, quickest first, then all others of their files: they may share what a
-        fixture has made. If no test ran it (it is executed at import, or in another process), all tests are
-        returned.
+        Those that ran its statement, quickest first, then all others of their files (they may share what a
+        fixture has made), then files that ran nothing of the part, because they run it in another process. If no test ran
+        the statement (it is executed at import, say), all tests are returned.
         """
         lines = self.ran.get(mutant.file, {})
         line = max((line for line in lines if line <= mutant.line), default=None)
         near = set(self.seconds if line is None else lines[line] or self.seconds)
-        first: dict[str, float] = {}
+        seeing = {_file_of(test) for of in self.ran.values() for tests in of.values() for test in tests}
+        first = {_file_of(test): _BLIND_S for test in self.seconds if _file_of(test) not in seeing}
         for test in near:
-            first[_file_of(test)] = min(self.seconds[test], first.get(_file_of(test), self.seconds[test]))
+            first[_file_of(test)] = min(self.seconds[test], first.get(_file_of(test), _BLIND_S))
 
         def key(test: str) -> tuple[bool, float, str, float]:
             file = _file_of(test)
