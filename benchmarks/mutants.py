@@ -308,9 +308,9 @@ class Clean:
     def order(self, mutant: Mutant) -> list[str]:
         """Return the tests that may find the mutant, in the order in which they find it soonest.
 
-        Those that ran its statement, quickest first, then all others of their files (they may share what a
-        fixture has made), then files that ran nothing of the part, because they run it in another process. If no test ran
-        the statement (it is executed at import, say), all tests are returned.
+        Those that ran its statement, quickest first, then all others of their files (they may share what
+        a fixture has made), then files that ran nothing of the part, because they run it in another
+        process. If no test ran the statement (it is executed at import, say), all tests are returned.
         """
         lines = self.ran.get(mutant.file, {})
         line = max((line for line in lines if line <= mutant.line), default=None)

@@ -144,3 +144,17 @@ def test_a_run_without_a_ramp_or_gyro_is_refused(tmp_path: Path) -> None:
         load_ramp_runs(folder(tmp_path / "a", in_frame=True, phases=("warm_up", "soak")))
     with pytest.raises(ConfigurationError, match="no such gyro"):
         load_ramp_runs(folder(tmp_path / "b", in_frame=True), ("h",))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "kind"),
+    [
+        ({"low_c": -40.0, "high_c": 65.0}, "-40 to 65 °C, up first"),
+        ({"low_c": -40.0, "high_c": 65.0, "downwards": True}, "-40 to 65 °C, down first"),
+        ({"low_c": -20.5, "high_c": 50.0, "downwards": False}, "-20.5 to 50 °C, up first"),
+    ],
+)
+def test_a_ramp_run_says_its_range_and_which_way_it_began(tmp_path: Path, parameters, kind: str) -> None:
+    path = folder(tmp_path / "run", in_frame=True)
+    write_manifest(path, read_manifest(path).model_copy(update={"parameters": parameters}))
+    assert load_ramp_runs(path)[0].kind == kind

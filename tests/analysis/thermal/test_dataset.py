@@ -84,3 +84,37 @@ def test_without_a_truth_or_with_one_that_ends_early_there_is_none(tmp_path: Pat
     assert load_thermal_runs(path)[0].true_bias_dph is None
     (path / "truth_g.npz").unlink()
     assert load_thermal_runs(path)[0].true_bias_dph is None
+
+
+def test_a_run_with_sections_is_one_run_of_the_scale_factor(tmp_path: Path) -> None:
+    """Three sections of 400 s, turning at 10, -10 and 0 deg/s, each with its own reference and shock.
+
+    In each the scale factor falls by 100 ppm when the shock begins: of its mean in the reference.
+    """
+    events: list[dict[str, object]] = []
+    for start, rate in ((0.0, 10.0), (400.0, -10.0), (800.0, 0.0)):
+        events += [{"time_s": start, "kind": "section", "group": 1, "rate_dps": rate}]
+        events += [phase(start, "reference"), phase(start + 100.0, "shock")]
+    path = folder(tmp_path / "run", [*events, phase(1200.0, "close")])
+    end_s = 0.1 * np.arange(1.0, 10.0 * END_S + 1.0)
+    section = np.minimum(np.ceil(end_s / 400.0 - 1e-9) - 1.0, 2.0).astype(int)
+    shocked = end_s - 400.0 * section > 100.0 + 1e-9
+    gyro = {
+        "time_ns": np.rint(end_s * 1e9).astype(np.int64),
+        "valid": np.ones(len(end_s), np.bool_),
+        "rate_dps": np.array([10.0, -10.0, 0.0])[section] * np.where(shocked, 1.0 - 1e-4, 1.0),
+        "temp_c": 25.0 - (end_s - 400.0 * section) / 100.0,
+        "lost_before": np.zeros(len(end_s), np.int64),
+    }
+    chamber = {"time_ns": (np.arange(END_S + 1.0) * 1e9).astype(np.int64)}
+    chamber["aux_1_temp_c"] = 25.0 - (np.arange(END_S + 1.0) % 400.0) / 50.0
+    for name, content in (("gyro_g", gyro), ("chamber", chamber)):
+        with table_writer(path / f"{name}.parquet", name) as writer:
+            writer.write(content)
+    (run,) = load_thermal_runs(path)
+    assert run.bias_dph is None and run.sf_error_ppm is not None
+    assert run.reference == (0.0, 100.0)
+    assert list(run.phases)[:2] == [(0.0, "reference"), (100.0, "shock")]
+    calm, late = run.time_s <= 99.0, run.time_s > 101.0
+    assert run.sf_error_ppm[calm] == pytest.approx(np.zeros(calm.sum()), abs=2.0)
+    assert run.sf_error_ppm[late] == pytest.approx(np.full(late.sum(), -100.0), abs=2.0)
