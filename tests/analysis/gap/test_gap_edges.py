@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,16 +12,21 @@ from scipy.fft import dct
 from scipy.stats import norm
 from statsmodels.stats.proportion import proportion_confint
 
-from bench.analysis.gap import Noise
+from bench.analysis.gap import Noise, _exam
+from bench.analysis.gap._cells import BANDS
 from bench.analysis.gap._channel_data import Demand, _held, _quiet_from
 from bench.analysis.gap._data import Group
+from bench.analysis.gap._fit import Floor
 from bench.analysis.gap._generic import free_curves
 from bench.analysis.gap._lines import SpectralLine, _of_one_length, _surroundings
 from bench.analysis.gap._noise import periodogram
 from bench.analysis.gap._refine import _spacing
+from bench.analysis.gap._rehearsal import _phase_means
 from bench.analysis.gap._score import Exam, Marked, wilson
-from bench.analysis.gap._stochastic import judge_noise
-from simulators.effects import Variant
+from bench.analysis.gap._stochastic import _starts, judge_noise
+from bench.analysis.gap._suggest import _plans
+from bench.analysis.gap._where import REGIMES, regime_map
+from simulators.effects import Stimulus, Variant
 from tests.analysis.gap.conftest import effect, made_run, stimulus
 
 
@@ -92,6 +98,7 @@ def test_free_curves_are_drawn_over_what_changes_enough():
         for word in ("T_in", "T_out", "dT_in/dt", "T_in - T_out")
         if word in name
     }
+    assert any("T_out" in name and "T_in" not in name for name in curves(shock))
     assert len(curves(turning)) == 2 and len(curves(shock, turning)) > len(curves(shock))
 
 
@@ -193,3 +200,87 @@ def test_wilsons_interval_is_that_of_statsmodels(right, of):
     expected = proportion_confint(right, of, alpha=2.0 * norm.sf(1.96), method="wilson")
     assert wilson(right, of) == pytest.approx(expected, abs=1e-9)
     assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_a_noise_coefficient_is_looked_for_from_its_own_size_or_from_the_white_noises():
+    """0.024 deg/h: 6 times 0.004 deg/sqrt(h), the bias instability that such a white noise usually goes with."""
+    near = pytest.approx([0.036, 0.096, 0.36])
+    assert _starts(SHEET, "bias_instability_dph") == near
+    assert _starts(SHEET, "rate_random_walk_dph_per_sqrt_h") == near
+    assert _starts(Noise(0.004, 0.1), "bias_instability_dph") == pytest.approx([0.15, 0.4, 1.5])
+    assert _starts(Noise(0.004, 0.1), "rate_random_walk_dph_per_sqrt_h") == pytest.approx([0.15, 0.4, 1.5])
+
+
+def test_a_plans_settings_are_what_its_stimuli_do():
+    plans = {plan.procedure: plan for plan in _plans(39.1)}
+    level = plans["constant-rotation"]
+    (turning,) = level.stimuli
+    assert np.median(turning.table_rate_dps) == pytest.approx(level.settings["rate_dps"])
+    (steps,) = plans["standard-test"].stimuli
+    rates = np.unique(np.round(steps.table_rate_dps, 6))
+    rates = rates[np.abs(rates - np.round(rates)) < 1e-6]  # the samples in which no step begins
+    assert rates.tolist() == (-rates[::-1]).tolist() and 0.0 in rates
+    assert rates.max() == plans["standard-test"].settings["max_rate_dps"]
+    three = [float(np.median(s.table_rate_dps)) for s in plans["scale-factor-cold-shock"].stimuli]
+    assert three == pytest.approx([20.0, -20.0, 0.0])
+
+
+def test_means_of_phases_count_from_each_phases_begin():
+    time_s = np.arange(1.0, 451.0)
+    values = np.where(time_s <= 250, 1.0, 5.0)
+    values[200:250] = np.nan
+    phase = np.where(time_s <= 250, "soak", "shock")
+    series = SimpleNamespace(inputs=SimpleNamespace(time_s=time_s), phase=phase, values=values)
+    found = _phase_means(series)
+    assert list(found) == ["0 soak", "1 shock"]
+    assert found["0 soak"].tolist() == pytest.approx([1.0, 1.0, math.nan], nan_ok=True)
+    assert found["1 shock"].tolist() == [5.0, 5.0]
+
+
+def test_a_map_of_regimes_holds_energies_against_how_many_there_are():
+    """Whitened coefficients of size one are the floor itself: a ratio of one; of size zero, of nothing."""
+    run = made_run("still", stimulus(4000, cold=False), np.random.default_rng(1))
+    group = Group("shock", ("0",), ((run,),))
+    floor = Floor(np.ones(len(BANDS)), np.zeros(len(BANDS)), from_repeats=True)
+    every = {"shock": set(range(len(BANDS)))}
+    for size, ratio in ((1.0, 1.0), (2.0, 4.0), (0.0, 0.0)):
+        places = regime_map([group], [np.full((1, 3999), size)], floor, SHEET, every)
+        whole = [place for place in places if place.of in ("T_in", "table rate")]
+        assert [place.energy_ratio for place in whole] == pytest.approx([ratio] * 2, rel=1e-6)
+        assert all(0.0 <= place.p_value <= 1.0 for place in places)
+    assert regime_map([group], [np.zeros((1, 3999))], floor, SHEET, {}) == []
+
+
+def test_intervals_of_what_has_a_sign_are_the_same_on_both_sides():
+    for regime in REGIMES:
+        assert list(regime.edges) == sorted(set(regime.edges))
+        if regime.of in ("dT_in/dt", "table rate"):
+            assert list(regime.edges) == [-edge for edge in reversed(regime.edges)]
+
+
+def over_input(t_in_c):
+    time_s = np.arange(1.0, len(t_in_c) + 1.0)
+    level = np.full(len(t_in_c), 90.0)
+    s = Stimulus(time_s, t_in_c, t_in_c, np.zeros(len(t_in_c) + 1), level, 39.1)
+    return curves(made_run("r", s, np.random.default_rng(1)))
+
+
+def test_a_span_of_ten_kelvin_shows_a_curve_and_one_below_does_not_though_its_rate_may():
+    held = np.interp(np.arange(4000), [1000, 3000], [15.0, 25.0])
+    assert any("T_in" in name and "dT_in" not in name for name in over_input(held))
+    small = over_input(20.0 + 4.0 * np.sin(np.arange(4000) / 50.0))  # up to 4.8 K/min
+    assert not any("T_in" in name and "dT_in" not in name for name in small)
+    assert any("dT_in/dt" in name for name in small)
+
+
+def test_effects_of_an_examined_case_have_the_size_asked_for_and_signs_in_turn(monkeypatch):
+    """A signature of norm 4 for a unit effect, an SNR of 2 (a norm of 20): five times as much."""
+    for name, stand_in in {
+        "_run": lambda *_: None,
+        "signal_dph": lambda *_: None,
+        "signature_norm": lambda *_: 4.0,
+    }.items():
+        monkeypatch.setattr(_exam, name, stand_in)
+    case = SimpleNamespace(effects={"a": None, "b": None}, seed=7, snr=2.0)
+    truths = [SimpleNamespace(repeat=0)]
+    assert _exam._amplitudes(case, truths, [None], None) == {"a": -5.0, "b": 5.0}
