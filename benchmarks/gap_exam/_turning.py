@@ -99,6 +99,7 @@ def latency() -> Effect:
         lambda unit, stage, size: size * _late(stage, 1e-3),
         ("time_offset",),
         ("clock_skew",),
+        lambda unit, size: {"offset_ms": -size},
     )
 
 
@@ -109,7 +110,7 @@ def skew() -> Effect:
         edges = np.arange(stage.steps + 1.0) * stage.step_s
         return size * _late(stage, np.asarray(1e-6 * edges))
 
-    return Effect(signal, ("clock_skew",), ("time_offset",))
+    return Effect(signal, ("clock_skew",), ("time_offset",), lambda unit, size: {"skew_ppm": -size})
 
 
 def heading(field: Callable[[Array, Array, Unit], Array]) -> Effect:
