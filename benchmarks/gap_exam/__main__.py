@@ -5,22 +5,17 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks._sections import stamp
 from benchmarks.gap_exam._answer import answer_all
-from benchmarks.gap_exam._exam_plant import EXAM_PLANT, make_exam_case, plan_exam_cases
-from benchmarks.gap_exam._make import KINDS, Plan, kinds_of, make_case, plan, prepare_folder
-from benchmarks.gap_exam._mems import MEMS
-from benchmarks.gap_exam._ring_laser import RING_LASER
+from benchmarks.gap_exam._families import FAMILIES, make_cases
+from benchmarks.gap_exam._make import KINDS
 from benchmarks.gap_exam._score import marked_cases
 from benchmarks.gap_exam._table import details, table
 from drivers.base.files import replace_file
 
-FAMILIES = {family.name: family for family in (RING_LASER, MEMS, EXAM_PLANT)}
 PAGE = Path(__file__).parents[2] / "docs" / "gap_exam.md"
 TITLE = "## Plant families"
 
@@ -45,7 +40,9 @@ def main(words: Sequence[str] | None = None) -> int:
     scoring.add_argument("--write", action="store_true", help=f"put the table into docs/{PAGE.name}")
     chosen = parser.parse_args(words)
     if chosen.command == "make":
-        for name in _made(chosen.family, chosen.seed, chosen.cases, chosen.only, chosen.out, chosen.jobs):
+        for name in make_cases(
+            chosen.family, chosen.seed, chosen.cases, chosen.only, chosen.out, chosen.jobs
+        ):
             print(name, flush=True)
     elif chosen.command == "diagnose":
         for name, seconds, verdict in answer_all(chosen.folder, chosen.jobs):
@@ -53,29 +50,6 @@ def main(words: Sequence[str] | None = None) -> int:
     else:
         _score(chosen.folders, with_details=chosen.details, write=chosen.write)
     return 0
-
-
-def _made(family_name: str, seed: int, cases: int, only: str, folder: Path, jobs: int) -> Iterator[str]:
-    """Make the cases that the folder lacks; yield their names."""
-    family = FAMILIES[family_name]
-    prepare_folder(family, folder)
-    planned = (
-        plan_exam_cases(kinds_of(cases, only), seed)
-        if family is EXAM_PLANT
-        else plan(family, seed, cases, only)
-    )
-    planned = [what for what in planned if not (folder / "sealed" / f"{what.name}.json").exists()]
-    if jobs == 1:
-        yield from (_make(family_name, folder, what) for what in planned)
-        return
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        for done in as_completed([pool.submit(_make, family_name, folder, what) for what in planned]):
-            yield done.result()
-
-
-def _make(family_name: str, folder: Path, what: Plan) -> str:
-    family = FAMILIES[family_name]
-    return make_exam_case(folder, what) if family is EXAM_PLANT else make_case(family, folder, what)
 
 
 def _score(folders: Sequence[Path], *, with_details: bool, write: bool) -> None:

@@ -52,19 +52,17 @@ class Part:
     period_s: float = 1.0
 
 
-def remaining(parts: Sequence[Part], noise: NoiseLevels, *, white: bool = True) -> Array:
+def remaining(parts: Sequence[Part], noise: NoiseLevels) -> Array:
     """Return the Gram matrix (p, p) of signals in all runs, nominal columns and each run's bias projected out.
 
-    Its diagonal is the square of a deflection. Not `white`: plain energies of the signals, (deg/h)^2 samples.
+    Its diagonal is the square of a deflection.
     """
     gram: Array | float = 0.0
     count = len(parts[0].rows)
     for part in parts:
         n = part.rows.shape[1]
         stack = _bridged(np.concatenate((part.rows, part.nominal)), part.seen)
-        whole = dct(stack, norm="ortho", axis=-1)[:, 1:]
-        if white:
-            whole = whole / np.sqrt(noise.power(n, part.period_s))
+        whole = dct(stack, norm="ortho", axis=-1)[:, 1:] / np.sqrt(noise.power(n, part.period_s))
         gram = gram + whole @ whole.T
     gram = np.asarray(gram)
     nominal = gram[count:, count:]

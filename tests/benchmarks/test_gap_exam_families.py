@@ -1,14 +1,18 @@
 """The plant families: noise as documented, inputs up to the limits stated, true values as in the catalogue."""
 
 import math
+from pathlib import Path
 
 import allantools
 import numpy as np
 import pytest
 
+from bench.analysis.gap import read_recordings
 from bench.record.exchange import read_log, read_mapping
+from benchmarks.gap_exam import __main__ as command
 from benchmarks.gap_exam import _mems, _ring_laser
-from benchmarks.gap_exam._files import Logged, write_case
+from benchmarks.gap_exam._exam_plant import EXAM_PLANT, make_exam_case
+from benchmarks.gap_exam._files import Logged, gap_of, read_arrays, read_seal, run_keys, write_case
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._make import Plan, draw_unit, kinds_of, make_case, plan, prepare_folder
 from benchmarks.gap_exam._mems import MEMS
@@ -253,8 +257,6 @@ def test_the_runs_tell_a_curve_from_a_tilt_and_not_an_effect_from_its_own_column
 
 
 def test_cases_have_the_ratio_planned_and_come_out_the_same_again(tmp_path):
-    from benchmarks.gap_exam._files import read_seal
-
     prepare_folder(RING_LASER, tmp_path)
     single = next(what for what in plan(RING_LASER, 3, 12) if what.kind == "pair")
     make_case(RING_LASER, tmp_path, single)
@@ -265,3 +267,39 @@ def test_cases_have_the_ratio_planned_and_come_out_the_same_again(tmp_path):
     assert (tmp_path / "cases" / single.name / "PO_1.csv").read_bytes() == first
     assert plan(RING_LASER, 3, 12) == plan(RING_LASER, 3, 12)
     assert kinds_of(12).count("null") == 3 and kinds_of(24).count("noise") == 2
+
+
+def test_the_exams_own_plant_is_written_as_the_others_are(tmp_path):
+    prepare_folder(EXAM_PLANT, tmp_path)
+    make_exam_case(tmp_path, Plan("mixed_1", "mixed", 3, ()))
+    seal = read_seal(tmp_path / "sealed" / "mixed_1.json")
+    known, foreign = (name for name, _ in seal.effects)
+    assert known in seal.names[known] and seal.names[foreign] == ()
+    assert set(seal.snr) == {known, foreign} and 1.0 <= seal.snr[known] <= 30.0
+    runs = read_recordings(
+        [tmp_path / "cases" / "mixed_1" / "runs.toml"], [Path(run) for run in seal.held_out]
+    )
+    assert len(runs.runs) == 16 and len(runs.held_out) == 8
+    parts = read_arrays(tmp_path / "sealed" / "mixed_1.npz")
+    keys = run_keys(tmp_path / "cases" / "mixed_1")
+    for run in runs.shown:
+        gap = gap_of(parts, [known, foreign], keys[run.run_id])
+        left = run.output_dph - run.stimulus.input_rate_dph - gap
+        # white noise of the sheet, its scale factor and slope of bias
+        assert (
+            np.std(np.diff(left)) == pytest.approx(np.sqrt(2.0) * 60.0 * 0.004, rel=0.1)
+            or run.condition != "east"
+        )
+
+
+@pytest.mark.slow
+def test_several_processes_make_what_one_makes(tmp_path, capsys):
+    words = ["make", "exam_plant", "--seed", "4", "--cases", "2", "--out"]
+    command.main([*words, str(tmp_path / "one")])
+    command.main([*words, str(tmp_path / "two"), "--jobs", "2"])
+    assert sorted(capsys.readouterr().out.split()) == ["null_4_0", "null_4_0", "single_4_1", "single_4_1"]
+    for name in ("null_4_0", "single_4_1"):
+        one, two = (tmp_path / folder / "sealed" / f"{name}.json" for folder in ("one", "two"))
+        assert one.read_text() == two.read_text()
+    command.main([*words, str(tmp_path / "one")])
+    assert capsys.readouterr().out == ""  # nothing is made twice

@@ -1,0 +1,37 @@
+"""The plant families by name, and the making of their cases by one or several processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+
+from benchmarks.gap_exam._exam_plant import EXAM_PLANT, make_exam_case, plan_exam_cases
+from benchmarks.gap_exam._make import Plan, kinds_of, make_case, plan, prepare_folder
+from benchmarks.gap_exam._mems import MEMS
+from benchmarks.gap_exam._ring_laser import RING_LASER
+
+FAMILIES = {family.name: family for family in (RING_LASER, MEMS, EXAM_PLANT)}
+
+
+def make_cases(name: str, seed: int, cases: int, only: str, folder: Path, jobs: int) -> Iterator[str]:
+    """Make the cases of a seed that the folder lacks; yield their names."""
+    family = FAMILIES[name]
+    prepare_folder(family, folder)
+    if family is EXAM_PLANT:
+        planned = plan_exam_cases(kinds_of(cases, only), seed)
+    else:
+        planned = plan(family, seed, cases, only)
+    planned = [what for what in planned if not (folder / "sealed" / f"{what.name}.json").exists()]
+    if jobs == 1:
+        yield from (_made(name, folder, what) for what in planned)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        for done in as_completed([pool.submit(_made, name, folder, what) for what in planned]):
+            yield done.result()
+
+
+def _made(name: str, folder: Path, what: Plan) -> str:
+    family = FAMILIES[name]
+    return make_exam_case(folder, what) if family is EXAM_PLANT else make_case(family, folder, what)
