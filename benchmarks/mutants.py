@@ -153,7 +153,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         ),
         _part(
             "bench/analysis/gap/_rehearsal _response _suggest _series",
-            "tests/analysis/gap/test_gap_rehearsal",
+            "tests/analysis/gap/test_gap_edges test_gap_rehearsal",
         ),
         _part(
             "bench/analysis/gap/_disturbed _align",
