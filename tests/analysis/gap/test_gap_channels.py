@@ -78,6 +78,10 @@ def test_what_the_plant_does_differently_is_named_on_its_channel(
     assert found.held_out
     assert found.held_out[0].share > least
     assert found.held_out[0].rms_after < found.held_out[0].rms_before
+    assert [curve.run_id for curve in found.curves] == [series.run_id for series in _only(channel, held)]
+    for curve in found.curves:
+        before, after = (np.sqrt(np.nanmean(rest**2)) for rest in (curve.before, curve.after))
+        assert after < before and len(curve.time_s) == len(curve.before) == len(curve.after)
 
 
 def test_a_worse_air_flow_is_named_and_not_on_other_channels(model: Model) -> None:
