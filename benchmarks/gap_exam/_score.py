@@ -191,7 +191,9 @@ def _marked(folder: Path, name: str, seal: Seal, answer: Answer, noise: NoiseLev
     for cause in answer.causes:
         meant = [effect for effect in effects if cause.members & names[effect]]
         strangers = cause.members - allowed
-        apart = bool(meant and strangers) and not indistinct(folder, name, meant, strangers, noise)
+        apart = bool(meant and strangers) and not indistinct(
+            folder, name, {effect: names[effect] for effect in meant}, strangers, noise
+        )
         right.append(bool(cause.members & allowed) and not apart)
         for effect in meant:
             truth = seal.parameters.get(effect, {})
@@ -206,7 +208,7 @@ def _marked(folder: Path, name: str, seal: Seal, answer: Answer, noise: NoiseLev
     found = {effect: bool(named & own) for effect, own in names.items() if own and seal.kind != "noise"}
     shares = _true_shares(folder, name, seal, noise)
     twins = [
-        indistinct(folder, name, effects, cause.members, noise)
+        indistinct(folder, name, names, cause.members, noise)
         for cause, true in zip(answer.causes, right, strict=True)
         if not true and len(effects) == len(seal.snr) == 1
     ]

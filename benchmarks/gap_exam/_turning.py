@@ -114,13 +114,16 @@ def skew() -> Effect:
 
 
 def heading(field: Callable[[Array, Array, Unit], Array]) -> Effect:
-    """Bias in a magnetic field given as a function of table angle and elevation, both rad."""
+    """Bias in a magnetic field given as a function of table angle and elevation, both rad.
+
+    Its vertical part is in upright positions what gravity would do.
+    """
 
     def signal(unit: Unit, stage: Stage, size: float) -> Array:
         turn = np.radians(0.5 * (stage.angle_deg[1:] + stage.angle_deg[:-1]))
         return size * field(turn, np.radians(stage.elevation_deg), unit)
 
-    return Effect(signal, ("heading_sensitivity",), ("acceleration_sensitivity",))
+    return Effect(signal, ("heading_sensitivity", "acceleration_sensitivity"))
 
 
 def impulses(mean_gap_s: float) -> Effect:

@@ -251,9 +251,10 @@ def test_the_runs_tell_a_curve_from_a_tilt_and_not_an_effect_from_its_own_column
     make_case(RING_LASER, tmp_path, Plan("single_1", "single", 77, (("mass_squared", 2.0),)))
     sheet = RING_LASER.sheet
     noise = NoiseLevels(sheet.arw_deg_per_sqrt_h, sheet.bias_instability_dph, 0.001, sheet.quantum_arcsec)
-    assert indistinct(tmp_path, "single_1", ["mass_squared"], ["acceleration_squared"], noise)
-    assert not indistinct(tmp_path, "single_1", ["mass_squared"], ["bias_quadratic"], noise)
-    assert not indistinct(tmp_path, "single_1", ["mass_squared"], ["noise_level"], noise)
+    mass = {"mass_squared": ["acceleration_squared"]}
+    assert indistinct(tmp_path, "single_1", mass, ["acceleration_squared"], noise)
+    assert not indistinct(tmp_path, "single_1", mass, ["bias_quadratic"], noise)
+    assert not indistinct(tmp_path, "single_1", mass, ["noise_level"], noise)
 
 
 def test_cases_have_the_ratio_planned_and_come_out_the_same_again(tmp_path):
