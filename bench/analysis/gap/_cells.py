@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.gap._bridge import noise_left
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._grams import gram_blocks
 from bench.analysis.gap._noise import Noise, power_of
@@ -41,7 +42,8 @@ _NEGLIGIBLE = 1e-5
 
 @dataclass(frozen=True)
 class Cell:
-    """Part of the data: whitened products of [data, columns], `count` coefficients.
+    """Part of the data: whitened products of [data, columns], `count` coefficients, fewer
+    where samples are missing.
 
     `block` (a, a) holds the products of the data, 0, and of the columns that have something here, `at` (a,), of
     1 + p `columns`. `power` is the noise's mean power per coefficient, (deg/h)^2, `samples` the runs' length.
@@ -51,7 +53,7 @@ class Cell:
     parity: str
     repeatable: bool
     band: int
-    count: int
+    count: float
     columns: int
     at: NDArray[np.int64]
     block: Array
@@ -142,11 +144,19 @@ def _helmert(n: int) -> Array:
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
+def left_of_noise(group: Group, filled_for: Noise, noise: Noise) -> Array:
+    """Return the power of noise with gaps bridged over that without gaps, (n - 1,), mean of the group's runs."""
+    period_s = group.flat[0].stimulus.period_s
+    parts = [noise_left(run.missing, period_s, filled_for, noise) for run in group.flat]
+    return np.asarray(np.mean(parts, axis=0))
+
+
 def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
     """Return the cells of a group from its runs' coefficients of [data, columns]."""
     n, period_s = stack.full.shape[2] + 1, group.runs[0][0].stimulus.period_s
     names, repeatable, mix = mixing(group)
-    power = power_of(noise, n, period_s)
+    power = power_of(noise, n, period_s) * np.maximum(left_of_noise(group, stack.filled_for, noise), 1.0)
+    known = np.minimum(left_of_noise(group, stack.filled_for, noise), 1.0)
     parts = band_slices(n, period_s)
     flat = [part for part in parts if part.stop > part.start]
     sizes = np.array([stack.energies(part) / power[part].mean() for part in flat])
@@ -166,7 +176,7 @@ def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
                     name,
                     same,
                     band,
-                    part.stop - part.start,
+                    float(known[part].sum()),
                     len(stack.place),
                     at,
                     block,

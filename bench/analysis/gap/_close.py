@@ -128,13 +128,13 @@ def _shares_by_phase(
         for run in group.flat:
             n, period_s = len(run.stimulus), run.stimulus.period_s
             power = power_of(after.noise, n, period_s)
-            own = transformed(run, left_by(run, (before, after))[0]) / np.sqrt(power)
+            own = transformed(run, left_by(run, (before, after))[0], after.noise) / np.sqrt(power)
             for band in bands.get(group.profile, set()):
                 part = band_slices(n, period_s)[band]
                 expected = (part.stop - part.start) / n
                 energy = [in_time(row[None], part) / floor.ratio[band] - expected for row in own]
                 for phase in dict.fromkeys(run.phase.tolist()):
-                    at = run.phase == phase
+                    at = (run.phase == phase) & ~run.missing
                     key = f"{group.profile}: {phase}"
                     excess[key] = excess.get(key, np.zeros(2)) + [each[at].sum() for each in energy]
     total = sum(max(float(each[0]), 0.0) for each in excess.values()) or 1.0
@@ -148,7 +148,7 @@ def judged_cells(before: Model, after: Model, runs: Sequence[GapRun]) -> list[Ce
     """Return cells of what both models leave of runs, Gram (2, 2), in all but the two fastest bands."""
     cells = []
     for group in group_runs(runs):
-        stack = stacked(group.flat, lambda run: left_by(run, (before, after)), [False])
+        stack = stacked(group.flat, lambda run: left_by(run, (before, after)), [False], after.noise)
         cells += group_cells(group, stack, after.noise)
     return [cell for cell in cells if cell.band < len(BANDS) - 2]
 

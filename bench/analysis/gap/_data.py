@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from drivers.base.errors import ConfigurationError
 from simulators.effects import REFERENCE_C, Stimulus
 
 _COPY = 0.8
+MOST_MISSING = 0.6
+"""Part of a run's samples that may be missing."""
 SHORTEST = 256
 """Samples below which a run has no time scales worth separating."""
 
@@ -35,6 +38,11 @@ class GapRun:
     phase: NDArray[np.str_]
     checksum: str = ""
     lost_fraction: float = 0.0
+
+    @cached_property
+    def missing(self) -> NDArray[np.bool_]:
+        """Which samples of the output are missing, (n,)."""
+        return np.isnan(self.output_dph)
 
 
 def check_runs(runs: Sequence[GapRun]) -> None:
@@ -71,7 +79,7 @@ def _check_copies(repeats: Sequence[GapRun]) -> None:
 
 def _check_run(run: GapRun) -> None:
     s = run.stimulus
-    missing = np.isnan(run.output_dph).mean() if len(run.output_dph) else 1.0
+    missing = run.missing.mean() if len(run.output_dph) else 1.0
     finite = all(np.isfinite(each).all() for each in (s.t_in_c, s.t_out_c, s.angle_deg, s.elevation_deg))
     if len(s) != len(run.output_dph) or len(s.angle_deg) != len(s) + 1 or len(run.phase) != len(s):
         raise ConfigurationError("the arrays of a run differ in length", where=run.run_id)
@@ -79,12 +87,12 @@ def _check_run(run: GapRun) -> None:
         raise ConfigurationError(
             "the run is too short", where=run.run_id, found=f"{len(s)} samples", expected=f"{SHORTEST}"
         )
-    if missing > 0.2:
+    if missing > MOST_MISSING:
         raise ConfigurationError(
             "too much of the output is missing",
             where=run.run_id,
             found=f"{100 * missing:.0f} %",
-            expected="at most 20 %; shorter gaps are bridged",
+            expected=f"at most {100 * MOST_MISSING:.0f} %; gaps are bridged",
         )
     if not finite:
         raise ConfigurationError(
@@ -135,20 +143,6 @@ def cut(run: GapRun, count: int) -> GapRun:
         s.period_s,
     )
     return replace(run, stimulus=shorter, output_dph=run.output_dph[:count], phase=run.phase[:count])
-
-
-def bridged(values: Array, missing: NDArray[np.bool_]) -> Array:
-    """Return rows (p, n) with missing samples interpolated, so that data and columns are treated alike."""
-    if not missing.any():
-        return values
-    result = values.copy()
-    at, known = np.flatnonzero(missing), np.flatnonzero(~missing)
-    after = np.minimum(np.searchsorted(known, at), len(known) - 1)
-    before = np.maximum(after - 1, 0)
-    left, right = known[before], known[after]
-    weight = np.clip((at - left) / np.maximum(right - left, 1), 0.0, 1.0)
-    result[:, at] = (1.0 - weight) * values[:, left] + weight * values[:, right]
-    return result
 
 
 @dataclass(frozen=True)

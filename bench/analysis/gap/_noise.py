@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 
 from drivers.base.arrays import Array
 
-_FLICKER_TIMES_S = 3.0 ** np.arange(9)
+FLICKER_TIMES_S = 3.0 ** np.arange(9)
 _LEAST = 1e-9
 _FARTHEST = 30.0
 """In the logarithm of a coefficient, from the data sheet's."""
@@ -50,7 +50,7 @@ def unit_spectra(frequency: Array, period_s: float) -> Array:
     """
     difference = 4.0 * np.sin(0.5 * np.pi * frequency) ** 2
     cosine = np.cos(np.pi * frequency)
-    decay = np.exp(-period_s / _FLICKER_TIMES_S)[:, None]
+    decay = np.exp(-period_s / FLICKER_TIMES_S)[:, None]
     flicker = ((1.0 - decay**2) / (1.0 + decay**2 - 2.0 * decay * cosine)).sum(axis=0)
     return np.stack(
         (
@@ -83,19 +83,23 @@ class Periodogram:
     period_s: float
 
 
-def periodogram(coefficients: Array, period_s: float, *, skip: int = 1) -> Periodogram:
+def periodogram(
+    coefficients: Array, period_s: float, known: Array | None = None, *, skip: int = 1
+) -> Periodogram:
     """Gather DCT coefficients (rows, n) of residuals of one length in 8 bins an octave, `skip` lowest left out.
 
-    Coefficient 0, the free bias, is never used.
+    Coefficient 0, the free bias, is never used. `known` (n - 1,) is the part of each other one that samples
+    which are not missing make out.
     """
     rows, n = coefficients.shape
     index = np.arange(max(skip, 1), n)
     bins = np.floor(8.0 * np.log2(index)).astype(np.int64)
     _, bins = np.unique(bins, return_inverse=True)
     power = (coefficients[:, index] ** 2).sum(axis=0)
-    count = np.bincount(bins).astype(np.float64)
-    mean = np.asarray(np.bincount(bins, index / n) / count, dtype=np.float64)
-    energy = np.asarray(np.bincount(bins, power), dtype=np.float64)
+    part = np.ones(len(index)) if known is None else known[index - 1]
+    count = np.asarray(np.bincount(bins, part), dtype=np.float64)
+    mean = np.asarray(np.bincount(bins, part * index / n) / count, dtype=np.float64)
+    energy = np.asarray(np.bincount(bins, part * power), dtype=np.float64)
     return Periodogram(mean, energy, count * rows, period_s)
 
 

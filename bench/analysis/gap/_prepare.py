@@ -34,8 +34,7 @@ def prepare(runs: Sequence[GapRun], model: Model, variants: Sequence[Variant]) -
     check_runs(runs)
     groups = tuple(group_runs(runs))
     stacks = tuple(_stack(group, model, variants) for group in groups)
-    own = 1 + len(model.sigmas)
-    nominal = [stack.chosen(range(own)) for stack in stacks]
+    nominal = [stack.chosen(range(1 + len(model.sigmas))) for stack in stacks]
     spectra, source = floor_data(groups, nominal, model.noise, model.sigmas)
     return gathered(groups, stacks, judge_noise(spectra, model.noise, source), model, None)
 
@@ -74,7 +73,10 @@ def with_columns(data: Prepared, columns: Sequence[int], fresh: Sequence[Variant
     result = []
     for group, stack in zip(data.groups, data.stacks, strict=True):
         rows = stacked(
-            group.flat, lambda run: [each.columns(run.stimulus) for each in fresh], [False] * len(fresh)
+            group.flat,
+            lambda run: [variant.columns(run.stimulus) for variant in fresh],
+            [False] * len(fresh),
+            stack.filled_for,
         )
         result.append(stack.narrowed(columns, rows.full))
     return result
@@ -87,7 +89,7 @@ def _stack(group: Group, model: Model, variants: Sequence[Variant]) -> Stack:
         return own + [variant.columns(s) for variant in variants]
 
     few = (smooth(variant.effect, group.flat) for variant in variants)
-    return stacked(group.flat, rows, [False, False, *few])
+    return stacked(group.flat, rows, [False, False, *few], model.noise)
 
 
 def noise_beside(data: Prepared, solution: Solution, model: Model) -> NoiseVerdict:

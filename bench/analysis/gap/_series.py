@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from bench.analysis.gap._data import GapRun, bridged, group_runs
+from bench.analysis.gap._bridge import bridge
+from bench.analysis.gap._data import GapRun, group_runs
 from bench.analysis.gap._model_file import Model
 from drivers.base.arrays import Array
 
@@ -36,7 +37,7 @@ def differences(runs: Sequence[GapRun], before: Model, after: Model, points: int
             rows = np.zeros((2, len(s)))
             for run in repeats:
                 own = run.output_dph - np.stack([model.predict(run.stimulus) for model in (before, after)])
-                own = bridged(own, np.isnan(run.output_dph))
+                own = bridge(run.missing, s.period_s, before.noise).over(own)
                 rows += (own - own.mean(axis=1, keepdims=True)) / len(repeats)
             smooth = uniform_filter1d(rows, width, axis=1, mode="nearest")
             at = np.linspace(0, len(s) - 1, min(points, len(s))).astype(np.int64)

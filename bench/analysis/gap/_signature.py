@@ -37,4 +37,6 @@ def unexplained(runs: Sequence[GapRun], model: Model) -> Array:
 def with_nominal(group: Group, model: Model) -> Stack:
     """Return coefficients of [output, nominal columns] of every run of a group."""
     runs = [run for each in group.runs for run in each]
-    return stacked(runs, lambda run: [run.output_dph[None], model.columns(run.stimulus)], [False, False])
+    return stacked(
+        runs, lambda run: [run.output_dph[None], model.columns(run.stimulus)], [False, False], model.noise
+    )

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from bench.analysis.gap._data import GapRun, bridged
+from bench.analysis.gap._bridge import bridge
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._noise import Noise
 from drivers.base.arrays import Array
 
 _SHORTEST_S = 20.0
@@ -22,12 +24,13 @@ class Stack:
 
     `full` (runs, a, n - 1) and `slow` (runs, b, m), the first m coefficients of columns that have nothing beyond,
     hold [data - model, model's columns, effects' columns] in any order; `place` (a + b,) says where each is,
-    those of `slow` after those of `full`.
+    those of `slow` after those of `full`. Gaps were bridged for noise `filled_for`.
     """
 
     full: NDArray[Any]
     slow: NDArray[Any]
     place: NDArray[np.int64]
+    filled_for: Noise
 
     def part(self, columns: Sequence[int] | NDArray[np.int64], part: slice) -> Array:
         """Return some columns' coefficients, float64 (runs, k, part)."""
@@ -59,58 +62,62 @@ class Stack:
         new[: len(place)][fast] = np.arange(fast.sum())
         new[: len(place)][~fast] = full.shape[1] + np.arange((~fast).sum())
         new[len(place) :] = fast.sum() + np.arange(c)
-        return Stack(full, slow, new)
+        return Stack(full, slow, new, self.filled_for)
 
 
 def stacked(
-    runs: Sequence[GapRun], rows: Callable[[GapRun], Sequence[Array]], smooth: Sequence[bool]
+    runs: Sequence[GapRun], rows: Callable[[GapRun], Sequence[Array]], smooth: Sequence[bool], noise: Noise
 ) -> Stack:
-    """Return the coefficients of runs' rows, in blocks (k, n) of which `smooth` ones have nothing under 20 s."""
+    """Return the coefficients of runs' rows, in blocks (k, n) of which `smooth` ones have nothing under 20 s.
+
+    Gaps are bridged for `noise`.
+    """
     full, slow = [], []
     places: list[NDArray[np.int64]] = []
     for run in runs:
         blocks = rows(run)
-        full.append(_full(run, [own for own, few in zip(blocks, smooth, strict=True) if not few]))
-        slow.append(_slow(run, [own for own, few in zip(blocks, smooth, strict=True) if few]))
+        full.append(_full(run, [own for own, few in zip(blocks, smooth, strict=True) if not few], noise))
+        slow.append(_slow(run, [own for own, few in zip(blocks, smooth, strict=True) if few], noise))
         if not places:
             few = np.repeat(np.array(smooth, dtype=bool), [len(own) for own in blocks])
             place = np.empty(len(few), dtype=np.int64)
             place[~few], place[few] = np.arange((~few).sum()), (~few).sum() + np.arange(few.sum())
             places.append(place)
-    return Stack(np.stack(full), np.stack(slow), places[0])
+    return Stack(np.stack(full), np.stack(slow), places[0], noise)
 
 
-def transformed(run: GapRun, rows: Array) -> Array:
+def transformed(run: GapRun, rows: Array, noise: Noise) -> Array:
     """Return the orthonormal DCT-II of rows (p, n) less coefficient 0, the run's free bias; (p, n - 1)."""
-    return np.asarray(dct(bridged(rows, np.isnan(run.output_dph)), norm="ortho", axis=-1)[:, 1:])
+    filled = bridge(run.missing, run.stimulus.period_s, noise)
+    return np.asarray(dct(filled.over(rows), norm="ortho", axis=-1)[:, 1:])
 
 
-def _full(run: GapRun, blocks: Sequence[Array]) -> NDArray[np.float32]:
+def _full(run: GapRun, blocks: Sequence[Array], noise: Noise) -> NDArray[np.float32]:
     """Return `transformed` of blocks of rows, single precision."""
-    missing = np.isnan(run.output_dph)
-    held = np.empty((sum(len(own) for own in blocks), len(missing)), dtype=np.float32)
+    filled = bridge(run.missing, run.stimulus.period_s, noise)
+    held = np.empty((sum(len(own) for own in blocks), len(run.stimulus)), dtype=np.float32)
     at = 0
     for block in blocks:
-        own = bridged(block, missing)
+        own = filled.over(block)
         # a large mean would cost digits and is no coefficient
         np.subtract(own, own.mean(axis=1, keepdims=True), out=held[at : at + len(own)], casting="same_kind")
         at += len(own)
     return np.asarray(dct(held, norm="ortho", axis=-1, overwrite_x=True)[:, 1:])
 
 
-def _slow(run: GapRun, blocks: Sequence[Array]) -> NDArray[np.float32]:
+def _slow(run: GapRun, blocks: Sequence[Array], noise: Noise) -> NDArray[np.float32]:
     """Return `transformed` of blocks of smooth rows down to periods of about 20 s, (columns, m), from means.
 
     The transform of means over b samples lacks the factor sin(b x)/(sqrt(b) sin x), x = pi k / 2n, at number k.
     """
-    missing = np.isnan(run.output_dph)
-    n = len(missing)
+    filled = bridge(run.missing, run.stimulus.period_s, noise)
+    n = len(run.stimulus)
     longest = max(int(0.5 * _SHORTEST_S / run.stimulus.period_s), 1)
     b = next(each for each in range(longest, 0, -1) if n % each == 0)
     means = np.empty((sum(len(own) for own in blocks), n // b))
     at = 0
     for block in blocks:
-        means[at : at + len(block)] = bridged(block, missing).reshape(len(block), n // b, b).mean(axis=2)
+        means[at : at + len(block)] = filled.over(block).reshape(len(block), n // b, b).mean(axis=2)
         at += len(block)
     angle = 0.5 * np.pi * np.arange(1, n // b) / n
     factor = np.sin(b * angle) / (np.sqrt(b) * np.sin(angle))

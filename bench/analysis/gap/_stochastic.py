@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from bench.analysis.gap._cells import mixed_whitened, mixing
+from bench.analysis.gap._cells import left_of_noise, mixed_whitened, mixing
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._fit import solve
 from bench.analysis.gap._noise import NAMES, Noise, Periodogram, fit_noise, periodogram, power_of
@@ -120,7 +120,7 @@ def _less_nominal(parity_runs: Array, sigmas: Array) -> Array:
 def _coloured(group: Group, left: Array, sheet: Noise, skip: int = 1) -> Periodogram:
     """Return the periodogram of residuals in deg/h again, from whitened rows (m, n - 1)."""
     n, period_s = left.shape[1] + 1, group.runs[0][0].stimulus.period_s
-    power = power_of(sheet, n, period_s)
+    bridged = left_of_noise(group, sheet, sheet)
     padded = np.zeros((len(left), n))
-    padded[:, 1:] = left * np.sqrt(power)
-    return periodogram(padded, period_s, skip=skip)
+    padded[:, 1:] = left * np.sqrt(power_of(sheet, n, period_s) / bridged)
+    return periodogram(padded, period_s, np.minimum(bridged, 1.0), skip=skip)

@@ -90,7 +90,9 @@ def phase_map(groups: Sequence[Group], residuals: Sequence[Array], floor: Floor,
             energy = in_time(kept, part) / floor.ratio[band]
             expected = len(kept) * (part.stop - part.start) / n
             for phase in phases:
-                at = run.phase == phase
+                at = (run.phase == phase) & ~run.missing
+                if not at.any():
+                    continue
                 floor_energy = float(expected * at.sum())
                 own = float(energy[at].sum()) / (1.0 + 2.0 * floor.sigma[band])
                 excess = max(own - floor_energy, 0.0)
@@ -144,14 +146,14 @@ def regime_map(
                 dof += expected
                 excess += (of_band - expected) * float(power[part].mean()) * floor.ratio[band]
             for regime in REGIMES if dof else ():
-                row = regime.rows(run)
+                row = regime.rows(run)[~run.missing]
                 size = len(regime.edges) - 1
                 count = np.bincount(row, minlength=size).astype(np.float64)
                 sums.setdefault(regime.of, np.zeros((4, size)))
                 sums[regime.of] += (
-                    np.bincount(row, energy, size),
+                    np.bincount(row, energy[~run.missing], size),
                     dof * count,
-                    np.bincount(row, excess, size),
+                    np.bincount(row, excess[~run.missing], size),
                     count,
                 )
     found = []
