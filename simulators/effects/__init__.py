@@ -1,6 +1,6 @@
 """The catalogue of effects: what a gyro's output can depend on, as columns of a linear model of the stimulus."""
 
-from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue, simulate
+from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue, effect_named, simulate
 from simulators.effects._channel import (
     CHANNEL_UNITS,
     AppliedBySecond,
@@ -27,12 +27,14 @@ from simulators.effects._effect import (
     Unit,
     Variant,
 )
+from simulators.effects._learned import FORMS, learned_shape
 from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 __all__ = [
     "CATALOGUE",
     "CHANNEL_UNITS",
     "DPH",
+    "FORMS",
     "PPM",
     "REFERENCE_C",
     "AnyEffect",
@@ -61,5 +63,7 @@ __all__ = [
     "Variant",
     "applied",
     "catalogue",
+    "effect_named",
+    "learned_shape",
     "simulate",
 ]

@@ -9,8 +9,9 @@ from drivers.base.errors import ConfigurationError
 from drivers.base.plugins import entry_points_of
 from simulators.effects._channel import Channel, ChannelEffect, ChannelInputs, Values, applied
 from simulators.effects._disturbance import Disturbance
-from simulators.effects._effect import Effect, NoiseEffect
+from simulators.effects._effect import Effect, NoiseEffect, Shape
 from simulators.effects._impulses import IMPULSES
+from simulators.effects._learned import learned_effect
 from simulators.effects._limits import LIMIT_EFFECTS
 from simulators.effects._mode_hop import MODE_HOP
 from simulators.effects._motion import ACCELERATION_EFFECTS, ALIGNMENT_EFFECTS, TABLE_ANGLE_EFFECTS
@@ -72,6 +73,11 @@ def catalogue() -> dict[str, AnyEffect]:
             _check(effect, point.value, found)
             found[effect.name] = effect
     return found
+
+
+def effect_named(name: str, shape: Shape) -> AnyEffect | None:
+    """Return the effect of a model's term: the catalogue's, or a learned form at its shape; None if unknown."""
+    return learned_effect(name, shape) or catalogue().get(name)
 
 
 def _check(effect: object, where: str, found: dict[str, AnyEffect]) -> None:

@@ -25,7 +25,7 @@ from simulators.effects import (
     SamplePath,
     Stimulus,
     Variant,
-    catalogue,
+    effect_named,
 )
 from simulators.plant.model import EFFECTS, AxisModel, UnitModel
 from simulators.plant.modelled_channels import check_channels, with_heat
@@ -80,10 +80,12 @@ def modelled(unit: UnitModel, errors: ModelledErrors, seed: tuple[int, ...]) -> 
         )
     check_channels(errors.channels)
     effects: dict[str, dict[str, Callable[[Any], Any]]] = {kind: {} for kind in EFFECTS}
-    known = catalogue()
     for number, term in enumerate(errors.terms):
         source = NoiseSource(seed[0], f"disturbance {(*seed, 0)[1:]}", 10 * number)
-        kind, value = _executed(known[term.effect], term, source)
+        effect = effect_named(term.effect, term.shape)
+        if effect is None:
+            raise ConfigurationError("the catalogue lacks an effect of a model", found=term.effect)
+        kind, value = _executed(effect, term, source)
         effects[kind][f"{term.effect} {number}"] = value
     if errors.rate_random_walk_dph_per_sqrt_h:
         effects["bias_dph"]["rate_random_walk"] = _walk(errors.rate_random_walk_dph_per_sqrt_h, seed)

@@ -23,6 +23,9 @@ _SURE = 0.8
 Where a free curve stands for the unknown it is that of the cause or of what may stand in its place.
 """
 
+_LEAST_NAMED = 0.5
+"""Probability, of the cause or what may stand in its place, below which nothing is named."""
+
 
 def causes_of(
     found: Found, variants: Sequence[Variant], model: Model
@@ -57,8 +60,9 @@ def causes_of(
         place = cause.probability
         if best.curved and not best.remains:
             place = _of_any(weights, {candidate.effect, *alternatives})
-        doubt = unknown > 0.5 and (trust < CREDIBLE or place < _SURE)
         stated = replace(cause, probability=(1.0 - _MIMICRY) * cause.probability)
+        doubt = unknown > 0.5 and (trust < CREDIBLE or place < _SURE)
+        doubt |= _of_any(weights, {candidate.effect, *alternatives}) < _LEAST_NAMED
         if doubt or absorbed(variants[member].effect, curves):
             # fitted beside a curve it would not stand alone
             alone = _fitted(member, best.without_curves, found, variants, q)

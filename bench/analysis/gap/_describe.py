@@ -11,6 +11,7 @@ from bench.analysis.gap._findings import SIGNIFICANT, Place
 from bench.analysis.gap._generic import FreeCurve
 from bench.analysis.gap._lines import SpectralLine
 from bench.analysis.gap._model_file import Term
+from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._where import RegimePlace
 from simulators.effects import REFERENCE_C, Input, Variant
 
@@ -71,6 +72,16 @@ def line_part(line: SpectralLine) -> UnknownPart:
         f"(period {line.period_s:.4g} s) in runs of {line.profile}{bound}."
     )
     return UnknownPart("time", sentence, frequency_hz=line.frequency_hz, harmonic=line.harmonic)
+
+
+def differing_part(noise: Noise, run_id: str, at_s: float) -> UnknownPart:
+    """Describe what is not the same in each repeat."""
+    sentence = (
+        f"It differs between repeats of the same run: {noise.correlated_dph:.3g} deg/h rms, changing within "
+        f"{noise.correlation_time_s:.0f} s or so; most in {run_id} about {at_s / 60.0:.0f} min after its start. "
+        "Look for what was not the same: weather, supply, ageing, a contact."
+    )
+    return UnknownPart("the repeat", sentence)
 
 
 def remaining_part(left: Sequence[Place], regimes: Sequence[RegimePlace]) -> UnknownPart | None:

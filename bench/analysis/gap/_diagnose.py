@@ -118,7 +118,10 @@ def closed_model(found: Diagnosis, *, resembling: bool = False) -> Model:
     A channel's own parameters are as fitted, too. `resembling` adds the effects that fit a part of what is called
     unknown in the rate: they shrink the gap without being its cause.
     """
-    model, alike = found.model, [cause.term for cause in found.rate.resembles] if resembling else []
+    model = found.model
+    if any(isinstance(finding, RateFinding) for finding in found.findings):
+        model = replace(model, terms=found.rate.nominal.terms)
+    alike = [cause.term for cause in found.rate.resembles] if resembling else []
     fitted = [*(term for finding in found.findings for term in finding.terms), *alike]
     channels = {term.name: term for term in fitted if isinstance(term, ChannelTerm)}
     return replace(

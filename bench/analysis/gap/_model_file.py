@@ -22,6 +22,7 @@ from simulators.effects import (
     Stimulus,
     Variant,
     catalogue,
+    effect_named,
 )
 
 FORMAT = 1
@@ -199,7 +200,7 @@ def _noise(data: Mapping[str, Any], where: str) -> Noise:
 
 def _term(table: Mapping[str, Any], effects: Mapping[str, object], coarseness: float, where: str) -> AnyTerm:
     name = table.get("name")
-    effect = effects.get(str(name))
+    effect = effect_named(str(name), table.get("shape", {})) or effects.get(str(name))
     if not isinstance(effect, (Effect, ChannelEffect, Disturbance)):
         kinds = (Effect, ChannelEffect, Disturbance)
         known = sorted(key for key, value in effects.items() if isinstance(value, kinds))

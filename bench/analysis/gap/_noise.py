@@ -24,12 +24,19 @@ _FARTHEST = 30.0
 
 @dataclass(frozen=True)
 class Noise:
-    """Coefficients as in IEEE Std 952: ARW N, bias instability B, rate random walk K, angle quantum."""
+    """Coefficients as in IEEE Std 952: ARW N, bias instability B, rate random walk K, angle quantum.
+
+    Beside them correlated (Gauss-Markov) noise of an order and a time: what a diagnosis finds that differs from
+    repeat to repeat; no model file has it.
+    """
 
     arw_deg_per_sqrt_h: float
     bias_instability_dph: float = 0.0
     rate_random_walk_dph_per_sqrt_h: float = 0.0
     quantum_arcsec: float = 0.0
+    correlated_dph: float = 0.0
+    correlation_time_s: float = 0.0
+    correlation_order: float = 1.0
 
     @property
     def coarseness(self) -> float:
@@ -40,32 +47,45 @@ class Noise:
         return max(1.0, self.arw_deg_per_sqrt_h / 0.02, self.bias_instability_dph / 0.1)
 
 
-NAMES = tuple(field.name for field in fields(Noise))
+CORRELATED = "correlated_dph"
+NAMES = tuple(field.name for field in fields(Noise) if not field.name.startswith("correl"))
+_ALL = (*NAMES, CORRELATED)
 
 
-def unit_spectra(frequency: Array, period_s: float) -> Array:
-    """Return power (deg/h)^2 for every coefficient of `Noise` equal to one, float64 (4, m).
+def unit_spectra(frequency: Array, period_s: float, noise: Noise) -> Array:
+    """Return power (deg/h)^2 for every coefficient equal to one, float64 (5, m).
 
-    `frequency` (m,) is k/n of the DCT coefficients, in half cycles a sample, 0 < frequency < 1.
+    `frequency` (m,) is k/n of the DCT coefficients, in half cycles a sample, 0 < frequency < 1. `noise` has the
+    correlation time and order.
     """
     difference = 4.0 * np.sin(0.5 * np.pi * frequency) ** 2
     cosine = np.cos(np.pi * frequency)
     decay = np.exp(-period_s / FLICKER_TIMES_S)[:, None]
     flicker = ((1.0 - decay**2) / (1.0 + decay**2 - 2.0 * decay * cosine)).sum(axis=0)
+    correlated = np.zeros(len(frequency))
+    if noise.correlation_time_s > 0.0:
+        own = math.exp(-period_s / noise.correlation_time_s)
+        correlated = ((1.0 - own) ** 2 / (1.0 + own**2 - 2.0 * own * cosine)) ** noise.correlation_order
+        # of unit variance: the mean of a spectrum over all frequencies
+        if noise.correlation_order == 1.0:
+            correlated *= (1.0 + own) / (1.0 - own)
+        else:
+            correlated *= (1.0 + own) ** 3 / (1.0 - own) / (1.0 + own**2)
     return np.stack(
         (
             np.full(len(frequency), 3600.0 / period_s),
             math.log(3.0) / math.pi * flicker,
             period_s / 3600.0 / difference,
             difference / 12.0 / period_s**2,
+            correlated,
         )
     )
 
 
 def spectrum(noise: Noise, frequency: Array, period_s: float) -> Array:
     """Return the noise's power (deg/h)^2 at DCT coefficients, (m,)."""
-    coefficients = np.array([getattr(noise, name) for name in NAMES])
-    return np.asarray(coefficients**2 @ unit_spectra(frequency, period_s))
+    coefficients = np.array([getattr(noise, name) for name in _ALL])
+    return np.asarray(coefficients**2 @ unit_spectra(frequency, period_s, noise))
 
 
 def power_of(noise: Noise, n: int, period_s: float) -> Array:
@@ -117,12 +137,12 @@ def fit_noise(data: Sequence[Periodogram], sheet: Noise, widths: dict[str, float
     `widths` gives each coefficient's prior standard deviation in its logarithm; one that it lacks stays as
     the sheet has it.
     """
-    free = [name for name in NAMES if name in widths]
+    free = [name for name in _ALL if name in widths]
     energy = np.concatenate([each.energy for each in data])
     count = np.concatenate([each.count for each in data])
-    unit = np.concatenate([unit_spectra(each.frequency, each.period_s) for each in data], axis=1)
-    start = np.array([getattr(sheet, name) for name in NAMES])
-    at = [NAMES.index(name) for name in free]
+    unit = np.concatenate([unit_spectra(part.frequency, part.period_s, sheet) for part in data], axis=1)
+    start = np.array([getattr(sheet, name) for name in _ALL])
+    at = [_ALL.index(name) for name in free]
     centre = np.log(np.maximum(start[at], _LEAST))
     width = np.array([widths[name] for name in free])
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.fft import idct
 
 from bench.analysis.gap._align import aligned
 from bench.analysis.gap._candidates import candidate_variants
@@ -13,13 +15,14 @@ from bench.analysis.gap._causes import causes_of
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import shrinkage
 from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
-from bench.analysis.gap._describe import UnknownPart, curve_part, line_part, remaining_part
+from bench.analysis.gap._describe import UnknownPart, curve_part, differing_part, line_part, remaining_part
 from bench.analysis.gap._disturbed import Disturbed, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
 from bench.analysis.gap._fit import Floor, Solution, nominal_solution
 from bench.analysis.gap._generic import PREFIX
+from bench.analysis.gap._learn import Learned, learned
 from bench.analysis.gap._model_file import Model, Term
-from bench.analysis.gap._noise import Noise
+from bench.analysis.gap._noise import Noise, power_of
 from bench.analysis.gap._prepare import Prepared, prepare
 from bench.analysis.gap._signal import Signal
 from bench.analysis.gap._stochastic import NoiseVerdict
@@ -40,7 +43,8 @@ class RateFinding(Finding[Term]):
 
     `resembles` are catalogue effects that fit part of what is called unknown. `unidentifiable` maps effects that
     these runs cannot show to the reason. `noise` is the floor; `stochastic` has the noise effects and
-    disturbances named with their probability, `disturbed` holds the latter. The verdict is one of "no gap",
+    disturbances named with their probability, `disturbed` holds the latter. `learned` is what closes a gap
+    without a name, None where there is none. The verdict is one of "no gap",
     "explained", "explained in part", "unknown", "nothing to identify".
     """
 
@@ -57,11 +61,21 @@ class RateFinding(Finding[Term]):
     unidentifiable: Mapping[str, str]
     unknown_parts: tuple[UnknownPart, ...]
     latitude_deg: float
+    learned: Learned | None = None
 
     @property
     def closing(self) -> tuple[str, ...]:
         """Names of the effects that a closed model has and the nominal one has not, disturbances last."""
-        return (*super().closing, *(term.name for term in self.disturbed.terms))
+        learned = self.learned.terms if self.learned else ()
+        disturbances = (term.name for term in self.disturbed.terms)
+        return (*super().closing, *(term.name for term in learned), *disturbances)
+
+    @property
+    def nominal(self) -> Model:
+        """The nominal model with its parameters as fitted beside causes and learned terms."""
+        if self.learned is None or not self.learned.terms:
+            return self.model
+        return replace(self.model, terms=self.learned.nominal)
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -109,7 +123,9 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         best, ready, disturbed, runs = found.best, found.data, data.disturbed, data.disturbed.runs
         causes, resembles = causes_of(found, variants, data.model)
         weights = set_weights(found.judged)
-        unknown = sum(both[1] for both in weights.values())
+        differs = ready.noise.differs
+        unnamed = sum(both[1] for both in weights.values())
+        unknown = 1.0 - (1.0 - unnamed) * (1.0 - differs)
         null = weights.get(frozenset(), (0.0, 0.0))[0]
         if null > _DOUBTED:
             causes, resembles = (), ()
@@ -122,6 +138,9 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
                 active.setdefault(place.profile, set()).add(BANDS.index(place.band))
         left = places(ready.cells, best.left, ready.floor)
         nominal = left_of_runs(ready, nominal_solution(ready.cells, data.model.sigmas))
+        model = _corrected(data.model, best.solution, ready.noise.noise)
+        named = [cause.term for cause in causes]
+        closing = learned(ready, data.model, named) if unnamed > 0.5 else None
         return RateFinding(
             signal="rate",
             unit="deg/h",
@@ -130,9 +149,9 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             places=tuple(where),
             left=tuple(left),
             stochastic=stochastic,
-            terms=(*(cause.term for cause in causes), *disturbed.terms),
+            terms=(*named, *disturbed.terms, *(closing.terms if closing else ())),
             warnings=(*data.notes, *_warnings(ready)),
-            model=_corrected(data.model, best.solution, ready.noise.noise),
+            model=model,
             resembles=resembles,
             unknown_probability=unknown,
             null_probability=null,
@@ -147,16 +166,20 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             ),
             regimes=tuple(regime_map(ready.groups, nominal, ready.floor, ready.noise.noise, active)),
             unidentifiable=found.hidden,
-            unknown_parts=tuple(_unknown_parts(found, variants, left, active)) if unknown > 0.5 else (),
+            unknown_parts=(
+                *(_unknown_parts(found, variants, left, active) if unknown > 0.5 else ()),
+                *(_differing(ready, best.solution) if differs > 0.5 else ()),
+            ),
             latitude_deg=runs[0].stimulus.latitude_deg,
+            learned=closing,
         )
 
     def judged(
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
     ) -> RateFinding:
-        causes = tuple(cause.term for cause in finding.causes)
+        fitted = tuple(term for term in finding.terms if isinstance(term, Term))
         used = {run.run_id: run.checksum for run in data.disturbed.runs}
-        closed = replace(finding.model, terms=finding.model.terms + causes, fitted_on=used)
+        closed = replace(finding.nominal, terms=finding.nominal.terms + fitted, fitted_on=used)
         return replace(finding, held_out=(shrinkage(finding.model, closed, held_out, finding.floor),))
 
 
@@ -206,12 +229,33 @@ def _unknown_parts(
         at += k
     if found.line is not None and best.line:
         parts.append(line_part(found.line))
-    if not parts:
+    if not parts and found.data.noise.differs < 0.5:
         left_over = left_of_runs(found.data, best.solution)
         regimes = regime_map(found.data.groups, left_over, found.data.floor, found.data.noise.noise, bands)
         rest = remaining_part(left, regimes)
         parts += [] if rest is None else [rest]
     return parts
+
+
+def _differing(data: Prepared, solution: Solution) -> list[UnknownPart]:
+    """Say how repeats differ beyond noise: how much, how slowly, and in which run most."""
+    noise = data.noise.noise
+    most, run_id, at_s = 0.0, "", 0.0
+    for group, left in zip(data.groups, left_of_runs(data, solution), strict=True):
+        if len(group.flat) == len(group.runs):
+            continue
+        period_s = group.flat[0].stimulus.period_s
+        n = left.shape[1] + 1
+        coefficients = np.zeros((len(left), n))
+        slow = math.ceil(2.0 * n * period_s / max(noise.correlation_time_s, 20.0 * period_s))
+        coefficients[:, 1 : slow + 1] = (left * np.sqrt(power_of(noise, n, period_s)))[:, :slow]
+        curves = idct(coefficients, norm="ortho", axis=-1).reshape(len(group.runs), -1, n)
+        apart = (curves - curves.mean(axis=1, keepdims=True)).reshape(len(left), n)
+        run, sample = np.unravel_index(int(np.abs(apart).argmax()), apart.shape)
+        if abs(apart[run, sample]) > most:
+            most, run_id = float(abs(apart[run, sample])), group.flat[run].run_id
+            at_s = float(sample * period_s)
+    return [differing_part(noise, run_id, at_s)]
 
 
 def _constant(runs: Sequence[GapRun]) -> bool:

@@ -13,7 +13,16 @@ from scipy.special import softmax
 from bench.analysis.gap._cells import left_of_noise, mixed_whitened, mixing
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._fit import solve
-from bench.analysis.gap._noise import NAMES, Noise, Periodogram, fit_noise, periodogram, power_of
+from bench.analysis.gap._noise import (
+    CORRELATED,
+    NAMES,
+    Noise,
+    NoiseFit,
+    Periodogram,
+    fit_noise,
+    periodogram,
+    power_of,
+)
 from drivers.base.arrays import Array
 
 EFFECT_OF = {
@@ -26,7 +35,14 @@ _SHEET_WIDTHS = {"arw_deg_per_sqrt_h": 0.07, "bias_instability_dph": 0.25, "quan
 _PENALTY = 4.0
 """Log prior odds and Occam factor of one raised coefficient."""
 _LEAST_RISE = 1.15
+DIFFERS = "differs between repeats"
+"""What is no noise of the gyro's kinds and yet not the same in each repeat: telegraph noise, weather, ageing."""
+_CORRELATIONS = tuple(
+    (order, time_s) for order in (1, 2) for time_s in (20.0, 60.0, 200.0, 600.0, 2000.0, 6000.0)
+)
+_DIFFERS_PENALTY = 10.0
 _QUIET_SPAN_K = 2.0
+REPEATS = "differences of repeats"
 
 
 @dataclass(frozen=True)
@@ -49,7 +65,13 @@ class NoiseVerdict:
     @property
     def named(self) -> str:
         """The most probable stochastic effect, "" for none."""
-        return max(self.probabilities, key=lambda name: self.probabilities[name])
+        likely = max(self.probabilities, key=lambda name: self.probabilities[name])
+        return "" if likely == DIFFERS else likely
+
+    @property
+    def differs(self) -> float:
+        """Probability that repeats differ by more than a gyro's kinds of noise."""
+        return self.probabilities.get(DIFFERS, 0.0)
 
 
 def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> NoiseVerdict:
@@ -69,11 +91,25 @@ def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> Noise
         if getattr(best.noise, name) > _LEAST_RISE * getattr(sheet, name):
             fits[EFFECT_OF[name]] = best
             scores[EFFECT_OF[name]] = -best.cost - _PENALTY
+    if source == REPEATS:
+        found = min(
+            (_correlated(data, sheet, widths, *grid) for grid in _CORRELATIONS), key=lambda fit: fit.cost
+        )
+        fits[DIFFERS], scores[DIFFERS] = found, -found.cost - _DIFFERS_PENALTY
     weights = softmax(np.array(list(scores.values())))
     probabilities = dict(zip(scores, weights.tolist(), strict=True))
     chosen = max(probabilities, key=lambda name: probabilities[name])
     rises = {EFFECT_OF[name]: float(getattr(fits[chosen].noise, name)) for name in NAMES}
     return NoiseVerdict(fits[chosen].noise, probabilities, source, rises, sheet)
+
+
+def _correlated(
+    data: Sequence[Periodogram], sheet: Noise, widths: Mapping[str, float], order: float, time_s: float
+) -> NoiseFit:
+    """Fit the noise with a correlated part of some time and order beside the sheet's."""
+    scale = sheet.bias_instability_dph or 6.0 * sheet.arw_deg_per_sqrt_h
+    start = replace(sheet, correlated_dph=scale, correlation_time_s=time_s, correlation_order=order)
+    return fit_noise(data, start, {**widths, CORRELATED: 2.0})
 
 
 def _starts(sheet: Noise, name: str) -> list[float]:
@@ -99,7 +135,7 @@ def floor_data(
             left = _less_nominal(mixed_whitened(group, stack, sheet)[rows], sigmas)
             repeats.append(_coloured(group, left, sheet))
     if repeats:
-        return repeats, "differences of repeats"
+        return repeats, REPEATS
     quiet = []
     for group, stack in zip(groups, stacks, strict=True):
         for run, own in zip(group.flat, stack, strict=True):
