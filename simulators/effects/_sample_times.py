@@ -17,7 +17,10 @@ def _change(s: Stimulus, shape: Shape) -> Array:
 
     Side 0.5 has changes of rate begin at samples' edges, -0.5 has them end there, 0 is between; a step right at
     an edge moves into the sample before if samples are late (side 1), into the one after if early (side -1).
+    Where the rate at the edges is known there is nothing to choose.
     """
+    if s.edge_rate_dps is not None:
+        return np.asarray(3600.0 * np.diff(s.edge_rate_dps) * np.sin(np.radians(s.elevation_deg)))
     rate, side = s.input_rate_dph, min(max(shape["side"], -1.0), 1.0)
     forward, backward = _edge_values(rate), _edge_values(rate[::-1])[::-1]
     late = np.append(rate, rate[-1])

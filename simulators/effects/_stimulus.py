@@ -21,7 +21,8 @@ class Stimulus:
 
     `time_s`, `t_in_c`, `t_out_c`, `elevation_deg` float64 (n,); `angle_deg` (n + 1,) the table's angle at the
     samples' edges, turns counted, counter-clockwise about up, zero where a horizontal axis points north.
-    `elevation_deg` is the sensitive axis above the horizon: 90 up, 0 horizontal.
+    `elevation_deg` is the sensitive axis above the horizon: 90 up, 0 horizontal. `edge_rate_dps` (n + 1,) is the
+    table's rate at the samples' edges where telemetry is finer than the samples.
     """
 
     time_s: Array
@@ -31,6 +32,7 @@ class Stimulus:
     elevation_deg: Array
     latitude_deg: float
     period_s: float = 1.0
+    edge_rate_dps: Array | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -53,4 +53,5 @@ def _shift(run: GapRun) -> int:
 def _shifted(run: GapRun, shift: int) -> GapRun:
     s = run.stimulus
     edges = np.clip(np.arange(len(s) + 1) - shift, 0, len(s))
-    return replace(run, stimulus=replace(s, angle_deg=s.angle_deg[edges]))
+    rate = None if s.edge_rate_dps is None else s.edge_rate_dps[edges]
+    return replace(run, stimulus=replace(s, angle_deg=s.angle_deg[edges], edge_rate_dps=rate))

@@ -141,6 +141,7 @@ def cut(run: GapRun, count: int) -> GapRun:
         s.elevation_deg[:count],
         s.latitude_deg,
         s.period_s,
+        None if s.edge_rate_dps is None else s.edge_rate_dps[: count + 1],
     )
     return replace(run, stimulus=shorter, output_dph=run.output_dph[:count], phase=run.phase[:count])
 

@@ -57,15 +57,23 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
     t_in, t_out = (_bridged(means(key)) if key in log.columns else None for key in ("t_in", "t_out"))
     t_in, t_out = stand_ins(t_in, t_out, grid.count)
     edges, output = grid.edges_s, DPH_PER_DPS * means("output")
-    angle = np.full(grid.count + 1, entry.angle_deg or 0.0)
+    angle, edge_rate = np.full(grid.count + 1, entry.angle_deg or 0.0), None
     if "angle" in log.columns:
         angle = np.interp(edges, time_s, log.columns["angle"])
+        edge_rate = grid.edge_rates(log.columns["angle"])
         output[grid.in_pause(edges[:-1]) | grid.in_pause(edges[1:])] = np.nan
     elevation = np.full(grid.count, entry.elevation_deg)
     if "elevation" in log.columns:
         elevation = _bridged(means("elevation"))
     stimulus = Stimulus(
-        edges[1:] + entry.power_on_s, t_in, t_out, angle, elevation, mapping.latitude_deg, grid.period_s
+        edges[1:] + entry.power_on_s,
+        t_in,
+        t_out,
+        angle,
+        elevation,
+        mapping.latitude_deg,
+        grid.period_s,
+        edge_rate,
     )
     return GapRun(
         entry.run_id or file.stem,
@@ -91,6 +99,7 @@ class _Grid:
     time_s: Array
     covers_s: Array
     pauses_s: Array
+    usual_s: float
     period_s: float
     count: int
 
@@ -103,7 +112,9 @@ class _Grid:
         pause = apart > _PAUSE * usual_s
         covers = np.concatenate(([0.0], np.where(pause, usual_s, apart)))
         pauses = np.stack((time_s[:-1][pause], time_s[1:][pause]))
-        return cls(time_s, covers, pauses, period_s, math.floor((time_s[-1] + _INSTANT_S) / period_s))
+        return cls(
+            time_s, covers, pauses, usual_s, period_s, math.floor((time_s[-1] + _INSTANT_S) / period_s)
+        )
 
     @property
     def edges_s(self) -> Array:
@@ -117,6 +128,14 @@ class _Grid:
             return np.zeros(len(times_s), dtype=bool)
         at = np.searchsorted(starts, times_s - _INSTANT_S, side="right") - 1
         return np.asarray((at >= 0) & (times_s < stops[np.maximum(at, 0)] - _INSTANT_S))
+
+    def edge_rates(self, angle_deg: Array) -> Array | None:
+        """Return the rate at the borders, (count + 1,), from rows at most half a step apart; None for others."""
+        if self.usual_s > 0.5 * self.period_s:
+            return None
+        around = self.edges_s + 0.5 * self.usual_s * np.array([[-1.0], [1.0]])
+        before, after = np.interp(around, self.time_s, angle_deg)
+        return np.asarray((after - before) / self.usual_s)
 
     def means(self, values: Array) -> Array:
         """Return means of rows' values (m,) over the steps, (count,), NaN where rows do not cover a step."""
