@@ -74,12 +74,16 @@ class Causal(Enum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A named parameter with its unit and the bounds outside which it is not believed."""
+    """A named parameter with its unit and the bounds outside which it is not believed.
+
+    A model file without an `optional` one means zero.
+    """
 
     name: str
     low: float
     high: float
     unit: Unit
+    optional: bool = False
 
     def bounds(self, coarseness: float) -> tuple[float, float]:
         """Return the bounds for a gyro that is so many times coarser than an optical one, biases and all."""

@@ -23,15 +23,23 @@ _LEAST_CUT = 0.004
 _LOW_SLOPE = 0.6
 _TRIES = 48
 _CLEAR = 6.0
+_LEAST_LIMIT_DPS = 2.0
+_HIGHEST_BAND_DPH = 360.0
 
 
 def _saturation(s: Stimulus, shape: Shape) -> Array:
+    """Return what is cut off; over `softness` times the limit the slope goes from one to nothing."""
     limit_dph = 3600.0 * shape["limit_dps"]
-    return np.asarray(np.clip(s.input_rate_dph, -limit_dph, limit_dph) - s.input_rate_dph)
+    width = max(shape["softness"], 1e-6) * limit_dph
+    beyond = width * np.logaddexp(0.0, (np.abs(s.input_rate_dph) - limit_dph) / width)
+    return np.asarray(-np.sign(s.input_rate_dph) * beyond)
 
 
 def _dead_zone(s: Stimulus, shape: Shape) -> Array:
-    return np.asarray(_without_band(s.input_rate_dph, shape["band_dph"]) - s.input_rate_dph)
+    """Return what is lost: all within the band, or with `softness` a part that falls off about its edge."""
+    beyond = np.abs(s.input_rate_dph) / shape["band_dph"] - 1.0
+    lost = 0.5 - 0.5 * np.tanh(0.5 * beyond / max(shape["softness"], 1e-6))
+    return np.asarray(-s.input_rate_dph * lost)
 
 
 def _lock_in(s: Stimulus, shape: Shape) -> Array:
@@ -49,6 +57,30 @@ def _beat(rate: Array, lock: float) -> Array:
 def _grid(key: str, size: float | None) -> tuple[Shape, ...]:
     """Return a short grid about a size read off the record; nothing without one."""
     return () if size is None else tuple({key: part * size} for part in (0.97, 1.0, 1.03))
+
+
+def _limits(rates: SlowRates) -> list[Shape]:
+    """Return limits below the highest rates that occur, hard and soft, and about one that shows plainly."""
+    levels = np.unique(np.round(np.abs(rates.rate) / 3600.0, 1))
+    if len(levels) < 4 or levels[-1] < _LEAST_LIMIT_DPS:
+        return []
+    plain: list[Shape] = [{**shape, "softness": 0.0} for shape in _grid("limit_dps", _limit_dps(rates))]
+    parts = (0.4, 0.55, 0.7, 0.8, 0.9, 0.97)
+    return [
+        *plain,
+        *({"limit_dps": part * levels[-1], "softness": soft} for part in parts for soft in (0.003, 0.03)),
+    ]
+
+
+def _bands(rates: SlowRates) -> list[Shape]:
+    """Return bands about the lowest rates that occur, hard and soft, and about one that shows plainly."""
+    speed = np.abs(rates.rate)
+    levels = _levels(speed[speed < _HIGHEST_BAND_DPH])
+    plain: list[Shape] = [{**shape, "softness": 0.0} for shape in _grid("band_dph", _dead_band_dph(rates))]
+    if len(levels) < 2:
+        return plain
+    sizes = np.geomspace(0.5 * levels[0], min(2.0 * levels[-1], _HIGHEST_BAND_DPH), 8).tolist()
+    return [*plain, *({"band_dph": size, "softness": soft} for size in sizes for soft in (0.02, 0.4))]
 
 
 def _limit_dps(rates: SlowRates) -> float | None:
@@ -138,8 +170,8 @@ LIMIT_EFFECTS = (
         "rate beyond a limit",
         "IEEE Std 952, maximum input rate",
         "Output stays at a limit however fast the unit turns.",
-        ({"limit_dps": 100.0},),
-        propose=lambda rates: _grid("limit_dps", _limit_dps(rates)),
+        ({"limit_dps": 100.0, "softness": 0.0},),
+        propose=_limits,
     ),
     Effect(
         "dead_zone",
@@ -149,8 +181,8 @@ LIMIT_EFFECTS = (
         "rate about zero",
         "IEEE Std 528, dead band",
         "Small rates give no output.",
-        ({"band_dph": 10.0},),
-        propose=lambda rates: _grid("band_dph", _band_dph(rates, _between, _without_band)),
+        ({"band_dph": 10.0, "softness": 0.0},),
+        propose=_bands,
     ),
     Effect(
         "lock_in",

@@ -92,17 +92,25 @@ def _wobble(order: int) -> Formula:
     return lambda s, _: np.concatenate((_ripple(order, s), _ripple(3 * order, s)))
 
 
+def _field(s: Stimulus, shape: Shape) -> Array:
+    """Return the direction of the unit, or with `upright` 0 that of its axis: north, west, up."""
+    elevation = np.radians(s.elevation_deg)
+    level = shape["upright"] + (1.0 - shape["upright"]) * np.cos(elevation)
+    return np.stack((*(level * s.harmonic(1)), np.sin(elevation)))
+
+
 _RIPPLES = (*_pair("ripple_ppm", 1e5, PPM), *_pair("overtone_ppm", 1e5, PPM))
 _WOBBLE_INPUTS = Input.ANGLE | Input.TABLE_RATE | Input.ATTITUDE | Input.TURN
 TABLE_ANGLE_EFFECTS = (
     Effect(
         "heading_sensitivity",
-        _pair("bias_dph", 100.0, DPH),
-        lambda s, _: s.harmonic(1),
-        Input.ANGLE,
-        "table angle",
+        (*_pair("bias_dph", 100.0, DPH), Parameter("bias_dph_up", -100.0, 100.0, DPH, optional=True)),
+        _field,
+        Input.ANGLE | Input.ATTITUDE,
+        "table angle and attitude",
         "magnetic sensitivity, IEEE Std 952",
         "Bias depends on the direction in which the unit points, as in a magnetic field.",
+        ({"upright": 1.0}, {"upright": 0.0}),
         curve=Curve(Input.ANGLE),
     ),
     Effect(

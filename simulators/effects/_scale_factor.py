@@ -57,11 +57,12 @@ SCALE_FACTOR_OVER_RATE = (
     Effect(
         "scale_factor_nonlinearity",
         (Parameter("sf_ppm_at_100dps", -1e5, 1e5, PPM),),
-        lambda s, _: np.asarray((s.axis_rate_dps / _AT_DPS) ** 2),
+        lambda s, shape: np.asarray(np.abs(s.axis_rate_dps / _AT_DPS) ** (shape["power"] - 1.0)),
         Input.RATE,
-        "cube of rate",
+        "power of rate",
         "IEEE Std 952, scale-factor nonlinearity",
-        "Scale factor changes with the square of rate.",
+        "Scale factor changes with the size of rate, alike in both directions.",
+        tuple({"power": power} for power in (3.0, 1.5, 2.0, 5.0)),
         unit=PPM,
     ),
     Effect(

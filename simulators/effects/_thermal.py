@@ -147,6 +147,13 @@ RELAXATIONS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (1500.0, 2700.0
 _PER_KELVIN = (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),)
 
 
+def _loop(s: Stimulus, shape: Shape) -> Array:
+    """Return the mean of five play operators, `spread` is that of their widths (Prandtl-Ishlinskii model)."""
+    half, spread = shape["half_width_k"], shape["spread"]
+    parts = (0.0,) if spread <= 0.0 else (-1.0, -0.5, 0.0, 0.5, 1.0)
+    return np.asarray(sum(s.slack(s.warm_k, half * (1.0 + spread * part)) for part in parts) / len(parts))
+
+
 def behind(s: Stimulus, shape: Shape) -> Array:
     """T_in less its slow follower."""
     return s.warm_k - s.lagged(s.warm_k, shape["lag_s"])
@@ -176,12 +183,16 @@ MEMORY_EFFECTS = (
     Effect(
         "hysteresis",
         _PER_KELVIN,
-        lambda s, shape: s.slack(s.warm_k, shape["half_width_k"]),
+        _loop,
         Input.T_IN | Input.HISTORY,
         "direction of the last change of T_in",
         "play operator, Visintin, Differential Models of Hysteresis, 1994",
         "Bias differs between cooling and warming at the same temperature, however slow.",
-        tuple({"half_width_k": half} for half in (3.0, 8.0, 16.0, 28.0)),
+        tuple(
+            {"half_width_k": half, "spread": spread}
+            for spread in (0.0, 0.8)
+            for half in (3.0, 8.0, 16.0, 28.0)
+        ),
     ),
 )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from bench.analysis.gap._data import GapRun, check_runs, group_runs
 from bench.analysis.gap._disturbed import without_disturbances
 from bench.analysis.gap._findings import SIGNIFICANT, Shrinkage, refuse_judges
 from bench.analysis.gap._fit import Floor, counts
-from bench.analysis.gap._model_file import Model
+from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._stack import stacked, transformed
 from bench.analysis.gap._where import holm, in_time
@@ -23,6 +24,8 @@ from drivers.base.arrays import Array
 _CHANGED = 1.0
 """Standard deviations of a cell's noise energy by which two models must differ for it to count."""
 _TWO_SIDED = 1.96
+_SEEN = 25.0
+"""Energy that a term must add to held-out runs for them to say whether it is there."""
 _DIFFERENCE = (np.array([1.0, -1.0]), np.array([1.0, -1.0]))
 _LEAST_OF_GAP = 0.02
 """Part of the whole gap from which a phase has a share of its own."""
@@ -38,7 +41,7 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
     check_runs(runs)
     refuse_judges((run.run_id for run in runs), set(after.fitted_on))
     runs = without_disturbances(runs, before).runs
-    cells = rescaled(judged_cells(before, after, runs), floor.ratio)
+    cells = rescaled(judged_cells((before, after), runs), floor.ratio)
     number = counts(cells)
     products = np.stack([cell.products(np.arange(2)) for cell in cells])
     first, then, changed = (
@@ -77,25 +80,17 @@ def _interval(
     left has each cell's noise and the floor's, which a band's cells share, and is not negative.
     """
     gone, left = float((first - then).sum()), float((then - number).sum())
-    if not len(first) or gone + max(left, 0.0) <= 0.0:
-        return math.nan, math.nan, math.nan
     common = np.bincount(bands, number, len(BANDS)) * floor.sigma
     own = float((2.0 * number + 4.0 * np.maximum(then - number, 0.0)).sum())
     sigma_left = math.sqrt(own + float((common**2).sum()))
     sigma_gone = 2.0 * math.sqrt(float(changed.sum()))
-
-    def share(gone: float, left: float) -> float:
-        return gone / max(gone + max(left, 0.0), 1e-12)
-
-    at = share(gone, left)
-    steps = [
-        math.hypot(
-            at - share(gone - sign * _TWO_SIDED * sigma_gone, left),
-            at - share(gone, left + sign * _TWO_SIDED * sigma_left),
-        )
-        for sign in (1.0, -1.0)
-    ]
-    return at, at - steps[0], min(at + steps[1], 1.0)
+    whole = gone + max(left, 0.0)
+    if not len(first) or whole <= math.hypot(sigma_left, sigma_gone):
+        return math.nan, math.nan, math.nan
+    at = gone / whole
+    # gone / (gone + left) by its two errors; what was there before does not vanish with them
+    half = math.hypot((1.0 - at) * sigma_gone, at * sigma_left) * _TWO_SIDED / whole
+    return at, at - half, min(at + half, 1.0)
 
 
 def _shares_by(
@@ -144,12 +139,30 @@ def _shares_by_phase(
     }
 
 
-def judged_cells(before: Model, after: Model, runs: Sequence[GapRun]) -> list[Cell]:
-    """Return cells of what both models leave of runs, Gram (2, 2), in all but the two fastest bands."""
+def holding(closed: Model, terms: Sequence[Term], runs: Sequence[GapRun], floor: Floor) -> list[float]:
+    """Return for terms of a closed model which part of what each adds is there in held-out runs: 1 for all of it.
+
+    Below one half the runs come nearer without the term. NaN for one that does nothing in them.
+    """
+    without = [replace(closed, terms=tuple(one for one in closed.terms if one is not term)) for term in terms]
+    runs = without_disturbances(runs, closed).runs
+    cells = rescaled(judged_cells((closed, *without), runs), floor.ratio)
+    products = np.sum([cell.products(np.arange(1 + len(terms))) for cell in cells], axis=0)
+    parts = []
+    for place in range(1, 1 + len(terms)):
+        added = products[0, 0] + products[place, place] - 2.0 * products[0, place]
+        gone = products[place, place] - products[0, 0]
+        parts.append(0.5 + 0.5 * float(gone / added) if added > _SEEN else math.nan)
+    return parts
+
+
+def judged_cells(models: Sequence[Model], runs: Sequence[GapRun]) -> list[Cell]:
+    """Return cells of what models leave of runs, Gram (m, m), in all but the two fastest bands."""
     cells = []
+    noise = models[-1].noise
     for group in group_runs(runs):
-        stack = stacked(group.flat, lambda run: left_by(run, (before, after)), [False], after.noise)
-        cells += group_cells(group, stack, after.noise)
+        stack = stacked(group.flat, lambda run: left_by(run, models), [False], noise)
+        cells += group_cells(group, stack, noise)
     return [cell for cell in cells if cell.band < len(BANDS) - 2]
 
 

@@ -22,6 +22,8 @@ _FURTHER_MEMBER = 3.0
 _BEAM = 6
 _LARGEST = 4
 _CLOSE = 8.0
+_UNSEEN_COLUMN = 1e-6
+"""Part of an effect's largest column below which a column of it shows nothing in these runs and costs nothing."""
 
 
 @dataclass(frozen=True)
@@ -100,9 +102,11 @@ def search(system: Array, candidates: Sequence[Candidate], possible: Iterable[in
     `system` is `reduced`'s matrix, `possible` the candidates that these runs can tell from nothing.
     """
     usable = tuple(possible)
+    sizes = [np.diag(system)[list(candidate.columns)] for candidate in candidates]
+    ranks = tuple(max(int((size > _UNSEEN_COLUMN * size.max()).sum()), 1) for size in sizes)
     effects = len({candidates[each].effect for each in usable})
     found: dict[VariantSet, float] = {frozenset(): math.log(0.5)}
-    state = _Search(system, tuple(candidates), usable, effects, found)
+    state = _Search(system, tuple(candidates), ranks, usable, effects, found)
     level: list[VariantSet] = [frozenset()]
     for _ in range(_LARGEST):
         for base in level:
@@ -124,6 +128,7 @@ def search(system: Array, candidates: Sequence[Candidate], possible: Iterable[in
 class _Search:
     system: Array
     candidates: tuple[Candidate, ...]
+    ranks: tuple[int, ...]
     usable: tuple[int, ...]
     effects: int
     found: dict[VariantSet, float]
@@ -138,11 +143,11 @@ class _Search:
             candidate = self.candidates[each]
             if candidate.effect not in names and base | {each} not in self.found:
                 fresh.setdefault(len(candidate.columns), []).append(each)
-        for k, own in fresh.items():
+        for own in fresh.values():
             at = np.array([self.candidates[each].columns for each in own])
             for each, gain in zip(own, _gains(left, self.system, at).tolist(), strict=True):
                 members = base | {each}
-                bayes = log_bayes(base_gain + gain, len(columns) + k)
+                bayes = log_bayes(base_gain + gain, sum(self.ranks[member] for member in members))
                 self.found[members] = bayes + self._log_prior(members)
 
     def top(self, size: int) -> list[VariantSet]:

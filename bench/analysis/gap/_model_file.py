@@ -26,6 +26,8 @@ from simulators.effects import (
 )
 
 FORMAT = 1
+_KNOWN = 1e-9
+"""Standard deviation of a parameter that a file leaves out."""
 
 
 @dataclass(frozen=True)
@@ -211,8 +213,10 @@ def _term(table: Mapping[str, Any], effects: Mapping[str, object], coarseness: f
             expected=", ".join(known),
         )
     shapes: Mapping[str, float] = effect.shapes[0] if isinstance(effect, Effect) else {}
-    shape = table.get("shape", dict(shapes))
-    given, sigma = table.get("parameters", {}), table.get("sigma", {})
+    shape = dict(shapes) | table.get("shape", {})  # what is left out has its usual value
+    absent = {parameter.name for parameter in effect.parameters if parameter.optional}
+    given = dict.fromkeys(absent, 0.0) | table.get("parameters", {})
+    sigma = dict.fromkeys(absent, _KNOWN) | table.get("sigma", {})
     wanted = {parameter.name for parameter in effect.parameters}
     if set(given) != wanted or set(sigma) != wanted or set(shape) != set(shapes):
         raise ConfigurationError(

@@ -13,7 +13,7 @@ from bench.analysis.gap._align import aligned
 from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import causes_of
 from bench.analysis.gap._cells import BANDS, mixing
-from bench.analysis.gap._close import shrinkage
+from bench.analysis.gap._close import holding, shrinkage
 from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
 from bench.analysis.gap._describe import UnknownPart, curve_part, differing_part, line_part, remaining_part
 from bench.analysis.gap._disturbed import Disturbed, without_disturbances
@@ -33,6 +33,8 @@ from simulators.effects import Variant
 
 _DOUBTED = 0.1
 """Probability of no gap from which on no cause is named, however probable one is beside it."""
+_LEAST_HELD = 0.5
+"""Part of what a cause adds that held-out runs must show for its name to stand."""
 _LONG_S = 3600.0
 _LOST_FRACTION = 1e-4
 
@@ -177,10 +179,36 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     def judged(
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
     ) -> RateFinding:
-        fitted = tuple(term for term in finding.terms if isinstance(term, Term))
         used = {run.run_id: run.checksum for run in data.disturbed.runs}
-        closed = replace(finding.nominal, terms=finding.nominal.terms + fitted, fitted_on=used)
-        return replace(finding, held_out=(shrinkage(finding.model, closed, held_out, finding.floor),))
+
+        def closed(found: RateFinding) -> Model:
+            fitted = tuple(term for term in found.terms if isinstance(term, Term))
+            return replace(found.nominal, terms=found.nominal.terms + fitted, fitted_on=used)
+
+        terms = [cause.term for cause in finding.causes]
+        parts = holding(closed(finding), terms, held_out, finding.floor) if terms else []
+        finding = _doubted(finding, parts)
+        return replace(
+            finding, held_out=(shrinkage(finding.model, closed(finding), held_out, finding.floor),)
+        )
+
+
+def _doubted(finding: RateFinding, parts: Sequence[float]) -> RateFinding:
+    """Return a finding without the causes of which held-out runs show less than half, `parts` (causes,)."""
+    kept = tuple(cause for cause, part in zip(finding.causes, parts, strict=True) if not part < _LEAST_HELD)
+    if len(kept) == len(finding.causes):
+        return finding
+    gone = [cause for cause in finding.causes if cause not in kept]
+    names = ", ".join(cause.name for cause in gone)
+    return replace(
+        finding,
+        causes=kept,
+        resembles=(*finding.resembles, *gone),
+        terms=tuple(term for term in finding.terms if all(term is not cause.term for cause in gone)),
+        warnings=(*finding.warnings, f"not named, held-out runs come no nearer with it: {names}"),
+        verdict="explained in part" if kept else "unknown",
+        unknown_probability=max(finding.unknown_probability, max(cause.probability for cause in gone)),
+    )
 
 
 def _verdict(named: bool, unknown: float, runs: Sequence[GapRun]) -> str:

@@ -38,6 +38,7 @@ _UNKNOWN_PRIOR = 5.0
 _UNSEEN = 0.05
 """Probability of something unknown where nothing of it was found: 25 of 448 claims of the exams before."""
 _SHOWN = 12.0
+_TEMPERATURES = Input.T_IN | Input.T_OUT | Input.WARMING | Input.GRADIENT
 _REFINED = 3
 """Sets of catalogue effects whose shapes are looked at between the grid's points."""
 
@@ -225,6 +226,7 @@ def _judge_sets(
         if len(names) == 1 and next(iter(names)).startswith(PREFIX)
     ]
     matter = _curves_that_matter(judged, left_without, effects)
+    matter = [one for one in matter if not _form_of_another(one, matter, left_without, effects)]
     return [in_form(each) if each.rest.total and not each.curved else each for each in matter]
 
 
@@ -281,6 +283,34 @@ def _curves_that_matter(
         if all(enough(each, *pair) for pair in pairs):
             matter.append(each)
     return matter
+
+
+def _form_of_another(
+    one: Judged,
+    judged: Sequence[Judged],
+    left_without: Callable[[Judged, frozenset[str]], float],
+    effects: Mapping[str, Effect],
+) -> bool:
+    """Return whether a member only corrects the form of a stronger one that follows the same temperatures.
+
+    A bench measures temperatures at one or two places; a formula of them is never quite the real effect.
+    """
+    whole = float(one.left.sum())
+    for name in one.names if len(one.names) > 1 else ():
+        without = next((other for other in judged if other.names == one.names - {name}), None)
+        alike = [other for other in one.names - {name} if _thermal(effects[name], effects[other])]
+        if without is None or not alike:
+            continue
+        gained = float(without.left.sum()) - whole
+        theirs = max(left_without(one, frozenset([other])) - whole for other in alike)
+        if gained <= TOLERANCE**2 * theirs:
+            return True
+    return False
+
+
+def _thermal(one: Effect, other: Effect) -> bool:
+    """Return whether two effects add alike, to bias or to scale factor, and follow a common temperature."""
+    return bool(one.unit == other.unit and one.inputs & other.inputs & _TEMPERATURES)
 
 
 def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:
