@@ -77,7 +77,7 @@ class Plant(BaseModel):
         ]
         return {
             "terms": terms,
-            "noise": dataclasses.asdict(model.noise),
+            "noise": model.noise.coefficients,
             "channels": {term.name: list(term.values) for term in model.channel_terms},
         }
 

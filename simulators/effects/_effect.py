@@ -100,10 +100,20 @@ class Curve:
 
 
 class SlowRates:
-    """Means over blocks at one rate: input and output rate in deg/h, run number, each (m,)."""
+    """Means over blocks at one rate: input and output rate in deg/h, run number, each (m,).
 
-    def __init__(self, rate: Array, output: Array, run: NDArray[np.int64]) -> None:
-        self.rate, self.output, self.run = rate, output, run
+    `records` are the runs themselves: stimulus and output less input rate in deg/h, (n,), NaN where
+    it is missing.
+    """
+
+    def __init__(
+        self,
+        rate: Array,
+        output: Array,
+        run: NDArray[np.int64],
+        records: Sequence[tuple[Stimulus, Array]] = (),
+    ) -> None:
+        self.rate, self.output, self.run, self.records = rate, output, run, records
 
     def apart(self, values: Array, use: NDArray[np.bool_]) -> Array:
         """Return values less the mean over their run of those in `use`; of a run without any they stay."""
@@ -154,7 +164,8 @@ class Effect:
 
     `shapes` is the grid of non-linear parameters that a diagnosis tries; without any it has one empty shape.
     `propose(rates)` reads shapes (a limit, a band) off the record instead, none where it shows none: there the
-    effect is no candidate; `shapes` then has one of usual size. `curve`: the free curve that a diagnosis may take
+    effect is no candidate; `shapes` then has one of usual size. `whole` are shapes
+    that are numbers of something. `curve`: the free curve that a diagnosis may take
     for the effect's real form.
     """
 
@@ -169,6 +180,7 @@ class Effect:
     unit: Unit = DPH
     curve: Curve | None = None
     propose: Callable[[SlowRates], Sequence[Shape]] | None = None
+    whole: tuple[str, ...] = ()
     channel: Literal["gyro_rate"] = "gyro_rate"
 
     def columns(self, stimulus: Stimulus, shape: Shape) -> Array:

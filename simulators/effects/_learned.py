@@ -37,12 +37,10 @@ class LearnedForm:
     def effect(self, shape: Shape) -> Effect:
         """Return the form at one shape, {"at_1": ..., ...}, as an effect."""
         at = [float(value) for value in shape.values()]
-        names = [f"at_{value:.6g}" for value in at[1 if self.curve else 0 :]]
+        count = len(at) - self.curve
         return Effect(
             PREFIX + self.name,
-            tuple(
-                Parameter(f"{number}_{name}", -_BOUND, _BOUND, self.unit) for number, name in enumerate(names)
-            ),
+            tuple(Parameter(f"value_{number}", -_BOUND, _BOUND, self.unit) for number in range(count)),
             lambda s, _: self.columns(s, at),
             self.inputs,
             self.follows,

@@ -30,7 +30,7 @@ _HIGHEST_BAND_DPH = 360.0
 def _saturation(s: Stimulus, shape: Shape) -> Array:
     """Return what is cut off; over `softness` times the limit the slope goes from one to nothing."""
     limit_dph = 3600.0 * shape["limit_dps"]
-    width = max(shape["softness"], 1e-6) * limit_dph
+    width = max(shape.get("softness", 0.0), 1e-6) * limit_dph
     beyond = width * np.logaddexp(0.0, (np.abs(s.input_rate_dph) - limit_dph) / width)
     return np.asarray(-np.sign(s.input_rate_dph) * beyond)
 
@@ -38,7 +38,7 @@ def _saturation(s: Stimulus, shape: Shape) -> Array:
 def _dead_zone(s: Stimulus, shape: Shape) -> Array:
     """Return what is lost: all within the band, or with `softness` a part that falls off about its edge."""
     beyond = np.abs(s.input_rate_dph) / shape["band_dph"] - 1.0
-    lost = 0.5 - 0.5 * np.tanh(0.5 * beyond / max(shape["softness"], 1e-6))
+    lost = 0.5 - 0.5 * np.tanh(0.5 * beyond / max(shape.get("softness", 0.0), 1e-6))
     return np.asarray(-s.input_rate_dph * lost)
 
 

@@ -8,7 +8,18 @@ import numpy as np
 
 from drivers.base.arrays import Array
 from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
-from simulators.effects._effect import DPH, PPM, Curve, Effect, Formula, Input, Parameter, Shape, Unit
+from simulators.effects._effect import (
+    DPH,
+    PPM,
+    Curve,
+    Effect,
+    Formula,
+    Input,
+    Parameter,
+    Shape,
+    SlowRates,
+    Unit,
+)
 from simulators.effects._stimulus import Stimulus
 
 _DEG = Unit("deg")
@@ -92,13 +103,38 @@ def _wobble(order: int) -> Formula:
     return lambda s, _: np.concatenate((_ripple(order, s), _ripple(3 * order, s)))
 
 
+def _strongest_orders(rates: SlowRates) -> list[Shape]:
+    """Return the multiples of a turn by which the output varies most while the table turns."""
+    from scipy.ndimage import uniform_filter1d  # here: a lab starts without scipy (decision 0021)
+
+    strength = np.zeros(len(_ORDERS))
+    for s, rest in rates.records:
+        use = (np.abs(s.axis_rate_dps) > _TURNING_DPS) & ~np.isnan(rest)
+        if use.sum() < _LEAST_SAMPLES:
+            continue
+        fast = np.where(use, np.nan_to_num(rest), 0.0)
+        fast = np.where(use, fast - uniform_filter1d(fast, 61), 0.0)
+        noise = (1.4826 * float(np.median(np.abs(fast[use])))) ** 2
+        for place, order in enumerate(_ORDERS):
+            waves = _ripple(order, s) * use
+            size = (waves**2).sum(axis=1)
+            seen = size > 1e-9 * float(size.max(initial=0.0))
+            strength[place] += float(((waves @ fast)[seen] ** 2 / size[seen]).sum()) / max(noise, 1e-12)
+    best = np.argsort(-strength)[:_MOST_ORDERS]
+    return [{"order": float(_ORDERS[place])} for place in best if strength[place] > _CLEAR]
+
+
 def _field(s: Stimulus, shape: Shape) -> Array:
     """Return the direction of the unit, or with `upright` 0 that of its axis: north, west, up."""
     elevation = np.radians(s.elevation_deg)
-    level = shape["upright"] + (1.0 - shape["upright"]) * np.cos(elevation)
+    level = shape.get("upright", 1.0) + (1.0 - shape.get("upright", 1.0)) * np.cos(elevation)
     return np.stack((*(level * s.harmonic(1)), np.sin(elevation)))
 
 
+_ORDERS = tuple(order for order in range(4, 37) if order != 6)
+"""Multiples of a turn that a wobble, with its overtone, does not have."""
+_TURNING_DPS, _LEAST_SAMPLES = 1.0, 128
+_MOST_ORDERS, _CLEAR = 3, 25.0
 _RIPPLES = (*_pair("ripple_ppm", 1e5, PPM), *_pair("overtone_ppm", 1e5, PPM))
 _WOBBLE_INPUTS = Input.ANGLE | Input.TABLE_RATE | Input.ATTITUDE | Input.TURN
 TABLE_ANGLE_EFFECTS = (
@@ -131,6 +167,19 @@ TABLE_ANGLE_EFFECTS = (
         "twice a turn, proportional to rate",
         "oval encoder disc, bearing",
         "The table's rate varies twice a turn beside its telemetry.",
+        curve=Curve(Input.ANGLE, of_rate=True),
+    ),
+    Effect(
+        "table_rate_ripple",
+        _RIPPLES,
+        lambda s, shape: np.concatenate([_ripple(part * round(shape["order"]), s) for part in (1, 2)]),
+        _WOBBLE_INPUTS,
+        "many times a turn, proportional to rate",
+        "motor poles, gear teeth, errors of an encoder's subdivision",
+        "The table's rate varies many times a turn beside its telemetry.",
+        ({"order": 12.0},),
+        propose=_strongest_orders,
+        whole=("order",),
         curve=Curve(Input.ANGLE, of_rate=True),
     ),
 )

@@ -57,7 +57,7 @@ SCALE_FACTOR_OVER_RATE = (
     Effect(
         "scale_factor_nonlinearity",
         (Parameter("sf_ppm_at_100dps", -1e5, 1e5, PPM),),
-        lambda s, shape: np.asarray(np.abs(s.axis_rate_dps / _AT_DPS) ** (shape["power"] - 1.0)),
+        lambda s, shape: np.asarray(np.abs(s.axis_rate_dps / _AT_DPS) ** (shape.get("power", 3.0) - 1.0)),
         Input.RATE,
         "power of rate",
         "IEEE Std 952, scale-factor nonlinearity",

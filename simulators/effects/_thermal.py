@@ -149,7 +149,7 @@ _PER_KELVIN = (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),)
 
 def _loop(s: Stimulus, shape: Shape) -> Array:
     """Return the mean of five play operators, `spread` is that of their widths (Prandtl-Ishlinskii model)."""
-    half, spread = shape["half_width_k"], shape["spread"]
+    half, spread = shape["half_width_k"], shape.get("spread", 0.0)
     parts = (0.0,) if spread <= 0.0 else (-1.0, -0.5, 0.0, 0.5, 1.0)
     return np.asarray(sum(s.slack(s.warm_k, half * (1.0 + spread * part)) for part in parts) / len(parts))
 

@@ -217,6 +217,6 @@ def close(handed: Answer, sealed_runs: Sequence[GapRun], clean: Sequence[Array])
     before, after = parse_model(handed.before, "before"), parse_model(handed.after, "after")
     stated = shrinkage(before, after, sealed_runs, handed.floor)
     quiet = [replace(run, output_dph=own) for run, own in zip(sealed_runs, clean, strict=True)]
-    cells = [cell for cell, on in zip(judged_cells(before, after, quiet), stated.active, strict=True) if on]
+    cells = [cell for cell, on in zip(judged_cells((before, after), quiet), stated.active, strict=True) if on]
     first, then = (sum(float(cell.products(np.array([k]))[0, 0]) for cell in cells) for k in (0, 1))
     return Closed(stated, 1.0 - then / first if first > 0.0 else math.nan)

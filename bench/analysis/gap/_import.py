@@ -23,6 +23,8 @@ _PAUSE = 1.5
 _UNCOVERED = 0.02
 """Part of a step that rows may leave uncovered: jitter of time stamps."""
 _INSTANT_S = 1e-6
+_FINE = 0.5
+"""Part of the values that differ from which on a repeated value is no chance."""
 
 
 def read_mapped_runs(path: Path) -> list[GapRun]:
@@ -56,7 +58,9 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
 
     t_in, t_out = (_bridged(means(key)) if key in log.columns else None for key in ("t_in", "t_out"))
     t_in, t_out = stand_ins(t_in, t_out, grid.count)
-    edges, output = grid.edges_s, DPH_PER_DPS * means("output")
+    rows = log.columns["output"]
+    held = held_rows(rows)
+    edges, output = grid.edges_s, DPH_PER_DPS * grid.means(np.where(held, np.nan, rows))
     angle, edge_rate = np.full(grid.count + 1, entry.angle_deg or 0.0), None
     if "angle" in log.columns:
         angle = np.interp(edges, time_s, log.columns["angle"])
@@ -84,7 +88,20 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         output,
         _phases(entry, edges[1:] - grid.period_s + 1.0),
         _checksum(file),
+        float(held.mean()),
     )
+
+
+def held_rows(values: Array) -> NDArray[np.bool_]:
+    """Return which rows only repeat the one before, (n,): a logger does that where a sample is lost.
+
+    None of a signal so coarse that neighbours are often equal by themselves: there repeats say nothing.
+    """
+    same = np.concatenate(([False], values[1:] == values[:-1]))
+    known = values[~np.isnan(values)]
+    if len(np.unique(known)) < _FINE * len(known):
+        same[:] = False
+    return same
 
 
 @dataclass(frozen=True)

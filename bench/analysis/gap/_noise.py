@@ -39,6 +39,11 @@ class Noise:
     correlation_order: float = 1.0
 
     @property
+    def coefficients(self) -> dict[str, float]:
+        """The four of IEEE Std 952 by name, as a model file has them."""
+        return {name: float(getattr(self, name)) for name in NAMES}
+
+    @property
     def coarseness(self) -> float:
         """How many times coarser than 0.02 deg/sqrt(h) and 0.1 deg/h the gyro is, 1 for a better one.
 

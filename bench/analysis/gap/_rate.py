@@ -170,7 +170,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             unidentifiable=found.hidden,
             unknown_parts=(
                 *(_unknown_parts(found, variants, left, active) if unknown > 0.5 else ()),
-                *(_differing(ready, best.solution) if differs > 0.5 else ()),
+                *(_differing(ready, best.solution) if differs > 0.5 and not best.line else ()),
             ),
             latitude_deg=runs[0].stimulus.latitude_deg,
             learned=closing,

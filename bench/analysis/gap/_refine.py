@@ -118,7 +118,7 @@ def _spacing(variant: Variant) -> dict[str, float]:
     if variant.effect.name.startswith(PREFIX):
         return result
     for key, grid in _grids(variant.effect).items():
-        if len(grid) > 1:
+        if len(grid) > 1 and key not in variant.effect.whole:
             near = int(np.argmin(np.abs(np.array(grid) - float(variant.shape[key]))))
             result[key] = grid[min(near + 1, len(grid) - 1)] - grid[max(near - 1, 0)]
             result[key] *= 0.5 if 0 < near < len(grid) - 1 else 1.0

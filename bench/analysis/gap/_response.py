@@ -41,4 +41,5 @@ def _slow_rates(runs: Sequence[GapRun]) -> SlowRates:
         rates.append(middle[steady])
         outputs.append(output[steady].mean(axis=1))
         numbers.append(np.full(int(steady.sum()), number))
-    return SlowRates(*(np.concatenate(each) for each in (rates, outputs, numbers)))
+    records = [(run.stimulus, run.output_dph - run.stimulus.input_rate_dph) for run in runs]
+    return SlowRates(np.concatenate(rates), np.concatenate(outputs), np.concatenate(numbers), records)

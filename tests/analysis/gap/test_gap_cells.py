@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis.gap import Model
+from bench.analysis.gap import Model, Noise
 from bench.analysis.gap._cells import BANDS, band_slices, contrasts, group_cells
-from bench.analysis.gap._data import GapRun, bridged, check_runs, good_length, group_runs
+from bench.analysis.gap._data import GapRun, check_runs, good_length, group_runs
 from bench.analysis.gap._stack import stacked, transformed
 from bench.analysis.gap._where import holm
 from drivers.base.errors import ConfigurationError
@@ -29,7 +29,7 @@ def test_bands_hold_every_coefficient_once(n: int, period_s: float) -> None:
 def test_a_wave_lies_in_its_band() -> None:
     n = 4000
     rows = np.cos(2.0 * np.pi * (np.arange(n) + 0.5) / 100.0)[None]
-    coefficients = transformed(made_run("a", stimulus(n), np.random.default_rng(0)), rows)[0]
+    coefficients = transformed(made_run("a", stimulus(n), np.random.default_rng(0)), rows, Noise(0.01))[0]
     energy = [float((coefficients[part] ** 2).sum()) for part in band_slices(n, 1.0)]
     assert BANDS[int(np.argmax(energy))] == "75..150 s"
     assert max(energy) == pytest.approx(n / 2.0, rel=1e-9)
@@ -68,21 +68,14 @@ def test_cells_of_noise_hold_one_unit_of_energy_a_coefficient(nominal: Model) ->
     ]
     (group,) = group_runs(runs)
     flat = [run for each in group.runs for run in each]
-    stack = stacked(flat, lambda run: [(run.output_dph - nominal.predict(run.stimulus))[None]], [False])
+    stack = stacked(
+        flat, lambda run: [(run.output_dph - nominal.predict(run.stimulus))[None]], [False], nominal.noise
+    )
     cells = group_cells(group, stack, nominal.noise)
     number = sum(cell.count for cell in cells)
     assert number == 6 * (good_length(4000) - 1)
     energy = sum(float(cell.block[0, 0]) for cell in cells)
     assert energy == pytest.approx(number, abs=4.0 * np.sqrt(2.0 * number))
-
-
-def test_gaps_are_bridged_alike_in_data_and_columns() -> None:
-    values = np.stack((np.arange(10.0), 3.0 * np.arange(10.0) + 1.0))
-    missing = np.zeros(10, dtype=bool)
-    missing[[3, 4, 5]] = True
-    spoiled = values.copy()
-    spoiled[:, missing] = np.nan
-    assert bridged(spoiled, missing) == pytest.approx(values)
 
 
 def test_runs_of_different_units_are_refused() -> None:
@@ -136,7 +129,7 @@ def test_a_run_that_is_too_short_or_too_empty_is_refused() -> None:
         check_runs([made_run("a", stimulus(100), rng)])
     run = made_run("a", stimulus(1000), rng)
     spoiled = run.output_dph.copy()
-    spoiled[::3] = np.nan
+    spoiled[::3] = spoiled[1::3] = np.nan
     with pytest.raises(ConfigurationError, match="missing"):
         check_runs([replace(run, output_dph=spoiled)])
 

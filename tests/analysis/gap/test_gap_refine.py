@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.fft import dct
 
+from bench.analysis.gap import Noise
 from bench.analysis.gap._refine import between_grid_points
 from bench.analysis.gap._stack import stacked
 from simulators.effects import Variant
@@ -48,7 +49,7 @@ def test_smooth_columns_from_means_have_the_coefficients_of_the_whole(n: int) ->
     s = stimulus(n)
     run = made_run("a", s, np.random.default_rng(1))
     rows = np.stack((s.warm_k, s.warming_k_per_min))
-    stack = stacked([run], lambda _: [run.output_dph[None], rows], [False, True])
+    stack = stacked([run], lambda _: [run.output_dph[None], rows], [False, True], Noise(0.01))
     whole = dct(rows, norm="ortho", axis=-1)[:, 1:]
     own = stack.chosen([1, 2])[0]
     assert (np.square(own - whole).sum(axis=1) < 1e-4 * np.square(whole).sum(axis=1)).all()
