@@ -76,7 +76,9 @@ def _bands(rates: SlowRates) -> list[Shape]:
     """Return bands about the lowest rates that occur, hard and soft, and about one that shows plainly."""
     speed = np.abs(rates.rate)
     levels = _levels(speed[speed < _HIGHEST_BAND_DPH])
-    plain: list[Shape] = [{**shape, "softness": 0.0} for shape in _grid("band_dph", _dead_band_dph(rates))]
+    plain: list[Shape] = [
+        {**shape, "softness": 0.0} for shape in _grid("band_dph", _band_dph(rates, _between, _without_band))
+    ]
     if len(levels) < 2:
         return plain
     sizes = np.geomspace(0.5 * levels[0], min(2.0 * levels[-1], _HIGHEST_BAND_DPH), 8).tolist()

@@ -5,7 +5,8 @@ from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.analysis.thermal._evaluate import Scores, evaluate
 from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._linear_models import LaggedRidgeModel
-from bench.analysis.thermal._lstm import FitError, LstmModel, LstmSettings
+from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._lstm_weights import FitError, LstmSettings
 from bench.analysis.thermal._registry import model_names, new_model
 from bench.analysis.thermal._stream import CompensationStream, Flag, Limits
 from bench.analysis.thermal._study import Study, load_runs, run_study

@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any, Self
 
 from bench.analysis.thermal._linear_models import LaggedRidgeModel
-from bench.analysis.thermal._lstm import LstmModel, LstmSettings
+from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._lstm_weights import LstmSettings
 from bench.analysis.thermal._regression import TARGETS
 from bench.analysis.thermal._types import FeatureRun, Prediction, Stepper
 

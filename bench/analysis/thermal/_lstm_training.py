@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.common.device import compute_device
 from bench.analysis.common.statistics import hold
-from bench.analysis.thermal._lstm import FitError, LstmSettings, LstmWeights, input_matrix
+from bench.analysis.thermal._lstm_weights import FitError, LstmSettings, LstmWeights, input_matrix
 from bench.analysis.thermal._regression import TARGETS, in_reference
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array

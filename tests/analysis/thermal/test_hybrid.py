@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from bench.analysis.thermal._hybrid import HybridModel
 from bench.analysis.thermal._linear_models import LaggedRidgeModel
-from bench.analysis.thermal._lstm import LstmSettings
+from bench.analysis.thermal._lstm_weights import LstmSettings
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
 

@@ -10,7 +10,8 @@ import numpy as np
 from bench.analysis.thermal import LaggedRidgeModel, ThermalModel, evaluate, prepare
 from bench.analysis.thermal._anchor import anchor_runs
 from bench.analysis.thermal._hybrid import HybridModel
-from bench.analysis.thermal._lstm import LstmModel, LstmSettings
+from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._lstm_weights import LstmSettings
 
 
 def improvements(model: ThermalModel, campaign: Any) -> tuple[float, float]:

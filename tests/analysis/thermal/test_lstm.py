@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bench.analysis.thermal._lstm import FitError, LstmModel, LstmSettings
+from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._lstm_weights import FitError, LstmSettings
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
 
