@@ -148,7 +148,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part("bench/analysis/gap/_position", "tests/analysis/gap/test_gap_platform test_gap_one_diagnosis"),
         _part(
             "bench/analysis/gap/_import _run_folder _data _model_file",
-            "tests/analysis/gap/test_gap_cells test_gap_import",
+            "tests/analysis/gap/test_gap_edges test_gap_cells test_gap_import",
             "tests/analysis/gap/test_gap_systems test_gap_diagnosis test_gap_commands",
         ),
         _part(

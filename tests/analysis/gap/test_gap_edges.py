@@ -14,18 +14,21 @@ from statsmodels.stats.proportion import proportion_confint
 
 from bench.analysis.gap import Noise, _exam
 from bench.analysis.gap._cells import BANDS
-from bench.analysis.gap._channel_data import Demand, _held, _quiet_from
+from bench.analysis.gap._channel_data import Demand, _held, _late_fraction, _quiet_from
 from bench.analysis.gap._data import Group
-from bench.analysis.gap._fit import Floor
+from bench.analysis.gap._fit import Floor, floor_from_repeats
 from bench.analysis.gap._generic import free_curves
 from bench.analysis.gap._lines import SpectralLine, _of_one_length, _surroundings
 from bench.analysis.gap._noise import periodogram
 from bench.analysis.gap._refine import _spacing
 from bench.analysis.gap._rehearsal import _phase_means
+from bench.analysis.gap._run_folder import _filled
 from bench.analysis.gap._score import Exam, Marked, wilson
-from bench.analysis.gap._stochastic import _starts, judge_noise
+from bench.analysis.gap._stochastic import NoiseVerdict, _starts, judge_noise
 from bench.analysis.gap._suggest import _plans
-from bench.analysis.gap._where import REGIMES, regime_map
+from bench.analysis.gap._where import REGIMES, phase_map, regime_map
+from bench.record.recording import Arrivals
+from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus, Variant
 from tests.analysis.gap.conftest import effect, made_run, stimulus
 
@@ -216,6 +219,8 @@ def test_a_plans_settings_are_what_its_stimuli_do():
     level = plans["constant-rotation"]
     (turning,) = level.stimuli
     assert np.median(turning.table_rate_dps) == pytest.approx(level.settings["rate_dps"])
+    turns_s = level.settings["turns"] * 360.0 / level.settings["rate_dps"]
+    assert len(turning) * turning.period_s == pytest.approx(turns_s, abs=0.5)
     (steps,) = plans["standard-test"].stimuli
     rates = np.unique(np.round(steps.table_rate_dps, 6))
     rates = rates[np.abs(rates - np.round(rates)) < 1e-6]  # the samples in which no step begins
@@ -284,3 +289,58 @@ def test_effects_of_an_examined_case_have_the_size_asked_for_and_signs_in_turn(m
     case = SimpleNamespace(effects={"a": None, "b": None}, seed=7, snr=2.0)
     truths = [SimpleNamespace(repeat=0)]
     assert _exam._amplitudes(case, truths, [None], None) == {"a": -5.0, "b": 5.0}
+
+
+def test_a_risen_coefficient_is_told_by_the_effect_that_raised_it():
+    sheet, rises = Noise(0.004, 0.1, 0.5, 0.2), {"bias_instability": 0.3, "quantisation": 0.4}
+    verdict = NoiseVerdict(sheet, {"bias_instability": 1.0}, "repeats", rises, sheet)
+    assert verdict.risen("bias_instability") == "bias_instability_dph = 0.3, the model has 0.1"
+    assert verdict.risen("quantisation") == "quantum_arcsec = 0.4, the model has 0.2"
+    assert verdict.risen("noise_level") == ""
+
+
+def test_an_effect_below_a_third_of_the_noise_is_in_no_band_of_an_exam():
+    assert not any(what.startswith("single: ") for what, _ in lines(mark(snr=0.2)))
+    bands = {
+        snr for what, snr in lines(*(mark(snr=snr) for snr in (0.3, 1.0, 3.0, 29.9))) if "single: " in what
+    }
+    assert bands == {"0.3..1", "1..3", "3..10", "10..30"}
+
+
+def test_a_map_of_phases_holds_energies_against_the_floor():
+    """Coefficients of size one and any sign are the floor: every phase and band has as much as it should."""
+    rng = np.random.default_rng(1)
+    run = made_run("still", stimulus(4000), rng)
+    group = Group("shock", ("0",), ((run,),))
+    floor = Floor(np.ones(len(BANDS)), np.zeros(len(BANDS)), from_repeats=True)
+    signs = rng.choice([-1.0, 1.0], size=(1, 3999))
+    for size, ratio in ((1.0, 1.0), (3.0, 9.0)):
+        places = phase_map([group], [size * signs], floor, SHEET)
+        assert {place.part for place in places} == {"room", "shock"}
+        fast = [place for place in places if place.band == BANDS[-1]]
+        assert [place.energy_ratio for place in fast] == pytest.approx([ratio] * len(fast), rel=0.15)
+
+
+def test_missing_seconds_are_bridged_up_to_a_fifth():
+    run = SimpleNamespace(place="runs/r")
+    values = np.arange(10.0)
+    values[[3, 7]] = np.nan
+    assert _filled(values, run, "T").tolist() == list(range(10))
+    values[5] = np.nan
+    with pytest.raises(ConfigurationError) as refused:
+        _filled(values, run, "T")
+    assert refused.value.found == "30 % of the seconds without a value"
+    assert _filled(np.full(10, np.nan), run, "T") is None
+
+
+def test_a_late_mark_stands_for_every_frame_since_the_one_before():
+    count = np.array([0, 1, 2, 6, 7, 8])
+    seen = Arrivals(count, 0.01 * count, 0.01)
+    assert _late_fraction(seen, np.array([0.0, 0.0, 0.0, 1000.0, 0.0, 0.0])) == 0.5
+    assert _late_fraction(seen, np.array([0.0, 1000.0, 0.0, 0.0, 0.0, 0.0]) - 1000.0 * (count == 6)) == 0.125
+
+
+def test_without_repeats_the_floor_is_the_models_as_of_forty_coefficients_a_band():
+    floor = floor_from_repeats([], np.zeros(0))
+    assert floor.ratio.tolist() == [1.0] * len(BANDS) and not floor.from_repeats
+    assert floor.sigma.tolist() == pytest.approx([math.sqrt(2.0 / 40.0)] * len(BANDS))

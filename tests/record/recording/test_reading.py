@@ -268,3 +268,11 @@ def test_a_table_that_is_not_what_the_bytes_give_is_named_with_both(tmp_path, co
     report = verify(run, lambda folder, out: write(out, "gyro_fog", counter=np.arange(300)))
     (problem,) = report.problems
     assert problem.path == "gyro_fog.parquet" and words in str(problem)
+
+
+def test_a_truth_known_at_whole_seconds_has_its_means_between_them(folder):
+    np.savez(folder / "truth_fog.npz", bias_dph=np.arange(11.0) ** 2, other=np.zeros((2, 2)))
+    run = Run.open(folder)
+    assert run.true_means("fog", "bias_dph", 2, 5).tolist() == [6.5, 12.5, 20.5]
+    assert run.true_means("fog", "bias_dph", 2, 11) is None and run.true_means("fog", "other", 0, 1) is None
+    assert run.true_means("fog", "none", 2, 5) is None and run.true_means("can", "bias_dph", 2, 5) is None
