@@ -36,10 +36,12 @@ def aligned(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
 def _shift(run: GapRun) -> int:
     """Return by how many samples the table's angle must be moved later to fit the output."""
     rate = run.stimulus.input_rate_dph
-    if np.ptp(run.stimulus.axis_rate_dps) < _LEAST_CHANGE_DPS or len(rate) < 4 * _MOST:
-        return 0
     at = np.arange(_MOST, len(rate) - _MOST)
-    at = at[~np.isnan(run.output_dph[at])]
+    # a shift by this much must not reach what is missing: nothing is known of the table there
+    near = np.convolve(run.missing, np.ones(2 * _MOST + 1), mode="valid") > 0.0
+    at = at[~near[: len(at)]]
+    if len(at) < 4 * _MOST or np.ptp(run.stimulus.axis_rate_dps[at]) < _LEAST_CHANGE_DPS:
+        return 0
     output = run.output_dph[at]
     left = {}
     for shift in range(-_MOST, _MOST + 1):

@@ -1,0 +1,105 @@
+"""Rows of a log gathered in equal steps: whole rows, so that noise stays white, and the angle over just them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.base.arrays import Array
+
+_PAUSE = 1.5
+"""Times the usual time between rows from which on rows are missing."""
+_UNCOVERED = 0.25
+"""Part of a row that a step may lack: jitter of time stamps."""
+_INSTANT_S = 1e-6
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Equal steps of `period_s` for rows at `time_s` (m,), from 0 s on, each of which covers the time before it.
+
+    A row belongs to the step that its middle lies in; after a pause it covers the usual time between rows, and
+    what lies before it is missing. `use` (m,) are the rows with a value; `starts_s`, `stops_s` (count,) what
+    those of a step cover, `whole` (count,) whether that is all of it.
+    """
+
+    time_s: Array
+    covers_s: Array
+    owner: NDArray[np.int64]
+    use: NDArray[np.bool_]
+    starts_s: Array
+    stops_s: Array
+    whole: NDArray[np.bool_]
+    usual_s: float
+    period_s: float
+
+    @classmethod
+    def of(cls, time_s: Array, use: NDArray[np.bool_]) -> Steps:
+        """Return steps of as many whole rows as make up 1 s or more."""
+        apart = np.diff(time_s)
+        usual_s = float(np.median(apart)) if len(apart) else 1.0
+        period_s = round(usual_s * max(math.ceil(1.0 / usual_s - 0.05), 1), 3)
+        pause = np.concatenate(([False], apart > _PAUSE * usual_s))
+        covers = np.concatenate(([0.0], np.where(pause[1:], usual_s, apart)))
+        count = math.floor((time_s[-1] + _INSTANT_S + _UNCOVERED * usual_s) / period_s)
+        owner = np.floor((time_s - 0.5 * covers) / period_s).astype(np.int64)
+        owner[(owner >= count) | (covers == 0.0)] = -1
+        use = use & (owner >= 0) & ~pause  # where a row after a pause began, the table's angle is not known
+        own, covered = owner[use], np.zeros(count)
+        np.add.at(covered, own, covers[use])
+        starts, stops = np.full(count, np.inf), np.full(count, -np.inf)
+        np.minimum.at(starts, own, time_s[use] - covers[use])
+        np.maximum.at(stops, own, time_s[use])
+        slack = _UNCOVERED * usual_s
+        whole = (covered > period_s - slack) & (stops - starts < covered + slack)
+        return cls(time_s, covers, owner, use, starts, stops, whole, usual_s, period_s)
+
+    @property
+    def count(self) -> int:
+        """How many steps there are."""
+        return len(self.whole)
+
+    @property
+    def edges_s(self) -> Array:
+        """Borders of the steps, (count + 1,)."""
+        return np.asarray(self.period_s * np.arange(self.count + 1.0))
+
+    def means(self, values: Array, use: NDArray[np.bool_] | None = None) -> Array:
+        """Return means of rows' values (m,) by step, (count,), NaN for a step without any."""
+        kept = (self.owner >= 0) & ~np.isnan(values) & (True if use is None else use)
+        sums = np.bincount(self.owner[kept], (values * self.covers_s)[kept], self.count)
+        covered = np.bincount(self.owner[kept], self.covers_s[kept], self.count)
+        return np.where(covered > 0.0, sums / np.maximum(covered, 1e-12), np.nan)
+
+    def angles(self, angle_deg: Array) -> tuple[Array, Array | None]:
+        """Return the angle at the borders and the rate there in deg/s, (count + 1,) each, from rows' angles (m,).
+
+        In a whole step the angle grows as over the rows that are in it. Elsewhere it is interpolated: between
+        rows that are missing nobody knows it. No rate for rows less than two to a step.
+        """
+
+        def at(times_s: Array) -> Array:
+            return np.interp(times_s, self.time_s, angle_deg)
+
+        starts = np.where(self.whole, self.starts_s, self.edges_s[:-1])
+        stops = np.where(self.whole, self.stops_s, self.edges_s[1:])
+        first, last = at(starts), at(stops)
+        grown = (last - first) * self.period_s / (stops - starts)
+        angle = at(self.edges_s)
+        for step in np.flatnonzero(self.whole).tolist():
+            if not step or not self.whole[step - 1]:
+                angle[step] = first[step]
+            angle[step + 1] = angle[step] + grown[step]
+        if self.usual_s > 0.5 * self.period_s:
+            return angle, None
+        before = (last - at(stops - self.usual_s)) / self.usual_s
+        after = (at(starts + self.usual_s) - first) / self.usual_s
+        rate = np.zeros(self.count + 1)
+        known = np.zeros(self.count + 1)
+        for values, part in ((before, slice(1, None)), (after, slice(None, -1))):
+            rate[part] += np.where(self.whole, values, 0.0)
+            known[part] += self.whole
+        return angle, np.where(known > 0.0, rate / np.maximum(known, 1.0), np.gradient(angle) / self.period_s)
