@@ -16,7 +16,7 @@ from drivers.base.arrays import Array
 from simulators.effects._effect import DPH, PPM, Effect, Input, Parameter, Shape, Unit
 from simulators.effects._stimulus import Stimulus
 
-PREFIX = "learned: "
+_PREFIX = "learned: "
 _BOUND = 1e9
 _SOURCE = "fitted to runs, judged on a profile left out"
 _MEANING = "A form learned from the runs; it names no cause."
@@ -39,7 +39,7 @@ class LearnedForm:
         at = [float(value) for value in shape.values()]
         count = len(at) - self.curve
         return Effect(
-            PREFIX + self.name,
+            _PREFIX + self.name,
             tuple(Parameter(f"value_{number}", -_BOUND, _BOUND, self.unit) for number in range(count)),
             lambda s, _: self.columns(s, at),
             self.inputs,
@@ -58,8 +58,8 @@ def learned_shape(at: Sequence[float]) -> Shape:
 
 def learned_effect(name: str, shape: Shape) -> Effect | None:
     """Return the effect of a model file's learned term, None for a name that no form has."""
-    form = FORMS.get(name.removeprefix(PREFIX))
-    return form.effect(shape) if form and name.startswith(PREFIX) and shape else None
+    form = FORMS.get(name.removeprefix(_PREFIX))
+    return form.effect(shape) if form and name.startswith(_PREFIX) and shape else None
 
 
 def _hats(values: Array, nodes: Sequence[float]) -> Array:

@@ -6,6 +6,7 @@ from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
 from bench.analysis.gap._exam_folder import hold_exam, read_exam
 from bench.analysis.gap._facts import diagnosis_facts, log_gap_facts
 from bench.analysis.gap._findings import Cause, Finding, Place, Shrinkage
+from bench.analysis.gap._learn import Learned
 from bench.analysis.gap._model_file import Model, Term, model_text, parse_model, read_model
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._position import PositionFinding
@@ -23,6 +24,7 @@ __all__ = [
     "Difference",
     "Exam",
     "Finding",
+    "Learned",
     "LogCurve",
     "LogGap",
     "LogGaps",

@@ -9,6 +9,7 @@ from typing import Any
 from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._diagnose import Diagnosis
 from bench.analysis.gap._findings import Cause, Place, Shrinkage
+from bench.analysis.gap._learn import Learned
 from bench.analysis.gap._model_file import AnyTerm, Term, by_parameter
 from bench.analysis.gap._position import PositionFinding
 from bench.analysis.gap._rate import RateFinding
@@ -77,10 +78,21 @@ def _rate(found: RateFinding) -> dict[str, Any]:
         "unknown_parts": [
             {key: value for key, value in vars(part).items() if key != "term"} for part in found.unknown_parts
         ],
+        "learned": None if found.learned is None else _learned(found.learned),
         "left": _picked(found.left, _OF_CELL | _CLEARNESS),
         "unidentifiable": dict(found.unidentifiable),
         "warnings": list(found.warnings),
         "held_out": next((_rate_shrinkage(each) for each in found.held_out if each.cells), None),
+    }
+
+
+def _learned(learned: Learned) -> dict[str, Any]:
+    return {
+        "terms": [{"name": term.name, **_fitted(term)} for term in learned.terms],
+        "share_left_out": learned.share if learned.terms else None,
+        "by_profile": dict(learned.by_profile),
+        "valid": {name: list(span) for name, span in learned.valid.items()},
+        "reason": learned.reason,
     }
 
 

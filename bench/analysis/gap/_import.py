@@ -18,8 +18,8 @@ from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
 
-_FINE = 0.5
-"""Part of the values that differ from which on a repeated value is no chance."""
+_TIMES_CHANCE = 3.0
+"""How much more often neighbours must be equal than rows two apart for repeats to be held rows."""
 
 
 def read_mapped_runs(path: Path) -> list[GapRun]:
@@ -88,11 +88,11 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
 def held_rows(values: Array) -> NDArray[np.bool_]:
     """Return which rows only repeat the one before, (n,): a logger does that where a sample is lost.
 
-    None of a signal so coarse that neighbours are often equal by themselves: there repeats say nothing.
+    None of a signal so coarse that values come again by themselves: there rows two apart are equal as often.
     """
     same = np.concatenate(([False], values[1:] == values[:-1]))
-    known = values[~np.isnan(values)]
-    if len(np.unique(known)) < _FINE * len(known):
+    by_chance = int((values[2:] == values[:-2]).sum())
+    if same.sum() < _TIMES_CHANCE * by_chance:
         same[:] = False
     return same
 

@@ -67,10 +67,9 @@ class RateFinding(Finding[Term]):
 
     @property
     def closing(self) -> tuple[str, ...]:
-        """Names of the effects that a closed model has and the nominal one has not, disturbances last."""
-        learned = self.learned.terms if self.learned else ()
-        disturbances = (term.name for term in self.disturbed.terms)
-        return (*super().closing, *(term.name for term in learned), *disturbances)
+        """What a closed model has and the nominal one lacks: effects, "learned" for learned terms, disturbances."""
+        learned = ["learned"] if self.learned and self.learned.terms else []
+        return (*super().closing, *learned, *(term.name for term in self.disturbed.terms))
 
     @property
     def nominal(self) -> Model:

@@ -22,6 +22,7 @@ from bench.analysis.gap._noise import (
     fit_noise,
     periodogram,
     power_of,
+    spectrum,
 )
 from drivers.base.arrays import Array
 
@@ -35,6 +36,8 @@ _SHEET_WIDTHS = {"arw_deg_per_sqrt_h": 0.07, "bias_instability_dph": 0.25, "quan
 _PENALTY = 4.0
 """Log prior odds and Occam factor of one raised coefficient."""
 _LEAST_RISE = 1.15
+_LEAST_POWER = 1.25
+"""Power against the data sheet's fitted kinds, at some time scale, from which noise counts as raised."""
 DIFFERS = "differs between repeats"
 """What is no noise of the gyro's kinds and yet not the same in each repeat: telegraph noise, weather, ageing."""
 _CORRELATIONS = tuple(
@@ -88,7 +91,7 @@ def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> Noise
             for start in _starts(sheet, name)
         ]
         best = min(freed, key=lambda fit: fit.cost)
-        if getattr(best.noise, name) > _LEAST_RISE * getattr(sheet, name):
+        if getattr(best.noise, name) > _LEAST_RISE * getattr(sheet, name) and _raised(data, best, base):
             fits[EFFECT_OF[name]] = best
             scores[EFFECT_OF[name]] = -best.cost - _PENALTY
     if source == REPEATS:
@@ -101,6 +104,16 @@ def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> Noise
     chosen = max(probabilities, key=lambda name: probabilities[name])
     rises = {EFFECT_OF[name]: float(getattr(fits[chosen].noise, name)) for name in NAMES}
     return NoiseVerdict(fits[chosen].noise, probabilities, source, rises, sheet)
+
+
+def _raised(data: Sequence[Periodogram], fit: NoiseFit, base: NoiseFit) -> bool:
+    """Return whether a fit has clearly more power than another somewhere: noise is never quite of its kind."""
+    ratios = [
+        spectrum(fit.noise, part.frequency, part.period_s)
+        / spectrum(base.noise, part.frequency, part.period_s)
+        for part in data
+    ]
+    return max(float(ratio.max()) for ratio in ratios) > _LEAST_POWER
 
 
 def _correlated(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.present.learned import learned_sentences
 from bench.present.report._figures import Curve, Lane, Panel, lanes
 from bench.present.report._gap_channels import channel_blocks
 from bench.present.report._gap_where import left_over_panels, rate_map, where_blocks
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
         Shrinkage,
         Suggestion,
         Term,
-        UnknownPart,
     )
 
 _HOUR_S = 3600.0
@@ -119,7 +119,7 @@ def gap_page(content: GapContent) -> Page:
         sections=[
             Section("Warnings", [Notes(found.warnings, "doubt")] if found.warnings else []),
             Section("Where", where_blocks(found)),
-            Section("Which", [*_causes(found), *_unknown(found.unknown_parts)]),
+            Section("Which", [*_causes(found), *_unknown(found)]),
             Section("How far", _how_far(content)),
             Section("What is left", _left(found)),
             Section("Other channels", channel_blocks(diagnosis.channels)),
@@ -211,10 +211,12 @@ def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
     return replace(row, emphasis=status == "named", note=note)
 
 
-def _unknown(parts: Sequence[UnknownPart]) -> list[Block]:
+def _unknown(found: RateFinding) -> list[Block]:
     blocks: list[Block] = []
+    parts = found.unknown_parts
     if parts:
-        blocks.append(Notes(["The catalogue lacks: " + part.sentence for part in parts], "doubt"))
+        sentences = ["The catalogue lacks: " + part.sentence for part in parts]
+        blocks.append(Notes([*sentences, *learned_sentences(found.learned)], "doubt"))
     for number, part in enumerate(parts):
         if part.curve:
             curve = Curve("missing effect", np.array(part.at), np.array(part.curve), PURPLE)

@@ -18,10 +18,11 @@ def close(
         Path | None, typer.Option(help="file; default nominal+<effect>.toml beside the model")
     ] = None,
 ) -> None:
-    """Write the nominal model with the missing effect fitted into it."""
+    """Write the nominal model with the missing effects in it, and what was learned for those without a name."""
     from bench.analysis import gap
     from bench.analysis.common.state_file import save_file
     from bench.present.cli._console import Terminal
+    from bench.present.learned import learned_sentences
 
     console = Terminal()
     given = gap.read_recordings(runs, gyro=gyro)
@@ -34,3 +35,5 @@ def close(
     path = out or model.with_name(f"{model.stem}+{'+'.join(found.closing)}.toml")
     save_file(path, gap.model_text(gap.closed_model(found)))
     console.say(f"{path}")
+    for sentence in learned_sentences(found.rate.learned) if found.position is None else ():
+        console.say(sentence)

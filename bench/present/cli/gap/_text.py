@@ -10,6 +10,7 @@ from rich.text import Text
 
 from bench.analysis.gap import Cause, ChannelFinding, Diagnosis, Place, PositionFinding, Shrinkage, Suggestion
 from bench.present.cli._console import Terminal
+from bench.present.learned import learned_sentences
 
 _SHOWN = 8
 
@@ -29,8 +30,8 @@ def print_rate(console: Terminal, diagnosis: Diagnosis, following: Sequence[Sugg
         near = ", ".join(cause.name for cause in found.resembles) or "nothing in the catalogue"
         chance = f"{100 * found.unknown_probability:.0f} %"
         console.say(f"  something that the catalogue lacks ({chance}); it resembles {near}")
-        for part in found.unknown_parts:
-            console.say(f"  {part.sentence}")
+        for sentence in [*(part.sentence for part in found.unknown_parts), *learned_sentences(found.learned)]:
+            console.say(f"  {sentence}")
     console.print(_map("where", found.places))
     if any(place.clear for place in found.left):
         console.print(_map("left", found.left))

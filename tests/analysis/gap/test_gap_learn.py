@@ -1,0 +1,99 @@
+"""What has no name is closed by forms judged on a profile left out, or refused; repeats that differ are told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap import Model, closed_model, diagnose, model_text, parse_model
+from bench.analysis.gap._data import GapRun
+from tests.analysis.gap.conftest import made_run, stimulus
+
+PROFILES = {"short": 4000, "long": 7000, "longer": 9000}
+
+
+def _runs(rng: np.random.Generator, extra: object, profiles: dict[str, int] = PROFILES) -> list[GapRun]:
+    runs = []
+    for profile, n in profiles.items():
+        for repeat in range(3):
+            s = stimulus(n)
+            added = extra(s, profile, repeat)  # type: ignore[operator]
+            runs.append(made_run(f"{profile} {repeat}", s, rng, added, profile=profile))
+    return runs
+
+
+def _fringes(s: object, profile: str, repeat: int) -> np.ndarray:
+    """An etalon in the light path: fringes over temperature, in no formula of the catalogue."""
+    return np.asarray(0.8 * np.sin(2.0 * np.pi * s.warm_k / 14.0))  # type: ignore[attr-defined]
+
+
+def test_fringes_are_closed_on_a_profile_left_out_and_the_model_file_keeps_them(nominal: Model) -> None:
+    runs = _runs(np.random.default_rng(3), _fringes)
+    kept, judges = (
+        [r for r in runs if not r.run_id.endswith("2")],
+        [r for r in runs if r.run_id.endswith("2")],
+    )
+    found = diagnose(kept, nominal, judges)
+    learned = found.rate.learned
+    assert found.verdict == "unknown"
+    assert learned is not None
+    assert learned.share > 0.6
+    assert set(learned.by_profile) == set(PROFILES)
+    closed = closed_model(found)
+    again = parse_model(model_text(closed), "closed")
+    s = stimulus(6000)
+    left = _fringes(s, "", 0) - (again.predict(s) - found.model.predict(s))
+    assert np.std(left) < 0.3 * np.std(_fringes(s, "", 0))
+    assert again.predict(s) == pytest.approx(closed.predict(s), rel=1e-12)
+
+
+def test_what_one_profile_alone_shows_is_not_learned(nominal: Model) -> None:
+    """Bursts at times of their own, in one profile only: every fit of them is a memory of that profile."""
+
+    def bursts(s: object, profile: str, repeat: int) -> np.ndarray:
+        time_s = s.time_s  # type: ignore[attr-defined]
+        return np.where((profile == "long") & (time_s % 1700.0 < 300.0) & (time_s > 3000.0), 1.5, 0.0)
+
+    learned = diagnose(_runs(np.random.default_rng(5), bursts), nominal).rate.learned
+    assert learned is None or not learned.terms
+
+
+def test_a_telegraph_is_told_as_differing_between_repeats_and_a_random_walk_is_not(nominal: Model) -> None:
+    rng = np.random.default_rng(8)
+
+    def telegraph(s: object, profile: str, repeat: int) -> np.ndarray:
+        n = len(s)  # type: ignore[arg-type]
+        level = np.cumsum(rng.random(n) < 1.0 / 600.0) % 2
+        return np.asarray(0.6 * (level - 0.5))
+
+    found = diagnose(_runs(rng, telegraph), nominal).rate
+    assert found.unknown_probability > 0.9
+    assert not found.causes
+    assert [part.follows for part in found.unknown_parts] == ["the repeat"]
+
+    def walk(s: object, profile: str, repeat: int) -> np.ndarray:
+        return np.asarray(np.cumsum(rng.normal(0.0, 0.2 / 60.0, len(s))))  # type: ignore[arg-type]
+
+    found = diagnose(_runs(rng, walk), nominal).rate
+    assert "rate_random_walk" in found.stochastic
+    assert found.unknown_probability < 0.5
+
+
+def test_a_cause_that_held_out_runs_do_not_show_is_not_named(nominal: Model) -> None:
+    """The diagnosed runs warm up, the held-out one does not: the name belongs to the diagnosed runs alone."""
+    rng = np.random.default_rng(11)
+
+    def warm_up(s: object, profile: str, repeat: int) -> np.ndarray:
+        amplitude = 0.0 if repeat == 2 else 2.0
+        return np.asarray(amplitude * np.exp(-s.time_s / 900.0))  # type: ignore[attr-defined]
+
+    runs = _runs(rng, warm_up)
+    kept, judges = (
+        [r for r in runs if not r.run_id.endswith("2")],
+        [r for r in runs if r.run_id.endswith("2")],
+    )
+    assert "warm_up" in {cause.name for cause in diagnose(kept, nominal).rate.causes}
+    found = diagnose(kept, nominal, judges).rate
+    assert not found.causes
+    assert "warm_up" in {cause.name for cause in found.resembles}
+    assert any("held-out" in text for text in found.warnings)
