@@ -33,8 +33,9 @@ def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:
     for index, variant in enumerate(variants):
         k = len(variant.effect.parameters)
         own = tuple(range(column, column + k))
-        odds = FREE_CURVE if isinstance(variant.effect, FreeCurve) else 0.0
-        result.append(Candidate(variant.effect.name, index, own, grid_points(variant.effect), odds))
+        curve = isinstance(variant.effect, FreeCurve)
+        odds = FREE_CURVE if curve else 0.0
+        result.append(Candidate(variant.effect.name, index, own, grid_points(variant.effect), odds, curve))
         column += k
     return result
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.analysis.gap._findings import Cause, rivals_of
 from bench.analysis.gap._fit import Solution
-from bench.analysis.gap._generic import PREFIX, absorbed
+from bench.analysis.gap._generic import absorbed
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._unknown import CREDIBLE, credibility
 from bench.analysis.gap._which import Found, set_weights
@@ -35,17 +35,15 @@ def causes_of(
     weights = set_weights(found.judged)
     q = len(model.sigmas)
     unknown = sum(both[1] for both in weights.values())
-    curves = [
-        variants[each].effect for each in best.members if posterior.candidates[each].effect.startswith(PREFIX)
-    ]
+    curves = [variants[each].effect for each in best.members if posterior.candidates[each].curve]
     named: list[Cause[Term]] = []
     doubtful: list[Cause[Term]] = []
     for member in sorted(best.members):
         candidate = posterior.candidates[member]
-        if candidate.effect.startswith(PREFIX):
+        if candidate.curve:
             continue
         own = [column + q for column in candidate.columns]
-        alternatives = _rivals(candidate.effect, best.names, weights)
+        alternatives = _rivals(candidate.effect, best.names, weights, posterior.curves)
         trust = credibility(found.data.cells, found.variance, best.solution, own, best.rest)
         cause = Cause(
             candidate.effect,
@@ -94,13 +92,12 @@ def _instead(name: str, rival: str, found: Found, variants: Sequence[Variant], q
 
 
 def _rivals(
-    name: str, names: frozenset[str], weights: Mapping[frozenset[str], tuple[float, float]]
+    name: str,
+    names: frozenset[str],
+    weights: Mapping[frozenset[str], tuple[float, float]],
+    curves: frozenset[str],
 ) -> dict[str, float]:
     """Return what could stand in an effect's place, the most probable first; free curves do not count."""
     others = names - {name}
-    known = {
-        each: sum(both)
-        for each, both in weights.items()
-        if not any(own.startswith(PREFIX) for own in each - others)
-    }
+    known = {each: sum(both) for each, both in weights.items() if not (each - others) & curves}
     return dict(sorted(rivals_of(name, names, known).items(), key=lambda each: -each[1]))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +29,17 @@ _UNSEEN_COLUMN = 1e-6
 
 @dataclass(frozen=True)
 class Candidate:
-    """A variant of an effect: its columns' places in the Gram matrix, prior log odds against other effects."""
+    """A variant of an effect: its columns' places in the Gram matrix, prior log odds against other effects.
+
+    `curve`: it is a free curve, no effect of the catalogue.
+    """
 
     effect: str
     variant: int
     columns: tuple[int, ...]
     variants: int
     log_odds: float = 0.0
+    curve: bool = False
 
 
 VariantSet = frozenset[int]
@@ -46,6 +51,11 @@ class SetPosterior:
 
     candidates: tuple[Candidate, ...]
     log_evidence: Mapping[VariantSet, float]
+
+    @cached_property
+    def curves(self) -> frozenset[str]:
+        """Names of the free curves among the candidates."""
+        return frozenset(candidate.effect for candidate in self.candidates if candidate.curve)
 
     def best(self) -> VariantSet:
         """Return the set of variants with the highest evidence."""

@@ -27,7 +27,7 @@ from simulators.effects import (
     Variant,
 )
 
-PREFIX = "free curve: "
+_PREFIX = "free curve: "
 _BOUND = 1e6
 _OF_ANY_GYRO = Unit("deg/h")
 """Its bounds are far beyond every gyro's biases."""
@@ -171,7 +171,7 @@ def _effect(
 ) -> FreeCurve:
     unit = PPM if curve.of_rate else _OF_ANY_GYRO
     return FreeCurve(
-        PREFIX + name,
+        _PREFIX + name,
         tuple(Parameter(parameter, -_BOUND, _BOUND, unit) for parameter in parameters),
         formula,
         curve.over | (Input.RATE if curve.of_rate else Input.NONE),

@@ -19,7 +19,7 @@ from bench.analysis.gap._describe import UnknownPart, curve_part, differing_part
 from bench.analysis.gap._disturbed import Disturbed, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
 from bench.analysis.gap._fit import Floor, Solution, nominal_solution
-from bench.analysis.gap._generic import PREFIX
+from bench.analysis.gap._generic import FreeCurve
 from bench.analysis.gap._learn import Learned, learned
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise, power_of
@@ -67,7 +67,7 @@ class RateFinding(Finding[Term]):
 
     @property
     def closing(self) -> tuple[str, ...]:
-        """What a closed model has and the nominal one lacks: effects, "learned" for learned terms, disturbances."""
+        """What the closed model has beside the nominal one: effects, "learned" for its terms, disturbances."""
         learned = ["learned"] if self.learned and self.learned.terms else []
         return (*super().closing, *learned, *(term.name for term in self.disturbed.terms))
 
@@ -251,7 +251,7 @@ def _unknown_parts(
     at = nominal
     for member in sorted(best.members):
         k = len(found.posterior.candidates[member].columns)
-        if variants[member].effect.name.startswith(PREFIX):
+        if isinstance(variants[member].effect, FreeCurve):
             parts.append(curve_part(variants[member], best.solution.values[at : at + k].tolist()))
         at += k
     if found.line is not None and best.line:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from bench.analysis.gap._evidence import SetPosterior
-from bench.analysis.gap._generic import PREFIX
+from bench.analysis.gap._generic import FreeCurve
 from drivers.base.arrays import Array
 from simulators.effects import Effect, Variant
 
@@ -44,9 +44,9 @@ def sets_of_note(posterior: SetPosterior, within: float, most: int) -> list[froz
     Their evidence is close to that of the best of their kind.
     """
     best = posterior.best_variants()
-    known = [names for names in best if any(not name.startswith(PREFIX) for name in names)]
+    known = [names for names in best if names - posterior.curves]
     ranked = sorted(known, key=lambda names: -posterior.log_evidence[best[names]])
-    curved = [names for names in ranked if any(name.startswith(PREFIX) for name in names)]
+    curved = [names for names in ranked if names & posterior.curves]
     result = []
     for own, count in (([names for names in ranked if names not in curved], most), (curved, 1)):
         highest = posterior.log_evidence[best[own[0]]] if own else 0.0
@@ -115,7 +115,7 @@ def _moves(now: Sequence[Variant], gram: Gram) -> list[Mapping[str, float]]:
 def _spacing(variant: Variant) -> dict[str, float]:
     """Return the distance between grid points about a variant, for every shape that moves; a curve's do not."""
     result: dict[str, float] = {}
-    if variant.effect.name.startswith(PREFIX):
+    if isinstance(variant.effect, FreeCurve):
         return result
     for key, grid in _grids(variant.effect).items():
         if len(grid) > 1 and key not in variant.effect.whole:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -91,7 +92,9 @@ def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> Noise
             for start in _starts(sheet, name)
         ]
         best = min(freed, key=lambda fit: fit.cost)
-        if getattr(best.noise, name) > _LEAST_RISE * getattr(sheet, name) and _raised(data, best, base):
+        if getattr(best.noise, name) > _LEAST_RISE * getattr(sheet, name) and _raised(
+            data, best.noise, _usual(base.noise, sheet)
+        ):
             fits[EFFECT_OF[name]] = best
             scores[EFFECT_OF[name]] = -best.cost - _PENALTY
     if source == REPEATS:
@@ -106,14 +109,19 @@ def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> Noise
     return NoiseVerdict(fits[chosen].noise, probabilities, source, rises, sheet)
 
 
-def _raised(data: Sequence[Periodogram], fit: NoiseFit, base: NoiseFit) -> bool:
-    """Return whether a fit has clearly more power than another somewhere: noise is never quite of its kind."""
+def _raised(data: Sequence[Periodogram], noise: Noise, usual: Noise) -> bool:
+    """Return whether noise has clearly more power than usual somewhere: it is never quite of its kind."""
     ratios = [
-        spectrum(fit.noise, part.frequency, part.period_s)
-        / spectrum(base.noise, part.frequency, part.period_s)
+        spectrum(noise, part.frequency, part.period_s) / spectrum(usual, part.frequency, part.period_s)
         for part in data
     ]
     return max(float(ratio.max()) for ratio in ratios) > _LEAST_POWER
+
+
+def _usual(noise: Noise, sheet: Noise) -> Noise:
+    """Return fitted noise as far as units differ from their data sheet, two standard deviations."""
+    most = {name: getattr(sheet, name) * math.exp(2.0 * width) for name, width in _SHEET_WIDTHS.items()}
+    return replace(noise, **{name: min(getattr(noise, name), value) for name, value in most.items()})
 
 
 def _correlated(

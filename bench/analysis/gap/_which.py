@@ -24,7 +24,7 @@ from bench.analysis.gap._fit import (
     tolerated,
     weighted_gram,
 )
-from bench.analysis.gap._generic import PREFIX, absorbed
+from bench.analysis.gap._generic import FreeCurve, absorbed
 from bench.analysis.gap._lines import SpectralLine, strongest_line
 from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._noise import power_of
@@ -58,12 +58,13 @@ class Judged:
     rest: Remainder
     without_curves: Solution
     in_form: Solution
+    curves: frozenset[str] = frozenset()
     line: float = 0.0
 
     @property
     def curved(self) -> bool:
         """Whether a free curve is a member."""
-        return any(name.startswith(PREFIX) for name in self.names)
+        return bool(self.names & self.curves)
 
     @property
     def remains(self) -> bool:
@@ -105,7 +106,7 @@ def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tupl
     fresh: dict[tuple[str, tuple[float, ...]], Variant] = {}
     for members in sets_of_note(posterior, _SHOWN, _REFINED):
         for moved in between_grid_points([variants[index] for index in sorted(members)], gram):
-            if not moved.effect.name.startswith(PREFIX):
+            if not isinstance(moved.effect, FreeCurve):
                 fresh[moved.effect.name, tuple(moved.shape.values())] = moved
     for variant in variants:
         fresh.pop((variant.effect.name, tuple(variant.shape.values())), None)
@@ -178,7 +179,7 @@ def _judge_sets(
     highest = max(by_effects.values())
     kept = [names for names, value in by_effects.items() if value > highest - _SHOWN or not names]
     kept = sorted(kept, key=lambda names: -by_effects[names])[:60]
-    instead = (_instead_of(curve, names, by_effects) for names in kept for curve in names)
+    instead = (_instead_of(curve, names, by_effects, posterior.curves) for names in kept for curve in names)
     kept = list(dict.fromkeys([*kept, *(names for names in instead if names is not None), frozenset()]))
     strict = tolerated(data.cells, before, MISFIT)
     best = posterior.best_variants()
@@ -191,9 +192,11 @@ def _judge_sets(
         at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
         left = left_energies(products[:, at[:, None], at], solution.values)
         rest = remainder(data.cells, strict, before, left, data.floor)
-        known = frozenset(member for member in members if not variants[member].effect.name.startswith(PREFIX))
+        known = frozenset(member for member in members if not posterior.candidates[member].curve)
         alone = solve(gram, sigmas, _columns(posterior, known, len(sigmas))) if known != members else solution
-        judged.append(Judged(names, members, by_effects[names], solution, left, rest, alone, solution))
+        judged.append(
+            Judged(names, members, by_effects[names], solution, left, rest, alone, solution, posterior.curves)
+        )
 
     def left_without(one: Judged, names: frozenset[str]) -> float:
         rest = frozenset(member for member in one.members if posterior.candidates[member].effect not in names)
@@ -223,7 +226,7 @@ def _judge_sets(
     curves = [
         next(iter(members))
         for names, members in best.items()
-        if len(names) == 1 and next(iter(names)).startswith(PREFIX)
+        if len(names) == 1 and names <= posterior.curves
     ]
     matter = _curves_that_matter(judged, left_without, effects)
     matter = [one for one in matter if not _form_of_another(one, matter, left_without, effects)]
@@ -231,21 +234,22 @@ def _judge_sets(
 
 
 def _instead_of(
-    curve: str, names: frozenset[str], by_effects: Mapping[frozenset[str], float]
+    curve: str,
+    names: frozenset[str],
+    by_effects: Mapping[frozenset[str], float],
+    curves: frozenset[str],
 ) -> frozenset[str] | None:
     """Return the best set with an effect of the catalogue in a curve's place, however improbable; None if none.
 
     Whether the curve is more than that effect's form is judged by what they take away.
     """
-    if not curve.startswith(PREFIX):
+    if curve not in curves:
         return None
     others = names - {curve}
     possible = [
         by_effect
         for by_effect in by_effects
-        if others < by_effect
-        and len(by_effect) == len(names)
-        and not any(name.startswith(PREFIX) for name in by_effect - others)
+        if others < by_effect and len(by_effect) == len(names) and not (by_effect - others) & curves
     ]
     return max(possible, key=lambda each: by_effects[each], default=None)
 
@@ -270,14 +274,14 @@ def _curves_that_matter(
 
     matter = []
     for each in judged:
-        curves = [name for name in each.names if name.startswith(PREFIX)]
+        curves = each.names & each.curves
         pairs = [
             (curve, other)
             for curve in curves
             for other in judged
             if each.names - {curve} <= other.names
             and len(other.names) <= len(each.names)
-            and not any(name.startswith(PREFIX) for name in other.names - each.names)
+            and not (other.names - each.names) & other.curves
             and curve not in other.names
         ]
         if all(enough(each, *pair) for pair in pairs):

@@ -9,7 +9,6 @@ from bench.analysis.gap._causes import _of_any
 from bench.analysis.gap._cells import BANDS, Cell
 from bench.analysis.gap._evidence import Candidate, SetPosterior
 from bench.analysis.gap._fit import Floor, Solution
-from bench.analysis.gap._generic import PREFIX
 from bench.analysis.gap._refine import sets_of_note
 from bench.analysis.gap._unknown import credibility, remainder
 
@@ -45,9 +44,9 @@ def test_rivals_share_a_place_and_what_is_elsewhere_does_not_count() -> None:
 
 
 def test_an_effect_is_refined_beside_the_curve_that_it_stands_with() -> None:
-    names = ("hysteresis", "relaxation", PREFIX + "bias over T_in")
+    names = ("hysteresis", "relaxation", "free curve: bias over T_in")
     posterior = SetPosterior(
-        tuple(Candidate(name, k, (k + 1,), 1) for k, name in enumerate(names)),
+        tuple(Candidate(name, k, (k + 1,), 1, curve=k == 2) for k, name in enumerate(names)),
         {
             frozenset(): 0.0,
             frozenset({0}): 5.0,
