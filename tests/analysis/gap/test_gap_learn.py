@@ -7,6 +7,7 @@ import pytest
 
 from bench.analysis.gap import Model, closed_model, diagnose, model_text, parse_model
 from bench.analysis.gap._data import GapRun
+from simulators.effects import FORMS, PPM, Variant, learned_shape
 from tests.analysis.gap.conftest import made_run, stimulus
 
 PROFILES = {"short": 4000, "long": 7000, "longer": 9000}
@@ -97,3 +98,31 @@ def test_a_cause_that_held_out_runs_do_not_show_is_not_named(nominal: Model) -> 
     assert not found.causes
     assert "warm_up" in {cause.name for cause in found.resembles}
     assert any("held-out" in text for text in found.warnings)
+
+
+SHAPES = {
+    "bias over T_in": (-70.0, -50.0, -30.0, -10.0, 5.0),
+    "bias over late T_in": (-70.0, -40.0, -20.0, 5.0),
+    "bias over T_out": (-70.0, -40.0, 5.0),
+    "memory of T_in": (200.0, 600.0, 2000.0),
+    "memory of T_out": (200.0, 2000.0),
+    "loops of T_in": (5.0, 20.0),
+    "scale factor over T_in": (-70.0, -30.0, 5.0),
+    "scale factor's memory of T_in": (600.0,),
+    "time since power-on": (300.0, 3000.0),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_plant_executes_a_learned_form_as_the_diagnosis_does(name: str) -> None:
+    """By the second, knowing the past only, within the smoothing of a minute that the diagnosis has beside."""
+    s = stimulus(9000)
+    shape = learned_shape(SHAPES[name])
+    variant = Variant(FORMS[name].effect(shape), shape)
+    values = [1.0 + 0.5 * number for number in range(len(variant.effect.parameters))]
+    step = variant.stepper(values)
+    executed = np.array([step(float(t), float(o)) for t, o in zip(s.t_in_c, s.t_out_c, strict=True)])
+    expected = np.asarray(values) @ variant.columns(s)
+    if variant.effect.unit == PPM:
+        expected = expected * 1e6 / s.input_rate_dph
+    assert np.std(executed - expected) < 0.08 * np.std(expected)
