@@ -25,6 +25,8 @@ Where a free curve stands for the unknown it is that of the cause or of what may
 
 _LEAST_NAMED = 0.5
 """Probability, of the cause or what may stand in its place, below which nothing is named."""
+_LEAST_OWN = 0.4
+"""Its own probability that a cause needs: where many could stand in a place, none is named."""
 
 
 def causes_of(
@@ -61,6 +63,7 @@ def causes_of(
         stated = replace(cause, probability=(1.0 - _MIMICRY) * cause.probability)
         doubt = unknown > 0.5 and (trust < CREDIBLE or place < _SURE)
         doubt |= _of_any(weights, {candidate.effect, *alternatives}) < _LEAST_NAMED
+        doubt |= cause.probability < _LEAST_OWN
         if doubt or absorbed(variants[member].effect, curves):
             # fitted beside a curve it would not stand alone
             alone = _fitted(member, best.without_curves, found, variants, q)

@@ -211,6 +211,12 @@ REGIMES = (
         lambda s: s.table_rate_dps,
     ),
     Regime(
+        "input rate",
+        "deg/h",
+        (-2e6, -2e5, -2e4, -1e3, -12.0, -6.0, -2.0, 2.0, 6.0, 12.0, 1e3, 2e4, 2e5, 2e6),
+        lambda s: s.input_rate_dph,
+    ),
+    Regime(
         "table angle",
         "deg",
         tuple(np.arange(0.0, 361.0, 30.0).tolist()),

@@ -179,6 +179,15 @@ def _judge_sets(
     highest = max(by_effects.values())
     kept = [names for names, value in by_effects.items() if value > highest - _SHOWN or not names]
     kept = sorted(kept, key=lambda names: -by_effects[names])[:60]
+    effect_of = {candidate.effect: variants[candidate.variant].effect for candidate in posterior.candidates}
+    # without them nothing says whether a member only corrects the form of another
+    simpler = (
+        names - {name}
+        for names in kept
+        for name in names
+        if any(_thermal(effect_of[name], effect_of[other]) for other in names - {name})
+    )
+    kept += [names for names in dict.fromkeys(simpler) if names in by_effects and names not in kept]
     instead = (_instead_of(curve, names, by_effects, posterior.curves) for names in kept for curve in names)
     kept = list(dict.fromkeys([*kept, *(names for names in instead if names is not None), frozenset()]))
     strict = tolerated(data.cells, before, MISFIT)
