@@ -91,7 +91,7 @@ def held_rows(values: Array) -> NDArray[np.bool_]:
     None of a signal so coarse that values come again by themselves: there rows two apart are equal as often.
     """
     same = np.concatenate(([False], values[1:] == values[:-1]))
-    by_chance = int((values[2:] == values[:-2]).sum())
+    by_chance = int(((values[2:] == values[:-2]) & (values[1:-1] != values[2:])).sum())
     if same.sum() < _TIMES_CHANCE * by_chance:
         same[:] = False
     return same

@@ -12,7 +12,8 @@ import pytest
 
 from bench.analysis.gap import Model, Noise, diagnose
 from bench.analysis.gap._channel_data import load_channels
-from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._import import held_rows, read_mapped_runs
 from bench.analysis.gap._run_folder import _profile, load_gap_runs
 from bench.control.procedure import find_procedure
 from bench.record.exchange import import_log
@@ -163,3 +164,62 @@ def test_runs_of_one_procedure_are_repeats_only_with_the_same_parameters() -> No
     assert profile("zero-bias-cold-shock") == profile("zero-bias-cold-shock", repeats=7)
     assert profile("zero-bias-cold-shock", soak_min=20.0) == "zero-bias-cold-shock, soak_min 20"
     assert profile("a-procedure-of-somebody", soak_min=20.0) == "a-procedure-of-somebody"
+
+
+def _log(folder: Path, time_s: np.ndarray, rate_dps: np.ndarray, angle_deg: np.ndarray) -> GapRun:
+    """A log of a gyro without errors, axis upright: mean rate since the row before, NaN where it is missing."""
+    rows = [
+        f"{1000.0 * t + 5000.0:.3f},{np.radians(rate):.12f},300,{angle % 360.0:.9f}"
+        if not np.isnan(rate)
+        else f"{1000.0 * t + 5000.0:.3f},,300,{angle % 360.0:.9f}"
+        for t, rate, angle in zip(time_s, rate_dps, angle_deg, strict=True)
+    ]
+    _write(folder)
+    (folder / "a.csv").write_text("\n".join(["t_ms,rate,temp_K,table", *rows]) + "\n", encoding="utf-8")
+    (run,) = read_mapped_runs(folder / "map.toml")
+    return run
+
+
+def _stairs(time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rates 0, 40, -40, 0 deg/s with ramps of 20 deg/s^2: angle at the rows, mean rate since the row before."""
+    fine = np.arange(0.0, 600.0, 1e-3)
+    target = np.select([fine < 150.0, fine < 300.0, fine < 450.0], [0.0, 40.0, -40.0], 0.0)
+    rate = np.zeros(len(fine))
+    for k in range(1, len(fine)):
+        rate[k] = rate[k - 1] + np.clip(target[k] - rate[k - 1], -0.02, 0.02)
+    angle = np.interp(time_s, fine, np.cumsum(rate) * 1e-3)
+    return angle, np.diff(angle, prepend=0.0) / np.diff(time_s, prepend=-1.0)
+
+
+@pytest.mark.parametrize("lost", ["value", "row"])
+def test_a_change_of_rate_that_is_masked_or_lost_leaves_nothing_beside(tmp_path: Path, lost: str) -> None:
+    """Steps half covered would be off by hundreds of deg/h: the mean is of one half, the angle of both."""
+    time_s = np.arange(0.0, 600.0, 0.2)
+    angle, rate = _stairs(time_s)
+    changing = np.abs(np.gradient(np.gradient(angle, time_s), time_s)) > 0.5
+    changing &= np.random.default_rng(1).random(len(changing)) < 0.7
+    kept = np.ones(len(time_s), dtype=bool) if lost == "value" else ~changing
+    if lost == "value":
+        rate = np.where(changing, np.nan, rate)
+    run = _log(tmp_path, time_s[kept], rate[kept], angle[kept])
+    rest = run.output_dph - 3600.0 * run.stimulus.table_rate_dps
+    assert 0 < np.isnan(rest).sum() < 30
+    assert np.nanmax(np.abs(rest)) < 1.0
+
+
+@pytest.mark.parametrize(("row_s", "step_s"), [(2.0, 2.0), (0.8, 1.6), (0.25, 1.0), (1.0, 1.0)])
+def test_steps_are_whole_rows(tmp_path: Path, row_s: float, step_s: float) -> None:
+    time_s = np.arange(0.0, 599.0, row_s)
+    angle, rate = _stairs(time_s)
+    run = _log(tmp_path, time_s, rate, angle)
+    assert run.stimulus.period_s == step_s
+    rest = run.output_dph - 3600.0 * run.stimulus.table_rate_dps
+    assert not np.isnan(rest).any()
+    assert np.abs(rest).max() < 1.0
+
+
+def test_rows_that_a_logger_repeats_are_left_out() -> None:
+    values = np.random.default_rng(2).normal(size=2000)
+    values[700:703] = values[699]
+    assert np.flatnonzero(held_rows(values)).tolist() == [700, 701, 702]
+    assert not held_rows(np.round(values)).any()
