@@ -20,6 +20,8 @@ from simulators.effects import Stimulus
 
 _TIMES_CHANCE = 3.0
 """How much more often neighbours must be equal than rows two apart for repeats to be held rows."""
+_MOST_HELD = 0.2
+"""Part of the rows that a logger may have held."""
 
 
 def read_mapped_runs(path: Path) -> list[GapRun]:
@@ -88,11 +90,12 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
 def held_rows(values: Array) -> NDArray[np.bool_]:
     """Return which rows only repeat the one before, (n,): a logger does that where a sample is lost.
 
-    None of a signal so coarse that values come again by themselves: there rows two apart are equal as often.
+    None of a signal so coarse that values come again by themselves: there rows two apart are equal as often. None
+    of one without noise, where most rows are equal.
     """
     same = np.concatenate(([False], values[1:] == values[:-1]))
     by_chance = int(((values[2:] == values[:-2]) & (values[1:-1] != values[2:])).sum())
-    if same.sum() < _TIMES_CHANCE * by_chance:
+    if same.sum() < _TIMES_CHANCE * by_chance or same.mean() > _MOST_HELD:
         same[:] = False
     return same
 
