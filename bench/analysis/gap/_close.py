@@ -70,7 +70,7 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
         _shares_by([cell.profile for cell in cells], active, first, then, number),
         _shares_by([cell.parity for cell in cells], active, first, then, number),
         _shares_by_phase(before, after, runs, floor, cells, active),
-        tuple(active.tolist()),
+        tuple((active & math.isfinite(share)).tolist()),
     )
 
 

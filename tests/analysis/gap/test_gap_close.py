@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from bench.analysis.gap import Model, Term
 from bench.analysis.gap._cells import BANDS, Cell
-from bench.analysis.gap._close import _interval
+from bench.analysis.gap._close import _interval, shrinkage
 from bench.analysis.gap._fit import Floor
 from bench.analysis.gap._where import places
+from simulators.effects import Variant
+from tests.analysis.gap.conftest import effect, made_run, stimulus
 
 EXACT = Floor(np.ones(len(BANDS)), np.zeros(len(BANDS)), from_repeats=True)
 
@@ -42,3 +47,22 @@ def test_the_strongest_place_is_the_clearest_one_not_the_one_with_most_noise() -
     found = places(cells, np.array([88.0, 9200.0]), EXACT)
     assert [place.band for place in found] == [BANDS[0], BANDS[10]]
     assert found[0].share == 1.0
+
+
+def test_a_gap_smaller_than_its_uncertainty_has_no_share() -> None:
+    """It once had a bound of -7.9e12."""
+    number, bands = np.array([1000.0]), np.array([0])
+    share, low, high = _interval(np.array([1000.5]), np.array([999.0]), np.array([2.0]), number, bands, EXACT)
+    assert np.isnan([share, low, high]).all()
+
+
+def test_runs_without_a_gap_have_no_share_and_no_caution(nominal: Model) -> None:
+    """Two models that differ by little more than the noise of their difference, on runs of neither."""
+    s = stimulus(4000)
+    runs = [made_run(f"judge {seed}", s, np.random.default_rng(seed)) for seed in range(4)]
+    flat = Floor(np.ones(len(BANDS)), np.full(len(BANDS), 0.05), from_repeats=True)
+    warm = Term(Variant(effect("warm_up"), {"time_constant_s": 900.0}), (0.05,), (0.01,))
+    shrunk = shrinkage(nominal, replace(nominal, terms=(*nominal.terms, warm)), runs, flat)
+    assert np.isnan(shrunk.share)
+    assert shrunk.cells == 0
+    assert not shrunk.caution
