@@ -13,7 +13,6 @@ from typing import Literal
 
 from bench.present.report import _glossary as glossary
 from bench.present.report import _parts as parts
-from bench.present.report._content import RunSummary
 from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import (
     Block,
@@ -32,6 +31,7 @@ from bench.present.report._page import (
     table,
     texts,
 )
+from bench.present.report._run_content import RunContent
 from bench.present.report._tables import (
     checks_table,
     checksum_table,
@@ -144,7 +144,7 @@ class CertificateContent:
     title: str
     created_utc: str
     units: Sequence[UnitCertificate]
-    runs: Sequence[RunSummary] = ()
+    runs: Sequence[RunContent] = ()
     checks: Mapping[str, str] = field(default_factory=dict)
     figures: Sequence[Block] = ()
     warnings: Sequence[str] = ()
@@ -163,13 +163,13 @@ class CertificateContent:
 def certificate_page(content: CertificateContent) -> Page:
     """Return the certificate."""
     first = content.runs[0] if content.runs else None
-    started = sorted(run.started_utc for run in content.runs if run.started_utc)
+    started = min((run.manifest.started_utc for run in content.runs), default="")
     emulated = any(run.emulated for run in content.runs)
     facts = [
         Fact("Units under test", ", ".join(unit.unit_id for unit in content.units) or DASH),
-        Fact("Bench", (first.bench_name if first else "") or DASH),
-        Fact("Procedures", ", ".join(dict.fromkeys(run.procedure for run in content.runs)) or DASH),
-        Fact("First run started", moment(started[0]) if started else DASH),
+        Fact("Bench", (first.manifest.bench_name if first else "") or DASH),
+        Fact("Procedures", ", ".join(dict.fromkeys(run.manifest.procedure for run in content.runs)) or DASH),
+        Fact("First run started", moment(started)),
         Fact("Operator", ", ".join(dict.fromkeys(r.operator for r in content.runs if r.operator)) or DASH),
         Fact("Limits", content.limits_from or "none given"),
     ]
@@ -249,14 +249,11 @@ def _checks(content: CertificateContent) -> list[Block]:
 
 def _provenance(content: CertificateContent) -> list[Block]:
     blocks: list[Block] = []
-    seen: set[str] = set()
     for run in content.runs:
-        key = repr((sorted(run.software.items()), run.bench_file_sha256))
-        if key not in seen:
-            seen.add(key)
-            blocks += software_facts(run.software, run.bench_file_sha256)
-    sums = {run.run_id: run.checksum for run in content.runs if run.checksum}
-    if content.limits_sha256:
-        sums = {content.limits_from: content.limits_sha256} | sums
+        for block in software_facts(run.manifest.software, run.manifest.bench_file_sha256):
+            if block not in blocks:
+                blocks.append(block)
+    sums = {content.limits_from: content.limits_sha256} if content.limits_sha256 else {}
+    sums |= {run.run_id: run.checksum for run in content.runs}
     caption = "Checksums of the limits' file and of the runs' manifests, which hold those of all their files."
     return [*blocks, *checksum_table(sums, caption)]

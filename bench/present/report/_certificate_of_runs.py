@@ -14,9 +14,8 @@ from bench.present.report._certificate import (
     UnitCertificate,
     certificate_page,
 )
-from bench.present.report._content import RunSummary
 from bench.present.report._file import write_report
-from bench.present.report._run_content import run_content
+from bench.present.report._run_content import RunContent, run_content
 from bench.present.report._standard import allan_figure
 from bench.record.figure_limits import FIGURES, FURTHER, NO_LIMITS, Limit, Limits
 from bench.record.recording import Run, verify
@@ -102,7 +101,7 @@ def certificate_content(
     from bench.analysis.figures import standard_figures  # scipy behind it is slow to import
 
     checks = {folder.name: check(folder) for folder in folders}
-    summaries: dict[str, RunSummary] = {}
+    contents: dict[str, RunContent] = {}
     results: dict[str, list[StandardFigures]] = {}
     against: dict[str, list[str]] = {}
     missing: list[str] = []
@@ -110,15 +109,15 @@ def certificate_content(
     for folder in folders:
         name = folder.name
         try:
-            summary = summaries[name] = run_content(Run.open(folder)).summary
+            content = contents[name] = run_content(Run.open(folder))
         except BenchError:
             missing.append(f"Run {name}: {checks[name]}")
             continue
-        for gyro, unit in summary.units.items():
+        for gyro, unit in content.manifest.units.items():
             reasons = against.setdefault(unit, [])
             results.setdefault(unit, [])
-            reasons += _reasons(summary, checks[name])
-            if summary.procedure == "standard-test" and summary.valid and checks[name] == "verified":
+            reasons += _reasons(content, checks[name])
+            if content.manifest.procedure == "standard-test" and content.valid and checks[name] == "verified":
                 result = standard_figures(folder, gyro)
                 results[unit].append(result)
                 left_out += [f"Run {name}, {unit}: no {what}. {why}" for what, why in result.missing]
@@ -139,7 +138,7 @@ def certificate_content(
         title=title or f"Test of {', '.join(unit.unit_id for unit in units) or 'no unit'}",
         created_utc=utc_now(),
         units=units,
-        runs=list(summaries.values()),
+        runs=list(contents.values()),
         checks=checks,
         figures=drawn,
         warnings=[*warnings, *missing, *left_out],
@@ -148,12 +147,12 @@ def certificate_content(
     )
 
 
-def _reasons(run: RunSummary, check: str) -> list[str]:
+def _reasons(run: RunContent, check: str) -> list[str]:
     reasons = []
     if not run.valid:
+        outcome = "not finished" if run.manifest.outcome == "running" else run.manifest.outcome
         said = "; ".join(run.reasons)
-        reasons.append(f"Run {run.run_id} is {'not finished' if run.outcome == 'running' else run.outcome}"
-                       + (f": {said}" if said else "."))  # fmt: skip
+        reasons.append(f"Run {run.run_id} is {outcome}" + (f": {said}" if said else "."))
     if check != "verified":
         reasons.append(f"Run {run.run_id}: the record does not verify: {check}")
     reasons += [

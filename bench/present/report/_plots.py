@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from bench.present.report._content import Comparison, ModelScore, Trace
 from bench.present.report._dots import Dots, dot_chart
 from bench.present.report._figures import Curve, Lane, Panel, lanes, panels
-from bench.present.report._numbers import fixed, known, mean, significant
+from bench.present.report._numbers import fixed, known, mean
 from bench.present.report._page import Block, Figures, Key
 from bench.present.report._palette import AFTER, BEFORE, BLUE, FLOOR, GREEN, MUTED, ORANGE, PURPLE, Paint
 from bench.present.report._parts import BEFORE_AFTER
-from bench.present.report._scores import attained
+from bench.present.report._run_content import Trace
+from bench.present.report._scores import Models, attained
 from drivers.base.arrays import Array
 
 _HOUR = 3600.0
@@ -24,6 +25,19 @@ _TEMPERATURES: tuple[tuple[str, str, Paint, Literal["-", "--"]], ...] = (
     ("case_temp_c", "case", ORANGE, "-"),
     ("gyro_temp_c", "gyro", BLUE, "-"),
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A held-out run before and after the chosen model, 100 s means, shape (n,); `floor`: 1σ of its noise."""
+
+    run_id: str
+    time_s: Array
+    unit: str
+    before: Array
+    after: Array
+    note: str = ""
+    floor: float | None = None
 
 
 def trace_figure(figure_id: str, trace: Trace) -> list[Block]:
@@ -68,67 +82,40 @@ def trace_panels(figure_id: str, traces: Sequence[Trace]) -> list[Block]:
     return [panels(figure_id, plots, caption, keys, x_label="Time, h", y_label="°C")]
 
 
-def bias_panels(
-    figure_id: str, comparisons: Sequence[Comparison], scores: Mapping[str, ModelScore]
+def before_after_panels(
+    figure_id: str, comparisons: Sequence[Comparison], y_label: str, caption: str
 ) -> list[Block]:
-    """Return bias before and after compensation on every held-out run; `scores` of the chosen model by run."""
-
-    def note(comparison: Comparison) -> str:
-        score = scores.get(comparison.run_id)
-        if score is None or not known(score.stability_comp_dph):
-            return ""
-        before, after = significant(score.stability_raw_dph), significant(score.stability_comp_dph)
-        return f"1σ {before} → {after} °/h"
-
-    return _before_after(
-        figure_id,
-        comparisons,
-        lambda item: (item.bias_before_dph, item.bias_after_dph),
-        note=note,
-        y_label="Bias, °/h",
-        floors=True,
-        caption="Bias drift before and after compensation on held-out runs, 100 s means on common axes.",
-    )
+    """Return held-out runs before and after compensation on common axes."""
+    if not comparisons:
+        return []
+    plots = []
+    for item in comparisons:
+        curves = [
+            Curve(label, item.time_s / _HOUR, values, paint, width=1.25)
+            for label, values, paint in (("before", item.before, BEFORE), ("after", item.after, AFTER))
+        ]
+        description = f"{item.run_id}: {y_label} before and after compensation. {item.note}"
+        plots.append(Panel(curves, item.run_id, item.note, item.floor, description))
+    keys = [*BEFORE_AFTER]
+    if any(known(item.floor) for item in comparisons):
+        keys.append(Key("noise floor, ± 1σ", FLOOR, "band"))
+    return [panels(figure_id, plots, caption, keys, x_label="Time, h", y_label=y_label, y_margin=0.06)]
 
 
-def scale_factor_panels(
-    figure_id: str, comparisons: Sequence[Comparison], scores: Mapping[str, ModelScore]
-) -> list[Block]:
-    """Return scale-factor error before and after compensation on every held-out group."""
-
-    def note(comparison: Comparison) -> str:
-        score = scores.get(comparison.run_id)
-        if score is None or not known(score.sf_rms_ppm):
-            return ""
-        raw = f"{significant(score.sf_raw_rms_ppm)} → " if known(score.sf_raw_rms_ppm) else ""
-        return f"rms {raw}{significant(score.sf_rms_ppm, 2)} ppm"
-
-    return _before_after(
-        figure_id,
-        comparisons,
-        lambda item: (item.sf_before_ppm, item.sf_after_ppm),
-        note=note,
-        y_label="SF error, ppm",
-        floors=False,
-        caption="Scale-factor error before and after compensation on held-out groups, on common axes.",
-    )
-
-
-def model_chart(figure_id: str, by_model: Mapping[str, Sequence[ModelScore]], chosen: str) -> list[Block]:
+def model_chart(models: Models, chosen: str) -> list[Block]:
     """Return the improvement of each model: its held-out runs, their mean, and what was attainable."""
     rows = []
-    for model, scores in by_model.items():
-        values = [score.improvement_percent for score in scores if known(score.improvement_percent)]
+    for model, scores in models.items():
+        values = [score.improvement_pct for score in scores if score.improvement_pct is not None]
         average = mean(values)
         if average is None:
             continue
         reached = attained(scores)[1]
         share = "" if reached is None else f" · {fixed(reached, 1)} % of attainable"
-        numbers = [value for value in values if value is not None]
-        rows.append(Dots(model, numbers, average, f"{fixed(average, 1)} %{share}", model == chosen))
+        rows.append(Dots(model, values, average, f"{fixed(average, 1)} %{share}", model == chosen))
     if not rows:
         return []
-    by_run = {score.run_id: score.attainable_percent for scores in by_model.values() for score in scores}
+    by_run = {score.run_id: score.oracle_pct for scores in models.values() for score in scores}
     limit = mean(by_run.values())
     caption = (
         "Improvement of bias stability by model. Small dots: single held-out runs; large dot: their mean."
@@ -136,43 +123,13 @@ def model_chart(figure_id: str, by_model: Mapping[str, Sequence[ModelScore]], ch
     if limit is not None:
         caption += " Dashed: mean of what subtracting the true drift would give."
     drawn = dot_chart(
-        figure_id,
+        "models",
         rows,
         x_label="Improvement of bias stability, %",
         limit=None if limit is None else (limit, f"attainable {fixed(limit, 1)} %"),
         description=caption,
     )
     return [Figures([drawn], caption)]
-
-
-def _before_after(
-    figure_id: str,
-    comparisons: Sequence[Comparison],
-    pick: Callable[[Comparison], tuple[Array | None, Array | None]],
-    *,
-    note: Callable[[Comparison], str],
-    y_label: str,
-    floors: bool,
-    caption: str,
-) -> list[Block]:
-    pairs = [(item, pick(item)) for item in comparisons]
-    shown = [(item, pair) for item, pair in pairs if any(array is not None for array in pair)]
-    if not shown:
-        return []
-    plots = []
-    for item, (before, after) in shown:
-        curves = [
-            Curve(label, item.time_s / _HOUR, np.asarray(values, dtype=np.float64), paint, width=1.25)
-            for label, values, paint in (("before", before, BEFORE), ("after", after, AFTER))
-            if values is not None
-        ]
-        title = f"{item.kind} ({item.run_id})" if item.kind else item.run_id
-        description = f"{title}: {y_label} before and after compensation. {note(item)}"
-        plots.append(Panel(curves, title, note(item), item.floor_dph if floors else None, description))
-    keys = [*BEFORE_AFTER]
-    if floors and any(known(item.floor_dph) for item, _ in shown):
-        keys.append(Key("noise floor, ± 1σ", FLOOR, "band"))
-    return [panels(figure_id, plots, caption, keys, x_label="Time, h", y_label=y_label, y_margin=0.06)]
 
 
 def _temperature_curves(trace: Trace, styles: str = "- --") -> list[Curve]:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.present.report._content import RunContent, RunSummary
 from bench.present.report._file import REPORT_FILE, write_report
 from bench.present.report._glossary import CLOCK, LOST
 from bench.present.report._numbers import DASH, duration, moment, significant, unit_text
 from bench.present.report._page import Block, Definitions, Fact, Headline, Page, Section, Verdict
 from bench.present.report._parts import made, warnings
 from bench.present.report._plots import trace_figure
-from bench.present.report._run_content import run_content
+from bench.present.report._run_content import RunContent, run_content
 from bench.present.report._tables import (
     checksum_table,
+    limited,
     measured,
     measurements_table,
     outcome,
@@ -35,16 +35,15 @@ _SENTENCES = {
 }
 
 
-def run_page(content: RunContent) -> Page:
+def run_page(run: RunContent, created_utc: str = "") -> Page:
     """Return the report of one run."""
-    run = content.summary
     return Page(
         title=f"Run {run.run_id}",
         kind="Test run report" + (", emulated bench" if run.emulated else ""),
-        facts=_header(content),
+        facts=_header(run),
         verdict=_verdict(run),
-        sections=_sections(content),
-        colophon=made(content.created_utc, "Figures are computed from the run's record; times are UTC."),
+        sections=_sections(run),
+        colophon=made(created_utc, "Figures are computed from the run's record; times are UTC."),
     )
 
 
@@ -58,51 +57,51 @@ def report_run(folder: Path, out: Path | None = None) -> Path:
             expected="a run folder",
             remedy="`gyrobench fit` writes the report of a fit into its own folder",
         )
-    page = run_page(run_content(Run.open(folder), created_utc=utc_now()))
+    page = run_page(run_content(Run.open(folder)), utc_now())
     return write_report(out or (Path(folder.name) if url_of(folder) else folder) / REPORT_FILE, page)
 
 
-def _header(content: RunContent) -> list[Fact]:
-    run = content.summary
+def _header(run: RunContent) -> list[Fact]:
+    manifest = run.manifest
     facts = [
-        Fact("Procedure", run.procedure),
-        Fact("Unit under test", ", ".join(f"{unit} ({name})" for name, unit in run.units.items()) or DASH),
-        Fact("Bench", run.bench_name or DASH),
-        Fact("Started", moment(run.started_utc)),
-        Fact("Duration", duration(run.duration_s)),
+        Fact("Procedure", manifest.procedure),
+        Fact(
+            "Unit under test", ", ".join(f"{unit} ({name})" for name, unit in manifest.units.items()) or DASH
+        ),
+        Fact("Bench", manifest.bench_name or DASH),
+        Fact("Started", moment(manifest.started_utc)),
+        Fact("Duration", duration(manifest.duration_s)),
     ]
     optional = (
-        ("Mounting", run.mounting.replace("_", " ")),
+        ("Mounting", manifest.mounting.replace("_", " ")),
         ("Operator", run.operator),
         ("Emulated devices", run.emulated),
     )
     return facts + [Fact(label, text) for label, text in optional if text]
 
 
-def _verdict(run: RunSummary) -> Verdict:
+def _verdict(run: RunContent) -> Verdict:
     word, tone = outcome(run)
-    sentence = _SENTENCES.get(run.outcome, "The record does not say how the run ended.")
-    judged = [item for item in run.measurements if item.low is not None or item.high is not None]
+    judged = [item for item in run.measurements if limited(item)]
     headlines = [
         Headline(
             measured(item.name), significant(item.value), unit_text(item.unit), note=_limit_note(item.passed)
         )
         for item in judged[:4]
     ]
-    return Verdict(f"Run {word}", tone, [sentence, *run.reasons], headlines)
+    return Verdict(f"Run {word}", tone, [_SENTENCES[run.manifest.outcome], *run.reasons], headlines)
 
 
 def _limit_note(passed: bool | None) -> str:
     return "" if passed is None else "inside its limits" if passed else "✕ outside its limits"
 
 
-def _sections(content: RunContent) -> list[Section]:
-    run = content.summary
+def _sections(run: RunContent) -> list[Section]:
     figures: list[Block] = []
-    for number, trace in enumerate(content.traces, start=1):
+    for number, trace in enumerate(run.traces, start=1):
         figures += trace_figure(f"trace-{number}", trace)
     caption = "Checksum of the run's manifest, which holds those of all its files."
-    provenance = software_facts(run.software, run.bench_file_sha256)
+    provenance = software_facts(run.manifest.software, run.manifest.bench_file_sha256)
     provenance += checksum_table({run.run_id: run.checksum} if run.checksum else {}, caption)
     return [
         warnings(run.warnings),

@@ -1,24 +1,27 @@
-"""The content of a single run's report, read from its folder."""
+"""What reports show of a run, read from its record.
+
+A number that is not known is None or NaN and is printed as a dash; a part that is empty leaves no section. Text
+may come from anywhere (a device's answer, a manifest): it is escaped when it is printed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.present.report._content import Device, Measurement, RunContent, RunSummary, StreamStatistics, Trace
 from bench.present.sentences import safe_sentence, sentence
 from bench.record.events import Event
-from bench.record.events.run import Alarm, Answer
+from bench.record.events.run import Alarm, Answer, Measured
 from bench.record.events.safe import SafeState
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
 
 if TYPE_CHECKING:
-    from bench.record.recording import Run
+    from bench.record.recording import Manifest, Run
 
 _BLOCK_S = 100.0
 _TURNING_DPS = 0.05
@@ -26,11 +29,72 @@ _TURNING_DPS = 0.05
 Table = Mapping[str, Any]
 
 
-def run_content(run: Run, *, created_utc: str = "") -> RunContent:
-    """Return what the report of one run shows; parts that the run does not have are left out and warned of.
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What one gyro saw over a run. `time_s` and the temperatures have shape (n,); None where not measured.
 
-    `created_utc`: when the report is made (ISO 8601), printed on it.
+    `output_time_s` and `output_dph`, shape (m,), are 100 s means in deg/h of what `output_name` says.
+    `phases` are (start_s, name), each lasting until the next.
     """
+
+    run_id: str
+    time_s: Array
+    phases: Sequence[tuple[float, str]] = ()
+    air_temp_c: Array | None = None
+    set_point_c: Array | None = None
+    case_temp_c: Array | None = None
+    gyro_temp_c: Array | None = None
+    output_time_s: Array | None = None
+    output_dph: Array | None = None
+    output_name: str = "Bias"
+    gyro: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class RunContent:
+    """A run as reports show it: its manifest, what its events add to it, and a trace for each gyro.
+
+    `role` says what the run was used for (training, validation, held out), `checksum` is the SHA-256 that ties
+    the report to the record.
+    """
+
+    manifest: Manifest
+    traces: Sequence[Trace] = ()
+    reasons: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+    operator: str = ""
+    checksum: str = ""
+    role: str = ""
+
+    @property
+    def run_id(self) -> str:
+        """The run's id."""
+        return self.manifest.run_id
+
+    @property
+    def valid(self) -> bool:
+        """Whether the run was completed and met its own criteria."""
+        return self.manifest.outcome == "completed"
+
+    @property
+    def emulated(self) -> str:
+        """Model and seed of the emulated lab, empty for a real bench."""
+        lab = self.manifest.emulated
+        return "" if lab is None else f"{lab.model}, seed {lab.seed}"
+
+    @property
+    def measurements(self) -> list[Measured]:
+        """What the procedure measured, judged or not."""
+        return [
+            Measured(
+                row["name"], row.get("value"), row.get("unit", ""), *map(row.get, ("low", "high", "passed"))
+            )
+            for row in self.manifest.measurements
+        ]
+
+
+def run_content(run: Run, role: str = "") -> RunContent:
+    """Return what reports show of a run; parts that the run does not have are left out and warned of."""
     missing: list[str] = []
     chamber = _table("chamber", run.chamber, missing)
     turntable = _table("turntable", run.turntable, missing)
@@ -40,36 +104,14 @@ def run_content(run: Run, *, created_utc: str = "") -> RunContent:
     missing += [
         f"there is no decoded table of {name}" for name in run.manifest.units if name not in run.gyros
     ]
-    return RunContent(_summary(run, missing), traces, created_utc)
-
-
-def _summary(run: Run, missing: list[str]) -> RunSummary:
-    manifest = run.manifest
-    answers = [answer.by for _, answer in run.of(Answer) if answer.by]
-    emulated = manifest.emulated
-    return RunSummary(
-        run_id=manifest.run_id,
-        procedure=manifest.procedure,
-        outcome=manifest.outcome,
-        units=dict(manifest.units),
-        parameters=dict(manifest.parameters),
-        reasons=tuple(text for text in (manifest.reason, _left_at_rest(run)) if text),
-        started_utc=manifest.started_utc,
-        duration_s=manifest.duration_s,
-        devices=tuple(
-            Device(name, entry.maker, entry.model, entry.serial_number, entry.firmware, entry.role)
-            for name, entry in manifest.devices.items()
-        ),
-        software=dict(manifest.software),
-        measurements=tuple(_measurement(row) for row in manifest.measurements),
-        streams=tuple(_stream(name, row) for name, row in manifest.stream.items()),
+    return RunContent(
+        run.manifest,
+        traces,
+        reasons=tuple(text for text in (run.manifest.reason, _left_at_rest(run)) if text),
         warnings=_warnings(run, missing),
+        operator=", ".join(dict.fromkeys(answer.by for _, answer in run.of(Answer) if answer.by)),
         checksum=run.checksum,
-        bench_name=manifest.bench_name,
-        bench_file_sha256=manifest.bench_file_sha256,
-        mounting=manifest.mounting,
-        operator=", ".join(dict.fromkeys(answers)),
-        emulated="" if emulated is None else f"{emulated.model}, seed {emulated.seed}",
+        role=role,
     )
 
 
@@ -80,30 +122,6 @@ def _left_at_rest(run: Run) -> str:
     last = {state.device: state for _, state in run.of(SafeState)}
     read_back = [safe_sentence(state) for state in last.values() if state.confirmed]
     return f"Read back then: {'; '.join(read_back)}." if read_back else ""
-
-
-def _measurement(row: Mapping[str, Any]) -> Measurement:
-    return Measurement(
-        str(row["name"]),
-        row.get("value"),
-        str(row.get("unit", "")),
-        row.get("low"),
-        row.get("high"),
-        row.get("passed"),
-    )
-
-
-def _stream(name: str, row: Mapping[str, Any]) -> StreamStatistics:
-    rejected = row.get("rejected")
-    return StreamStatistics(
-        name,
-        row.get("frames"),
-        row.get("lost"),
-        sum(rejected.values()) if isinstance(rejected, Mapping) else rejected,
-        row.get("sample_rate_hz"),
-        row.get("clock_error_ppm"),
-        int(row.get("off") or 0),
-    )
 
 
 def _warnings(run: Run, missing: list[str]) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.present.report._content import Measurement, RunSummary, StreamStatistics
 from bench.present.report._numbers import (
     DASH,
     column,
@@ -33,6 +32,8 @@ from bench.present.report._page import (
     table,
     texts,
 )
+from bench.present.report._run_content import RunContent
+from bench.record.events.run import Measured
 
 _OUTCOMES: dict[str, tuple[str, Tone]] = {
     "completed": ("valid", "good"),
@@ -57,12 +58,17 @@ def measured(name: str) -> str:
     return _MEASURED.get(name, name.replace("_", " "))
 
 
-def outcome(run: RunSummary) -> tuple[str, Tone]:
-    """Return the word for a run's outcome and its tone; an outcome that is not known is in doubt."""
-    return _OUTCOMES.get(run.outcome, (run.outcome or "unknown", "doubt"))
+def limited(item: Measured) -> bool:
+    """Return whether a measurement has a limit to be judged by."""
+    return item.low is not None or item.high is not None
 
 
-def runs_table(runs: Sequence[RunSummary]) -> list[Block]:
+def outcome(run: RunContent) -> tuple[str, Tone]:
+    """Return the word for a run's outcome and its tone."""
+    return _OUTCOMES[run.manifest.outcome]
+
+
+def runs_table(runs: Sequence[RunContent]) -> list[Block]:
     """Return the table of runs; the reasons stand beneath a run that is not valid."""
     if not runs:
         return []
@@ -71,12 +77,12 @@ def runs_table(runs: Sequence[RunSummary]) -> list[Block]:
     rows = []
     for run in runs:
         word, tone = outcome(run)
-        cells = [Cell(run.run_id, strong=True), Cell(run.procedure)]
+        cells = [Cell(run.run_id, strong=True), Cell(run.manifest.procedure)]
         cells += [Cell(run.role or DASH)] if roles else []
         cells += [
             Cell(_parameters_text(run, common) or DASH),
-            Cell(moment(run.started_utc)),
-            Cell(duration(run.duration_s)),
+            Cell(moment(run.manifest.started_utc)),
+            Cell(duration(run.manifest.duration_s)),
             Cell(word, tone),
         ]
         plain_tone: Tone = "plain" if run.valid else tone
@@ -88,12 +94,12 @@ def runs_table(runs: Sequence[RunSummary]) -> list[Block]:
     return [Table(heads, rows, caption)]
 
 
-def checks_table(runs: Sequence[RunSummary]) -> list[Block]:
+def checks_table(runs: Sequence[RunContent]) -> list[Block]:
     """Return a table of the measurements that were judged, a row for each run, a column for each check."""
-    names: dict[str, Measurement] = {}
+    names: dict[str, Measured] = {}
     for run in runs:
         for item in run.measurements:
-            if item.low is not None or item.high is not None:
+            if limited(item):
                 names.setdefault(item.name, item)
     if not names:
         return []
@@ -116,7 +122,7 @@ def checks_table(runs: Sequence[RunSummary]) -> list[Block]:
     return [Table(heads, rows, caption)]
 
 
-def measurements_table(measurements: Sequence[Measurement]) -> list[Block]:
+def measurements_table(measurements: Sequence[Measured]) -> list[Block]:
     """Return everything that was measured on one run, judged or not."""
     rows = [
         Row(
@@ -134,40 +140,43 @@ def measurements_table(measurements: Sequence[Measurement]) -> list[Block]:
     return table(heads, rows, "Measurements of the procedure and their limits.")
 
 
-def streams_table(runs: Sequence[RunSummary]) -> list[Block]:
+def streams_table(runs: Sequence[RunContent]) -> list[Block]:
     """Return what came of the gyros' streams, a row for each run and gyro."""
-    pairs = [(run, stream) for run in runs for stream in run.streams]
-    if not pairs:
+    streams = [(run, gyro, stream) for run in runs for gyro, stream in run.manifest.stream.items()]
+    if not streams:
         return []
-    clocks = [fixed(stream.clock_error_ppm, 1) for _, stream in pairs]
-    rates = column((stream.sample_rate_hz for _, stream in pairs), 6, 3)
-    rows = [
-        named(
+    rates = column((stream.get("sample_rate_hz") for *_, stream in streams), 6, 3)
+    rows = []
+    for (run, gyro, stream), rate in zip(streams, rates, strict=True):
+        frames, lost, rejected = stream.get("frames"), stream.get("lost"), stream.get("rejected")
+        sent = 0 if frames is None or lost is None else frames + lost
+        row = named(
             run.run_id,
-            f"{stream.gyro} ({run.units[stream.gyro]})" if stream.gyro in run.units else stream.gyro,
-            count(stream.frames),
-            _loss_cell(stream.lost),
-            _share(stream),
-            _loss_cell(stream.rejected),
+            f"{gyro} ({run.manifest.units[gyro]})" if gyro in run.manifest.units else gyro,
+            count(frames),
+            _loss_cell(lost),
+            significant(1e6 * (lost or 0) / sent, 2) if sent else DASH,
+            _loss_cell(None if rejected is None else sum(rejected.values())),
             rate,
-            clock,
+            fixed(stream.get("clock_error_ppm"), 1),
         )
-        for (run, stream), rate, clock in zip(pairs, rates, clocks, strict=True)
-    ]
+        rows.append(row)
     heads = texts("Run", "Gyro (unit)")
     heads += numbers("Frames", "Lost", "Lost [ppm]", "Rejected", "Sample rate [Hz]", "Clock error [ppm]")
     caption = "Streams as recorded. A frame that was lost or rejected is marked in the record."
-    if off := [f"{stream.gyro} {count(stream.off)}" for _, stream in pairs if stream.off]:
+    if off := [f"{gyro} {count(stream['off'])}" for _, gyro, stream in streams if stream.get("off")]:
         caption += f" Not sent while switched off by the procedure, and not lost: {', '.join(off)} frames."
     return [Table(heads, rows, caption)]
 
 
-def devices_table(runs: Sequence[RunSummary]) -> list[Block]:
+def devices_table(runs: Sequence[RunContent]) -> list[Block]:
     """Return the devices that took part, as they identified themselves, each once."""
-    rows = []
-    for device in dict.fromkeys(device for run in runs for device in run.devices):
-        facts = (device.role, device.maker, device.model, device.serial_number, device.firmware)
-        rows.append(named(device.name, *(text or DASH for text in facts)))
+    devices = dict.fromkeys(
+        (name, device.role, device.maker, device.model, device.serial_number, device.firmware)
+        for run in runs
+        for name, device in run.manifest.devices.items()
+    )
+    rows = [named(name, *(text or DASH for text in facts)) for name, *facts in devices]
     heads = texts("Device", "Role", "Maker", "Model", "Serial number", "Firmware")
     return table(heads, rows, "Devices as they identified themselves when the run began.")
 
@@ -187,7 +196,7 @@ def software_facts(software: Mapping[str, str], bench_file_sha256: str) -> list[
 
 
 def record_sections(
-    runs: Sequence[RunSummary], provenance: Sequence[Block], terms: Sequence[Block] = ()
+    runs: Sequence[RunContent], provenance: Sequence[Block], terms: Sequence[Block] = ()
 ) -> list[Section]:
     """Return what every report says of its runs' records: streams (with `terms`), devices, `provenance`."""
     streams = streams_table(runs)
@@ -198,23 +207,23 @@ def record_sections(
     ]
 
 
-def parameter_facts(run: RunSummary) -> list[Block]:
+def parameter_facts(run: RunContent) -> list[Block]:
     """Return a run's parameters with their units."""
-    facts = [Fact(*parameter(name, value)) for name, value in run.parameters.items()]
+    facts = [Fact(*parameter(name, value)) for name, value in run.manifest.parameters.items()]
     return [Facts(facts)] if facts else []
 
 
-def _parameters_text(run: RunSummary, common: Mapping[str, Any]) -> str:
-    own = {name: value for name, value in run.parameters.items() if name not in common}
+def _parameters_text(run: RunContent, common: Mapping[str, Any]) -> str:
+    own = {name: value for name, value in run.manifest.parameters.items() if name not in common}
     return ", ".join(" ".join(parameter(name, value)) for name, value in own.items())
 
 
-def _common_parameters(runs: Sequence[RunSummary]) -> dict[str, Any]:
+def _common_parameters(runs: Sequence[RunContent]) -> dict[str, Any]:
     """Return what all of several runs were given alike, so that the table shows what differs."""
     if len(runs) < 2:
         return {}
     absent = object()
-    first, *rest = (run.parameters for run in runs)
+    first, *rest = (run.manifest.parameters for run in runs)
     return {
         name: value
         for name, value in first.items()
@@ -231,13 +240,13 @@ def limits_text(low: float | None, high: float | None) -> str:
     return f"≤ {plain(high)}" if high is not None else ""
 
 
-def _judgement(item: Measurement) -> Cell:
-    if item.passed is None or (item.low is None and item.high is None):
+def _judgement(item: Measured) -> Cell:
+    if item.passed is None or not limited(item):
         return Cell(DASH)
     return Cell("inside", "good") if item.passed else Cell("outside", "bad")
 
 
-def _check_cell(item: Measurement | None, first: Measurement) -> Cell:
+def _check_cell(item: Measured | None, first: Measured) -> Cell:
     if item is None:
         return Cell(DASH)
     text = significant(item.value)
@@ -248,9 +257,3 @@ def _check_cell(item: Measurement | None, first: Measurement) -> Cell:
 
 def _loss_cell(number: int | None) -> Cell:
     return Cell(count(number), "doubt") if number else Cell(count(number))
-
-
-def _share(stream: StreamStatistics) -> str:
-    if stream.frames is None or stream.lost is None or not stream.frames + stream.lost:
-        return DASH
-    return significant(1e6 * stream.lost / (stream.frames + stream.lost), 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,6 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from bench.present.report._content import RunSummary
 from bench.present.report._decimation import decimate
 from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import DASH, column, duration, fixed, significant
@@ -35,7 +34,7 @@ from bench.present.report._page import (
 from bench.present.report._palette import AFTER, BEFORE, GREEN, MUTED, PURPLE, Paint
 from bench.present.report._parts import BEFORE_AFTER, before_after, made, warnings
 from bench.present.report._plotting import drawing, place, svg
-from bench.present.report._run_content import run_content
+from bench.present.report._run_content import RunContent, run_content
 from bench.present.report._tables import checksum_table, runs_table, software_facts
 from bench.record.recording import Run, checksum
 from drivers.base.arrays import Array
@@ -65,14 +64,17 @@ def whirl_page(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path) 
     """Return the report of a whirl fit; `runs` were fitted or judged, `compensation_file` was written."""
     from bench.analysis.whirl import FREE_PART, MEANING  # scipy behind it is slow to import
 
-    summaries = [_summary(study, run) for run in runs]
+    contents = [
+        run_content(run, "fitted" if run.manifest.run_id in study.compensation.runs else "held out")
+        for run in runs
+    ]
     unit_id, gauge = study.compensation.unit_id, study.compensation.gauge
-    first = summaries[0]
+    first = contents[0]
     facts = [
         Fact("Unit under test", unit_id),
-        Fact("Bench", first.bench_name or DASH),
-        Fact("Runs", ", ".join(run.run_id for run in summaries)),
-        Fact("Rotation", duration(sum(run.duration_s or 0.0 for run in summaries))),
+        Fact("Bench", first.manifest.bench_name or DASH),
+        Fact("Runs", ", ".join(run.run_id for run in contents)),
+        Fact("Rotation", duration(sum(run.manifest.duration_s or 0.0 for run in contents))),
     ]
     if first.emulated:
         facts.append(Fact("Emulated devices", first.emulated))
@@ -89,8 +91,8 @@ def whirl_page(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path) 
             "What is free, and what could not be told",
             [Notes([FREE_PART, f"gauge {gauge}: {MEANING[gauge]}", *study.fit.declared])],
         ),
-        Section("Runs", runs_table(summaries)),
-        Section("Provenance", _provenance(study, summaries, compensation_file)),
+        Section("Runs", runs_table(contents)),
+        Section("Provenance", _provenance(study, contents, compensation_file)),
     ]
     return Page(
         title=f"Whirl of unit {unit_id}",
@@ -100,11 +102,6 @@ def whirl_page(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path) 
         sections=sections,
         colophon=made(utc_now()),
     )
-
-
-def _summary(study: WhirlStudy, run: Run) -> RunSummary:
-    role = "fitted" if run.manifest.run_id in study.compensation.runs else "held out"
-    return replace(run_content(run).summary, checksum=run.checksum, role=role)
 
 
 def _course(judged: Judgement) -> _Course:
@@ -311,10 +308,10 @@ def _with_sd(estimate: Estimate, unit: str) -> str:
     return f"{x:.4f} about x, {y:.4f} about y, ± {estimate.sd:.4f} {unit}"
 
 
-def _provenance(study: WhirlStudy, runs: Sequence[RunSummary], compensation_file: Path) -> list[Block]:
+def _provenance(study: WhirlStudy, runs: Sequence[RunContent], compensation_file: Path) -> list[Block]:
     checksums = {compensation_file.name: checksum(compensation_file).sha256}
     checksums |= {run.run_id: run.checksum for run in runs}
     return [
-        *software_facts(study.compensation.software, runs[0].bench_file_sha256),
+        *software_facts(study.compensation.software, runs[0].manifest.bench_file_sha256),
         *checksum_table(checksums, "Checksums of the compensation file and of the runs' manifests."),
     ]

@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from bench.analysis.thermal import Scores, Study, ThermalRun
 from bench.present.report import render_page
 from bench.present.report._campaign import campaign_page
-from bench.present.report._content import (
-    CampaignContent,
-    Comparison,
-    CompensationSummary,
-    Device,
-    Measurement,
-    ModelScore,
-    RunContent,
-    RunSummary,
-    StreamStatistics,
-    Trace,
-    ValidRange,
-)
+from bench.present.report._page import Page
+from bench.present.report._plots import Comparison
+from bench.present.report._run_content import RunContent, Trace
+from bench.record.recording import Manifest
 
 FLOOR_DPH = 0.0241
 PHASES = (
@@ -37,14 +31,15 @@ PHASES = (
     (11400.0, "final_equilibrium"),
 )
 HELD_OUT = (
-    ("nominal", -45.0, 0.1331, 81.1),
-    ("deeper, −55 °C", -55.0, 0.1487, 82.8),
-    ("faster, 18 K/min", -45.0, 0.1362, 81.4),
-    ("short soak", -45.0, 0.0913, 71.9),
-    ("cool room, 18 °C", -45.0, 0.1184, 77.8),
-    ("slow ramp, 3 K/min", -45.0, 0.1221, 81.2),
-    ("double shock", -45.0, 0.1129, 75.8),
+    (-45.0, 0.1331, 81.1),
+    (-55.0, 0.1487, 82.8),
+    (-45.0, 0.1362, 81.4),
+    (-45.0, 0.0913, 71.9),
+    (-45.0, 0.1184, 77.8),
+    (-45.0, 0.1221, 81.2),
+    (-45.0, 0.1129, 75.8),
 )
+"""Lowest temperature, 1 sigma before compensation in deg/h and attainable improvement in % of each run."""
 IMPROVEMENTS = {
     "grey_box": (81.2, 81.1, 80.7, 72.7, 76.3, 80.7, 75.2),
     "hybrid": (80.9, 81.4, 79.8, 70.4, 74.8, 81.0, 73.9),
@@ -101,7 +96,7 @@ def drift_of(gyro_c: np.ndarray) -> np.ndarray:
     return drift
 
 
-def comparison_of(run_id: str, kind: str, cold_c: float, seed: int) -> Comparison:
+def comparisons_of(run_id: str, cold_c: float, seed: int) -> list[Comparison]:
     trace = trace_of(run_id, cold_c, seed)
     assert trace.gyro_temp_c is not None
     rng = np.random.default_rng(seed + 100)
@@ -109,137 +104,179 @@ def comparison_of(run_id: str, kind: str, cold_c: float, seed: int) -> Compariso
     gyro = np.interp(time_s, trace.time_s, trace.gyro_temp_c)
     drift = np.interp(time_s, trace.time_s, drift_of(trace.gyro_temp_c))
     noise = rng.normal(0.0, FLOOR_DPH, len(time_s))
-    sf = 5.6 * (gyro - 25.0)
-    return Comparison(
-        run_id=run_id,
-        kind=kind,
-        time_s=time_s,
-        bias_before_dph=drift + noise,
-        bias_after_dph=noise,
-        sf_before_ppm=sf + rng.normal(0.0, 0.4, len(time_s)),
-        sf_after_ppm=rng.normal(0.0, 0.9, len(time_s)),
-        floor_dph=FLOOR_DPH,
-    )
+    sf, left = 5.6 * (gyro - 25.0), rng.normal(0.0, 0.9, len(time_s))
+    return [
+        Comparison(run_id, time_s, "°/h", drift + noise, noise, floor=FLOOR_DPH),
+        Comparison(run_id, time_s, "ppm", sf + left, left),
+    ]
 
 
-def summary_of(run_id: str, role: str, outcome: str = "completed", rate: float = 11.79) -> RunSummary:
-    reasons = (
-        ()
-        if outcome == "completed"
-        else (
-            f"shock rate {rate:.2f} K/min between 10 and 90 % (steepest 60 s 6.41 K/min), required 10 K/min",
-        )
-    )
-    return RunSummary(
-        run_id=run_id,
-        procedure="zero-bias-cold-shock",
-        outcome=outcome,
-        units={"fog_1": "1750-170213"},
-        parameters={"cold_c": -45.0, "ramp_k_per_min": 12.0, "soak_min": 75.0, "room_c": 25.0, "repeats": 1},
-        reasons=reasons,
-        started_utc="2026-11-20T08:14:07.123+00:00",
-        duration_s=16012.0,
-        devices=(
-            Device("table", "Acutronic", "ACUTROL3000", "A3-0417", "5.2.1", "table"),
-            Device("chamber", "Weiss Technik", "ShockEvent T/60/V2", "58226116250010", "02.10", "chamber"),
-            Device("fog_1", "KVH", "DSP-1750", "170213", "1.10", "gyro"),
-        ),
-        software={"gyrobench": "0.1.0", "python": "3.11.9"},
-        measurements=(
-            Measurement("azimuth_error", -0.31, "deg", -2.0, 2.0, True),
-            Measurement("reference_output", 1.2345, "deg/h"),
-            Measurement("shock_rate_10_90", rate, "K/min", 10.0, None, rate >= 10.0),
-            Measurement("shock_steepest_60s", rate + 0.29, "K/min", 10.0, None, rate >= 10.0),
-            Measurement("shock_lowest_air", -45.66, "degC", None, -40.0, True),
-        ),
-        streams=(StreamStatistics("fog_1", 1601187, 13, 2, 100.0007, 7.1),),
-        warnings=() if outcome == "completed" else ("chamber: compressor 2 overload",),
-        role=role,
-        checksum=hashlib.sha256(run_id.encode()).hexdigest(),
-        bench_name="thermal lab, bench 2",
-        bench_file_sha256="9f" * 32,
-        mounting="axis_horizontal",
+def run_of(run_id: str, role: str, outcome: str = "completed", rate: float = 11.79) -> RunContent:
+    invalid = outcome != "completed"
+    reason = f"shock rate {rate:.2f} K/min between 10 and 90 %, required 10 K/min" if invalid else ""
+    keys = ("role", "maker", "model", "serial_number", "firmware")
+    devices = {
+        "table": ("table", "Acutronic", "ACUTROL3000", "A3-0417", "5.2.1"),
+        "chamber": ("chamber", "Weiss Technik", "ShockEvent T/60/V2", "58226116250010", "02.10"),
+        "fog_1": ("gyro", "KVH", "DSP-1750", "170213", "1.10"),
+    }
+    measured = [
+        ("azimuth_error", -0.31, "deg", -2.0, 2.0, True),
+        ("reference_output", 1.2345, "deg/h", None, None, None),
+        ("shock_rate_10_90", rate, "K/min", 10.0, None, rate >= 10.0),
+        ("shock_steepest_60s", rate + 0.29, "K/min", 10.0, None, rate >= 10.0),
+        ("shock_lowest_air", -45.66, "degC", None, -40.0, True),
+    ]
+    manifest = {
+        "run_id": run_id,
+        "procedure": "zero-bias-cold-shock",
+        "outcome": outcome,
+        "units": {"fog_1": "1750-170213"},
+        "parameters": {"cold_c": -45.0, "ramp_k_per_min": 12.0, "soak_min": 75.0, "room_c": 25.0, "repeats": 1},
+        "started_utc": "2026-11-20T08:14:07.123+00:00",
+        "duration_s": 16012.0,
+        "devices": {
+            name: {"kind": "x"} | dict(zip(keys, row, strict=True))
+            for name, row in devices.items()
+        },
+        "software": {"gyrobench": "0.1.0", "python": "3.11.9"},
+        "measurements": [
+            dict(zip(("name", "value", "unit", "low", "high", "passed"), row, strict=True)) for row in measured
+        ],
+        "stream": {
+            "fog_1": {
+                "frames": 1601187, "lost": 13, "rejected": {"checksum": 2},
+                "sample_rate_hz": 100.0007, "clock_error_ppm": 7.1,
+            }
+        },
+        "bench": {"bench": {"name": "thermal lab, bench 2"}},
+        "bench_file_sha256": "9f" * 32,
+        "mounting": "axis_horizontal",
+        "emulated": {"model": "fog_mid", "seed": 1},
+    }  # fmt: skip
+    return RunContent(
+        Manifest.model_validate(manifest),
+        reasons=(reason,) if reason else (),
+        warnings=("chamber: compressor 2 overload",) if invalid else (),
         operator="J. Weber",
-        emulated="fog_mid, seed 1",
+        checksum=hashlib.sha256(run_id.encode()).hexdigest(),
+        role=role,
     )
 
 
-def campaign_content() -> CampaignContent:
+@dataclass(frozen=True)
+class Campaign:
+    """What the report of a campaign is made of."""
+
+    study: Study
+    runs: list[RunContent]
+    comparisons: list[Comparison]
+    compensation_file: Path
+    title: str = "Cold-shock compensation of unit 1750-170213"
+
+    @property
+    def scores(self) -> list[tuple[str, Scores]]:
+        return [(model, score) for model, scores in self.study.scores.items() for score in scores]
+
+    def with_scores(self, model: str = "", **changed: object) -> Campaign:
+        """The same with figures of the scores changed, of one model or of all."""
+        scores = {
+            name: tuple(replace(score, **changed) for score in of) if model in ("", name) else of
+            for name, of in self.study.scores.items()
+        }
+        return replace(self, study=replace(self.study, scores=scores))
+
+    def page(self) -> Page:
+        return campaign_page(
+            self.study,
+            self.runs,
+            self.comparisons,
+            self.compensation_file,
+            title=self.title,
+            created_utc="2026-11-21T01:10:00+00:00",
+        )
+
+
+def run_of_study(content: RunContent) -> ThermalRun:
+    none = np.empty(0)
+    return ThermalRun(
+        content.run_id, "1750-170213", none, none, none, none, None, (0.0, 1.0), checksum=content.checksum,
+        meta={"gyro": "fog_1"},
+    )  # fmt: skip
+
+
+def campaign_of(folder: Path) -> Campaign:
     """A full campaign: 4 training runs, a validation run, 7 held-out runs, one of the training runs invalid."""
     held_out = [f"bias-{number:02d}" for number in range(6, 13)]
-    runs = [summary_of(f"bias-{number:02d}", "training") for number in range(1, 5)]
-    runs[2] = summary_of("bias-03", "not used", "invalid", 5.96)
-    runs.append(summary_of("bias-05", "validation"))
-    runs += [
-        replace(summary_of(run_id, "held out"), parameters={**runs[0].parameters, "cold_c": cold})
-        for run_id, (_, cold, _, _) in zip(held_out, HELD_OUT, strict=True)
-    ]
-    scores = []
-    for model, improvements in IMPROVEMENTS.items():
-        for run_id, (kind, _, raw, attainable), percent in zip(held_out, HELD_OUT, improvements, strict=True):
-            after = raw * (1.0 - percent / 100.0)
-            scores.append(
-                ModelScore(
-                    model,
-                    run_id,
-                    kind,
-                    raw,
-                    after,
-                    percent,
-                    attainable,
-                    3.1 * after,
-                    0.012 * (100 - percent),
-                    0.051 * (100 - percent),
-                    121.3,
-                    391.0,
-                )
+    runs = [run_of(f"bias-{number:02d}", "training") for number in range(1, 5)]
+    runs[2] = run_of("bias-03", "not used", "invalid", 5.96)
+    runs.append(run_of("bias-05", "validation"))
+    for seed, (run_id, (cold, _, _)) in enumerate(zip(held_out, HELD_OUT, strict=True)):
+        run = run_of(run_id, "held out")
+        manifest = run.manifest.model_copy(update={"parameters": run.manifest.parameters | {"cold_c": cold}})
+        runs.append(replace(run, manifest=manifest, traces=(trace_of(run_id, -45.0, seed),)))
+    scores = {
+        model: tuple(
+            Scores(
+                run_id,
+                raw_stability_dph=raw,
+                stability_dph=raw * (1.0 - percent / 100.0),
+                improvement_pct=percent,
+                noise_floor_dph=FLOOR_DPH,
+                oracle_pct=attainable,
+                true_max_dph=3.1 * raw * (1.0 - percent / 100.0),
+                sf_raw_rms_ppm=121.3,
+                sf_true_rms_ppm=0.012 * (100 - percent),
+                sf_true_max_ppm=0.051 * (100 - percent),
             )
-    return CampaignContent(
-        title="Cold-shock compensation of unit 1750-170213",
-        bench_name="thermal lab, bench 2",
-        created_utc="2026-11-21T01:10:00+00:00",
-        runs=runs,
-        traces=[trace_of(run.run_id, -45.0, at) for at, run in enumerate(runs[:6])],
-        scores=scores,
-        comparisons=[
-            comparison_of(run_id, kind, cold, seed)
-            for seed, (run_id, (kind, cold, _, _)) in enumerate(zip(held_out, HELD_OUT, strict=True))
-        ],
-        compensation=CompensationSummary(
-            unit_id="1750-170213",
-            model="grey_box",
-            reason="best on the validation run bias-05: 0.0262 °/h left of 0.1340 °/h",
-            training_runs={run.run_id: run.checksum for run in runs[:4] if run.valid},
-            validation_runs={"bias-05": "5" * 64},
-            valid_ranges=(
-                ValidRange("gyro temperature", -46.2, 27.4, "degC"),
-                ValidRange("temperature change", -2.41, 2.55, "degC/min"),
-            ),
-            file_name="compensation-1750-170213.gbc",
-            file_sha256="c0ffee00" * 8,
+            for run_id, (_, raw, attainable), percent in zip(held_out, HELD_OUT, improvements, strict=True)
+        )
+        for model, improvements in IMPROVEMENTS.items()
+    }
+    inputs = {"t_in": (-46.2, 27.4), "dt_60": (-2.41, 2.55)}
+    software = {"gyrobench": "0.1.0", "python": "3.11.9", "numpy": "2.4.6", "torch": "2.13.0"}
+    compensation = SimpleNamespace(
+        unit_id="1750-170213", software=software, limits=SimpleNamespace(inputs=inputs)
+    )
+    study = Study(
+        train=tuple(map(run_of_study, (runs[0], runs[1], runs[3]))),
+        validation=(run_of_study(runs[4]),),
+        tests=tuple(map(run_of_study, runs[5:])),
+        models={},
+        selection=tuple(
+            SimpleNamespace(name=name, score=0.2 + 0.1 * n) for n, name in enumerate(IMPROVEMENTS)
         ),
-        software={"gyrobench": "0.1.0", "python": "3.11.9", "numpy": "2.4.6", "torch": "2.13.0"},
-        warnings=("bias-03 is invalid and was not used for fitting",),
-        noise_floor_dph=FLOOR_DPH,
-        bench_file_sha256="9f" * 32,
+        compensation=compensation,
+        scores=scores,
+        judged_on_chosen=False,
+    )
+    path = folder / "compensation-1750-170213.gbc"
+    path.write_bytes(b"a model")
+    return Campaign(
+        study,
+        runs,
+        [
+            comparison
+            for seed, (run_id, (cold, _, _)) in enumerate(zip(held_out, HELD_OUT, strict=True))
+            for comparison in comparisons_of(run_id, cold, seed)
+        ],
+        path,
     )
 
 
 @pytest.fixture(scope="session")
-def campaign() -> CampaignContent:
-    return campaign_content()
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    return campaign_of(tmp_path_factory.mktemp("campaign"))
 
 
 @pytest.fixture(scope="session")
-def campaign_html(campaign: CampaignContent) -> str:
-    return render_page(campaign_page(campaign))
+def campaign_html(campaign: Campaign) -> str:
+    return render_page(campaign.page())
 
 
 @pytest.fixture
 def single_run() -> Callable[..., RunContent]:
     def make(outcome: str = "completed", rate: float = 11.79) -> RunContent:
-        return RunContent(
-            summary_of("bias-01", "", outcome, rate), (trace_of("bias-01"),), "2026-11-21T01:10:00+00:00"
-        )
+        return replace(run_of("bias-01", "", outcome, rate), traces=(trace_of("bias-01"),))
 
     return make

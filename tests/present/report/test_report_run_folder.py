@@ -100,13 +100,13 @@ def write_folder(folder: Path, manifest: dict[str, Any], *, chamber: bool = True
 
 def test_everything_of_the_folder_arrives(tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "run-1", manifest_of())
-    content = run_content(Run.open(folder), created_utc="2026-11-21T00:00:00+00:00")
-    run = content.summary
-    assert (run.run_id, run.outcome, run.valid) == ("run-1", "completed", True)
-    assert run.units == {"fog": "S-17"} and run.bench_name == "bench 7" and run.operator == "J. Weber"
-    assert run.emulated == "fog_mid, seed 5" and run.mounting == "axis_up"
+    run = run_content(Run.open(folder))
+    assert (run.run_id, run.manifest.outcome, run.valid) == ("run-1", "completed", True)
+    assert run.manifest.units == {"fog": "S-17"} and run.operator == "J. Weber"
+    assert run.emulated == "fog_mid, seed 5"
     assert run.checksum == hashlib.sha256((folder / "manifest.json").read_bytes()).hexdigest()
-    assert run.streams[0].rejected == 6 and run.streams[0].lost == 3
+    page = render_page(run_page(run))
+    assert ">6<" in page and ">3<" in page and "bench 7" in page and "axis up" in page
     assert run.measurements[0].value == 11.5 and run.measurements[0].high is None
     assert f"chamber: {ALARM}" in run.warnings and "fog: the counter restarted" in run.warnings
     assert any("incomplete" in text for text in run.warnings)
@@ -141,10 +141,10 @@ def test_a_run_without_chamber_or_gyro_table_says_so(tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "run-1", manifest_of("aborted", "stopped by Ctrl-C"), chamber=False)
     content = run_content(Run.open(folder))
     assert content.traces[0].air_temp_c is None and content.traces[0].gyro_temp_c is not None
-    assert "there is no decoded table of the chamber" in content.summary.warnings
+    assert "there is no decoded table of the chamber" in content.warnings
     (folder / "gyro_fog.parquet").unlink()
     content = run_content(Run.open(folder))
-    assert content.traces == () and "there is no decoded table of fog" in content.summary.warnings
+    assert content.traces == () and "there is no decoded table of fog" in content.warnings
     html = render_page(run_page(content))
     assert "stopped by Ctrl-C" in html and "Run aborted" in html and "<svg" not in html
 
@@ -164,7 +164,7 @@ def test_an_aborted_run_says_once_what_is_not_safe_and_what_was_read_back(tmp_pa
     whole = log.read_text(encoding="utf-8").rpartition("\n")[0] + "\n"  # less the line cut off on purpose
     whole += "".join(json.dumps({"time_s": float(DURATION_S)} | row) + "\n" for row in rows)
     log.write_text(whole, encoding="utf-8")
-    summary = run_content(Run.open(folder)).summary
+    summary = run_content(Run.open(folder))
     assert summary.reasons == (reason, "Read back then: chamber at rest: stopped, set point 25 degC.")
     assert any(ALARM in text for text in summary.warnings)
     assert not any("port is gone" in text for text in summary.warnings)
