@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -49,15 +49,20 @@ class CampaignRunner:
     """Runs what is left of the campaign in `folder`.
 
     `operator` answers what was not answered beforehand, None asks in the live files only; `yes` answers all.
-    `display` is given each run's name and expected duration, and returns what shows its progress.
+    `display` is given each run's name and expected duration, and returns what shows its progress while entered.
     `say` hears how each run ended.
     """
 
     folder: CampaignFolder
     operator: Operator | None = None
     yes: bool = False
-    display: Callable[[str, float], Callable[[Progress], None]] | None = None
+    display: Callable[[str, float], AbstractContextManager[Callable[[Progress], None]]] | None = None
     say: Callable[[RunResult], None] | None = None
+    _file: BenchFile = field(init=False, repr=False)
+    _notifier: Notifier = field(init=False, repr=False)
+    _lease: Lease | None = field(init=False, repr=False, default=None)
+    _live: Live = field(init=False, repr=False)
+    _last_by: str = field(init=False, repr=False, default="")
 
     def run(self) -> CampaignEnding:
         """Work until all is done or something stops it. The bench is this campaign's from first to last.
@@ -66,19 +71,17 @@ class CampaignRunner:
         cannot be written.
         """
         folder, campaign = self.folder, self.folder.campaign
-        file = bench_of(campaign, folder.file, str(folder.path))
-        check_limits(campaign, file)
-        notifier = Notifier(campaign.notify, campaign.title)
+        self._file = bench_of(campaign, folder.file, str(folder.path))
+        check_limits(campaign, self._file)
+        notifier = self._notifier = Notifier(campaign.notify, campaign.title)
         with ExitStack() as stack:
             stack.enter_context(folder.lock())
-            lease: Lease | None = None
             if folder.plant is None:
-                lease = stack.enter_context(take_lease(file, f"campaign {campaign.title}"))
-            live = stack.enter_context(Live(folder.path))
-            session = _Session(self, file, lease, live, notifier)
+                self._lease = stack.enter_context(take_lease(self._file, f"campaign {campaign.title}"))
+            live = self._live = stack.enter_context(Live(folder.path))
             outcome, reason = "failed", "the process was stopped"
             try:
-                outcome, reason = session.work()
+                outcome, reason = self._work()
             except KeyboardInterrupt:
                 outcome, reason = "aborted", "stopped by Ctrl-C"
             except BenchError as error:
@@ -89,28 +92,13 @@ class CampaignRunner:
                 occasion = "completed" if outcome == "completed" else "failed"
                 notifier.tell(occasion, reason or "all runs are recorded", outcome=outcome)
                 notifier.wait()
-                session.note_sent()
+                self._note_sent()
                 folder.event(Stopped(outcome, reason))
             return CampaignEnding(outcome, reason, tuple(folder.states()))
 
-
-class _Session:
-    """One process at work on a campaign."""
-
-    def __init__(
-        self, runner: CampaignRunner, file: BenchFile, lease: Lease | None, live: Live, notifier: Notifier
-    ) -> None:
-        self._runner = runner
-        self._folder = runner.folder
-        self._file = file
-        self._lease = lease
-        self._live = live
-        self._notifier = notifier
-        self._last_by = ""
-
-    def work(self) -> tuple[str, str]:
+    def _work(self) -> tuple[str, str]:
         """Do what is left; return the outcome and its reason."""
-        folder, runs = self._folder, self._folder.campaign.runs
+        folder, runs = self.folder, self.folder.campaign.runs
         states = folder.states(thorough=True)
         before = [event for _, event in folder.events() if isinstance(event, Started | Continued)]
         moved = folder.moved()
@@ -144,15 +132,15 @@ class _Session:
             return "failed", f"not recorded: {'; '.join(wrong)}"
         return "completed", ""
 
-    def note_sent(self) -> None:
+    def _note_sent(self) -> None:
         """Write to the journal what became of the messages so far."""
         while self._notifier.sent:
-            self._folder.event(self._notifier.sent.popleft())
+            self.folder.event(self._notifier.sent.popleft())
 
     @contextmanager
     def _lab(self, number: int) -> Iterator[EmulatedLab | None]:
         """Give a fresh emulated lab for run `number`, None where the bench is a real one."""
-        plant = self._folder.plant
+        plant = self.folder.plant
         if plant is None:
             yield None
             return
@@ -160,35 +148,35 @@ class _Session:
             yield lab
 
     def _run_one(self, run: CampaignRun, number: int) -> RunResult:
-        run_id = self._folder.next_id(run)
-        self._folder.event(RunStarted(run.name, f"runs/{run_id}"))
+        run_id = self.folder.next_id(run)
+        self.folder.event(RunStarted(run.name, f"runs/{run_id}"))
         with self._lab(number) as lab:
-            result = self._procedure(run.test, run.values, lab, self._folder.runs, run_id)
-        damage, _ = self._folder.judge(run, result.folder)
+            result = self._procedure(run.test, run.values, lab, self.folder.runs, run_id)
+        damage, _ = self.folder.judge(run, result.folder)
         if damage and result.outcome != "aborted":
             result.outcome, result.reason = "aborted", f"the record is not sound: {damage}"
         where = f"runs/{result.folder.name}"
-        self._folder.event(RunEnded(run.name, where, result.outcome, result.reason))
-        if self._runner.say is not None:
-            self._runner.say(result)
+        self.folder.event(RunEnded(run.name, where, result.outcome, result.reason))
+        if self.say is not None:
+            self.say(result)
         self._notifier.tell("run_ended", f"{run.name}: {result.outcome}", reason=result.reason)
-        self.note_sent()
+        self._note_sent()
         return result
 
     def _check_known_state(self, attempt: int) -> None:
         """Bring table and chamber to a known state before anything that an interruption left is trusted."""
         procedure = find_procedure(KNOWN_STATE)
-        file = self._folder.file
-        checks = self._folder.path / "checks"
+        file = self.folder.file
+        checks = self.folder.path / "checks"
         with self._lab(0) as lab:
             values = procedure.parse({"air_c": file.safe.chamber_set_point_c})
             ramp = min(values.model_dump()["ramp_k_per_min"], file.limits.max_ramp_k_per_min)
             values = values.model_copy(update={"ramp_k_per_min": ramp})
             result = self._procedure(procedure, values, lab, checks, f"{KNOWN_STATE}-{attempt}")
-        where = result.folder.relative_to(self._folder.path).as_posix()
-        self._folder.event(Checked(where, result.outcome, result.reason))
-        if self._runner.say is not None:
-            self._runner.say(result)
+        where = result.folder.relative_to(self.folder.path).as_posix()
+        self.folder.event(Checked(where, result.outcome, result.reason))
+        if self.say is not None:
+            self.say(result)
         if result.outcome != "completed":
             raise RunAborted(
                 "the bench is not in a known state, so the campaign does not go on",
@@ -201,33 +189,34 @@ class _Session:
     def _procedure(
         self, procedure: Procedure, values: Any, lab: EmulatedLab | None, runs: Path, run_id: str
     ) -> RunResult:
-        show = None
-        if self._runner.display is not None:
-            show = self._runner.display(run_id, procedure.expected_duration_s(values))
-        return run_procedure(
-            RunRequest(
-                procedure,
-                values,
-                self._file if lab is None else lab.file,
-                runs,
-                self._operator(lab),
-                show,
-                run_id=run_id,
-                emulated=None if lab is None else lab.emulated,
-                before_close=None if lab is None else lab.save_truth,
-                lease=self._lease,
-                live=self._live,
+        view: AbstractContextManager[Callable[[Progress], None] | None] = nullcontext()
+        if self.display is not None:
+            view = self.display(run_id, procedure.expected_duration_s(values))
+        with view as show:
+            return run_procedure(
+                RunRequest(
+                    procedure,
+                    values,
+                    self._file if lab is None else lab.file,
+                    runs,
+                    self._operator(lab),
+                    show,
+                    run_id=run_id,
+                    emulated=None if lab is None else lab.emulated,
+                    before_close=None if lab is None else lab.save_truth,
+                    lease=self._lease,
+                    live=self._live,
+                )
             )
-        )
 
     def _operator(self, lab: EmulatedLab | None) -> Operator:
-        if lab is not None and not self._folder.ask:
+        if lab is not None and not self.folder.ask:
             return EmulatedOperator(lab.perform)
         human: Operator = self._live
-        if self._runner.operator is not None:
-            human = self._live.beside(self._runner.operator)
-        asked: Operator = AssumeYes() if self._runner.yes else Announcing(human, self._notifier)
-        answers = [(prepared.question, prepared.answer) for prepared in self._folder.campaign.answer]
+        if self.operator is not None:
+            human = self._live.beside(self.operator)
+        asked: Operator = AssumeYes() if self.yes else Announcing(human, self._notifier)
+        answers = [(prepared.question, prepared.answer) for prepared in self.folder.campaign.answer]
         operator: Operator = Prepared(answers, "campaign file", asked)
         return operator if lab is None else Assisted(operator, lab.perform)
 
@@ -242,13 +231,13 @@ class _Session:
                 paused = bool(live.pause_wanted)
                 live.paused_between_runs = paused
                 by = live.pause_wanted or self._last_by
-                self._folder.event(Paused(by) if paused else Resumed(by))
+                self.folder.event(Paused(by) if paused else Resumed(by))
             if not paused:
                 return
             live.wait_host()
 
     def _note_requests(self) -> None:
         for request in self._live.take():
-            self._folder.event(request)
+            self.folder.event(request)
             if isinstance(request, Requested):
                 self._last_by = request.by

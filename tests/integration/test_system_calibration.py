@@ -23,7 +23,7 @@ from bench.analysis.calibration import (
 )
 from bench.analysis.gap._run_folder import load_gap_runs
 from bench.present.cli._app import app
-from bench.present.cli.fit._calibration import calibration
+from bench.present.cli.fit._unit import calibration
 from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError, RecordError
 

@@ -33,6 +33,16 @@ COMMANDS = {
     "can": "_can",
 }
 """Command or group -> the file here that holds it, in `app`."""
+GROUPS = {
+    "runs": "Look at recorded runs.",
+    "campaign": "Many runs from one file: plan, run, resume, watch, rehearse, fit.",
+    "fit": "Fit compensations to recorded runs.",
+    "scheme": "Rotation schemes of the system-level calibration.",
+    "gap": "Where simulation and bench part, and which effect is missing.",
+    "frames": "Gyros described by a TOML file: what there is, and whether a description is right.",
+    "can": "Gyros on CAN: the layouts there are, and whether a DBC file and its mapping are right.",
+}
+"""Help of the groups: their files are not loaded for `gyrobench --help`."""
 ENTRY_POINTS = "gyrobench.commands"
 """Entry points of other packages: command or group -> a `typer.Typer` that holds it."""
 
@@ -49,8 +59,12 @@ class Commands(TextGroup):
         holder = _holder(name)
         if holder is None:
             return None
+        about = GROUPS.get(name) or holder.info.help
         group = get_group_from_info(
-            TyperInfo(holder), pretty_exceptions_short=True, suggest_commands=True, rich_markup_mode=None
+            TyperInfo(holder, help=about),
+            pretty_exceptions_short=True,
+            suggest_commands=True,
+            rich_markup_mode=None,
         )
         return group if holder.info.name == name else group.commands.get(name)
 
@@ -87,6 +101,8 @@ def _holder(name: str) -> typer.Typer | None:
 
 
 def _help(name: str) -> str:
+    if name in GROUPS:
+        return GROUPS[name]
     holder = _holder(name)
     assert holder is not None
     if holder.info.name == name:

@@ -5,52 +5,44 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option, Typer
 
+from bench.present.cli._console import Terminal
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from bench.present.cli._console import Terminal
     from drivers.can_dbc import CanLayout
 
-app = typer.Typer(
-    name="can",
-    help="Gyros on CAN: the layouts there are, and whether a DBC file and its mapping are right.",
-    no_args_is_help=True,
-)
+app = Typer(name="can", no_args_is_help=True)
 
 
 @app.command("list")
 def list_() -> None:
     """List the layouts that come with gyrobench."""
-    from rich.table import Table
-
-    from bench.present.cli._console import Terminal
     from drivers.can_dbc import load_layout, shipped_layouts
 
-    grid = Table("name", "unit", "messages of a sample", "axes")
+    rows = []
     for name in shipped_layouts():
         layout = load_layout(name)
         slots = ", ".join(slot.message for slot in layout.sample)
-        grid.add_row(name, f"{layout.maker} {layout.model}".strip(), slots, "".join(layout.rates()))
-    Terminal().print(grid)
+        rows.append((name, f"{layout.maker} {layout.model}".strip(), slots, "".join(layout.rates())))
+    Terminal().table(("name", "unit", "messages of a sample", "axes"), rows)
 
 
 @app.command()
 def check(
-    layout: Annotated[str, typer.Argument(help="a mapping file (TOML), or a name that `can list` shows")],
+    layout: Annotated[str, Argument(help="a mapping file (TOML), or a name that `can list` shows")],
     capture: Annotated[
         Path | None,
-        typer.Argument(help="a log of the bus (.log, .asc, .blf, .trc, .csv), or slcan text: raw/<gyro>.bin"),
+        Argument(help="a log of the bus (.log, .asc, .blf, .trc, .csv), or slcan text: raw/<gyro>.bin"),
     ] = None,
-    out: Annotated[Path, typer.Option(help="folder for the table and the plot of a capture")] = Path(),
-    parquet: Annotated[bool, typer.Option("--parquet", help="the table as Parquet instead of CSV")] = False,
+    out: Annotated[Path, Option(help="folder for the table and the plot of a capture")] = Path(),
+    parquet: Annotated[bool, Option("--parquet", help="the table as Parquet instead of CSV")] = False,
     source_address: Annotated[
-        int | None, typer.Option(min=0, max=253, help="the J1939 address of the unit; default any")
+        int | None, Option(min=0, max=253, help="the J1939 address of the unit; default any")
     ] = None,
 ) -> None:
     """Check a mapping against its DBC file, and decode a capture into a table and a plot."""
-    from bench.present.cli._console import Terminal
     from drivers.can_dbc import load_layout
 
     console, loaded = Terminal(), load_layout(layout)
@@ -60,13 +52,11 @@ def check(
 
 
 def _show(console: Terminal, layout: CanLayout) -> None:
-    from rich.table import Table
-
     from drivers.can_dbc import identifier_names
 
     unit = f"{layout.maker} {layout.model}".strip()
     console.say(f"{layout.name}: {unit}, {layout.dbc}")
-    grid = Table("message", "identifier", "bytes", "signal", "is", "type", "resolution")
+    rows = []
     for use in layout.uses:
         message, signal = layout.messages[use.message], layout.signal(use)
         kind = "f" if signal.is_float else "i" if signal.signed else "u"
@@ -74,7 +64,7 @@ def _show(console: Terminal, layout: CanLayout) -> None:
         scale = f"{signal.scale * use.factor:.6g}"
         unit = {"rate": " deg/s", "delta_angle": " deg", "accel": " m/s2", "time": " s"}.get(use.role, "")
         unit = " K" if "temperature" in use.role else unit
-        grid.add_row(
+        row = (
             use.message,
             identifier_names({(message.identifier, message.extended)}),
             str(message.length),
@@ -83,7 +73,8 @@ def _show(console: Terminal, layout: CanLayout) -> None:
             f"{kind}{signal.bits} {'big' if signal.big_endian else 'little'}",
             "-" if use.role == "status" else scale + unit,
         )
-    console.print(grid)
+        rows.append(row)
+    console.table(("message", "identifier", "bytes", "signal", "is", "type", "resolution"), rows)
     for rule in layout.valid:
         axis = f" for {rule.axis}" if rule.axis else ""
         console.say(f"valid{axis}: {rule.message}.{rule.signal} & {rule.mask:#x} = {rule.equals:#x}")

@@ -28,17 +28,16 @@ _LOG_LINES = 4
 class RunDisplay:
     """Shows `Progress`; call it with each one. Use as a context manager around the run.
 
-    `as_json`: a line of JSON a second on `console` in place of anything for human eyes.
+    On a console for machines it is a line of JSON a second.
     """
 
-    def __init__(self, console: Terminal, title: str, expected_s: float, *, as_json: bool = False) -> None:
+    def __init__(self, console: Terminal, title: str, expected_s: float) -> None:
         self._console = console
         self._title = title
         self._expected_s = expected_s
-        self._json = as_json
-        living = console.is_terminal and not as_json
+        living = console.is_terminal and not console.as_json
         self._live = Live(console=console, auto_refresh=False, transient=True) if living else None
-        self._every_s = _JSON_EVERY_S if as_json else _PLAIN_EVERY_S
+        self._every_s = _JSON_EVERY_S if console.as_json else _PLAIN_EVERY_S
         self._said_at = -self._every_s
         self._said = ""
         self._alarm: tuple[Any, ...] = ()
@@ -62,14 +61,12 @@ class RunDisplay:
         elif progress.alarms[-1:] != self._alarm or host_seconds() - self._said_at >= self._wait_s(progress):
             self._alarm = progress.alarms[-1:]
             self._said_at, self._said = host_seconds(), progress.step + progress.doing
-            if self._json:
-                left_s = self._left_s(progress)
-                self._console.say_json("progress", run=self._title, left_s=left_s, **asdict(progress))
-            else:
-                self._console.say(self._line(progress), soft_wrap=True)
+            left_s = self._left_s(progress)
+            self._console.say_json("progress", run=self._title, left_s=left_s, **asdict(progress))
+            self._console.say(self._line(progress), soft_wrap=True)
 
     def _wait_s(self, progress: Progress) -> float:
-        same = not self._json and progress.step + progress.doing == self._said
+        same = not self._console.as_json and progress.step + progress.doing == self._said
         return _PLAIN_AGAIN_S if same else self._every_s
 
     def _left_s(self, progress: Progress) -> float:

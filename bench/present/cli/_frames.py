@@ -6,19 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option, Typer
 
+from bench.present.cli._console import Terminal
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from bench.present.cli._console import Terminal
     from drivers.frames import Form, FrameFamily
 
-app = typer.Typer(
-    name="frames",
-    help="Gyros described by a TOML file: what there is, and whether a description is right.",
-    no_args_is_help=True,
-)
+app = Typer(name="frames", no_args_is_help=True)
 
 _RANDOM_BYTES = 1e9
 _TRIED = 1 << 17
@@ -29,35 +25,31 @@ _ENOUGH = 5
 @app.command("list")
 def list_() -> None:
     """List the descriptions that come with gyrobench."""
-    from rich.table import Table
-
-    from bench.present.cli._console import Terminal
     from drivers.frames import load_family, shipped
 
-    grid = Table("name", "gyro", "messages with rates", "source")
+    rows = []
     for name in shipped():
         family = load_family(name)
         forms = [form.name for form in family.forms if form.measures]
         shown = ", ".join(forms[:4]) + (f" and {len(forms) - 4} more" if len(forms) > 4 else "")
-        grid.add_row(name, family.description.title, shown, family.description.source)
-    Terminal().print(grid)
+        rows.append((name, family.description.title, shown, family.description.source))
+    Terminal().table(("name", "gyro", "messages with rates", "source"), rows)
 
 
 @app.command()
 def check(
-    description: Annotated[str, typer.Argument(help="a TOML file, or a name that `frames list` shows")],
+    description: Annotated[str, Argument(help="a TOML file, or a name that `frames list` shows")],
     capture: Annotated[
-        Path | None, typer.Argument(help="bytes of such a gyro, as recorded: raw/<gyro>.bin, or any file")
+        Path | None, Argument(help="bytes of such a gyro, as recorded: raw/<gyro>.bin, or any file")
     ] = None,
-    out: Annotated[Path, typer.Option(help="folder for the tables and the plot of a capture")] = Path(),
-    parquet: Annotated[bool, typer.Option("--parquet", help="tables as Parquet instead of CSV")] = False,
+    out: Annotated[Path, Option(help="folder for the tables and the plot of a capture")] = Path(),
+    parquet: Annotated[bool, Option("--parquet", help="tables as Parquet instead of CSV")] = False,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", "-s", help="how the unit was set up, as name=choice; repeat for several"),
+        Option("--set", "-s", help="how the unit was set up, as name=choice; repeat for several"),
     ] = None,
 ) -> None:
     """Check a description, run its vectors, and decode a capture into tables and a plot."""
-    from bench.present.cli._console import Terminal
     from bench.present.cli._settings import parse_settings
     from drivers.frames import choices_of, load_family, refusal, vector_mistakes
 
@@ -73,15 +65,11 @@ def check(
 
 
 def _show(console: Terminal, family: FrameFamily, settings: Mapping[str, str]) -> None:
-    from rich.table import Table
-
     from drivers.frames import LineDescription
 
     about = family.description
     console.say(f"{about.name}: {about.title}")
-    grid = Table(
-        "message", "begins with", "bytes", "check", "gyro channels", "false frames in 1e9 random bytes"
-    )
+    rows = []
     for form in family.forms:
         if isinstance(about, LineDescription):
             heads, size = about.line.start or "-", f"{about.line.columns} columns"
@@ -91,8 +79,11 @@ def _show(console: Terminal, family: FrameFamily, settings: Mapping[str, str]) -
             kinds = ", ".join(check.kind for check in form.checksums) or "none"
             heads = " or ".join(sync.hex(" ") for sync in form.syncs)
         false_frames = f"{_RANDOM_BYTES * form.false_per_byte:.2g}"
-        grid.add_row(form.name, heads, size, kinds, _channels(form), false_frames)
-    console.print(grid)
+        rows.append((form.name, heads, size, kinds, _channels(form), false_frames))
+    console.table(
+        ("message", "begins with", "bytes", "check", "gyro channels", "false frames in 1e9 random bytes"),
+        rows,
+    )
     for name, setting in about.setting.items():
         chosen = settings.get(name, setting.default)
         others = ", ".join(choice for choice in setting.choice if choice != chosen)

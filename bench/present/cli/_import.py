@@ -5,18 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option, Typer
 
 from bench.present.cli._options import DEFAULT_RUNS
 
-app = typer.Typer()
+app = Typer()
 
 
 @app.command("import")
 def import_(
-    log: Annotated[list[Path], typer.Argument(help="logs of another bench: CSV, Parquet or MDF")],
-    mapping: Annotated[Path, typer.Option("--mapping", help="mapping file (TOML): columns, units, phases")],
-    out: Annotated[Path, typer.Option("--out", help="folder that holds the runs")] = DEFAULT_RUNS,
+    log: Annotated[list[Path], Argument(help="logs of another bench: CSV, Parquet or MDF")],
+    mapping: Annotated[Path, Option(help="mapping file (TOML): columns, units, phases")],
+    out: Annotated[Path, Option(help="folder that holds the runs")] = DEFAULT_RUNS,
 ) -> None:
     """Make run folders from logs of another bench, for fitting, reports and the gap diagnosis."""
     from bench.present.cli._console import Terminal

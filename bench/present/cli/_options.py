@@ -7,46 +7,42 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 from typer.core import TyperCommand, TyperGroup
 
 DEFAULT_BENCH = Path("lab.toml")
 DEFAULT_RUNS = Path("runs")
 
-Bench = Annotated[Path, typer.Option("--bench", help="bench file (TOML)", show_default=True)]
-CampaignFile = Annotated[Path, typer.Argument(help="campaign file (TOML)", metavar="FILE")]
-RunsFolder = Annotated[Path, typer.Option("--runs", help="folder that holds the runs")]
+Bench = Annotated[Path, Option("--bench", help="bench file (TOML)", show_default=True)]
+CampaignFile = Annotated[Path, Argument(help="campaign file (TOML)", metavar="FILE")]
+RunsFolder = Annotated[Path, Option("--runs", help="folder that holds the runs")]
 PlantFile = Annotated[
-    Path | None, typer.Option("--plant", help="plant file (TOML): physics behind the emulated devices")
+    Path | None, Option("--plant", help="plant file (TOML): physics behind the emulated devices")
 ]
-Seed = Annotated[int | None, typer.Option("--seed", help="seed of the emulated lab")]
-Yes = Annotated[bool, typer.Option("--yes", help="answer operator questions beforehand")]
+Seed = Annotated[int | None, Option("--seed", help="seed of the emulated lab")]
+Yes = Annotated[bool, Option("--yes", help="answer operator questions beforehand")]
 JsonLines = Annotated[
-    bool, typer.Option("--json", help="for machines: one JSON object a line, the last one the result")
+    bool, Option("--json", help="for machines: one JSON object a line, the last one the result")
 ]
-Json = Annotated[bool, typer.Option("--json", help="print JSON")]
-FittedRuns = Annotated[list[Path], typer.Argument(help="run folders to fit on")]
-TestRuns = Annotated[
-    list[Path] | None, typer.Option("--test", help="run folder that judges; repeat for several")
-]
-GyroToFit = Annotated[str | None, typer.Option(help="gyro to fit; default the first of the runs")]
-FitFolder = Annotated[Path, typer.Option(help="folder for the compensation and the report")]
-DiagnosedRuns = Annotated[
-    list[Path], typer.Argument(help="run folders, or mapping files of foreign recordings")
-]
-NominalModel = Annotated[Path, typer.Option("--model", help="nominal model (TOML)")]
-DiagnosedGyro = Annotated[str | None, typer.Option(help="gyro to diagnose; default the first of the runs")]
-Arw = Annotated[float, typer.Option(help="angle random walk, deg/sqrt(h)")]
-Vrw = Annotated[float, typer.Option(help="velocity random walk, ug/sqrt(Hz)")]
-VelocityNoise = Annotated[float, typer.Option(help="noise of the zero-velocity measurement")]
-Gravity = Annotated[float | None, typer.Option(help="gravity; default by latitude")]
+Json = Annotated[bool, Option("--json", help="print JSON")]
+FittedRuns = Annotated[list[Path], Argument(help="run folders to fit on")]
+TestRuns = Annotated[list[Path] | None, Option("--test", help="run folder that judges; repeat for several")]
+GyroToFit = Annotated[str | None, Option(help="gyro to fit; default the first of the runs")]
+FitFolder = Annotated[Path, Option(help="folder for the compensation and the report")]
+DiagnosedRuns = Annotated[list[Path], Argument(help="run folders, or mapping files of foreign recordings")]
+NominalModel = Annotated[Path, Option("--model", help="nominal model (TOML)")]
+DiagnosedGyro = Annotated[str | None, Option(help="gyro to diagnose; default the first of the runs")]
+Arw = Annotated[float, Option(help="angle random walk, deg/sqrt(h)")]
+Vrw = Annotated[float, Option(help="velocity random walk, ug/sqrt(Hz)")]
+VelocityNoise = Annotated[float, Option(help="noise of the zero-velocity measurement")]
+Gravity = Annotated[float | None, Option(help="gravity; default by latitude")]
 Jobs = Annotated[
     int | None,
-    typer.Option("--jobs", help="processes at work; default 1, with --cluster local one a processor"),
+    Option("--jobs", help="processes at work; default 1, with --cluster local one a processor"),
 ]
 Cluster = Annotated[
     str | None,
-    typer.Option("--cluster", help="Dask cluster to work on: local, or a scheduler's tcp://host:port"),
+    Option("--cluster", help="Dask cluster to work on: local, or a scheduler's tcp://host:port"),
 ]
 
 

@@ -5,24 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option, Typer
 
 from bench.present.cli._options import DEFAULT_RUNS
 from drivers.base.errors import ConfigurationError
 
-app = typer.Typer()
+app = Typer()
 
 
 @app.command()
 def panel(
-    runs: Annotated[Path, typer.Argument(help="folder of runs and campaigns to watch")] = DEFAULT_RUNS,
-    host: Annotated[
-        str, typer.Option(help="address to listen on; another than this machine needs a token")
-    ] = ("127.0.0.1"),
-    port: Annotated[int, typer.Option(help="port to listen on", min=1, max=65535)] = 8765,
+    runs: Annotated[Path, Argument(help="folder of runs and campaigns to watch")] = DEFAULT_RUNS,
+    host: Annotated[str, Option(help="address to listen on; another than this machine needs a token")] = (
+        "127.0.0.1"
+    ),
+    port: Annotated[int, Option(help="port to listen on", min=1, max=65535)] = 8765,
     token: Annotated[
         str | None,
-        typer.Option(envvar="GYROBENCH_PANEL_TOKEN", help="what a browser must show", show_envvar=True),
+        Option(envvar="GYROBENCH_PANEL_TOKEN", help="what a browser must show", show_envvar=True),
     ] = None,
 ) -> None:
     """Show in a browser what the bench is doing; a process of its own that cannot disturb a run."""

@@ -2,75 +2,63 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option, Typer
 
-app = typer.Typer()
+if TYPE_CHECKING:
+    from bench.present.cli._console import Terminal
+
+app = Typer()
 
 
 @app.command()
 def ports(
     identify: Annotated[
-        bool, typer.Option("--identify", help="say which known device answers, by queries that only read")
+        bool, Option("--identify", help="say which known device answers, by queries that only read")
     ] = False,
     port: Annotated[
         list[str] | None,
-        typer.Option(
-            "--port", help="with --identify: this port, also socket://host:port; repeat for several"
-        ),
+        Option(help="with --identify: this port, also socket://host:port; repeat for several"),
     ] = None,
 ) -> None:
     """List serial ports and CAN channels of this machine."""
-    if identify or port:
-        _print_what_answers(port or [])
-    else:
-        _print_ports()
-
-
-def _print_what_answers(ports: list[str]) -> None:
-    """Print which known device answers on each port, all serial ports of this machine if none is named."""
-    from rich.table import Table
-    from serial.tools.list_ports import comports
-
-    from bench.control.discovery import identify_port
-    from bench.present.cli._console import Terminal
-    from drivers.base.clock import WallClock
-
-    console = Terminal()
-    named = ports or [port.device for port in sorted(comports())]
-    if not named:
-        console.print("no serial ports; name one with --port")
-        return
-    clock = WallClock()
-    try:
-        table = Table("port", "driver", "what answers")
-        with console.status("") as status:
-            for port in named:
-                answer = identify_port(port, clock, lambda text: status.update(text))
-                table.add_row(answer.port, answer.driver or "-", answer.text)
-        console.print(table)
-    finally:
-        clock.close()
-
-
-def _print_ports() -> None:
-    """Print serial ports and CAN channels; nothing is opened and nothing is sent."""
-    from rich.table import Table
     from serial.tools.list_ports import comports
 
     from bench.present.cli._console import Terminal
     from drivers.kit.python_can import can
 
-    console = Terminal()
-    serial_ports = Table("serial port", "what it says it is", "serial number")
-    for port in sorted(comports()):
-        serial_ports.add_row(port.device, port.description or "-", port.serial_number or "-")
-    channels = Table("python-can interface", "channel")
-    for channel in can.detect_available_configs("socketcan"):
-        channels.add_row(str(channel["interface"]), str(channel["channel"]))
-    for table, what in ((serial_ports, "serial ports"), (channels, "CAN channels")):
-        if table.row_count:
-            console.print(table)
-        else:
-            console.print(f"no {what}")
+    console, serial_ports = Terminal(), sorted(comports())
+    if identify or port:
+        _print_what_answers(console, port or [place.device for place in serial_ports])
+        return
+    rows = [(place.device, place.description or "-", place.serial_number or "-") for place in serial_ports]
+    if rows:
+        console.table(("serial port", "what it says it is", "serial number"), rows)
+    else:
+        console.print("no serial ports")
+    channels = can.detect_available_configs("socketcan")
+    if channels:
+        names = [(str(channel["interface"]), str(channel["channel"])) for channel in channels]
+        console.table(("python-can interface", "channel"), names)
+    else:
+        console.print("no CAN channels")
+
+
+def _print_what_answers(console: Terminal, ports: list[str]) -> None:
+    """Print which known device answers on each port."""
+    from bench.control.discovery import identify_port
+    from drivers.base.clock import WallClock
+
+    if not ports:
+        console.print("no serial ports; name one with --port")
+        return
+    clock, rows = WallClock(), []
+    try:
+        with console.status("") as status:
+            for port in ports:
+                answer = identify_port(port, clock, lambda text: status.update(text))
+                rows.append((answer.port, answer.driver or "-", answer.text))
+        console.table(("port", "driver", "what answers"), rows)
+    finally:
+        clock.close()

@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option, Typer
 
 if TYPE_CHECKING:
     from bench.present.cli._console import Terminal
     from bench.present.report import CertificateContent
 
-app = typer.Typer()
+app = Typer()
 
 NOT_PASSED = 4
 """Exit code for a certificate that says so."""
@@ -21,14 +21,12 @@ _STYLES = {"passed": "bold green", "not passed": "bold red", "not judged": "yell
 
 @app.command()
 def report(
-    run: Annotated[list[Path], typer.Argument(help="a run folder; several, or --limits: a test certificate")],
+    run: Annotated[list[Path], Argument(help="a run folder; several, or --limits: a test certificate")],
     out: Annotated[
-        Path | None, typer.Option(help="HTML file; default report.html or certificate.html beside the runs")
+        Path | None, Option(help="HTML file; default report.html or certificate.html beside the runs")
     ] = None,
-    limits: Annotated[
-        Path | None, typer.Option("--limits", help="limits to judge by: a TOML file with a limits table")
-    ] = None,
-    pdf: Annotated[bool, typer.Option("--pdf", help="print a PDF too (needs Chromium or Chrome)")] = False,
+    limits: Annotated[Path | None, Option(help="limits to judge by: a TOML file with a limits table")] = None,
+    pdf: Annotated[bool, Option("--pdf", help="print a PDF too (needs Chromium or Chrome)")] = False,
 ) -> None:
     """Write the HTML report of a run, or the test certificate of several; a fit writes its own.
 
@@ -69,15 +67,14 @@ def report(
 
 def say_certificate(console: Terminal, content: CertificateContent) -> None:
     """Print every unit's verdict and what stands against it."""
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table("unit", "verdict", "limits met", title=content.title)
+    rows = []
     for unit in content.units:
         met = sum(figure.judgement == "pass" for figure in unit.figures)
         limited = sum(figure.limited for figure in unit.figures)
-        table.add_row(unit.unit_id, Text(unit.verdict, _STYLES[unit.verdict]), f"{met} of {limited}")
-    console.print(table)
+        rows.append((unit.unit_id, Text(unit.verdict, _STYLES[unit.verdict]), f"{met} of {limited}"))
+    console.table(("unit", "verdict", "limits met"), rows, content.title)
     for unit in content.units:
         failed = [f"{f.name}: {f.judgement}" for f in unit.figures if f.judgement in ("fail", "not measured")]
         for text in [*unit.against, *failed]:

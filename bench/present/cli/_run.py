@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Context, Option, Typer
 
 from bench.present.cli._options import (
     DEFAULT_BENCH,
@@ -21,22 +21,18 @@ from bench.present.cli._options import (
 from bench.present.cli._texts import duration, size
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from bench.control.procedure import Parameters, Procedure
 
-app = typer.Typer()
+app = Typer()
 
-Set = Annotated[
-    list[str] | None, typer.Option("--set", "-s", help="parameter, as name=value; repeat for several")
-]
+Set = Annotated[list[str] | None, Option("--set", "-s", help="parameter, as name=value; repeat for several")]
 PARAMETERS_TOO = {"allow_extra_args": True, "ignore_unknown_options": True}
 """What the command line does not know may be a parameter of the procedure."""
 
 
 @app.command(context_settings=PARAMETERS_TOO)
 def run(
-    context: typer.Context,
+    context: Context,
     procedure: str,
     bench: Bench = DEFAULT_BENCH,
     runs: RunsFolder = DEFAULT_RUNS,
@@ -48,11 +44,11 @@ def run(
 
     The procedure's parameters are options too: --dwell-s 60 is --set dwell_s=60.
     """
-    from bench.present.cli._console import console_for
+    from bench.present.cli._console import Terminal
     from bench.present.cli._shown_run import EXIT_CODES, perform, say_result
     from bench.record.benchfile import load_bench_file
 
-    console = console_for(json)
+    console = Terminal(as_json=json)
     result = perform(console, *_chosen(procedure, set_, context.args), load_bench_file(bench), runs, yes=yes)
     say_result(console, result, kind="result")
     sys.exit(EXIT_CODES[result.outcome])
@@ -60,7 +56,7 @@ def run(
 
 @app.command(context_settings=PARAMETERS_TOO)
 def rehearse(
-    context: typer.Context,
+    context: Context,
     procedure: str,
     bench: Bench = DEFAULT_BENCH,
     runs: RunsFolder = DEFAULT_RUNS,
@@ -74,34 +70,36 @@ def rehearse(
     The procedure's parameters are options too: --dwell-s 60 is --set dwell_s=60.
     """
     from bench.lab.emulated import load_plant
-    from bench.present.cli._console import console_for
+    from bench.present.cli._console import Terminal
     from bench.present.cli._shown_run import EXIT_CODES, perform, say_result
     from bench.record.benchfile import load_bench_file
+    from bench.record.recording import Run
     from drivers.base.clock import host_seconds
 
-    console = console_for(json)
+    console = Terminal(as_json=json)
     chosen, parameters = _chosen(procedure, set_, context.args)
     emulated = load_plant(plant, seed)
     started = host_seconds()
     result = perform(console, chosen, parameters, load_bench_file(bench), runs, plant=emulated)
     log_bytes = sum(path.stat().st_size for path in result.folder.rglob("*") if path.is_file())
     wall_s = host_seconds() - started
-    page = None
+    record, page = Run.open(result.folder), None
     if result.outcome != "aborted":
         from bench.present.report import run_content, run_page, write_report
-        from bench.record.recording import Run
 
-        page = write_report(result.folder / "report.html", run_page(run_content(Run.open(result.folder))))
-    told = {"bytes": log_bytes, "wall_s": wall_s} if json else {}
-    say_result(console, result, kind="result", **told)
-    if not json:
-        console.print(_time_plan(result.folder))
-        console.print(
-            f"{duration(result.duration_s)} of bench time in {wall_s:.1f} s "
-            f"({result.duration_s / wall_s:,.0f} x); the run folder takes {size(log_bytes)}"
-        )
-        if page is not None:
-            console.print(f"plots: {page}")
+        page = write_report(result.folder / "report.html", run_page(run_content(record)))
+    say_result(console, result, kind="result", bytes=log_bytes, wall_s=wall_s)
+    plan = [
+        (duration(phase.start_s), duration(phase.end_s - phase.start_s), phase.name)
+        for phase in record.phases()
+    ]
+    console.table(("start", "length", "phase"), plan, "time plan")
+    console.print(
+        f"{duration(result.duration_s)} of bench time in {wall_s:.1f} s "
+        f"({result.duration_s / wall_s:,.0f} x); the run folder takes {size(log_bytes)}"
+    )
+    if page is not None:
+        console.print(f"plots: {page}")
     sys.exit(EXIT_CODES[result.outcome])
 
 
@@ -111,16 +109,12 @@ def lab(
     plant: PlantFile = None,
     seed: Seed = None,
     virtual: Annotated[
-        bool, typer.Option("--virtual", help="serve a virtual clock instead of following the wall clock")
+        bool, Option("--virtual", help="serve a virtual clock instead of following the wall clock")
     ] = False,
-    write: Annotated[
-        Path | None, typer.Option("--write", help="write a bench file that reaches this lab's ports")
-    ] = None,
+    write: Annotated[Path | None, Option(help="write a bench file that reaches this lab's ports")] = None,
 ) -> None:
     """Serve an emulated lab that matches the bench file, for any software, until Ctrl-C."""
     import signal
-
-    from rich.table import Table
 
     from bench.lab.emulated import EmulatedLab, load_plant
     from bench.present.cli._console import Terminal
@@ -129,10 +123,7 @@ def lab(
     console = Terminal()
     emulated = load_plant(plant, seed)
     with EmulatedLab(load_bench_file(bench), emulated, clock="virtual" if virtual else "wall") as served:
-        table = Table("device", "port")
-        for name, port in served.ports.items():
-            table.add_row(name, port)
-        console.print(table)
+        console.table(("device", "port"), served.ports.items())
         if served.clock_url:
             console.print(f"clock: {served.clock_url}")
             console.print("Every run begins at bench time 0; the lab goes on where the run before left it.")
@@ -154,14 +145,3 @@ def _chosen(name: str, pairs: list[str] | None, options: list[str]) -> tuple[Pro
 
     procedure = find_procedure(name)
     return procedure, procedure.parse(settings_of(procedure, pairs or [], options))
-
-
-def _time_plan(folder: Path) -> Table:
-    from rich.table import Table
-
-    from bench.record.recording import Run
-
-    table = Table("start", "length", "phase", title="time plan")
-    for phase in Run.open(folder).phases():
-        table.add_row(duration(phase.start_s), duration(phase.end_s - phase.start_s), phase.name)
-    return table

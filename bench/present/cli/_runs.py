@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option, Typer, echo, style
 
 from bench.present.cli._options import DEFAULT_RUNS, RunsFolder, TextCommand, TextGroup
 from bench.present.cli._texts import duration, printable, size
@@ -26,11 +26,11 @@ STYLES = {"completed": "green", "invalid": "yellow", "aborted": "red", "running"
 _MANY = 2000
 """Manifests to read for which a bar is shown."""
 
-app = typer.Typer(cls=TextGroup, name="runs", help="Look at recorded runs.", no_args_is_help=True)
+app = Typer(cls=TextGroup, name="runs", no_args_is_help=True)
 
 CatalogueUrl = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--catalogue",
         envvar="GYROBENCH_CATALOGUE",
         help="URL of a shared catalogue: postgresql://... or sqlite:///FILE; default a file beside the runs",
@@ -40,19 +40,15 @@ CatalogueUrl = Annotated[
 
 @app.command("list", cls=TextCommand)
 def list_(
-    runs: Annotated[str, typer.Option("--runs", help="folder that holds the runs")] = str(DEFAULT_RUNS),
-    unit: Annotated[str | None, typer.Option(help="of this unit under test")] = None,
-    procedure: Annotated[str | None, typer.Option(help="of this procedure")] = None,
-    outcome: Annotated[
-        str | None, typer.Option(help="completed, invalid, aborted, running, unreadable")
-    ] = None,
-    since: Annotated[str | None, typer.Option(help="from this year, month, day or time on, UTC")] = None,
-    until: Annotated[
-        str | None, typer.Option(help="to the end of this year, month, day or time, UTC")
-    ] = None,
-    limit: Annotated[str, typer.Option(metavar="COUNT", help="show at most so many, newest first")] = "100",
+    runs: Annotated[str, Option(help="folder that holds the runs")] = str(DEFAULT_RUNS),
+    unit: Annotated[str | None, Option(help="of this unit under test")] = None,
+    procedure: Annotated[str | None, Option(help="of this procedure")] = None,
+    outcome: Annotated[str | None, Option(help="completed, invalid, aborted, running, unreadable")] = None,
+    since: Annotated[str | None, Option(help="from this year, month, day or time on, UTC")] = None,
+    until: Annotated[str | None, Option(help="to the end of this year, month, day or time, UTC")] = None,
+    limit: Annotated[str, Option(metavar="COUNT", help="show at most so many, newest first")] = "100",
     catalogue: CatalogueUrl = None,
-    json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
+    json: Annotated[bool, Option("--json", help="print JSON")] = False,
 ) -> None:
     """List the runs in a folder, or those of every bench with a shared catalogue."""
     from json import dumps
@@ -69,36 +65,36 @@ def list_(
     with _bar() as progress:
         rows, count = find_runs(Path(runs), catalogue, limit=int(limit), progress=progress, **wanted)
     if json:
-        typer.echo(dumps([asdict(row) for row in rows], ensure_ascii=False))
+        echo(dumps([asdict(row) for row in rows], ensure_ascii=False))
     elif rows:
         _print_table(rows)
         if count > len(rows):
-            typer.echo(f"the newest {len(rows)} of {count}; --limit shows more")
+            echo(f"the newest {len(rows)} of {count}; --limit shows more")
     elif any(wanted.values()):
-        typer.echo("no runs that fit")
+        echo("no runs that fit")
     else:
-        typer.echo(f"no runs in {runs}")
+        echo(f"no runs in {runs}")
 
 
 @app.command()
 def index(
     runs: RunsFolder = DEFAULT_RUNS,
     catalogue: CatalogueUrl = None,
-    rebuild: Annotated[bool, typer.Option("--rebuild", help="read every run folder again")] = False,
+    rebuild: Annotated[bool, Option("--rebuild", help="read every run folder again")] = False,
 ) -> None:
     """Bring the catalogue of runs up to date with the folders, which are the truth."""
     from bench.record.catalogue import index_runs
 
     with _bar() as progress:
         count = index_runs(runs, catalogue, rebuild=rebuild, progress=progress)
-    typer.echo(f"{count} manifests read in {runs}")
+    echo(f"{count} manifests read in {runs}")
 
 
 @app.command()
 def export(
     run: Path,
-    format_: Annotated[str, typer.Option("--format", help="csv, parquet, mdf4 or blf (recorded CAN frames)")],
-    out: Annotated[Path | None, typer.Option(help="file or folder; default named after the run")] = None,
+    format_: Annotated[str, Option("--format", help="csv, parquet, mdf4 or blf (recorded CAN frames)")],
+    out: Annotated[Path | None, Option(help="file or folder; default named after the run")] = None,
 ) -> None:
     """Write a run for other software."""
     from bench.present.cli._console import Terminal
@@ -115,53 +111,50 @@ def export(
 @app.command()
 def show(run: Path) -> None:
     """Show what a run was, on what, and how it ended."""
-    from rich.table import Table
-    from rich.text import Text
-
     from bench.present.cli._console import Terminal
     from bench.record.recording import Run
 
     console = Terminal()
     manifest = Run.open(run).manifest
-    style = STYLES[manifest.outcome]
-    console.print(
-        Text.assemble((manifest.run_id, "bold"), "  ", (manifest.outcome, style), f"  {manifest.reason}")
-    )
+    outcome = (manifest.outcome, STYLES[manifest.outcome])
+    console.parts((manifest.run_id, "bold"), "  ", outcome, f"  {manifest.reason}")
     length = "not closed" if manifest.duration_s is None else duration(manifest.duration_s)
     console.say(f"{manifest.procedure}, started {manifest.started_utc}, bench time {length}")
     console.say("parameters: " + ", ".join(f"{k}={v}" for k, v in manifest.parameters.items()))
-    devices = Table("device", "kind", "maker", "model", "serial number", "firmware")
-    for name, device in manifest.devices.items():
-        devices.add_row(name, device.kind, device.maker, device.model, device.serial_number, device.firmware)
-    console.print(devices)
-    if manifest.measurements:
-        measured = Table("measurement", "value", "unit", "low", "high", "judged")
-        for row in manifest.measurements:
-            low, high = ("-" if row[key] is None else f"{row[key]:g}" for key in ("low", "high"))
-            value = "-" if row["value"] is None else f"{row['value']:.6g}"
-            measured.add_row(row["name"], value, row["unit"], low, high, _judged(row))
-        console.print(measured)
-    streams = Table("gyro", "frames", "lost", "rejected", "sample rate Hz", "clock error ppm")
-    for name, stream in manifest.stream.items():
-        rejected = sum((stream.get("rejected") or {}).values())
-        rate, error = stream.get("sample_rate_hz"), stream.get("clock_error_ppm")
-        streams.add_row(
+    keys = ("kind", "maker", "model", "serial_number", "firmware")
+    devices = [(name, *(getattr(device, key) for key in keys)) for name, device in manifest.devices.items()]
+    console.table(("device", *(key.replace("_", " ") for key in keys)), devices)
+    measured = [
+        (
+            row["name"],
+            _number(row["value"], ".6g"),
+            row["unit"],
+            _number(row["low"], "g"),
+            _number(row["high"], "g"),
+            _judged(row),
+        )
+        for row in manifest.measurements
+    ]
+    if measured:
+        console.table(("measurement", "value", "unit", "low", "high", "judged"), measured)
+    streams = [
+        (
             name,
             str(stream.get("frames", "-")),
             _lost(stream),
-            str(rejected),
-            "-" if rate is None else f"{rate:.6f}",
-            "-" if error is None else f"{error:+.2f}",
+            str(sum((stream.get("rejected") or {}).values())),
+            _number(stream.get("sample_rate_hz"), ".6f"),
+            _number(stream.get("clock_error_ppm"), "+.2f"),
         )
-    console.print(streams)
+        for name, stream in manifest.stream.items()
+    ]
+    console.table(("gyro", "frames", "lost", "rejected", "sample rate Hz", "clock error ppm"), streams)
 
 
 @app.command()
 def recover(
-    run: Annotated[list[Path] | None, typer.Argument(help="run folders")] = None,
-    all_: Annotated[
-        bool, typer.Option("--all", help="every run in the runs folder that was not closed")
-    ] = False,
+    run: Annotated[list[Path] | None, Argument(help="run folders")] = None,
+    all_: Annotated[bool, Option("--all", help="every run in the runs folder that was not closed")] = False,
     runs: RunsFolder = DEFAULT_RUNS,
 ) -> None:
     """Complete runs that a crash left open: decode, checksum, mark as aborted.
@@ -194,8 +187,6 @@ def verify(run: list[Path]) -> None:
 
     Exit code 1 if anything differs.
     """
-    from rich.text import Text
-
     from bench.control.run_record import decode_run
     from bench.present.cli._console import Terminal
     from bench.record.recording import verify as verify_record
@@ -207,10 +198,10 @@ def verify(run: list[Path]) -> None:
         report, name = verify_record(folder, decode_run), url_of(folder) or folder
         if report.passed:
             counts = f"{report.files} checksums, {report.tables} tables rebuilt"
-            console.print(Text.assemble(("verified", "green"), f"  {name}: {counts}"))
+            console.parts(("verified", "green"), f"  {name}: {counts}")
             continue
         failed = True
-        console.print(Text.assemble(("differs", "red"), f"  {name}"))
+        console.parts(("differs", "red"), f"  {name}")
         for problem in report.problems:
             console.say(f"  {problem.path}: {problem.text}")
     sys.exit(1 if failed else 0)
@@ -234,7 +225,7 @@ def _print_table(rows: Sequence[CatalogueRow]) -> None:
     colours = [None, *(STYLES.get(row.outcome, "red") for row in rows)]
     for line, colour in zip(lines, colours, strict=True):
         padded = [cell.ljust(width) for cell, width in zip(line[:-1], widths[:-1], strict=True)]
-        typer.echo("  ".join([*padded, typer.style(line[-1], fg=colour)]))
+        echo("  ".join([*padded, style(line[-1], fg=colour)]))
 
 
 @contextmanager
@@ -253,6 +244,10 @@ def _bar() -> Iterator[Callable[[int, int], None]]:
                 bar.update(task, completed=done)
 
         yield show
+
+
+def _number(value: float | None, digits: str) -> str:
+    return "-" if value is None else format(value, digits)
 
 
 def _lost(stream: Mapping[str, Any]) -> str:

@@ -3,44 +3,42 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
-import typer
+from rich.table import Table as Grid
+from typer import Argument, Option, Typer
 
+from bench.present.cli._console import Terminal
 from bench.present.cli._options import Arw, Cluster, Gravity, Jobs, Json, VelocityNoise, Vrw
 from bench.present.cli._texts import duration
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from bench.analysis.calibration import Evaluation, Table, TableAxis, Task
-    from bench.present.cli._console import Terminal
 
-app = typer.Typer(
-    name="scheme", help="Rotation schemes of the system-level calibration.", no_args_is_help=True
-)
+app = Typer(name="scheme", no_args_is_help=True)
 
 _QUICK, _THOROUGH = (8, 300, 2), (16, 800, 6)
 """Beam width, annealing steps and starts of a search."""
 
 SchemeBench = Annotated[
     Path | None,
-    typer.Option(
-        "--bench", help="bench file: its table and latitude, in place of --table and --latitude-deg"
-    ),
+    Option("--bench", help="bench file: its table and latitude, in place of --table and --latitude-deg"),
 ]
-Dwell = Annotated[float, typer.Option(help="rest after every turn")]
-Rate = Annotated[float, typer.Option(help="rate of the turns")]
-Latitude = Annotated[float, typer.Option(help="latitude")]
+Dwell = Annotated[float, Option(help="rest after every turn")]
+Rate = Annotated[float, Option(help="rate of the turns")]
+Latitude = Annotated[float, Option(help="latitude")]
 
 
 @app.command()
 def evaluate(
-    scheme: Annotated[str, typer.Argument(help="scheme by name (23-position, 19-position, ...) or turns")],
+    scheme: Annotated[str, Argument(help="scheme by name (23-position, 19-position, ...) or turns")],
     table: Annotated[
-        str, typer.Option(help="by-hand, two-axis-horizontal, two-axis-vertical, three-axis")
+        str, Option(help="by-hand, two-axis-horizontal, two-axis-vertical, three-axis")
     ] = "by-hand",
-    home: Annotated[str | None, typer.Option(help="attitude at the start")] = None,
+    home: Annotated[str | None, Option(help="attitude at the start")] = None,
     dwell_s: Dwell = 180.0,
     rate_dps: Rate = 10.0,
     latitude_deg: Latitude = 45.7796,
@@ -49,7 +47,7 @@ def evaluate(
     vrw: Vrw = 10.0,
     velocity_noise_mps: VelocityNoise = 1e-3,
     json: Json = False,
-    out: Annotated[Path | None, typer.Option(help="write an HTML report here")] = None,
+    out: Annotated[Path | None, Option(help="write an HTML report here")] = None,
     bench: SchemeBench = None,
 ) -> None:
     """Observability degree and predicted accuracy of every parameter under a scheme, before the test.
@@ -57,7 +55,6 @@ def evaluate(
     With a bench file its latitude and table count, and the home that this table really starts from.
     """
     from bench.analysis import calibration
-    from bench.present.cli._console import Terminal
     from bench.present.report import calibration_content, calibration_page, write_report
     from drivers.base.clock import utc_now
 
@@ -81,19 +78,19 @@ def evaluate(
 
 @app.command()
 def search(
-    turns: Annotated[int, typer.Argument(help="turns of the scheme")],
-    table: Annotated[str, typer.Option(help="the table that has to turn it")] = "two-axis-horizontal",
+    turns: Annotated[int, Argument(help="turns of the scheme")],
+    table: Annotated[str, Option(help="the table that has to turn it")] = "two-axis-horizontal",
     dwell_s: Dwell = 180.0,
     rate_dps: Rate = 10.0,
     latitude_deg: Latitude = 45.7796,
     arw: Arw = 0.001,
     vrw: Vrw = 10.0,
-    seed: Annotated[int, typer.Option(help="seed of the annealing")] = 0,
-    thorough: Annotated[bool, typer.Option("--thorough", help="search longer")] = False,
+    seed: Annotated[int, Option(help="seed of the annealing")] = 0,
+    thorough: Annotated[bool, Option("--thorough", help="search longer")] = False,
     angles: Annotated[
-        str, typer.Option(help="angles of the turns, of 90, 180, 270, 360, separated by commas")
+        str, Option(help="angles of the turns, of 90, 180, 270, 360, separated by commas")
     ] = "90",
-    out: Annotated[Path | None, typer.Option(help="write the scheme found (TOML) here")] = None,
+    out: Annotated[Path | None, Option(help="write the scheme found (TOML) here")] = None,
     bench: SchemeBench = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
@@ -104,12 +101,10 @@ def search(
     really starts it from.
     """
     import numpy as np
-    from rich.table import Table as Grid
 
     from bench.analysis import calibration
     from bench.analysis.common.fan_out import fan_out
     from bench.analysis.common.state_file import save_file
-    from bench.present.cli._console import Terminal
 
     axes: list[TableAxis] = []
     if bench is not None:
@@ -139,19 +134,18 @@ def search(
     if axes:
         plan = calibration.plan_turns(result.schedule, axes)
         console.say(f"mount with all axes at 0: {plan.mount_text}")
-    grid = Grid("scheme", "turns", "time", "worst sigma/target", "rms")
+    rows = []
     classical = [calibration.load_scheme(name) for name in ("19-position", "23-position", "t22")]
     for schedule in (result.schedule, *classical):
         timed = schedule.with_(dwell_s=dwell_s, rate_dps=rate_dps)
-        try:
+        length, worst, rms = "", "not on this table", ""
+        with suppress(ConfigurationError):
             turned = calibration.plan_turns(timed, axes).schedule if axes else timed
             evaluation = calibration.evaluate(task, turned)
-        except ConfigurationError:
-            grid.add_row(timed.name, str(len(timed.moves)), "", "not on this table", "")
-            continue
-        merit, length = evaluation.merit, duration(evaluation.schedule.duration_s)
-        grid.add_row(timed.name, str(len(timed.moves)), length, f"{merit.worst:.3f}", f"{merit.rms:.3f}")
-    console.print(grid)
+            length = duration(evaluation.schedule.duration_s)
+            worst, rms = f"{evaluation.merit.worst:.3f}", f"{evaluation.merit.rms:.3f}"
+        rows.append((timed.name, str(len(timed.moves)), length, worst, rms))
+    console.table(("scheme", "turns", "time", "worst sigma/target", "rms"), rows)
     console.say(result.statement)
     if out is not None:
         named = result.schedule.with_(name=out.stem, source="gyrobench scheme search", notes=result.statement)
@@ -211,42 +205,35 @@ def _positive(name: str, value: float) -> float:
 
 
 def _print(console: Terminal, evaluation: Evaluation) -> None:
-    from rich.table import Table as Grid
+    from bench.analysis import calibration
 
-    from bench.analysis.calibration import (
-        PARAMETERS,
-        STATE_NAMES,
-        STATE_UNITS,
-        UNIT_SIZE,
-        home_text,
-        moves_text,
-    )
-
-    schedule, ratio = evaluation.schedule, evaluation.sigma[PARAMETERS] / evaluation.task.target_sigma
+    schedule, task = evaluation.schedule, evaluation.task
     console.say(
         f"{schedule.name}: {schedule.positions} positions, {duration(schedule.duration_s)}, home "
-        f"{home_text(schedule.home)}, table {evaluation.table}\n{moves_text(schedule.moves)}"
+        f"{calibration.home_text(schedule.home)}, table {evaluation.table}\n"
+        f"{calibration.moves_text(schedule.moves)}"
     )
     grid = Grid(
         "state", "unit", "prior", "sigma", "target", "sigma/target", "gain ratio", "white-noise degree"
     )
-    for number, name in enumerate(STATE_NAMES):
-        unit = UNIT_SIZE[number]
-        cells: list[Any] = [
-            f"{evaluation.task.prior_sigma[number] / unit:g}",
-            f"{evaluation.sigma[number] / unit:.3g}",
-        ]
-        judged = ratio[number - 6] if number >= 6 else None
-        target = "" if judged is None else f"{evaluation.task.target_sigma[number - 6] / unit:g}"
-        cells += [target, "" if judged is None else f"{judged:.2f}", f"{evaluation.gain[number]:,.1f}"]
-        cells.append(f"{evaluation.degrees.normalised[number]:,.0f}")
+    targets = [None] * 6 + list(task.target_sigma)  # the first six states are attitude and velocity
+    for number, (name, target) in enumerate(zip(calibration.STATE_NAMES, targets, strict=True)):
+        unit, sigma = calibration.UNIT_SIZE[number], evaluation.sigma[number]
         grid.add_row(
-            name, STATE_UNITS[number], *cells, style="red" if judged is not None and judged > 1 else ""
+            name,
+            calibration.STATE_UNITS[number],
+            f"{task.prior_sigma[number] / unit:g}",
+            f"{sigma / unit:.3g}",
+            "" if target is None else f"{target / unit:g}",
+            "" if target is None else f"{sigma / target:.2f}",
+            f"{evaluation.gain[number]:,.1f}",
+            f"{evaluation.degrees.normalised[number]:,.0f}",
+            style="red" if target is not None and sigma > target else "",
         )
     console.print(grid)
     console.say(
         f"worst sigma/target {evaluation.merit.worst:.3f}, rms {evaluation.merit.rms:.3f}, rank "
-        f"{evaluation.degrees.rank} of {len(STATE_NAMES)}"
+        f"{evaluation.degrees.rank} of {len(calibration.STATE_NAMES)}"
     )
     for combination in evaluation.combinations:
         console.say(f"poorly seen: {combination}")

@@ -43,7 +43,7 @@ def perform(
     bytes_ = estimated_bytes(expected_s, file)
     check_disk(bytes_, runs, "the run" if plant is None else "the rehearsal", "--runs")
     title = procedure.name if plant is None else f"rehearsal of {procedure.name}"
-    with RunDisplay(console, title, expected_s, as_json=console.as_json) as display:
+    with RunDisplay(console, title, expected_s) as display:
         if plant is not None:
             return rehearse_procedure(procedure, parameters, file, plant, runs, display)
         with Live() as live:
@@ -76,7 +76,7 @@ def say_result(console: Terminal, result: RunResult, *, kind: str = "run", **fie
         )
         return
     style = {"completed": "green", "invalid": "yellow", "aborted": "red"}[result.outcome]
-    console.print(Text.assemble((result.outcome, style), f"  {result.folder}"))
+    console.parts((result.outcome, style), f"  {result.folder}")
     if result.reason:
         console.say(result.reason, style=style)
     if result.outcome == "aborted":

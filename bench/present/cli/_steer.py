@@ -6,19 +6,19 @@ import sys
 from pathlib import Path
 from typing import Annotated, cast, get_args
 
-import typer
+from typer import Argument, Option, Typer
 
 from drivers.base.errors import ConfigurationError
 
-app = typer.Typer()
+app = Typer()
 
 
 @app.command()
 def steer(
-    session: Annotated[Path, typer.Argument(help="campaign folder, or run folder of a single run")],
-    action: Annotated[str, typer.Argument(help="pause, resume, abort or answer")],
-    answer: Annotated[str, typer.Argument(help="the answer to the question that is open")] = "",
-    by: Annotated[str, typer.Option("--by", help="your name; default the user's")] = "",
+    session: Annotated[Path, Argument(help="campaign folder, or run folder of a single run")],
+    action: Annotated[str, Argument(help="pause, resume, abort or answer")],
+    answer: Annotated[str, Argument(help="the answer to the question that is open")] = "",
+    by: Annotated[str, Option(help="your name; default the user's")] = "",
 ) -> None:
     """Answer, pause, resume or abort a session that another process runs.
 

@@ -22,7 +22,7 @@ from bench.analysis.calibration import (
 )
 from bench.analysis.calibration._calibrate import read_increments
 from bench.present.cli import _scheme as commands
-from bench.present.cli.fit._calibration import calibration
+from bench.present.cli.fit._unit import calibration
 from bench.present.report import calibration_content, calibration_page, render_page
 from benchmarks._turned_imu import ImuRecord, Rest, Turn, measure_motion
 from drivers.base.errors import ConfigurationError, RecordError

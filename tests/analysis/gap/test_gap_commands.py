@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import Model, model_text, read_model
-from bench.present.cli.gap._close import close
-from bench.present.cli.gap._diagnose import diagnose
+from bench.present.cli.gap._diagnose import close, diagnose
 from drivers.base.errors import ConfigurationError
 from tests.analysis.gap.conftest import stimulus
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from bench.analysis.gap import (
     Diagnosis,
@@ -25,7 +24,8 @@ from bench.analysis.gap import (
 from bench.analysis.gap._position import PositionRun
 from bench.analysis.heading import PlatformLog
 from bench.lab.emulated import Plant
-from bench.present.cli.gap._rehearse import heading_table
+from bench.present.cli._console import Terminal
+from bench.present.cli.gap._rehearse import print_gaps
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform, with_heading_effect
 from tests.analysis.heading.conftest import SIX, _fly
@@ -145,6 +145,6 @@ def test_a_rehearsals_table_has_a_row_for_every_heading(capsys: pytest.CaptureFi
         LogGap("all", "arcsec", 289.7, 40.5, 35.6, 0.996),
         LogGap("60 deg", "arcsec", 3.0, 2.0, 9.0, np.nan),
     ]
-    Console(width=80).print(heading_table(gaps))
+    print_gaps(Terminal(width=80), "heading", "rms arcsec", gaps, ".1f")
     said = capsys.readouterr().out
     assert "289.7" in said and "99.6" in said and "nan" not in said

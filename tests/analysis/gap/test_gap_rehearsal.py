@@ -13,10 +13,13 @@ from bench.analysis.gap._channel_data import load_channels
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._suggest import _plans
 from bench.control.procedure import find_procedure
+from bench.lab.emulated import load_plant
+from bench.present.cli._console import Terminal
 from bench.present.cli.gap import _diagnose as command
-from bench.present.cli.gap._diagnose import NextRun, run_suggestion
+from bench.present.cli.gap._diagnose import make_run
 from bench.present.cli.gap._rehearse import rehearse
 from bench.present.report import log_gaps_page, render_page
+from bench.record.benchfile import load_bench_file
 from drivers.base.errors import ConfigurationError
 from tests.analysis.gap.conftest import made_run, stimulus
 from tests.analysis.gap.test_gap_commands import recordings
@@ -82,8 +85,15 @@ def test_a_suggestion_is_run_on_the_emulated_bench_with_its_fast_clock_and_late_
     suggestion = Suggestion(
         "constant-rotation", "", 0.1, 5.0, "", {"rate_dps": 20.0, "turns": 10.0, "rest_s": 100.0}
     )
-    then = NextRun(BENCH, tmp_path / "runs", plant, emulated=True, seed=4, yes=True)
-    folder = run_suggestion(suggestion, then, as_json=True)
+    folder = make_run(
+        Terminal(as_json=True),
+        suggestion.procedure,
+        suggestion.settings,
+        load_bench_file(BENCH),
+        tmp_path / "runs",
+        plant=load_plant(plant, 4),
+        yes=True,
+    )
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["parameters"]["turns"] == 10.0
     assert manifest["emulated"]["seed"] == 4
@@ -107,13 +117,13 @@ def test_the_suggested_run_is_taken_into_the_diagnosis(
 ) -> None:
     first = recordings(tmp_path / "first", 0.5, "ab", 8)
     second = recordings(tmp_path / "second", 0.5, "c", 9)
-    asked: list[Suggestion] = []
+    asked: list[str] = []
 
-    def run(suggestion: Suggestion, *_: object, **__: object) -> Path:
-        asked.append(suggestion)
+    def run(console: Terminal, procedure: str, *_: object, **__: object) -> Path:
+        asked.append(procedure)
         return second
 
-    monkeypatch.setattr(command, "run_suggestion", run)
+    monkeypatch.setattr(command, "make_run", run)
     model = tmp_path / "nominal.toml"
     model.write_text(model_text(nominal), encoding="utf-8")
     command.diagnose(

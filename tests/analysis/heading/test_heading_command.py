@@ -20,7 +20,7 @@ from bench.analysis.heading import (
     load_log,
     study_heading,
 )
-from bench.present.cli.fit._heading_effect import heading_effect
+from bench.present.cli.fit._motion import heading_effect
 from drivers.base.clock import host_seconds
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform

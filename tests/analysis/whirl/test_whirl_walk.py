@@ -12,7 +12,7 @@ from bench.control.procedure import Parameters
 from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant, load_plant, unit_seed
-from bench.present.cli.fit._whirl import COMPENSATION_FILE, REPORT_FILE, whirl
+from bench.present.cli.fit._motion import REPORT_FILE, WHIRL_FILE, whirl
 from bench.record.benchfile import bench_file_from
 from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError
@@ -135,7 +135,7 @@ def test_command_writes_compensation_and_report(
     said = re.sub(r"\s+", " ", capsys.readouterr().out)
     assert "free: the constant tilt a_0 of the spin axis in body axes" in said
     assert "gauge mean: mean spin axis" in said
-    compensation = WhirlCompensation.load(tmp_path / COMPENSATION_FILE)
+    compensation = WhirlCompensation.load(tmp_path / WHIRL_FILE)
     assert compensation.unit_id == "INS-001"
     assert list(compensation.runs) == [runs[0].name]
     page = (tmp_path / REPORT_FILE).read_text(encoding="utf-8")

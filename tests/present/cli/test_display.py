@@ -35,8 +35,8 @@ def progress(**changes):
 
 def shown(*, terminal=False, as_json=False, given=None):
     output = io.StringIO()
-    console = Terminal(file=output, width=120, force_terminal=terminal, color_system=None)
-    with RunDisplay(console, "run 7", 7200.0, as_json=as_json) as display:
+    console = Terminal(file=output, width=120, force_terminal=terminal, color_system=None, as_json=as_json)
+    with RunDisplay(console, "run 7", 7200.0) as display:
         display(given or progress())
         text = output.getvalue()
     return text

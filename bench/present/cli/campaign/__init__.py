@@ -1,15 +1,10 @@
-"""The commands `gyrobench campaign ...`: a file for what is planned, what is run, what is rehearsed."""
+"""The commands `gyrobench campaign ...`: what is planned, and what is run or rehearsed."""
 
-import typer
+from typer import Typer
 
 from bench.present.cli.campaign._plan import plan
-from bench.present.cli.campaign._rehearse import rehearse
-from bench.present.cli.campaign._run import resume, run, status
+from bench.present.cli.campaign._run import rehearse, resume, run, status
 
-app = typer.Typer(
-    name="campaign",
-    help="Many runs from one file: plan, run, resume, watch, rehearse, fit.",
-    no_args_is_help=True,
-)
+app = Typer(name="campaign", no_args_is_help=True)
 for command in (plan, run, resume, status, rehearse):
     app.command()(command)

@@ -1,64 +1,66 @@
-"""`gyrobench campaign plan`."""
+"""`gyrobench campaign plan`, and what other campaign commands say of a plan."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from rich.box import SIMPLE_HEAD
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+from typer import Option
 
+from bench.present.cli._console import Terminal
 from bench.present.cli._options import DEFAULT_BENCH, Bench, CampaignFile, JsonLines, PlantFile, Seed
 from bench.present.cli._texts import duration, size
+from drivers.base.clock import utc_now
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign, PlannedRun
-    from bench.lab.emulated import Plant
-    from bench.present.cli._console import Terminal
     from bench.record.benchfile import BenchFile
 
 
 def plan(
     campaign_file: CampaignFile,
     bench: Bench = DEFAULT_BENCH,
-    out: Annotated[Path, typer.Option(help="folder that the campaign will have; its disk is checked")] = Path(
+    out: Annotated[Path, Option(help="folder that the campaign will have; its disk is checked")] = Path(
         "campaign"
     ),
     plant_file: PlantFile = None,
     seed: Seed = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="the procedures' own estimates, without a rehearsal")
+        bool, Option("--quick", help="the procedures' own estimates, without a rehearsal")
     ] = False,
     as_json: JsonLines = False,
 ) -> None:
     """Print the schedule, chamber hours and bytes on disk; refuse what a limit forbids. Nothing moves."""
-    from bench.campaign import bench_of, load_campaign
+    from bench.campaign import bench_of, load_campaign, plan_campaign
     from bench.control.disk import check_disk
     from bench.lab.emulated import load_plant
-    from bench.present.cli._console import console_for
     from bench.record.benchfile import load_bench_file
-    from drivers.base.clock import utc_now
 
-    console = console_for(as_json)
+    console = Terminal(as_json=as_json)
     file = load_bench_file(bench)
     campaign = load_campaign(campaign_file, file)
     plant = None if quick else load_plant(plant_file, seed)
-    planned = _planned(campaign, file, plant, quiet=as_json)
+    shown = Terminal(stderr=True, quiet=as_json or plant is None)
+    with run_counter(shown, "rehearsing", transient=True) as count:
+        planned = plan_campaign(campaign, file, plant, count)
     begin = datetime.fromisoformat(utc_now())
-    bytes_ = sum(row.bytes for row in planned)
-    warnings = plan_warnings(campaign)
-    if as_json:
-        for row in planned:
-            console.say_json("run", **_plan_json(row, begin))
-    else:
-        _print_plan(console, campaign, bench_of(campaign, file), planned, begin)
+    chamber_s, bytes_ = sum(row.chamber_s for row in planned), sum(row.bytes for row in planned)
+    for row in planned:
+        console.say_json("run", **_plan_json(row, begin))
+    _print_plan(console, campaign, bench_of(campaign, file), planned, begin)
     check_disk(bytes_, out, "the campaign", "--out")
-    if as_json:
-        facts = {"outcome": "planned", "duration_s": planned[-1].end_s}
-        facts |= {"chamber_s": sum(row.chamber_s for row in planned), "bytes": bytes_, "warnings": warnings}
-        console.say_json("result", **facts)
-    else:
-        say_warnings(console, warnings)
+    warnings = plan_warnings(campaign)
+    facts = {"outcome": "planned", "duration_s": planned[-1].end_s, "chamber_s": chamber_s, "bytes": bytes_}
+    console.say_json("result", **facts, warnings=warnings)
+    for text in warnings:
+        console.say(f"warning: {text}", style="yellow")
 
 
 def plan_warnings(campaign: Campaign) -> list[str]:
@@ -74,42 +76,20 @@ def plan_warnings(campaign: Campaign) -> list[str]:
     ]
 
 
-def say_warnings(console: Terminal, warnings: list[str]) -> None:
-    """Print warnings."""
-    for warning in warnings:
-        if console.as_json:
-            console.say_json("warning", text=warning)
-        else:
-            console.say(f"warning: {warning}", style="yellow")
-
-
-def _planned(campaign: Campaign, file: BenchFile, plant: Plant | None, *, quiet: bool) -> list[PlannedRun]:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from bench.campaign import plan_campaign
-    from bench.present.cli._console import Terminal
-
-    with Progress(
-        TextColumn("rehearsing"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=Terminal(stderr=True, quiet=quiet or plant is None),
-        transient=True,
-    ) as progress:
-        task = progress.add_task("runs", total=None)
-        return plan_campaign(
-            campaign, file, plant, lambda done, count: progress.update(task, completed=done, total=count)
-        )
+@contextmanager
+def run_counter(
+    console: Terminal, what: str, *, transient: bool = False
+) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar of the runs done; give what is to be told how many of how many are."""
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=transient) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
 def _print_plan(
     console: Terminal, campaign: Campaign, file: BenchFile, planned: list[PlannedRun], begin: datetime
 ) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
-
     console.say(campaign.title, style="bold")
     table = Table("from", "to", "length", "what", box=SIMPLE_HEAD, pad_edge=False)
     for column in table.columns[:3]:

@@ -1,40 +1,52 @@
-"""`gyrobench campaign run`, `resume` and `status`."""
+"""`gyrobench campaign run`, `resume`, `status` and `rehearse`, and the fit at a campaign's end."""
 
 from __future__ import annotations
 
+import itertools
+import os
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from bench.present.cli._options import DEFAULT_BENCH, Bench, CampaignFile, JsonLines, PlantFile, Seed, Yes
+from bench.present.cli._console import Terminal
+from bench.present.cli._options import (
+    DEFAULT_BENCH,
+    Bench,
+    CampaignFile,
+    Cluster,
+    JsonLines,
+    PlantFile,
+    Seed,
+    Yes,
+)
 from bench.present.cli._texts import duration
+from bench.present.cli.campaign._plan import plan_warnings, run_counter
+from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError, ConfigurationError, RecordError
 
 if TYPE_CHECKING:
-    from bench.campaign import CampaignEnding, CampaignFolder
+    from bench.analysis.common.fan_out import FanOut
+    from bench.campaign import Campaign, CampaignEnding, CampaignFolder
     from bench.control.runner import RunResult
-    from bench.present.cli._console import Terminal
-    from bench.present.cli._display import RunDisplay
     from bench.record.events.campaign import Stopped
 
 
-Folder = Annotated[Path, typer.Argument(help="the campaign's folder", metavar="folder")]
+Folder = Annotated[Path, Argument(help="the campaign's folder", metavar="folder")]
 
 
 def run(
     campaign_file: CampaignFile,
     bench: Bench = DEFAULT_BENCH,
-    out: Annotated[Path, typer.Option(help="new folder for the campaign")] = Path("campaign"),
+    out: Annotated[Path, Option(help="new folder for the campaign")] = Path("campaign"),
     emulated: Annotated[
-        bool, typer.Option("--emulated", help="on emulated labs that match the bench file")
+        bool, Option("--emulated", help="on emulated labs that match the bench file")
     ] = False,
     plant_file: PlantFile = None,
     seed: Seed = None,
     ask: Annotated[
-        bool, typer.Option("--ask", help="with --emulated: put the questions to a human all the same")
+        bool, Option("--ask", help="with --emulated: put the questions to a human all the same")
     ] = False,
     yes: Yes = False,
     as_json: JsonLines = False,
@@ -42,7 +54,6 @@ def run(
     """Run a campaign on the bench, one run after the other; `resume` goes on after a stop."""
     from bench.campaign import begin_campaign
     from bench.lab.emulated import load_plant
-    from bench.present.cli._console import console_for
     from bench.record.benchfile import load_bench_file
 
     file = load_bench_file(bench)
@@ -52,47 +63,39 @@ def run(
         )
     plant = load_plant(plant_file, seed) if emulated else None
     folder = begin_campaign(campaign_file, file, out, plant=plant, ask=ask)
-    sys.exit(_work(folder, console_for(as_json), yes=yes))
+    sys.exit(_work(folder, Terminal(as_json=as_json), yes=yes))
 
 
 def resume(path: Folder, yes: Yes = False, as_json: JsonLines = False) -> None:
     """Go on at the first run that is not complete, after a check that the bench is in a known state."""
     from bench.campaign import resume_campaign
-    from bench.present.cli._console import console_for
 
-    sys.exit(_work(resume_campaign(path), console_for(as_json), yes=yes))
+    sys.exit(_work(resume_campaign(path), Terminal(as_json=as_json), yes=yes))
 
 
 def status(path: Folder, as_json: JsonLines = False) -> None:
     """Show how far a campaign is, from any shell; reads files only."""
-    from rich.table import Table
-
     from bench.campaign import CampaignFolder
     from bench.control.live import read_now
-    from bench.present.cli._console import console_for
     from bench.record.events.campaign import Stopped
 
-    console = console_for(as_json)
-    folder = CampaignFolder(path)
+    console, folder = Terminal(as_json=as_json), CampaignFolder(path)
     now, states = read_now(path), folder.states()
     stopped = [(utc, event) for utc, event in folder.events() if isinstance(event, Stopped)]
-    if as_json:
-        for run in states:
-            where = None if run.folder is None else str(run.folder)
-            facts = {"run": run.run.name, "state": run.state, "outcome": run.outcome, "reason": run.reason}
-            console.say_json("run", **facts, attempts=run.attempts, folder=where)
-        done = sum(run.state == "done" for run in states)
-        console.say_json("result", title=folder.campaign.title, done=done, count=len(states), now=now)
-        return
-    table = Table("run", "procedure", "state", "bench time", "attempts", "", title=folder.campaign.title)
     going = str(((now or {}).get("run") or {}).get("run_id", "")) if now and now["alive"] else ""
-    for run in states:
-        doing = bool(going) and run.folder is not None and run.folder.name == going
-        state = str(now["state"]) if now and doing else run.outcome if run.state == "done" else "to do"
-        length = "" if run.duration_s is None else duration(run.duration_s)
-        reason = "" if doing else run.reason
-        table.add_row(run.run.name, run.run.procedure, state, length, str(run.attempts), reason)
-    console.print(table)
+    rows = []
+    for state in states:
+        name, where = state.run.name, None if state.folder is None else str(state.folder)
+        facts = {"run": name, "state": state.state, "outcome": state.outcome, "reason": state.reason}
+        console.say_json("run", **facts, attempts=state.attempts, folder=where)
+        doing = bool(going) and state.folder is not None and state.folder.name == going
+        word = str(now["state"]) if now and doing else state.outcome if state.state == "done" else "to do"
+        length = "" if state.duration_s is None else duration(state.duration_s)
+        reason = "" if doing else state.reason
+        rows.append((name, state.run.procedure, word, length, str(state.attempts), reason))
+    title, done = folder.campaign.title, sum(state.state == "done" for state in states)
+    console.say_json("result", title=title, done=done, count=len(states), now=now)
+    console.table(("run", "procedure", "state", "bench time", "attempts", ""), rows, title)
     _print_now(console, now, stopped[-1] if stopped else None, path)
 
 
@@ -126,50 +129,40 @@ def _print_now(
 
 
 def _work(folder: CampaignFolder, console: Terminal, *, yes: bool) -> int:
+    """Do what is left of a campaign, fit and certify; return the exit code."""
     from bench.analysis.common.fan_out import ALONE
     from bench.campaign import CampaignRunner
     from bench.present.cli._display import RunDisplay
     from bench.present.cli._shown_run import console_operator, say_result
-    from bench.present.cli.campaign._plan import plan_warnings, say_warnings
-    from bench.present.cli.campaign._rehearse import fit_campaign
     from bench.record.events.campaign import Fitted, Fitting
 
-    campaign, as_json = folder.campaign, console.as_json
-    if not as_json:
-        expected = duration(campaign.expected_duration_s())
-        console.say(
-            f"{campaign.title}: {len(campaign.runs)} runs, about {expected} of bench time, in {folder.path}"
-        )
-    say_warnings(console, plan_warnings(campaign))
-    with ExitStack() as stack:
-        shown: list[ExitStack] = []
-        reasons = [""]
+    campaign, reasons = folder.campaign, [""]
+    console.say(f"{_extent(campaign)}, in {folder.path}")
+    for text in plan_warnings(campaign):
+        console.say_json("warning", text=text)
+        console.say(f"warning: {text}", style="yellow")
 
-        def hide() -> None:
-            while shown:
-                shown.pop().close()
+    def display(name: str, expected_s: float) -> RunDisplay:
+        return RunDisplay(console, name, expected_s)
 
-        def display(name: str, expected_s: float) -> RunDisplay:
-            hide()
-            view = ExitStack()
-            shown.append(view)
-            return view.enter_context(RunDisplay(console, name, expected_s, as_json=as_json))
+    def say(result: RunResult) -> None:
+        reasons.append(result.reason)
+        say_result(console, result)
+        _report_run(result, console)
 
-        def say(result: RunResult) -> None:
-            hide()
-            reasons.append(result.reason)
-            say_result(console, result)
-            _report_run(result, console)
-
-        stack.callback(hide)
-        operator = None if as_json else console_operator(console)
-        ending = CampaignRunner(folder, operator, yes, display, say).run()
+    operator = None if console.as_json else console_operator(console)
+    ending = CampaignRunner(folder, operator, yes, display, say).run()
     if ending.outcome == "completed" and campaign.gyro is not None:
         folder.event(Fitting(campaign.gyro))
-        fit_campaign(campaign, ending.folders, folder.path, ALONE, console)
+        _fit_campaign(campaign, ending.folders, folder.path, ALONE, console)
         folder.event(Fitted(campaign.gyro, "."))
-    verdict = _certify(folder, console, quiet=as_json or ending.outcome != "completed")
+    verdict = _certify(folder, console, quiet=ending.outcome != "completed")
     return _say_ending(console, folder, ending, verdict, said=reasons[-1])
+
+
+def _extent(campaign: Campaign) -> str:
+    expected = duration(campaign.expected_duration_s())
+    return f"{campaign.title}: {len(campaign.runs)} runs, about {expected} of bench time"
 
 
 def _report_run(result: RunResult, console: Terminal) -> None:
@@ -181,13 +174,11 @@ def _report_run(result: RunResult, console: Terminal) -> None:
     try:
         report_run(result.folder)
     except BenchError as error:
-        if not console.as_json:
-            console.say(f"no report of this run: {error}", style="yellow")
+        console.say(f"no report of this run: {error}", style="yellow")
 
 
 def _certify(folder: CampaignFolder, console: Terminal, *, quiet: bool) -> str:
     """Write the campaign's certificate, whatever became of it; return its verdict, if there is one."""
-    from bench.present.cli._console import Terminal
     from bench.present.cli._report import say_certificate
     from bench.present.report import CERTIFICATE_FILE, certify_campaign
     from bench.record.events.campaign import CertificateMade
@@ -199,43 +190,98 @@ def _certify(folder: CampaignFolder, console: Terminal, *, quiet: bool) -> str:
     except ConfigurationError:  # not one run was begun: nothing to certify
         return ""
     except RecordError as error:
+        console.say_json("warning", text=str(error))
         console.say(str(error), style="red")
         return "not passed"
     verdict = certificate.verdict
     say_certificate(shown, certificate)
     passed = {"passed": True, "not passed": False, "not judged": None}[verdict]
     folder.event(CertificateMade(CERTIFICATE_FILE, passed))
-    if not quiet:
-        path = folder.path / CERTIFICATE_FILE
-        console.say(f"certificate: {path}", soft_wrap=True)
+    shown.say(f"certificate: {folder.path / CERTIFICATE_FILE}", soft_wrap=True)
     return verdict
 
 
 def _say_ending(
     console: Terminal, folder: CampaignFolder, ending: CampaignEnding, verdict: str, said: str
 ) -> int:
+    """Say how a campaign ended, `said` being its last run's reason that was printed already; return the code."""
     invalid = [state.run.name for state in ending.states if state.outcome == "invalid"]
-    done = sum(state.state == "done" for state in ending.states)
-    if console.as_json:
-        console.say_json(
-            "result",
-            outcome=ending.outcome,
-            reason=ending.reason,
-            done=done,
-            count=len(ending.states),
-            invalid=invalid,
-            certificate=verdict or None,
-            folder=str(folder.path),
-        )
-    else:
-        style = "green" if ending.outcome == "completed" else "red"
-        console.print(f"campaign {ending.outcome}, {done} of {len(ending.states)} runs recorded", style=style)
-        if ending.reason:
-            if ending.reason != said:  # else it stands above, with the run
-                console.say(ending.reason, style=style)
-            console.say(f"`gyrobench campaign resume {folder.path}` goes on")
-        if invalid:
-            console.print(f"invalid for their purpose: {', '.join(invalid)}", style="yellow")
+    done, count = sum(state.state == "done" for state in ending.states), len(ending.states)
+    facts = {"outcome": ending.outcome, "reason": ending.reason, "done": done, "count": count}
+    where = str(folder.path)
+    console.say_json("result", **facts, invalid=invalid, certificate=verdict or None, folder=where)
+    style = "green" if ending.outcome == "completed" else "red"
+    console.print(f"campaign {ending.outcome}, {done} of {count} runs recorded", style=style)
+    if ending.reason:
+        if ending.reason != said:
+            console.say(ending.reason, style=style)
+        console.say(f"`gyrobench campaign resume {where}` goes on")
+    if invalid:
+        console.print(f"invalid for their purpose: {', '.join(invalid)}", style="yellow")
     if ending.outcome != "completed":
         return 3
     return 4 if invalid or verdict == "not passed" else 0
+
+
+def rehearse(
+    campaign_file: CampaignFile,
+    bench: Bench = DEFAULT_BENCH,
+    out: Annotated[Path, Option(help="new folder for runs, compensation and report")] = Path("campaign"),
+    plant_file: PlantFile = None,
+    seed: Seed = None,
+    jobs: Annotated[int | None, Option(help="runs at the same time; default one a processor")] = None,
+    cluster: Cluster = None,
+    as_json: JsonLines = False,
+) -> None:
+    """Run a whole campaign on emulated labs, fit the compensation and write the report."""
+    from bench.analysis.common.fan_out import fan_out
+    from bench.campaign import campaign_to_rehearse, rehearse_campaign
+    from bench.lab.emulated import load_plant
+    from bench.present.cli._shown_run import say_result
+    from bench.record.benchfile import load_bench_file
+
+    console = Terminal(as_json=as_json)
+    file = load_bench_file(bench)
+    plant = load_plant(plant_file, seed)
+    campaign, runs_folder = campaign_to_rehearse(campaign_file, file, out)
+    at_once = jobs or len(os.sched_getaffinity(0))
+    console.print(f"{_extent(campaign)}, {at_once} at a time")
+    started, done = host_seconds(), itertools.count(1)
+    with run_counter(console, "runs") as count:
+        count(0, len(campaign.runs))
+
+        def finished(result: RunResult) -> None:
+            say_result(console, result)
+            count(next(done), len(campaign.runs))
+
+        results = rehearse_campaign(campaign, file, plant, runs_folder, jobs=at_once, finished=finished)
+    wall_s = host_seconds() - started
+    bench_s = sum(result.duration_s for result in results.values())
+    aborted = [name for name, result in results.items() if result.outcome == "aborted"]
+    console.print(f"{duration(bench_s)} of bench time in {wall_s:.0f} s ({bench_s / wall_s:,.0f} x)")
+    if not aborted and campaign.gyro is not None:
+        folders = {name: result.folder for name, result in results.items()}
+        with fan_out(None if cluster else at_once, cluster) as fan:
+            _fit_campaign(campaign, folders, out, fan, console)
+    outcome = "aborted" if aborted else "completed"
+    times = {"duration_s": bench_s, "wall_s": wall_s}
+    console.say_json("result", outcome=outcome, aborted=aborted, **times, folder=str(out))
+    sys.exit(3 if aborted else 0)
+
+
+def _fit_campaign(
+    campaign: Campaign, folders: dict[str, Path], out: Path, fan: FanOut, console: Terminal
+) -> None:
+    """Fit on the training runs, choose on the validation runs, judge on the tests; write everything to `out`."""
+    from bench.campaign.study import study_of
+    from bench.present.cli.fit._temperature import score_table
+    from bench.present.report import write_study
+
+    with console.status("fitting models"):
+        study = study_of(campaign, folders, fan=fan)
+        write_study(study, list(folders.values()), out, title=campaign.title)
+    console.print(score_table(study))
+    console.parts("chosen on the validation runs: ", (study.chosen, "bold"))
+    for name in ("compensation.gyrocomp", "compensation.h", "lstm.onnx", "report.html"):
+        if (out / name).exists():
+            console.say(f"  {out / name}")

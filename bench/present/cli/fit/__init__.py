@@ -1,15 +1,11 @@
-"""The commands `gyrobench fit ...`: a file each."""
+"""The commands `gyrobench fit ...`: models over temperature, figures of a unit, effects of motion."""
 
-import typer
+from typer import Typer
 
-from bench.present.cli.fit._calibration import calibration
-from bench.present.cli.fit._chamber_cycle import chamber_cycle
-from bench.present.cli.fit._cold_shock import cold_shock
-from bench.present.cli.fit._heading_effect import heading_effect
-from bench.present.cli.fit._standard_test import standard_test
-from bench.present.cli.fit._stepwise import stepwise
-from bench.present.cli.fit._whirl import whirl
+from bench.present.cli.fit._motion import heading_effect, whirl
+from bench.present.cli.fit._temperature import chamber_cycle, cold_shock, stepwise
+from bench.present.cli.fit._unit import calibration, standard_test
 
-app = typer.Typer(name="fit", help="Fit compensations to recorded runs.", no_args_is_help=True)
+app = Typer(name="fit", no_args_is_help=True)
 for command in (cold_shock, stepwise, chamber_cycle, standard_test, whirl, heading_effect, calibration):
     app.command()(command)

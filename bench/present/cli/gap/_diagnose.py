@@ -1,33 +1,24 @@
-"""`gyrobench gap diagnose`, and with `--run` the run that would decide most."""
+"""`gyrobench gap diagnose`, with `--run` the run that would decide most, and `gyrobench gap close`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import BadParameter, Option
 
+from bench.present.cli._console import Terminal
 from bench.present.cli._options import DiagnosedGyro, DiagnosedRuns, Json, NominalModel
+from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError
 
 if TYPE_CHECKING:
     from bench.analysis.gap import Diagnosis, Recordings, Suggestion
+    from bench.lab.emulated import Plant
     from bench.present.report import Page
-
-
-@dataclass(frozen=True)
-class NextRun:
-    """Where and how the suggested procedure is to be run: on the bench, or on a lab emulated after it."""
-
-    bench: Path
-    runs: Path
-    plant: Path | None
-    emulated: bool
-    seed: int | None
-    yes: bool
+    from bench.record.benchfile import BenchFile
 
 
 def diagnose(
@@ -35,71 +26,62 @@ def diagnose(
     model: NominalModel,
     held_out: Annotated[
         list[Path] | None,
-        typer.Option(help="run to judge the closing on: id of one given, folder or mapping file"),
+        Option(help="run to judge the closing on: id of one given, folder or mapping file"),
     ] = None,
     gyro: DiagnosedGyro = None,
     as_json: Json = False,
-    report: Annotated[Path | None, typer.Option(help="HTML report to write, with the map and curves")] = None,
+    report: Annotated[Path | None, Option(help="HTML report to write, with the map and curves")] = None,
     run: Annotated[
-        bool, typer.Option("--run", help="run the first suggestion on --bench, then diagnose with it")
+        bool, Option("--run", help="run the first suggestion on --bench, then diagnose with it")
     ] = False,
-    bench: Annotated[Path | None, typer.Option(help="with --run: bench file (TOML)")] = None,
+    bench: Annotated[Path | None, Option(help="with --run: bench file (TOML)")] = None,
     emulated: Annotated[
-        bool, typer.Option("--emulated", help="with --run: on an emulated lab that matches the bench")
+        bool, Option("--emulated", help="with --run: on an emulated lab that matches the bench")
     ] = False,
     plant: Annotated[
-        Path | None, typer.Option(help="with --run --emulated: plant file (TOML) of the emulated lab")
+        Path | None, Option(help="with --run --emulated: plant file (TOML) of the emulated lab")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="with --run --emulated: seed of the lab")] = None,
-    runs_folder: Annotated[
-        Path, typer.Option("--runs", help="with --run: folder that holds the runs")
-    ] = Path("runs"),
+    seed: Annotated[int | None, Option(help="with --run --emulated: seed of the lab")] = None,
+    runs_folder: Annotated[Path, Option("--runs", help="with --run: folder that holds the runs")] = Path(
+        "runs"
+    ),
     yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="with --run: answer the procedure's questions with yes")
+        bool, Option("--yes", "-y", help="with --run: answer the procedure's questions with yes")
     ] = False,
 ) -> None:
     """Say where the gap is, which effect explains it, and how far it closes on held-out runs."""
-    then = None
-    if run:
-        if bench is None:
-            raise typer.BadParameter("--run needs --bench, the bench to run on")
-        then = NextRun(bench, runs_folder, plant, emulated, seed, yes)
-    elif bench is not None or plant is not None or emulated:
-        raise typer.BadParameter("--bench, --plant and --emulated go with --run")
-    _diagnose(runs, model, held_out or [], gyro, as_json, report, then)
-
-
-def _diagnose(
-    runs: Sequence[Path],
-    model: Path,
-    held_out: Sequence[Path],
-    gyro: str | None,
-    as_json: bool,
-    report: Path | None,
-    then: NextRun | None,
-) -> None:
-    """Diagnose and print; with `then`, run what would decide most and diagnose with that run among the others."""
     from bench.analysis import gap
-    from bench.present.cli._console import Terminal
+    from bench.lab.emulated import load_plant
     from bench.present.cli.gap._text import print_position, print_rate
     from bench.present.report import write_report
+    from bench.record.benchfile import load_bench_file
 
-    console = Terminal()
-    nominal = gap.read_model(model)
-    with console.status("diagnosing"):
-        given = gap.read_recordings(runs, held_out, gyro)
-        found = gap.diagnose(given.runs, nominal, given.held_out, given.missing)
-        following = gap.suggest(found)
-    if then is not None and following:
+    if run and bench is None:
+        raise BadParameter("--run needs --bench, the bench to run on")
+    if not run and (bench is not None or plant is not None or emulated):
+        raise BadParameter("--bench, --plant and --emulated go with --run")
+    console, nominal = Terminal(), gap.read_model(model)
+
+    def diagnosed(recorded: Sequence[Path]) -> tuple[Recordings, Diagnosis, Sequence[Suggestion]]:
+        with console.status("diagnosing"):
+            given = gap.read_recordings(recorded, held_out or [], gyro)
+            found = gap.diagnose(given.runs, nominal, given.held_out, given.missing)
+            return given, found, gap.suggest(found)
+
+    given, found, following = diagnosed(runs)
+    if bench is not None and following:
+        plan = following[0]
         if not as_json:
             causes = ", ".join(cause.name for cause in found.rate.causes) or "no cause named"
             console.say(
-                f"so far: {found.verdict}, {causes}; now {following[0].procedure} ({following[0].parameters}, "
-                f"{following[0].hours:.1f} h of bench time) to decide {following[0].decides}"
+                f"so far: {found.verdict}, {causes}; now {plan.procedure} ({plan.parameters}, "
+                f"{plan.hours:.1f} h of bench time) to decide {plan.decides}"
             )
-        folder = run_suggestion(following[0], then, as_json=as_json)
-        _diagnose([*runs, folder], model, held_out, gyro, as_json, report, None)
-        return
+        file, lab = load_bench_file(bench), load_plant(plant, seed) if emulated else None
+        progress = Terminal(as_json=as_json)
+        folder = make_run(progress, plan.procedure, plan.settings, file, runs_folder, plant=lab, yes=yes)
+        given, found, following = diagnosed([*runs, folder])
+        run = False
     if report is not None:
         write_report(report, _page(found, given, following, model))
     if as_json:
@@ -109,7 +91,7 @@ def _diagnose(
         print_position(console, found.unit_id, found.position)
     else:
         print_rate(console, found, following)
-    if then is not None:
+    if run:
         console.print("  nothing was run: no procedure of the bench would decide more")
     if report is not None:
         console.say(f"report: {report}", soft_wrap=True)
@@ -118,7 +100,6 @@ def _diagnose(
 def _page(found: Diagnosis, given: Recordings, following: Sequence[Suggestion], model: Path) -> Page:
     from bench.analysis.gap import closed_model, differences
     from bench.present.report import GapContent, gap_page, heading_page
-    from drivers.base.clock import utc_now
 
     if found.position is not None:
         runs = dict(found.run_checksums)
@@ -127,20 +108,49 @@ def _page(found: Diagnosis, given: Recordings, following: Sequence[Suggestion], 
     return gap_page(GapContent(found, shown, utc_now(), model.name, following))
 
 
-def run_suggestion(suggestion: Suggestion, then: NextRun, *, as_json: bool) -> Path:
-    """Run what a diagnosis suggested on a bench, real or emulated; return the new run's folder."""
+def make_run(
+    console: Terminal,
+    name: str,
+    settings: Mapping[str, Any],
+    file: BenchFile,
+    runs: Path,
+    *,
+    plant: Plant | None = None,
+    yes: bool = False,
+) -> Path:
+    """Run a procedure for a diagnosis, with `plant` emulated; return the run's folder, BenchError if aborted."""
     from bench.control.procedure import find_procedure
-    from bench.lab.emulated import load_plant
-    from bench.present.cli._console import console_for
     from bench.present.cli._shown_run import perform
-    from bench.record.benchfile import load_bench_file
 
-    console = console_for(as_json)
-    procedure = find_procedure(suggestion.procedure)
-    parameters = procedure.parse(dict(suggestion.settings))
-    file = load_bench_file(then.bench)
-    plant = load_plant(then.plant, then.seed) if then.emulated else None
-    result = perform(console, procedure, parameters, file, then.runs, plant=plant, yes=then.yes)
+    procedure = find_procedure(name)
+    values = procedure.parse(dict(settings))
+    result = perform(console, procedure, values, file, runs, plant=plant, yes=yes)
     if result.outcome == "aborted":
-        raise BenchError(f"{suggestion.procedure} was aborted: {result.reason}")
+        raise BenchError(f"{name} was aborted: {result.reason}")
     return result.folder
+
+
+def close(
+    runs: DiagnosedRuns,
+    model: NominalModel,
+    gyro: DiagnosedGyro = None,
+    out: Annotated[Path | None, Option(help="file; default nominal+<effect>.toml beside the model")] = None,
+) -> None:
+    """Write the nominal model with the missing effects in it, and what was learned for those without a name."""
+    from bench.analysis import gap
+    from bench.analysis.common.state_file import save_file
+    from bench.present.learned import learned_sentences
+
+    console = Terminal()
+    given = gap.read_recordings(runs, gyro=gyro)
+    found = gap.diagnose(given.runs, gap.read_model(model), missing=given.missing)
+    if not found.closing:
+        named = "".join(f", {cause.name}" for cause in found.causes)
+        text = f"{found.verdict}{named}: there is no effect to put into the model"
+        console.say(text, style="yellow")
+        return
+    path = out or model.with_name(f"{model.stem}+{'+'.join(found.closing)}.toml")
+    save_file(path, gap.model_text(gap.closed_model(found)))
+    console.say(f"{path}")
+    for sentence in learned_sentences(found.rate.learned) if found.position is None else ():
+        console.say(sentence)

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import BadParameter, Option
 
+from bench.present.cli._console import Terminal
 from bench.present.cli._options import Cluster, Jobs
 
 if TYPE_CHECKING:
@@ -21,25 +22,24 @@ _BAR = 40
 
 def exam(
     seed: Annotated[
-        int | None, typer.Option(help="fresh seed; every case of a seed once looked at is spent")
+        int | None, Option(help="fresh seed; every case of a seed once looked at is spent")
     ] = None,
-    cases: Annotated[int, typer.Option(help="number of cases, a quarter of them without any effect")] = 600,
+    cases: Annotated[int, Option(help="number of cases, a quarter of them without any effect")] = 600,
     out: Annotated[
-        Path | None, typer.Option(help="new folder for cases, seals, results; default: nothing is kept")
+        Path | None, Option(help="new folder for cases, seals, results; default: nothing is kept")
     ] = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
     held: Annotated[
         Path | None,
-        typer.Option("--from", help="folder of an exam held, finished or not: print its table, hold none"),
+        Option("--from", help="folder of an exam held, finished or not: print its table, hold none"),
     ] = None,
-    table: Annotated[Path | None, typer.Option(help="with --from: file for the table (Markdown)")] = None,
-    note: Annotated[str, typer.Option(help="with --from: words for its first line, e.g. the commit")] = "",
+    table: Annotated[Path | None, Option(help="with --from: file for the table (Markdown)")] = None,
+    note: Annotated[str, Option(help="with --from: words for its first line, e.g. the commit")] = "",
 ) -> None:
     """Examine the diagnosis on plants whose physics is not the catalogue's, answers sealed beforehand."""
     from bench.analysis.common.fan_out import fan_out
     from bench.analysis.gap import Exam, hold_exam, read_exam
-    from bench.present.cli._console import Terminal
 
     if held is not None:
         text = exam_text(read_exam(held), note)
@@ -47,7 +47,7 @@ def exam(
             table.write_text(f"# Result of the blind exam\n\n{text}", encoding="utf-8")
             return
     elif seed is None:
-        raise typer.BadParameter("an exam needs --seed, or --from with the folder of one that was held")
+        raise BadParameter("an exam needs --seed, or --from with the folder of one that was held")
     else:
         with tempfile.TemporaryDirectory() as spare, fan_out(jobs, cluster) as fan:
             marked = _watched(hold_exam(cases, seed, out or Path(spare), fan), cases)
@@ -58,8 +58,6 @@ def exam(
 
 
 def _watched(exam: Iterator[tuple[str, Marked | None]], cases: int) -> list[Marked]:
-    from bench.present.cli._console import Terminal
-
     console = Terminal()
     marked: list[Marked] = []
     try:

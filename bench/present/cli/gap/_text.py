@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rich.table import Table
-from rich.text import Text
-
 from bench.analysis.gap import Cause, ChannelFinding, Diagnosis, Place, PositionFinding, Shrinkage, Suggestion
 from bench.present.cli._console import Terminal
 from bench.present.learned import learned_sentences
@@ -32,9 +29,9 @@ def print_rate(console: Terminal, diagnosis: Diagnosis, following: Sequence[Sugg
         console.say(f"  something that the catalogue lacks ({chance}); it resembles {near}")
         for sentence in [*(part.sentence for part in found.unknown_parts), *learned_sentences(found.learned)]:
             console.say(f"  {sentence}")
-    console.print(_map("where", found.places))
+    _print_map(console, "where", found.places)
     if any(place.clear for place in found.left):
-        console.print(_map("left", found.left))
+        _print_map(console, "left", found.left)
     console.say(_closing(shrunk))
     if shrunk is not None and shrunk.caution and found.causes:
         console.say(f"  {shrunk.caution}", style="bold red")
@@ -55,18 +52,23 @@ def print_position(console: Terminal, unit_id: str, found: PositionFinding) -> N
     _print_verdict(console, unit_id, found.verdict)
     for cause in found.causes:
         term = cause.term
-        rows = zip(term.effect.parameters, term.values, term.sigmas, strict=True) if term else ()
-        values = ", ".join(f"{p.name} = {value:.3g} +- {sigma:.1g}" for p, value, sigma in rows)
+        fitted = zip(term.effect.parameters, term.values, term.sigmas, strict=True) if term else ()
+        values = ", ".join(f"{p.name} = {value:.3g} +- {sigma:.1g}" for p, value, sigma in fitted)
         console.say(f"  {_said(cause)}{values and ' '}{values}{_rivals(cause)}")
     if found.unknown:
         console.say("  part of the gap follows neither temperature nor heading alone")
-    table = Table(
-        "heading", "hours", "before arcsec", "after arcsec", "share %", title="where: position error rms"
-    )
-    for stay in found.stays:
-        errors = (f"{stay.rms_before_as:.1f}", f"{stay.rms_after_as:.1f}", f"{100 * stay.share:.0f}")
-        table.add_row(f"{stay.heading_deg:.0f} deg", f"{stay.hours:.0f}", *errors)
-    console.print(table)
+    rows = [
+        (
+            f"{stay.heading_deg:.0f} deg",
+            f"{stay.hours:.0f}",
+            f"{stay.rms_before_as:.1f}",
+            f"{stay.rms_after_as:.1f}",
+            f"{100 * stay.share:.0f}",
+        )
+        for stay in found.stays
+    ]
+    heads = ("heading", "hours", "before arcsec", "after arcsec", "share %")
+    console.table(heads, rows, "where: position error rms")
     for held in found.held_out:
         console.say(
             f"on held-out run {held.run_id} {100 * held.share:.1f} % of the position error's energy is gone "
@@ -79,7 +81,7 @@ def print_position(console: Terminal, unit_id: str, found: PositionFinding) -> N
 
 
 def _print_verdict(console: Terminal, unit_id: str, verdict: str) -> None:
-    console.print(Text.assemble(f"unit {unit_id}: ", (verdict, "bold")))
+    console.parts(f"unit {unit_id}: ", (verdict, "bold"))
 
 
 def _print_warnings(console: Terminal, warnings: Sequence[str]) -> None:
@@ -96,12 +98,12 @@ def _rivals(cause: Cause[Any]) -> str:
     return f"; in its place could stand {rivals}" if rivals else ""
 
 
-def _map(title: str, places: Sequence[Place]) -> Table:
-    table = Table("profile", "runs", "time scale", "rms deg/h", "share %", "energy / floor", title=title)
+def _print_map(console: Terminal, title: str, places: Sequence[Place]) -> None:
+    rows = []
     for place in [place for place in places if place.clear][:_SHOWN]:
         sizes = (f"{place.rms:.4f}", f"{100 * place.share:.0f}", f"{place.energy_ratio:.1f}")
-        table.add_row(place.profile, place.part, place.band, *sizes)
-    return table
+        rows.append((place.profile, place.part, place.band, *sizes))
+    console.table(("profile", "runs", "time scale", "rms deg/h", "share %", "energy / floor"), rows, title)
 
 
 def _closing(shrunk: Shrinkage | None) -> str:
@@ -121,7 +123,7 @@ def _print_channels(console: Terminal, channels: Sequence[ChannelFinding]) -> No
     seen = [channel for channel in channels if not channel.reason]
     if not seen:
         return
-    table = Table("channel", "gap rms", "floor", "most of it", "verdict", "gone on held-out runs")
+    rows = []
     for channel in seen:
         gone = "".join(
             f"{100 * held.share:.1f} %: {held.rms_before:.3g} -> {held.rms_after:.3g} {channel.unit}"
@@ -129,8 +131,8 @@ def _print_channels(console: Terminal, channels: Sequence[ChannelFinding]) -> No
         )
         rms, floor = f"{channel.rms:.3g} {channel.unit}", f"{channel.floor_rms:.2g}"
         name = channel.signal.replace("_", " ")
-        table.add_row(name, rms, floor, _most(channel.places), channel.verdict, gone)
-    console.print(table)
+        rows.append((name, rms, floor, _most(channel.places), channel.verdict, gone))
+    console.table(("channel", "gap rms", "floor", "most of it", "verdict", "gone on held-out runs"), rows)
     for channel in seen:
         for cause in channel.causes:
             console.say(f"  {cause.name} ({100 * cause.probability:.0f} %): {channel.told(cause)}")

@@ -1,49 +1,87 @@
-"""`gyrobench fit calibration`: from the record of a scheme to 24 parameters, a calibration file and a report."""
+"""`gyrobench fit standard-test` and `calibration`: figures of a unit, and the 24 parameters of an IMU."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from rich.table import Table
+from typer import Argument, Option
 
-from bench.present.cli._options import Arw, FitFolder, Gravity, GyroToFit, VelocityNoise, Vrw
+from bench.present.cli._console import Terminal
+from bench.present.cli._options import Arw, FitFolder, FittedRuns, Gravity, GyroToFit, VelocityNoise, Vrw
+from drivers.base.clock import utc_now
 
 if TYPE_CHECKING:
     from bench.analysis.calibration import Estimate
-    from bench.present.cli._console import Terminal
+    from bench.analysis.figures import Figure
     from bench.present.report import CalibrationContent
+
+
+def standard_test(
+    runs: FittedRuns,
+    gyro: GyroToFit = None,
+    out: Annotated[Path, Option(help="HTML report")] = Path("standard-test.html"),
+) -> None:
+    """Figures of the standards (bias, noise, scale factor, threshold, temperature) from standard-test runs.
+
+    Several runs are several power-ons: bias and scale-factor repeatability are then computed over them.
+    """
+    from bench.analysis.figures import figures_of_unit
+    from bench.present.report import standard_test_page, write_report
+    from bench.record.recording import Run
+
+    console = Terminal()
+    results, over_runs = figures_of_unit(runs, gyro)
+    manifests = [Run.open(folder).manifest for folder in runs]
+    warnings = [f"Run {m.run_id} is {m.outcome}: {m.reason}" for m in manifests if m.outcome != "completed"]
+    bench_name = str(manifests[0].bench["bench"]["name"])
+    page = standard_test_page(
+        results, over_runs, created_utc=utc_now(), bench_name=bench_name, warnings=warnings
+    )
+    write_report(out, page)
+    for result in results:
+        _print_figures(console, result.run_id, result.figures)
+        for what, why in result.missing:
+            console.say(f"{result.run_id}: no {what}. {why}", style="yellow")
+    if over_runs:
+        _print_figures(console, "over runs", over_runs)
+    console.say(f"{out}")
+
+
+def _print_figures(console: Terminal, title: str, figures: Sequence[Figure]) -> None:
+    rows = []
+    for figure in figures:
+        known = figure.low is not None and figure.high is not None
+        interval = f"{figure.low:.3g} .. {figure.high:.3g}" if known else ""
+        rows.append((figure.name, f"{figure.value:.{figure.digits}g}", figure.unit, interval))
+    console.table(("figure", "value", "unit", "95 % interval"), rows, title)
 
 
 def calibration(
     record: Annotated[
-        Path, typer.Argument(help="run folder of system-calibration, or increments of the IMU (CSV)")
+        Path, Argument(help="run folder of system-calibration, or increments of the IMU (CSV)")
     ],
-    scheme: Annotated[str | None, typer.Option(help="scheme that was turned; a run says it itself")] = None,
+    scheme: Annotated[str | None, Option(help="scheme that was turned; a run says it itself")] = None,
     gyro: GyroToFit = None,
     out: FitFolder = Path("calibration"),
-    dwell_s: Annotated[float, typer.Option(help="rest after every turn; a run says it itself")] = 180.0,
-    latitude_deg: Annotated[
-        float | None, typer.Option(help="latitude of the bench; a run says it itself")
-    ] = None,
+    dwell_s: Annotated[float, Option(help="rest after every turn; a run says it itself")] = 180.0,
+    latitude_deg: Annotated[float | None, Option(help="latitude of the bench; a run says it itself")] = None,
     gravity_mps2: Gravity = None,
     arw: Arw = 0.001,
     vrw: Vrw = 10.0,
     velocity_noise_mps: VelocityNoise = 1e-3,
-    wander_dph: Annotated[float, typer.Option(help="gyro bias wander, deg/h; 0: none")] = 0.0,
-    wander_ug: Annotated[float, typer.Option(help="accelerometer bias wander, ug; 0: none")] = 0.0,
-    lever_arms: Annotated[
-        bool, typer.Option("--lever-arms", help="estimate inner lever arms and lag")
-    ] = False,
-    range_dps: Annotated[float | None, typer.Option(help="measuring range of the gyros, deg/s")] = None,
+    wander_dph: Annotated[float, Option(help="gyro bias wander, deg/h; 0: none")] = 0.0,
+    wander_ug: Annotated[float, Option(help="accelerometer bias wander, ug; 0: none")] = 0.0,
+    lever_arms: Annotated[bool, Option("--lever-arms", help="estimate inner lever arms and lag")] = False,
+    range_dps: Annotated[float | None, Option(help="measuring range of the gyros, deg/s")] = None,
 ) -> None:
     """System-level calibration of an IMU from the record of a rotation scheme."""
     from bench.analysis.calibration import DPH_RAD_S, BiasWander, Noise, calibrate, load_record
     from bench.analysis.common.state_file import save_file, saved_together
-    from bench.present.cli._console import Terminal
     from bench.present.report import calibration_content, calibration_page, write_report
-    from drivers.base.clock import utc_now
     from drivers.base.constants import UG_MPS2
 
     run = load_record(record, scheme=scheme, gyro=gyro, dwell_s=dwell_s, latitude_deg=latitude_deg)
@@ -73,8 +111,6 @@ def calibration(
 
 
 def _print(console: Terminal, estimate: Estimate, content: CalibrationContent) -> None:
-    from rich.table import Table
-
     from bench.analysis.calibration import PARAMETER_NAMES, STATE_UNITS, UNIT_SIZE
 
     heads = ["parameter", "estimate", "sigma", "target", "unit"]

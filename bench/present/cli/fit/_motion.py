@@ -1,0 +1,175 @@
+"""`gyrobench fit whirl` and `heading-effect`: errors that turn with a mechanism or with a platform's heading."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+from typer import Argument, Option
+
+from bench.present.cli._console import Terminal
+from bench.present.cli._options import FitFolder, FittedRuns, GyroToFit, TestRuns
+from drivers.base.clock import utc_now
+from drivers.base.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from bench.analysis.heading import Form, HeadingStudy
+    from bench.analysis.whirl import Gauge, WhirlStudy
+
+WHIRL_FILE, HEADING_FILE, REPORT_FILE = "compensation.whirl", "heading.gyrocomp", "report.html"
+
+
+def whirl(
+    runs: FittedRuns,
+    test: TestRuns = None,
+    gyro: GyroToFit = None,
+    out: FitFolder = Path("whirl"),
+    gauge: Annotated[str, Option(help="how the unobservable constant tilt is fixed")] = "mean",
+) -> None:
+    """Whirl of a rotating mechanism from gyro and angle, and its compensation of the attitude."""
+    from bench.analysis.common.state_file import saved_together
+    from bench.analysis.whirl import load_turns, study_whirl
+    from bench.present.report import whirl_page, write_report
+    from bench.record.recording import Run
+
+    if gauge not in ("mean", "start"):
+        raise ConfigurationError("no such gauge", where="--gauge", found=gauge, expected="mean or start")
+    console = Terminal()
+    opened = [Run.open(folder) for folder in (*runs, *(test or []))]
+    with console.status("reading runs"):
+        turns = [load_turns(run, gyro) for run in opened]
+    fitted = {run.manifest.run_id: run.checksum for run in opened[: len(runs)]}
+    with console.status("fitting whirl"):
+        study = study_whirl(
+            turns[: len(runs)], turns[len(runs) :], gauge=cast("Gauge", gauge), checksums=fitted
+        )
+    with saved_together(out) as part:
+        study.compensation.save(part / WHIRL_FILE)
+        write_report(part / REPORT_FILE, whirl_page(study, opened, part / WHIRL_FILE))
+    _print_whirl(console, study)
+    for text in (*study.compensation.declared, *(finding.text for finding in study.findings)):
+        console.say(f"- {text}")
+    if study.judged_on_fitted:
+        console.print("no --test run: the figures are on the runs that were fitted", style="yellow")
+    console.say(f"files in {out}")
+
+
+def _print_whirl(console: Terminal, study: WhirlStudy) -> None:
+    """Print the fitted lines with their significance, and the carrier's oscillation before and after, by run."""
+    fit = study.fit
+    lines = [
+        (f"{line:+g}", f"{value.real:.4f}", f"{value.imag:.4f}", f"{sd:.4f}", f"{evidence:,.1f}")
+        for line, value, sd, evidence in zip(
+            fit.lines, fit.amplitudes_arcsec, fit.sd_arcsec, fit.statistic, strict=True
+        )
+    ]
+    console.table(("line m", "about x arcsec", "about y arcsec", "sd an axis", "|a|^2 / 2 sd^2"), lines)
+    rows = [
+        (
+            row.record.run_id,
+            f"{row.before.locked_arcsec:.3f}",
+            "-" if row.patent is None else f"{row.patent.locked_arcsec:.3f}",
+            f"{row.after.locked_arcsec:.3f}",
+            f"{row.locked_factor:.0f}",
+            f"{row.after.total_arcsec:.3f}",
+        )
+        for row in study.judgements
+    ]
+    locked = "locked to the angle, arcsec rms: before"
+    console.table(("run", locked, "patent", "after", "times less", "total after"), rows)
+
+
+def heading_effect(
+    log: Annotated[Path, Argument(help="log (CSV or Parquet), or run folder, to calibrate on")],
+    latitude_deg: Annotated[
+        float | None, Option(help="latitude of the bench; default the run folder's")
+    ] = None,
+    longitude_deg: Annotated[
+        float | None, Option(help="its longitude, east positive; default the run's")
+    ] = None,
+    test: TestRuns = None,
+    out: FitFolder = Path("heading-fit"),
+    column: Annotated[list[str] | None, Option(help="quantity=column of the log; repeat for several")] = None,
+    epoch_s: Annotated[float | None, Option(help="s since 1970 (UTC) at time 0 of the log")] = None,
+    damping: Annotated[float, Option(help="damping ratio of the platform's Schuler loop")] = 0.0,
+    form: Annotated[str, Option(help="lag9 or lag15; the paper's form is always shown beside")] = "lag9",
+    window_h: Annotated[float, Option(help="moving window of the paper's form")] = 35.901708,
+) -> None:
+    """Heading effect of a space-stable platform from position errors and platform temperature.
+
+    Exit code 4 if temperature is not what drives the drift: then there is a report and no compensation.
+    """
+    from bench.analysis.common.state_file import saved_together
+    from bench.analysis.heading import HeadingCompensation, checksum_of_log, study_heading_logs, unit_of_log
+    from bench.present.report import heading_page, mixed_text, write_report
+
+    console = Terminal()
+    if form not in ("lag9", "lag15"):
+        raise ConfigurationError(f"there is no model {form!r}", where="--form", expected="lag9 or lag15")
+    study, checksums = study_heading_logs(
+        log,
+        test or [],
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        epoch_s=epoch_s,
+        damping=damping,
+        columns=_columns(column or []),
+        form=cast("Form", form),
+        window_s=3600.0 * window_h,
+    )
+    evidence = study.model.evidence
+    caused = evidence.cause == "temperature"
+    model_file = HEADING_FILE if caused else ""
+    page = heading_page(study, log.stem, checksums, created_utc=utc_now(), model_file=model_file)
+    with saved_together(out, HEADING_FILE) as part:
+        if caused:
+            runs = dict([checksum_of_log(log)])
+            HeadingCompensation.from_fit(study.model, unit_of_log(log), runs).save(part / HEADING_FILE)
+        write_report(part / "report.html", page)
+    for finding in study.findings:
+        console.say(f"{finding.what}: {finding.consequence}", style="yellow")
+    if not caused:
+        console.say(_not_temperature(study), style="bold red")
+        sys.exit(4)
+    if evidence.mixed:
+        console.say(mixed_text(study), style="yellow")
+    rows = [
+        (
+            row.name + ("" if row.held_out else " (fitted on)"),
+            row.method,
+            f"{row.rms_before_as / 60.0:.3f}",
+            f"{row.rms_after_as / 60.0:.3f}",
+            f"{row.reduction_percent:.1f}",
+        )
+        for row in study.judgements
+    ]
+    console.table(("log", "model", "before arcmin", "after arcmin", "reduction %"), rows)
+    console.say(f"time constant {study.model.tau_s / 3600.0:.2f} h; files in {out}")
+
+
+def _columns(pairs: Sequence[str]) -> dict[str, str]:
+    """Return quantity -> column of `quantity=column` texts; ConfigurationError for anything else."""
+    named = {}
+    for pair in pairs:
+        quantity, equals, column = pair.partition("=")
+        if not equals or not quantity or not column:
+            raise ConfigurationError(
+                "a column that is not quantity=column",
+                where="--column",
+                found=pair,
+                expected="e.g. temp_c=coil_temp",
+            )
+        named[quantity.strip()] = column.strip()
+    return named
+
+
+def _not_temperature(study: HeadingStudy) -> str:
+    """Say what drives the drift instead."""
+    if study.model.evidence.cause == "none":
+        return "no heading effect beyond the noise of this run: nothing to compensate"
+    return (
+        "the drift steps with heading and does not follow the temperature (friction, magnetic field, cables?): "
+        "compensating with temperature would add error, no compensation was written"
+    )

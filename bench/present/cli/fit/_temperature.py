@@ -1,0 +1,174 @@
+"""`gyrobench fit cold-shock`, `stepwise` and `chamber-cycle`: models of the bias over temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from rich.table import Table
+from typer import Argument, Option
+
+from bench.present.cli._console import Terminal
+from bench.present.cli._options import Cluster, FitFolder, FittedRuns, GyroToFit, Jobs, TestRuns
+from drivers.base.clock import utc_now
+
+if TYPE_CHECKING:
+    from bench.analysis.rlg import RlgStudy
+    from bench.analysis.thermal import Study
+
+
+def cold_shock(
+    runs: FittedRuns,
+    validate: Annotated[list[Path] | None, Option(help="run folder that chooses between models")] = None,
+    test: TestRuns = None,
+    gyro: GyroToFit = None,
+    out: FitFolder = Path("fit"),
+    models: Annotated[str | None, Option(help="models to fit, separated by commas; default all")] = None,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
+) -> None:
+    """Fit bias and scale-factor models to cold shocks, choose on the validation runs, judge on the test runs."""
+    from bench.analysis.common.fan_out import fan_out
+    from bench.analysis.thermal import load_runs, run_study
+    from bench.present.report import write_study
+
+    console = Terminal()
+    validate, test = validate or [], test or []
+    names = [name.strip() for name in models.split(",")] if models else None
+    with console.status("loading runs"):
+        training, validation = (load_runs(folders, gyro) for folders in (runs, validate))
+        tests = load_runs(test, gyro, allow_invalid=True)
+    with console.status("fitting models"), fan_out(jobs, cluster) as fan:
+        study = run_study(training, validation, tests, names, fan=fan)
+    write_study(study, [*runs, *validate, *test], out, title="Cold-shock compensation")
+    console.print(score_table(study))
+    chosen_on = ", ".join(run.run_id for run in study.validation)
+    console.say(f"chosen on {chosen_on}: {study.chosen}; files in {out}")
+    if study.judged_on_chosen:
+        console.print("no --test runs: the figures are on the runs that chose the model", style="yellow")
+
+
+def score_table(study: Study) -> Table:
+    """Return the models' mean figures over the test runs."""
+    table = Table(title="means over the test runs")
+    table.add_column("model", no_wrap=True)
+    heads = ("1σ of 100 s, deg/h", "less by %", "of attainable %", "peak deg/h", "SF rms ppm", "max ppm")
+    for head in heads:
+        table.add_column(head, justify="right")
+    for score in study.selection:
+        rows = study.scores[score.name]
+        shares = [None if row.attained_fraction is None else 100 * row.attained_fraction for row in rows]
+        cells = [
+            _mean([row.stability_dph for row in rows], ".4f"),
+            _mean([row.improvement_pct for row in rows], ".1f"),
+            _mean(shares, ".1f"),
+            _mean([row.true_max_dph for row in rows], ".3f"),
+            _mean([row.sf_true_rms_ppm or row.sf_rms_ppm for row in rows], ".2f"),
+            _mean([row.sf_true_max_ppm or row.sf_max_ppm for row in rows], ".1f"),
+        ]
+        table.add_row(score.name, *cells, style="bold green" if score.name == study.chosen else "")
+    return table
+
+
+def _mean(values: Sequence[float | None], spec: str) -> str:
+    known = [value for value in values if value is not None]
+    return format(sum(known) / len(known), spec) if known else "-"
+
+
+def stepwise(
+    runs: FittedRuns,
+    test: TestRuns = None,
+    gyro: GyroToFit = None,
+    out: FitFolder = Path("stepwise"),
+    variables: Annotated[
+        str | None, Option(help="candidate variables, separated by commas; default the paper's eleven")
+    ] = None,
+    p_enter: Annotated[float, Option(help="p below which a variable enters")] = 0.05,
+    p_remove: Annotated[float, Option(help="p above which a variable leaves")] = 0.10,
+) -> None:
+    """Stepwise regression of a ring-laser gyro's bias over temperature, judged on the test runs.
+
+    A folder for each unit: compensation (of the corrected selection, whatever the test runs say) and report.
+    """
+    from bench.analysis.common.state_file import saved_together
+    from bench.analysis.rlg import CANDIDATES, study_units
+    from bench.present.report import stepwise_page, write_report
+    from bench.record.recording import Run
+
+    console = Terminal()
+    names = tuple(name.strip() for name in variables.split(",")) if variables else CANDIDATES
+    gyros = (gyro,) if gyro else ()
+    studies = study_units(runs, test or [], gyros, names, p_enter=p_enter, p_remove=p_remove)
+    bench_name = Run.open(runs[0]).manifest.bench_name
+    manifests = [Run.open(folder).manifest for folder in test or []]
+    warnings = [f"Run {m.run_id} is {m.outcome}: {m.reason}" for m in manifests if m.outcome != "completed"]
+    for unit, study in studies.items():
+        folder = out / "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in unit)
+        with saved_together(folder) as part:
+            study.chosen.compensation.save(part / "compensation.gyrocomp")
+            page = stepwise_page(study, created_utc=utc_now(), bench_name=bench_name, warnings=warnings)
+            write_report(part / "report.html", page)
+        _print_equations(console, study)
+        console.say(f"{study.chosen.name}: {study.chosen.compensation.equation()}")
+        for name, why in study.left_out:
+            console.say(f"{name} left out: {why}", style="yellow")
+        for run in (*study.training, *study.tests):
+            for remark in run.remarks:
+                console.say(f"{run.run_id}: {remark}", style="yellow")
+        console.say(f"files in {folder}")
+
+
+def _print_equations(console: Terminal, study: RlgStudy) -> None:
+    """Print the regression equations, and how each does on every test run."""
+    equations = []
+    for variant in study.variants:
+        rows, final = variant.judged, variant.result.final
+        before = _mean([row.before_dph for row in rows], ".5f")
+        after = _mean([row.after_dph for row in rows], ".5f")
+        less = f"{variant.mean_improvement_pct:.1f}" if rows else "-"
+        terms = ", ".join(variant.result.selected)
+        equations.append((variant.name, terms, f"{final.r2:.4f}", f"{final.rmse:.5f}", before, after, less))
+    heads = ("equation", "terms", "R²", "RMSE deg/h", "before deg/h", "after deg/h", "less by %")
+    console.table(heads, equations, f"unit {study.unit_id}")
+    if not study.tests:
+        return
+    table = Table("run", "differs by", "before", *(variant.name for variant in study.variants),
+                  title="stability of 100 s means before, deg/h, and less by %")  # fmt: skip
+    table.columns[0].overflow = "fold"
+    for n, row in enumerate(study.chosen.judged):
+        improvements = [f"{variant.judged[n].improvement_pct:.1f}" for variant in study.variants]
+        table.add_row(row.run_id, row.differs, f"{row.before_dph:.5f}", *improvements)
+    console.print(table)
+
+
+def chamber_cycle(
+    log: Annotated[Path, Argument(help="tab-separated table: imu.gyro.x|y|z, imu.temperature")],
+    out: Annotated[Path, Option(help="HTML report")] = Path("chamber-cycle.html"),
+) -> None:
+    """Regression over temperature on a recorded chamber cycle, judged axis by axis on its last leg."""
+    from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
+    from bench.present.report import chamber_cycle_page, write_report
+    from bench.record.recording import checksum
+
+    console, study = Terminal(), study_chamber_cycle(*load_chamber_cycle(log))
+    page = chamber_cycle_page(study, source=log.name, checksum=checksum(log).sha256, created_utc=utc_now())
+    write_report(out, page)
+    rows = [
+        (
+            axis.axis,
+            f"{axis.before:.4g}",
+            f"{axis.after_static:.4g}",
+            f"{axis.static_pct:.1f}",
+            f"{axis.after_dynamic:.4g}",
+            f"{axis.dynamic_pct:.1f}",
+        )
+        for axis in study.axes
+    ]
+    heads = ("axis", "before", "T only", "gain %", "T, rate, past", "gain %")
+    console.table(heads, rows, f"1 sigma of {log.name} on its last leg")
+    for axis in study.axes:
+        console.say(f"{axis.axis}: {axis.verdict}")
+    for remark in study.remarks:
+        console.say(remark, style="yellow")
+    console.say(f"{out}")
