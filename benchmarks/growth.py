@@ -23,7 +23,7 @@ from bench.analysis.gap import diagnose
 from bench.analysis.gap._exam import make_case, nominal_model
 from bench.analysis.thermal import LaggedRidgeModel, LstmModel, LstmSettings, prepare
 from bench.record.catalogue import Catalogue, root_name
-from bench.record.recording import GyroSource, Journal, PortJournal, decode_stream, read_table
+from bench.record.recording import Journal, PortJournal, StreamSource, decode_stream, read_table
 from benchmarks._marks import fill
 from benchmarks._measure import Cost, Row, Work, cost, figure
 from benchmarks._sections import stamp
@@ -77,11 +77,11 @@ def _raw(folder: Path, times: int) -> Work:
         for at in range(0, len(data), size):
             port.received(data[at : at + size], 0.01 * (first + (at // size + 1) * SECOND))
         port.flush(False)
-    source = GyroSource(
+    source = StreamSource(
+        "gyro",
         "fog",
         lambda: KvhDecoder(nominal_rate_hz=100.0, axes="xyz"),
-        lambda columns, rate_hz: {"x": rate_dps(columns["rot_x"], "delta", "RAD", rate_hz)},
-        "x",
+        lambda columns, rate_hz: {"rate_dps": rate_dps(columns["rot_x"], "delta", "RAD", rate_hz)},
     )
     return lambda: decode_stream(folder, source)
 

@@ -563,8 +563,8 @@ MECHANISMS = (
     Mechanism(
         3,
         "a manifest has numbers where readers count on them",
-        f"{_RECORDING}._shapes:check_free_parts",
-        Skip("_FREE_PARTS.validate_python"),
+        f"{_RECORDING}._manifest:check_free_parts",
+        Skip("_FreeParts.model_validate"),
         f"{_T_TYPES} -k file_and_key",
     ),
     Mechanism(

@@ -14,6 +14,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.events import Event
 from bench.record.events.run import Answer, Measured, Outcome, Repeat
@@ -21,10 +24,8 @@ from bench.record.recording import (
     DeviceEntry,
     EmulatedLab,
     EventLog,
-    GyroSource,
     Journal,
     Manifest,
-    PlatformSource,
     PortJournal,
     StreamReport,
     StreamSource,
@@ -40,7 +41,7 @@ from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, RecordError
 from drivers.kit.config import GyroConfig, PlatformConfig
 from drivers.kit.instruments import Identity
-from drivers.kit.kinds import ChamberKind, GyroKind, PlatformKind, TableKind
+from drivers.kit.kinds import ChamberKind, Columns, GyroKind, PlatformKind, TableKind
 from drivers.kit.registry import load_kind
 
 _SOFTWARE = ("gyrobench", "numpy", "scipy", "pyserial", "python-can")
@@ -223,49 +224,58 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
     )
     decode_instrument(folder, "chamber", "chamber", chamber.decode_transcript, out)
     starts = {name: int(entry.get("start_offset", 0)) for name, entry in manifest.stream.items()}
-    sources: list[StreamSource] = [
-        _gyro_source(gyro, starts[gyro.name]) for gyro in file.gyro if gyro.name in starts
-    ]
-    sources += [
-        _platform_source(platform, starts[platform.name])
-        for platform in file.platform
-        if platform.name in starts
-    ]
+    units: tuple[GyroConfig | PlatformConfig, ...] = (*file.gyro, *file.platform)
+    sources = [_source(unit, starts[unit.name]) for unit in units if unit.name in starts]
     off_s: list[tuple[float, float]] = []
     with suppress(RecordError):  # a damaged log is said when it is verified; without it more counts as lost
         off_s = units_off_s(read_events(folder).lines)
     return {source.name: decode_stream(folder, source, out, off_s) for source in sources}
 
 
-def gyro_source(manifest: Manifest, name: str) -> GyroSource:
+def gyro_source(manifest: Manifest, name: str) -> StreamSource:
     """Return how the stream of a recorded run's gyro is decoded."""
     section = bench_file_from(manifest.bench).gyro_named(name)
-    return _gyro_source(section, int(manifest.stream[name].get("start_offset", 0)))
+    return _source(section, int(manifest.stream[name].get("start_offset", 0)))
 
 
-def _platform_source(section: PlatformConfig, start_offset: int) -> PlatformSource:
-    kind: PlatformKind[Any] = load_kind("platform", section.driver)
-    return PlatformSource(
-        name=section.name,
-        decoder=lambda: kind.decoder(section),
-        columns=kind.columns,
-        start_offset=start_offset,
-        baudrate=section.baudrate,
+def _source(section: GyroConfig | PlatformConfig, start_offset: int) -> StreamSource:
+    if isinstance(section, PlatformConfig):
+        platform: PlatformKind[Any] = load_kind("platform", section.driver)
+        return StreamSource(
+            "platform",
+            section.name,
+            lambda: platform.decoder(section),
+            lambda columns, _: {name: columns[name] for name in platform.columns},
+            f"platform INS {section.name}",
+            start_offset,
+            section.baudrate,
+        )
+    gyro: GyroKind[Any] = load_kind("gyro", section.driver)
+    return StreamSource(
+        "gyro",
+        section.name,
+        lambda: gyro.decoder(section),
+        partial(_gyro_values, gyro, section),
+        f"gyro {section.name}, axis under test {section.axis}",
+        start_offset,
+        None if section.on_can else section.baudrate,
     )
 
 
-def _gyro_source(section: GyroConfig, start_offset: int) -> GyroSource:
-    kind: GyroKind[Any] = load_kind("gyro", section.driver)
-    return GyroSource(
-        name=section.name,
-        decoder=lambda: kind.decoder(section),
-        rates=lambda columns, rate_hz: kind.rates(section, columns, rate_hz),
-        accelerations=None if kind.accelerations is None else partial(kind.accelerations, section),
-        temperatures=None if kind.temperatures is None else partial(kind.temperatures, section),
-        axis=section.axis,
-        start_offset=start_offset,
-        baudrate=None if section.on_can else section.baudrate,
-    )
+def _gyro_values(
+    kind: GyroKind[Any], section: GyroConfig, columns: Columns, sample_rate_hz: float
+) -> dict[str, NDArray[np.float32]]:
+    """Return rates of all axes, the one under test first, specific forces and temperatures."""
+    rates = kind.rates(section, columns, sample_rate_hz)
+    named = {"rate_dps": rates[section.axis]}
+    named |= {f"rate_{axis}_dps": rate for axis, rate in rates.items() if axis != section.axis}
+    if kind.accelerations is not None:
+        forces = kind.accelerations(section, columns, sample_rate_hz)
+        named |= {f"accelerometer_{axis}_mps2": force for axis, force in forces.items()}
+    named["temp_c"] = columns["temp_c"]
+    if kind.temperatures is not None:
+        named |= kind.temperatures(section, columns, sample_rate_hz)
+    return {name: np.asarray(column, dtype=np.float32) for name, column in named.items()}
 
 
 def _warnings(stream: StreamReport) -> list[str]:

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.record.recording import GyroSource, PortJournal, decode_stream
+from bench.record.recording import PortJournal, StreamSource, decode_stream
 from drivers.base.clock import WallClock
 from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
 from drivers.can_dbc import CanConfig, CanDecoder, MessageLayout
@@ -238,8 +238,8 @@ def test_no_valid_row_of_a_record_with_lost_frames_was_never_sent(tmp_path: Path
         if not lost[at]:
             port.received(line, 1.0 + 0.01 * (at // 2 + 1))
     port.flush(sync=False)
-    source = GyroSource(
-        "imu", lambda: sbg_decoder(100.0), lambda columns, _: {"x": columns["rate_x_dps"]}, "x"
+    source = StreamSource(
+        "gyro", "imu", lambda: sbg_decoder(100.0), lambda columns, _: {"rate_dps": columns["rate_x_dps"]}
     )
     report = decode_stream(tmp_path, source)
     table = pq.read_table(tmp_path / "gyro_imu.parquet")

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.record.events.run import UnitsOff, UnitsOn
 from bench.record.recording._events import Line
-from bench.record.recording._raw import raw_path, read_blocks, read_exchanges, read_marks
+from bench.record.recording._manifest import StreamReport
+from bench.record.recording._raw import first_arrivals, raw_path, read_blocks, read_exchanges, read_marks
 from bench.record.recording._tables import table_writer
 from bench.record.recording._timing import StreamTimer, StreamTiming, Unwrapper
-from drivers.kit.instruments import (
-    FrameBatch,
-    LossSide,
-    StreamDecoder,
-    has_counter,
-    loss_taints,
-)
+from drivers.kit.instruments import FrameBatch, LossSide, StreamDecoder, has_counter, loss_taints
 from drivers.kit.kinds import Exchange
 
 Columns = Mapping[str, NDArray[Any]]
-Rates = Callable[[Columns, float], Mapping[str, NDArray[Any]]]
+Role = Literal["gyro", "platform"]
 Transcript = Callable[[Iterable[Exchange]], tuple[Columns, Mapping[str, int]]]
 
 _BITS_A_BYTE = 10
@@ -37,108 +31,30 @@ _LEAST_OFF_S = 1.0
 
 
 @dataclass(frozen=True)
-class StreamSource(ABC):
+class StreamSource:
     """How the bytes of one streaming unit become a table.
 
-    `name` is that of unit and port, `decoder` makes a fresh decoder. `start_offset`: bytes on the port before the
-    stream began (answers to configuration). `baudrate`: of a serial port, to take the time on the wire off; None
-    where a frame is stamped when it is complete.
+    `name` is that of unit and port, `decoder` makes a fresh decoder. `values` makes what the table holds beside
+    time, counter, losses and status, (n,) each, of decoded columns and the true sample rate in Hz.
+    `start_offset`: bytes on the port before the stream began (answers to configuration). `baudrate`: of a serial
+    port, to take the time on the wire off; None where a frame is stamped when it is complete.
     """
 
-    role: ClassVar[Literal["gyro", "platform"]]
+    role: Role
     name: str
     decoder: Callable[[], StreamDecoder]
-    start_offset: int = field(default=0, kw_only=True)
-    baudrate: int | None = field(default=None, kw_only=True)
+    values: Callable[[Columns, float], Mapping[str, NDArray[Any]]]
+    description: str = ""
+    start_offset: int = 0
+    baudrate: int | None = None
 
     @property
     def table(self) -> str:
         """File name of the decoded table."""
         return table_name(self.role, self.name)
 
-    @property
-    @abstractmethod
-    def description(self) -> str:
-        """What the table holds, in words."""
 
-    @abstractmethod
-    def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-        """Return what the table holds beside time, counter, losses and status; arrays of shape (n,)."""
-
-
-@dataclass(frozen=True)
-class GyroSource(StreamSource):
-    """A gyro's stream: `rates` turns decoded columns into deg/s by axis, given the true sample rate in Hz,
-    `accelerations` into m/s2 by axis where the unit has accelerometers, `temperatures` into further ones in degC
-    by column; `axis` is the one under test.
-    """
-
-    role = "gyro"
-    rates: Rates
-    axis: str
-    accelerations: Rates | None = None
-    temperatures: Rates | None = None
-
-    @property
-    def description(self) -> str:
-        """What the table holds, in words."""
-        return f"gyro {self.name}, axis under test {self.axis}"
-
-    def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-        """Return rates of all axes, the one under test first, and temperatures."""
-        rates = self.rates(columns, sample_rate_hz)
-        named = {"rate_dps": rates[self.axis]}
-        named |= {f"rate_{axis}_dps": rate for axis, rate in rates.items() if axis != self.axis}
-        if self.accelerations is not None:
-            forces = self.accelerations(columns, sample_rate_hz)
-            named |= {f"accelerometer_{axis}_mps2": force for axis, force in forces.items()}
-        further = {} if self.temperatures is None else self.temperatures(columns, sample_rate_hz)
-        named |= {"temp_c": columns["temp_c"], **further}
-        return {name: np.asarray(column, dtype=np.float32) for name, column in named.items()}
-
-
-@dataclass(frozen=True)
-class PlatformSource(StreamSource):
-    """A platform INS's stream: positions and temperatures (`columns`) as decoded."""
-
-    role = "platform"
-    columns: tuple[str, ...]
-
-    @property
-    def description(self) -> str:
-        """What the table holds, in words."""
-        return f"platform INS {self.name}"
-
-    def values(self, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
-        """Return the columns of the kind."""
-        return {name: columns[name] for name in self.columns}
-
-
-@dataclass(frozen=True)
-class StreamReport:
-    """What a stream held: for the manifest's `stream` entry and the report.
-
-    `lost` frames never arrived (the counter says so), `off` were never sent since the procedure had the unit
-    switched off (both are gaps in the table), `duplicates` came twice (their rows are not valid),
-    `rejected` counts refused candidates by reason. `clock_error_ppm` > 0: the device's clock is fast.
-    """
-
-    frames: int
-    lost: int = 0
-    duplicates: int = 0
-    invalid: int = 0
-    bytes_received: int = 0
-    bytes_skipped: int = 0
-    rejected: dict[str, int] = field(default_factory=dict)
-    start_offset: int = 0
-    off: int = 0
-    sample_rate_hz: float | None = None
-    clock_error_ppm: float | None = None
-    residual_s: float | None = None
-    warnings: tuple[str, ...] = ()
-
-
-def table_name(role: Literal["gyro", "platform"], unit: str) -> str:
+def table_name(role: Role, unit: str) -> str:
     """Return the file name of a unit's decoded table."""
     return f"{role}_{unit}.parquet"
 
@@ -213,13 +129,9 @@ def read_arrivals(folder: Path, source: StreamSource) -> Arrivals:
     counts, arrivals, at = [np.zeros(0, np.int64)], [np.zeros(0)], 0
     for batch in _batches(path, source, decoder):
         count, _ = unwrap.feed(batch.columns["counter"])
-        upto = int(np.searchsorted(marks[:, 0], batch.end_offset[-1], side="right"))
-        here = np.asarray(marks[at:upto])
-        at = upto
-        frame = np.searchsorted(batch.end_offset, here[:, 0], side="right") - 1
-        first = np.flatnonzero(np.diff(frame, prepend=-1) > 0)
-        counts.append(count[frame[first]])
-        arrivals.append(here[first, 1] * 1e-9)
+        frame, arrival_s, at = first_arrivals(marks, at, batch.end_offset)
+        counts.append(count[frame])
+        arrivals.append(arrival_s)
     count_s = 1.0 / (decoder.nominal_rate_hz * decoder.counter_step)
     return Arrivals(np.concatenate(counts), np.concatenate(arrivals), count_s)
 
@@ -326,12 +238,9 @@ def decode_instrument(
     Telemetry comes a few times a second: one table in memory. Nothing decoded gives no table.
     """
     columns, counts = decode_transcript(read_exchanges(folder, port))
-    target = (out or folder) / f"{table}.parquet"
-    if not len(columns["time_ns"]):
-        target.unlink(missing_ok=True)
-        return dict(counts)
-    with table_writer(target, f"{table}, from port {port}") as writer:
-        writer.write(columns)
+    with table_writer((out or folder) / f"{table}.parquet", f"{table}, from port {port}") as writer:
+        if len(columns["time_ns"]):
+            writer.write(columns)
     return dict(counts)
 
 

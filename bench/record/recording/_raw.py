@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Iterator
+from operator import itemgetter
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +16,7 @@ from drivers.base.errors import RecordError
 from drivers.kit.kinds import Exchange
 
 BLOCK_BYTES = 1 << 20
+_MARKS_AT_ONCE = 4096
 _LONGEST_SILENCE_NS = 30 * 86_400 * 10**9
 
 
@@ -48,6 +51,21 @@ def read_marks(path: Path) -> NDArray[np.int64]:
     return marks[:whole]
 
 
+def first_arrivals(
+    marks: NDArray[np.int64], done: int, end_offset: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
+    """Return which frames of a batch have an arrival mark of their own, when they came in s, and marks done.
+
+    `done`: how many marks earlier batches took. `end_offset` (n,) of the frames; where several arrived with one
+    mark it is that of the first.
+    """
+    upto = int(np.searchsorted(marks[:, 0], end_offset[-1], side="right"))
+    here = np.asarray(marks[done:upto])
+    frame = np.searchsorted(end_offset, here[:, 0], side="right") - 1
+    first = np.flatnonzero(np.diff(frame, prepend=-1) > 0)
+    return frame[first], here[first, 1] * 1e-9, upto
+
+
 def _check_order(index: Path, marks: NDArray[np.int64], rows: int = 65536) -> None:
     """Raise RecordError if bytes or times go backwards (times beyond tie-breaking) or leap."""
     before = np.zeros((1, 2), np.int64)
@@ -75,15 +93,7 @@ def read_exchanges(folder: Path, port: str) -> Iterator[Exchange]:
     """
     received = _directed(raw_path(folder, port), "received")
     sent = _directed(raw_path(folder, port).with_suffix(".sent.bin"), "sent")
-    left, right = next(received, None), next(sent, None)
-    while left is not None or right is not None:
-        if right is None or (left is not None and left[0] < right[0]):
-            assert left is not None
-            yield left
-            left = next(received, None)
-        else:
-            yield right
-            right = next(sent, None)
+    yield from heapq.merge(sent, received, key=itemgetter(0))
 
 
 def can_frames(folder: Path, port: str) -> Iterator[tuple[NDArray[np.void], NDArray[np.float64]]]:
@@ -108,12 +118,7 @@ def _directed(path: Path, direction: Literal["sent", "received"]) -> Iterator[Ex
         return
     with path.open("rb") as file:
         at = 0
-        for size, time_ns in _rows(marks):
-            yield time_ns, direction, file.read(size - at)
-            at = size
-
-
-def _rows(marks: NDArray[np.int64], rows: int = 4096) -> Iterator[tuple[int, int]]:
-    """Yield the marks as plain integers, a slice at a time."""
-    for start in range(0, len(marks), rows):
-        yield from marks[start : start + rows].tolist()
+        for start in range(0, len(marks), _MARKS_AT_ONCE):
+            for size, time_ns in marks[start : start + _MARKS_AT_ONCE].tolist():
+                yield time_ns, direction, file.read(size - at)
+                at = size

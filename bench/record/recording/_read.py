@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -17,19 +17,14 @@ from numpy.typing import NDArray
 
 from bench.record.events import Event, Row
 from bench.record.events.run import PhaseBegun
-from bench.record.recording._arrow import from_arrow
-from bench.record.recording._decode import (
-    Arrivals,
-    StreamSource,
-    read_arrivals,
-    table_name,
-)
+from bench.record.recording._decode import Arrivals, Role, StreamSource, read_arrivals, table_name
 from bench.record.recording._events import Events, Line, read_events
 from bench.record.recording._journal import RAW_FOLDER
 from bench.record.recording._manifest import Manifest, checksum, read_manifest
 from bench.record.recording._raw import can_frames
 from bench.record.recording._remote import fetch_file, local_run, remote_file
 from bench.record.recording._seconds import SecondMeans, names_at, row_means, second_rows, seconds
+from bench.record.recording._tables import from_arrow
 from bench.record.run_folder import MANIFEST_FILE, url_of
 from drivers.base.arrays import ARCHIVE_DAMAGE, Array, array_of, read_archive
 from drivers.base.constants import earth_rate_north_dph
@@ -136,7 +131,7 @@ class Run:
         """Names of the platform INSs with a decoded table."""
         return self._named("platform")
 
-    def _named(self, role: Literal["gyro", "platform"]) -> tuple[str, ...]:
+    def _named(self, role: Role) -> tuple[str, ...]:
         prefix = f"{role}_"
         return tuple(name.removeprefix(prefix) for name in self.tables if name.startswith(prefix))
 
@@ -300,7 +295,8 @@ def read_table(
             remedy="a run that was killed has raw bytes only; its tables can be made from them",
         )
     try:
-        return _read(path, columns, start_s, end_s)
+        with pq.ParquetFile(path) as file:
+            return _stretch(file, str(path), columns, start_s, end_s)
     except (pa.ArrowException, OSError, ValueError, TypeError) as error:
         raise RecordError(
             "the table cannot be read",
@@ -309,11 +305,6 @@ def read_table(
             expected="a table as runs have them: time_ns and columns of numbers",
             remedy="`gyrobench runs verify` says what differs; tables can be made from raw/ again",
         ) from error
-
-
-def _read(path: Path, columns: Sequence[str] | None, start_s: float | None, end_s: float | None) -> Table:
-    with pq.ParquetFile(path) as file:
-        return _stretch(file, str(path), columns, start_s, end_s)
 
 
 def _stretch(
@@ -327,9 +318,7 @@ def _stretch(
     wanted = list(names if columns is None else columns)
     if unknown := [name for name in wanted if name not in names]:
         raise RecordError(
-            f"the table has no column {', '.join(unknown)}",
-            where=where,
-            found=", ".join(names),
+            f"the table has no column {', '.join(unknown)}", where=where, found=", ".join(names)
         )
     low = -(1 << 62) if start_s is None else round(start_s * 1e9)
     high = 1 << 62 if end_s is None else round(end_s * 1e9)

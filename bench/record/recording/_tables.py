@@ -1,7 +1,8 @@
 """Decoded tables on disk: Parquet with units, packed for noise-like numbers, complete or not there at all.
 
 Floats are byte-stream-split, integers delta-packed, both under zstd level 1: 40 % smaller than Parquet's defaults
-for gyro data and four times as quick to write.
+for gyro data and four times as quick to write. Columns go to Arrow and back through their buffers: pyarrow's own
+conversions import pandas when it is installed, more than a second of start-up.
 """
 
 from __future__ import annotations
@@ -15,8 +16,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
-
-from bench.record.recording._arrow import to_arrow
 
 ROW_GROUP = 65536
 
@@ -107,3 +106,42 @@ def table_writer(path: Path, description: str) -> Iterator[TableWriter]:
         part.replace(path)
     else:
         path.unlink(missing_ok=True)
+
+
+def to_arrow(column: NDArray[Any]) -> pa.Array:
+    """Return a numeric or bool column, shape (n,), as an Arrow array without nulls (no copy of numbers)."""
+    bits = column.dtype == np.bool_
+    data = np.packbits(column, bitorder="little") if bits else np.ascontiguousarray(column)
+    kind = pa.bool_() if bits else pa.from_numpy_dtype(column.dtype)
+    return pa.Array.from_buffers(kind, len(column), [None, pa.py_buffer(data)])
+
+
+def from_arrow(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
+    """Return an Arrow column without nulls, numeric or bool, as an array of shape (n,)."""
+    chunks = column.chunks if isinstance(column, pa.ChunkedArray) else [column]
+    parts = [_chunk(chunk) for chunk in chunks]
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate(parts) if parts else np.empty(0, _numpy_type(column.type))
+
+
+def _chunk(chunk: pa.Array) -> NDArray[Any]:
+    if chunk.null_count:
+        raise ValueError(f"{chunk.null_count} nulls in a column that has none")
+    if not len(chunk):
+        return np.empty(0, _numpy_type(chunk.type))
+    data = chunk.buffers()[1]
+    if pa.types.is_boolean(chunk.type):
+        bits = np.unpackbits(np.frombuffer(data, np.uint8), bitorder="little")
+        return bits[chunk.offset : chunk.offset + len(chunk)].astype(np.bool_)
+    dtype = _numpy_type(chunk.type)
+    return np.frombuffer(data, dtype, count=len(chunk), offset=chunk.offset * dtype.itemsize)
+
+
+def _numpy_type(kind: pa.DataType) -> np.dtype[Any]:
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
+        names = {"halffloat": "float16", "float": "float32", "double": "float64"}
+        return np.dtype(names.get(str(kind), str(kind)))
+    if pa.types.is_boolean(kind):
+        return np.dtype(np.bool_)
+    raise ValueError(f"a column of {kind}, not of numbers")

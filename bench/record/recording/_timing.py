@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.record.recording._raw import first_arrivals
 from drivers.base.errors import ProtocolError
 
 _WINDOW_S = 1.0
@@ -126,12 +127,8 @@ class StreamTimer:
         count, step = self._unwrap.feed(counter)
         if self._step is None and len(step) > 1:
             self._step = float(np.median(step[1:])) if self.nominal_step != 1 else 1.0
-        upto = int(np.searchsorted(marks[:, 0], end_offset[-1], side="right"))
-        here = np.asarray(marks[self._mark_at : upto])
-        self._mark_at = upto
-        frame = np.searchsorted(end_offset, here[:, 0], side="right") - 1
-        first = np.flatnonzero(np.diff(frame, prepend=-1) > 0)
-        self._add_windows(count, step, frame[first], here[first, 1] * 1e-9)
+        frame, arrival_s, self._mark_at = first_arrivals(marks, self._mark_at, end_offset)
+        self._add_windows(count, step, frame, arrival_s)
         self._frames += len(counter)
 
     def _add_windows(self, count: Ints, step: Ints, frame: Ints, arrival_s: Floats) -> None:

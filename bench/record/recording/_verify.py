@@ -11,9 +11,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.record.recording._arrow import from_arrow
 from bench.record.recording._manifest import FileEntry, checksum, read_manifest
 from bench.record.recording._remote import local_run
+from bench.record.recording._tables import from_arrow
 from drivers.base.errors import BenchError
 
 Decode = Callable[[Path, Path], object]

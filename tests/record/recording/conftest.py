@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.record.recording import GyroSource, PortJournal
+from bench.record.recording import PortJournal, StreamSource
 from drivers.kit.instruments import FrameBatch, StreamCounts
 
 SIZE = 7
@@ -59,12 +59,13 @@ class Decoder:
         )
 
 
-def rates(columns, sample_rate_hz):
-    return {"x": columns["delta"] * sample_rate_hz, "y": -columns["delta"]}
+def values(columns, sample_rate_hz):
+    rate_dps = np.asarray(columns["delta"] * sample_rate_hz, np.float32)
+    return {"rate_dps": rate_dps, "rate_y_dps": -columns["delta"], "temp_c": columns["temp_c"]}
 
 
 def source(**changes):
-    return GyroSource(**{"name": "fog", "decoder": Decoder, "rates": rates, "axis": "x"} | changes)
+    return StreamSource(**{"role": "gyro", "name": "fog", "decoder": Decoder, "values": values} | changes)
 
 
 def record(folder, samples, period_s, *, start_s=1.0, latency_s=None, chunk=1):
@@ -85,6 +86,4 @@ def record(folder, samples, period_s, *, start_s=1.0, latency_s=None, chunk=1):
 
 @pytest.fixture
 def fake():
-    return SimpleNamespace(
-        encode=encode, Decoder=Decoder, rates=rates, source=source, record=record, size=SIZE
-    )
+    return SimpleNamespace(encode=encode, Decoder=Decoder, source=source, record=record, size=SIZE)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from bench.record.recording._arrow import from_arrow, to_arrow
+from bench.record.recording._tables import from_arrow, to_arrow
 
 DTYPES = [np.bool_, np.uint8, np.uint16, np.int32, np.int64, np.float32, np.float64]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from bench.record.recording import GyroSource, PortJournal, decode_stream
+from bench.record.recording import PortJournal, StreamSource, decode_stream
 from drivers.kvh import KvhDecoder, rate_dps
 
 VECTOR = bytes.fromhex("FE81FF55 37A96A6E 38586C1F B75BF862 BF803E78 BB650D28 3B0A37AC 77 3D 0028 4BFA34D8")
@@ -30,11 +30,14 @@ def frame(sequence, rot_x, temp_c, status=0x77):
 
 
 def source(**changes):
-    return GyroSource(
-        name="fog",
+    return StreamSource(
+        "gyro",
+        "fog",
         decoder=lambda: KvhDecoder(nominal_rate_hz=100.0, axes="x", temp_units="C"),
-        rates=lambda columns, rate_hz: {"x": rate_dps(columns["rot_x"], "delta", "RAD", rate_hz)},
-        axis="x",
+        values=lambda columns, rate_hz: {
+            "rate_dps": np.float32(rate_dps(columns["rot_x"], "delta", "RAD", rate_hz)),
+            "temp_c": columns["temp_c"],
+        },
         **changes,
     )
 
