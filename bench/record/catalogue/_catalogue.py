@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import islice
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from bench.record.catalogue._database import Database
 from bench.record.catalogue._rows import COLUMNS, CatalogueRow, period_s, read_row, root_name
-from bench.record.run_folder import MANIFEST_FILE
+from bench.record.run_folder import MANIFEST_FILE, url_of
 from drivers.base.clock import epoch_seconds
 from drivers.base.errors import RecordError
 
@@ -40,6 +39,8 @@ _TABLES = (
 )
 _LOCK = "SELECT pg_advisory_xact_lock(7031862)"
 """PostgreSQL: two benches that make the same tables at the same moment take turns."""
+ReadProgress = Callable[[int, int], None]
+"""Called with how many manifests have been read, and how many there are to read."""
 
 
 class Catalogue:
@@ -72,10 +73,10 @@ class Catalogue:
             ) from error
         return cls(f"sqlite:///{folder.absolute() / 'runs.sqlite'}")
 
-    def update(self, runs: Path, progress: Callable[[int, int], None] | None = None) -> int:
+    def update(self, runs: Path, progress: ReadProgress | None = None) -> int:
         """Take in what came, went or ended below `runs`; return how many manifests were read.
 
-        `progress` is called with (read, all of them). What was read before an interruption stays.
+        What was read before an interruption stays.
         """
         root = root_name(runs)
         changed_ns = _changed_ns(runs)
@@ -85,15 +86,19 @@ class Catalogue:
             going_on = self._names(root, "outcome = 'running'")
             kept = going_on if unchanged else self._names(root)
         there = going_on if unchanged else _run_names(runs)
-        self._remove(root, sorted(kept - there))
+        with self._database.transaction():
+            self._delete(root, sorted(kept - there))
         new = sorted((there - kept) | (going_on & there))
         self._read(runs, root, new, progress)
         if not unchanged:
             settled = epoch_seconds() - changed_ns * 1e-9 > _SETTLED_S
-            self._remember(root, changed_ns if settled else -1)
+            row = {"root": root, "changed_ns": changed_ns if settled else -1}
+            with self._database.transaction():
+                self._database.change("DELETE FROM gyrobench_roots WHERE root = :root", [row])
+                self._insert("gyrobench_roots", [row])
         return len(new)
 
-    def rebuild(self, runs: Path, progress: Callable[[int, int], None] | None = None) -> int:
+    def rebuild(self, runs: Path, progress: ReadProgress | None = None) -> int:
         """Forget what is known of the runs below `runs` and read them all again; return how many there are."""
         of_root = [{"root": root_name(runs)}]
         with self._database.transaction():
@@ -156,45 +161,30 @@ class Catalogue:
         )
         return {name for (name,) in found}
 
-    def _remove(self, root: str, names: Sequence[str]) -> None:
-        for some in _portions(names):
+    def _read(self, runs: Path, root: str, names: Sequence[str], progress: ReadProgress | None) -> None:
+        for start in range(0, len(names), _AT_ONCE):
+            rows = [read_row(runs / name, root) for name in names[start : start + _AT_ONCE]]
+            runs_rows = [vars(row) | {"units": json.dumps(row.units, ensure_ascii=False)} for row in rows]
+            units = [{"unit": unit, "root": root, "name": row.name} for row in rows for unit in row.units]
             with self._database.transaction():
-                self._delete(root, some)
-
-    def _read(
-        self, runs: Path, root: str, names: Sequence[str], progress: Callable[[int, int], None] | None
-    ) -> None:
-        done = 0
-        for some in _portions(names):
-            rows = [read_row(runs / name, root) for name in some]
-            units = [
-                {"unit": unit, "root": root, "name": row["name"]} for row, found in rows for unit in found
-            ]
-            with self._database.transaction():
-                self._delete(root, some)
-                self._insert("gyrobench_runs", COLUMNS, [row for row, _ in rows])
-                self._insert("gyrobench_run_units", ("unit", "root", "name"), units)
-            done += len(some)
+                self._delete(root, [row.name for row in rows])
+                self._insert("gyrobench_runs", runs_rows)
+                self._insert("gyrobench_run_units", units)
             if progress is not None:
-                progress(done, len(names))
+                progress(start + len(rows), len(names))
 
-    def _remember(self, root: str, changed_ns: int) -> None:
-        row = {"root": root, "changed_ns": changed_ns}
-        with self._database.transaction():
-            self._database.change("DELETE FROM gyrobench_roots WHERE root = :root", [row])
-            self._insert("gyrobench_roots", ("root", "changed_ns"), [row])
-
-    def _delete(self, root: str, names: Sequence[str]) -> None:
+    def _delete(self, root: str, names: Iterable[str]) -> None:
         rows = [{"root": root, "name": name} for name in names]
         for table in ("gyrobench_run_units", "gyrobench_runs"):
             self._database.change(f"DELETE FROM {table} WHERE root = :root AND name = :name", rows)
 
-    def _insert(self, table: str, columns: Sequence[str], rows: Sequence[dict[str, object]]) -> None:
+    def _insert(self, table: str, rows: Sequence[Mapping[str, object]]) -> None:
         """Insert rows; one that somebody else has inserted meanwhile stays."""
-        values = ", ".join(f":{name}" for name in columns)
-        self._database.change(
-            f"INSERT INTO {table} ({', '.join(columns)}) VALUES ({values}) ON CONFLICT DO NOTHING", rows
-        )
+        if rows:
+            names, values = ", ".join(rows[0]), ", ".join(f":{name}" for name in rows[0])
+            self._database.change(
+                f"INSERT INTO {table} ({names}) VALUES ({values}) ON CONFLICT DO NOTHING", rows
+            )
 
 
 def _run_names(runs: Path) -> set[str]:
@@ -220,8 +210,40 @@ def _changed_ns(runs: Path) -> int:
         ) from error
 
 
-def _portions(names: Iterable[str]) -> Iterator[list[str]]:
-    """Yield the names in lists that a statement can take."""
-    rest = iter(names)
-    while some := list(islice(rest, _AT_ONCE)):
-        yield some
+def find_runs(
+    runs: Path,
+    url: str | None = None,
+    *,
+    limit: int = 100,
+    progress: ReadProgress | None = None,
+    **wanted: str | None,
+) -> tuple[list[CatalogueRow], int]:
+    """Return the newest `limit` runs that fit `wanted` (see `Catalogue.find`), and how many fit.
+
+    Those of `runs`, whose catalogue lies beside them; with the `url` of a shared catalogue those of every bench.
+    """
+    local = _local(runs)
+    if url is None and not local.exists():
+        return [], 0
+    with Catalogue.beside(local) if url is None else Catalogue(url) as catalogue:
+        if local.exists():
+            catalogue.update(local, progress)
+        return catalogue.find(root=root_name(local) if url is None else None, limit=limit, **wanted)
+
+
+def index_runs(
+    runs: Path, url: str | None = None, *, rebuild: bool = False, progress: ReadProgress | None = None
+) -> int:
+    """Bring the catalogue up to date with the folders, or make it anew; return how many manifests were read."""
+    local = _local(runs)
+    with Catalogue.beside(local) if url is None else Catalogue(url) as catalogue:
+        return (catalogue.rebuild if rebuild else catalogue.update)(local, progress)
+
+
+def _local(runs: Path) -> Path:
+    """Return where the manifests are on this machine."""
+    if not url_of(runs):
+        return runs
+    from bench.record.recording import local_manifests
+
+    return local_manifests(runs)

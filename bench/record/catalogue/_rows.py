@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import calendar
 import datetime
-import json
 import re
 import socket
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.errors import ConfigurationError
@@ -28,13 +26,13 @@ class CatalogueRow:
     root: str
     name: str
     run_id: str
-    procedure: str
-    bench: str
-    outcome: str
-    reason: str
-    started_s: float
-    duration_s: float | None
-    units: tuple[str, ...]
+    procedure: str = ""
+    bench: str = ""
+    outcome: str = "unreadable"
+    reason: str = ""
+    started_s: float = 0.0
+    duration_s: float | None = None
+    units: tuple[str, ...] = ()
 
 
 COLUMNS = tuple(field.name for field in fields(CatalogueRow))
@@ -56,50 +54,38 @@ def period_s(text: str) -> tuple[float, float]:
         raise ConfigurationError(
             "no date", found=text, expected="such as 2026, 2026-10, 2026-10-05 or 2026-10-05T08:30 (UTC)"
         ) from error
-    if len(given) == 1:
-        days = 366 if calendar.isleap(start.year) else 365
-    elif len(given) == 2:
-        days = calendar.monthrange(start.year, start.month)[1]
-    else:
-        days = 1
-    length_s = 86_400.0 * days if len(given) <= 3 else 60.0 if len(given) == 5 else 1.0
+    length_s = {
+        1: 86_400.0 * (365 + calendar.isleap(start.year)),
+        2: 86_400.0 * calendar.monthrange(start.year, start.month)[1],
+        3: 86_400.0,
+        5: 60.0,
+        6: 1.0,
+    }[len(given)]
     return start.timestamp(), start.timestamp() + length_s
 
 
-def read_row(folder: Path, root: str) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return a run folder as a row of the catalogue, and its units; what cannot be read says why."""
-    row: dict[str, Any] = {
-        "root": root,
-        "name": folder.name,
-        "run_id": folder.name,
-        "procedure": "",
-        "bench": "",
-        "outcome": "unreadable",
-        "reason": "",
-        "started_s": 0.0,
-        "duration_s": None,
-        "units": "[]",
-    }
+def read_row(folder: Path, root: str) -> CatalogueRow:
+    """Return a run folder as a row of the catalogue; what cannot be read says why."""
     try:
         manifest = parse_json(read_bounded(folder / MANIFEST_FILE, MANIFEST_BYTES))
-        units = tuple(dict.fromkeys(_text(unit) for unit in manifest.get("units", {}).values()))
         started = datetime.datetime.fromisoformat(str(manifest["started_utc"]))
         started = started if started.tzinfo else started.replace(tzinfo=datetime.UTC)
-        bench = manifest.get("bench", {}).get("bench", {})
         duration = manifest.get("duration_s")
-        row |= {
-            "run_id": _text(manifest["run_id"]),
-            "procedure": _text(manifest["procedure"]),
-            "bench": _text(bench.get("name", "")),
-            "reason": _text(manifest.get("reason", "")),
-            "started_s": started.timestamp(),
-            "duration_s": None if duration is None else float(duration),
-            "units": json.dumps(units, ensure_ascii=False),
-            "outcome": _text(manifest["outcome"]),
-        }
+        return CatalogueRow(
+            root=root,
+            name=folder.name,
+            run_id=_text(manifest["run_id"]),
+            procedure=_text(manifest["procedure"]),
+            bench=_text(manifest.get("bench", {}).get("bench", {}).get("name", "")),
+            outcome=_text(manifest["outcome"]),
+            reason=_text(manifest.get("reason", "")),
+            started_s=started.timestamp(),
+            duration_s=None if duration is None else float(duration),
+            units=tuple(dict.fromkeys(_text(unit) for unit in manifest.get("units", {}).values())),
+        )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-        return row | {"reason": f"{MANIFEST_FILE}: {type(error).__name__}: {error}"}, ()
-    return row, units
+        reason = f"{MANIFEST_FILE}: {type(error).__name__}: {error}"
+        return CatalogueRow(root, folder.name, folder.name, reason=reason)
 
 
 def _text(value: object) -> str:
