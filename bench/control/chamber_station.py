@@ -70,7 +70,7 @@ class ChamberStation(Station):
         ]
         if not jumps:
             return state
-        self._doubts(f"{', '.join(jumps)}, which none does")
+        self.repeats(f"{', '.join(jumps)}, which none does")
         self.device.request_state()
         return self.device.read_state()
 

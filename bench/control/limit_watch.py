@@ -41,15 +41,9 @@ class LimitWatch:
         """
         if not self._limits.forbid:
             return
-        air, angle = self._chamber.history.last, self._table.angle_deg()
+        fastest_dps = max(map(abs, self._table.rates_dps)) if rate_dps is None else abs(rate_dps)
         target_c = self._chamber.set_point_c if set_point_c is None else set_point_c
-        reach = self._reach(
-            between(self._fastest_dps() if rate_dps is None else abs(rate_dps)),
-            between(angle, angle_deg),
-            between(air["air_temp_c"], target_c),
-            between(air["set_point_c"], target_c),
-            target_c,
-        )
+        reach = self._reach(fastest_dps, between(self._table.angle_deg(), angle_deg), target_c)
         remedy = "the command was not sent; change the order of steps or the rule"
         check_rules(self._limits, reach, what, remedy)
 
@@ -63,13 +57,7 @@ class LimitWatch:
             check_ramp(limits, air["air_temp_c"] - before["air_temp_c"], air["time_s"] - before["time_s"])
         if not limits.forbid:
             return
-        reach = self._reach(
-            between(abs(rate_dps)),
-            between(angle_deg),
-            between(air["air_temp_c"]),
-            between(air["set_point_c"]),
-            None,
-        )
+        reach = self._reach(abs(rate_dps), between(angle_deg), None)
         found = (
             f"{rate_dps:.3f} deg/s at {angle_deg:.2f} deg, air {air['air_temp_c']:.1f} degC, "
             f"set point {air['set_point_c']:.1f} degC, door {'open' if reach.door_open else 'closed'}"
@@ -78,22 +66,14 @@ class LimitWatch:
             limits, reach, found, "the bench is being made safe; clear the cause before starting again"
         )
 
-    def _reach(
-        self,
-        rate_dps: Interval,
-        angle_deg: Interval,
-        air_temp_c: Interval,
-        set_point_c: Interval,
-        target_c: float | None,
-    ) -> Reach:
+    def _reach(self, rate_dps: float, angle_deg: Interval, target_c: float | None) -> Reach:
+        """Return what may be on the way of air, set point and sensors to `target_c`, None where they are."""
+        air = self._chamber.history.last
         return Reach(
-            rate_dps=rate_dps,
+            rate_dps=between(rate_dps),
             angle_deg=angle_deg,
-            air_temp_c=air_temp_c,
-            set_point_c=set_point_c,
+            air_temp_c=between(air["air_temp_c"], target_c),
+            set_point_c=between(air["set_point_c"], target_c),
             aux_temp_c=tuple(between(value, target_c) for value in self._chamber.auxiliary_c),
             door_open=self._with_door and self._chamber.look_at_door(),
         )
-
-    def _fastest_dps(self) -> float:
-        return max(map(abs, self._table.rates_dps))

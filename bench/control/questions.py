@@ -40,26 +40,16 @@ class Operator(Protocol):
 class AssumeYes:
     """Answers every question beforehand, for unattended runs on a prepared bench."""
 
+    def __init__(self, answer: str = "yes", by: str = "answered beforehand") -> None:
+        self._reply = Reply(answer, by)
+
     def ask(self, question: Question) -> Callable[[], Reply | None]:
         """Answer at once."""
-        return lambda: Reply("yes", "answered beforehand")
-
-
-class EmulatedOperator:
-    """Answers by doing the act in the emulated lab; `perform` sends it there and returns the lab's answer."""
-
-    def __init__(self, perform: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-        self._perform = perform
-
-    def ask(self, question: Question) -> Callable[[], Reply | None]:
-        """Do the act, then answer."""
-        if question.act:
-            self._perform(dict(question.act))
-        return lambda: Reply("done", "emulated operator")
+        return lambda: self._reply
 
 
 class Assisted:
-    """Does in the emulated lab what the operator says is done."""
+    """Does in the emulated lab what the operator says is done; `perform` sends an act there."""
 
     def __init__(self, operator: Operator, perform: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
         self._operator, self._perform = operator, perform
@@ -75,6 +65,13 @@ class Assisted:
             return reply
 
         return answer
+
+
+class EmulatedOperator(Assisted):
+    """Does every act in the emulated lab, and says so."""
+
+    def __init__(self, perform: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        super().__init__(AssumeYes("done", "emulated operator"), perform)
 
 
 class Prepared:

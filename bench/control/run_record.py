@@ -133,12 +133,9 @@ class RunRecord:
         self._devices[name] = DeviceEntry(
             kind=kind,
             role=role,
-            maker=identity.maker,
-            model=identity.model,
-            serial_number=identity.serial_number,
-            firmware=identity.firmware,
             axis=section.axis if section else None,
             case_sensor=section.case_sensor if section else None,
+            **{name: getattr(identity, name) for name in ("maker", "model", "serial_number", "firmware")},
         )
 
     def stream_starts(self, name: str, offset: int) -> None:

@@ -96,7 +96,7 @@ def _run(request: RunRequest) -> RunResult:
         request.procedure.name,
         request.parameters.model_dump(),
         request.file,
-        request.emulated or _emulated_by_file(request.file),
+        request.emulated or (by_file.model_dump() if (by_file := request.file.bench.emulated) else None),
     )
     if request.live is not None:
         request.live.begin_run(
@@ -173,21 +173,14 @@ def _unsealed(
     )
 
 
-def _emulated_by_file(file: BenchFile) -> dict[str, Any] | None:
-    return None if file.bench.emulated is None else file.bench.emulated.model_dump()
-
-
 def _drive(
-    request: RunRequest,
-    record: RunRecord,
-    clock: Clock,
-    stack: ExitStack,
-    safe: list[SafeState],
+    request: RunRequest, record: RunRecord, clock: Clock, stack: ExitStack, safe: list[SafeState]
 ) -> Bench:
     """Run the procedure; `safe` takes what became of table and chamber afterwards."""
     file = request.file
     tests = request.procedure.tests
-    bench = Bench(file, clock, record, request.operator, _display(request), request.live, tests)
+    displays = [display for display in (request.display, request.live) if display is not None]
+    bench = Bench(file, clock, record, request.operator, displays, request.live, tests)
     watchdog = _watchdog(request, record, clock, stack)
     table = open_table(file, clock, record.tap("table"))
     stack.callback(table.link.close)
@@ -196,14 +189,17 @@ def _drive(
     bench.install(table, chamber, tuple(file.chamber.auxiliary))
     record.identify("table", "table", file.table.driver, table.identify())
     record.identify("chamber", "chamber", file.chamber.driver, chamber.identify())
-    _check_limits(request, bench)
-    streams: list[tuple[Gyro, StreamStation]] = []
-    for gyro in file.gyro:
-        bench.gyros[gyro.name] = GyroStation(load_kind("gyro", gyro.driver), gyro)
-        streams.append(_open_unit(record, clock, gyro, bench.gyros[gyro.name], stack))
-    for platform in file.platform:
-        bench.platforms[platform.name] = PlatformStation(load_kind("platform", platform.driver), platform)
-        streams.append(_open_unit(record, clock, platform, bench.platforms[platform.name], stack))
+    demands = request.procedure.demands(request.parameters)
+    bench.table.check(demands.max_rate_dps)
+    bench.chamber.check_sensors()
+    bench.chamber.check(demands.min_temp_c, demands.max_temp_c, demands.max_ramp_k_per_min)
+    bench.gyros |= {unit.name: GyroStation(load_kind("gyro", unit.driver), unit) for unit in file.gyro}
+    platforms = {
+        unit.name: PlatformStation(load_kind("platform", unit.driver), unit) for unit in file.platform
+    }
+    bench.platforms |= platforms
+    units = zip((*file.gyro, *file.platform), bench.units, strict=True)
+    streams = [_open_unit(record, clock, unit, station, stack) for unit, station in units]
     if watchdog is not None:
         stack.callback(watchdog.dismiss)  # before the ports are closed, which may take its time
     stack.callback(lambda: safe.extend(bench.safe))
@@ -243,23 +239,6 @@ def _watchdog(request: RunRequest, record: RunRecord, clock: Clock, stack: ExitS
     stack.callback(watchdog.dismiss)
     clock.pulse = watchdog.beat
     return watchdog
-
-
-def _display(request: RunRequest) -> Callable[[Progress], None] | None:
-    displays = [display for display in (request.display, request.live) if display is not None]
-
-    def show(progress: Progress) -> None:
-        for display in displays:
-            display(progress)
-
-    return show if displays else None
-
-
-def _check_limits(request: RunRequest, bench: Bench) -> None:
-    demands = request.procedure.demands(request.parameters)
-    bench.table.check(demands.max_rate_dps)
-    bench.chamber.check_sensors()
-    bench.chamber.check(demands.min_temp_c, demands.max_temp_c, demands.max_ramp_k_per_min)
 
 
 def _open_unit(

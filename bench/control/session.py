@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from typing import Any, Literal
 
 from bench.control.chamber_station import ChamberStation
@@ -30,7 +29,6 @@ from bench.record.events.run import (
     Paused,
     PhaseBegun,
     Prompt,
-    Repeat,
     Requested,
     Resumed,
     Step,
@@ -61,7 +59,7 @@ class Bench:
         clock: Clock,
         record: RunRecord,
         operator: Operator,
-        display: Callable[[Progress], None] | None = None,
+        displays: Sequence[Callable[[Progress], None]] = (),
         steering: Live | None = None,
         tests: Literal["gyro", "platform"] = "gyro",
     ) -> None:
@@ -83,7 +81,7 @@ class Bench:
             clock, self._lose, lambda unit: self._stream_watchdog.back(unit, clock.now()), self.note
         )
         self._record = record
-        self._display = display
+        self._displays = displays
         self._steering = steering
         self._paused = False
         self._resumed_by = ""
@@ -101,7 +99,7 @@ class Bench:
         self.chamber = ChamberStation(chamber, self, auxiliary)
         self.limits = LimitWatch(self.file.limits, self.clock, self.table, self.chamber)
         for station in (self.table, self.chamber):
-            station.device.link.on_retry = partial(self._repeated, station.name)
+            station.device.link.on_retry = station.repeats
 
     # What a procedure says
 
@@ -205,10 +203,6 @@ class Bench:
         if event.alarms:
             self._alarms.append(row)
 
-    def _repeated(self, device: str, why: object) -> None:
-        """Write down that an exchange with a device is tried again, and what was received of it."""
-        self.event(Repeat(device, str(why)))
-
     def poll(self) -> None:
         """Ask both instruments, then collect: their answers travel at the same time."""
         table, chamber = self.table, self.chamber
@@ -292,9 +286,15 @@ class Bench:
                 self.check_alarms()
             self._record.check()
             self._note_requests()
-        if self._display is not None and host_seconds() - self._shown_at >= _DISPLAY_S:
+        if host_seconds() - self._shown_at >= _DISPLAY_S:
             self._shown_at = host_seconds()
-            self._display(self.progress(doing))
+            self._show(doing)
+
+    def _show(self, doing: str) -> None:
+        if self._displays:
+            progress = self.progress(doing)
+            for display in self._displays:
+                display(progress)
 
     def progress(self, doing: str) -> Progress:
         """Return what a display shows now."""
@@ -313,8 +313,7 @@ class Bench:
             angle_deg=turned.get("angle_deg", nan),
             rate_dps=turned.get("rate_dps", nan),
             demands={
-                name: None if demand is None else demand.fields()
-                for name, demand in self.table.demands.items()
+                name: demand.fields() if demand else None for name, demand in self.table.demands.items()
             },
             gyros={name: gyro_progress(station, now) for name, station in self.gyros.items()},
             paused=self._paused,
@@ -363,8 +362,7 @@ class Bench:
                 if name not in reported:
                     reported.add(name)
                     self.event(state)
-                if self._display is not None:
-                    self._display(self.progress(f"making the bench safe, {state}"))
+                self._show(f"making the bench safe, {state}")
 
         with self.clock.interrupt.ignored():
             devices: dict[str, Instrument] = {"table": self.table.device, "chamber": self.chamber.device}

@@ -71,6 +71,6 @@ class Station(ABC):
         last = self.history.last
         return self._seen(last, self._session.now_s - last["time_s"]) if last else None
 
-    def _doubts(self, text: str) -> None:
-        """Write down that telemetry is read once more, and why."""
-        self._session.event(Repeat(self.name, text))
+    def repeats(self, why: object) -> None:
+        """Write down that an exchange is tried again, and why: what was received of it."""
+        self._session.event(Repeat(self.name, str(why)))

@@ -195,7 +195,7 @@ class TableStation(Station):
         demands = ", ".join(
             f"{name} {demand}" if named else str(demand) for name, demand in self.demands.items()
         )
-        self._doubts(f"{seen} (deg, deg/s) though it had settled at {demands}")
+        self.repeats(f"{seen} (deg, deg/s) though it had settled at {demands}")
         self.device.request_state()
         state = self.device.read_state()
         self.take(self._session.now_s, state)

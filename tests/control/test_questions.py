@@ -29,7 +29,7 @@ def test_an_emulated_operator_that_fails_says_so():
         raise BenchError("no such unit")
 
     with pytest.raises(BenchError, match="no such unit"):
-        EmulatedOperator(refuse).ask(Question("Mount", {"act": "mount"}))
+        EmulatedOperator(refuse).ask(Question("Mount", {"act": "mount"}))()
 
 
 def test_the_console_has_no_answer_until_a_line_is_entered():

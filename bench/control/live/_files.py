@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 from bench.record.events.run import Note, Requested
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import ConfigurationError, RecordError
-from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded
+from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
 
 LIVE_FOLDER = "live"
 NOW_FILE = "now.json"
@@ -89,8 +89,9 @@ def drop_answer(session: Path, prompt_id: int, answer: str, by: str) -> Answer:
             "an answer that cannot be kept", found=f"{len(answer)} characters", expected="1 to some hundred"
         )
     path = _answer_path(session, prompt_id)
-    part = _write_part(path.parent, text)
+    part = path.with_name(f".{secrets.token_hex(8)}.part")
     try:
+        part.write_text(text, encoding="utf-8")
         os.link(part, path)
     except FileExistsError:
         return read_answer(session, prompt_id) or given
@@ -118,15 +119,13 @@ def drop_request(session: Path, action: Action, by: str) -> Requested:
     if action not in get_args(Action):
         raise ConfigurationError("an unknown request", found=action, expected=", ".join(get_args(Action)))
     request = Requested(action, by.strip()[:200] or "unknown", utc_now())
-    folder = live_folder(session) / "requests"
-    part = _write_part(folder, json.dumps(request.fields(), ensure_ascii=False))
     # the name sorts by time, then by the order in this process, so that requests are taken in order
     name = f"{epoch_seconds() * 1e3:.0f}-{next(_order):06d}-{secrets.token_hex(4)}.json"
+    path = live_folder(session) / "requests" / name
     try:
-        part.rename(folder / name)
+        replace_file(path, json.dumps(request.fields(), ensure_ascii=False), sync=False)
     except OSError as error:
-        part.unlink(missing_ok=True)
-        raise _unwritable(folder, error) from error
+        raise _unwritable(path.parent, error) from error
     return request
 
 
@@ -159,15 +158,6 @@ def clear(session: Path) -> None:
 
 def _answer_path(session: Path, prompt_id: int) -> Path:
     return live_folder(session) / "answers" / f"{int(prompt_id)}.json"
-
-
-def _write_part(folder: Path, text: str) -> Path:
-    part = folder / f".{secrets.token_hex(8)}.part"
-    try:
-        part.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise _unwritable(folder, error) from error
-    return part
 
 
 def _read_small(path: Path) -> dict[str, Any] | None:

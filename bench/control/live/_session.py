@@ -33,8 +33,7 @@ from drivers.base.files import replace_file
 _EVERY_S = 0.1
 _HISTORY_S = 1.0
 _WAIT_S = 0.05
-
-
+_HISTORY_COLUMNS = ("air_temp_c", "set_point_c", "angle_deg", "rate_dps")
 _ERROR_PARTS = ("what", "where", "found", "expected", "remedy")
 _NO_END: dict[str, Any] = {"outcome": "", "reason": "", "error": None, "safe": [], "warnings": []}
 
@@ -257,17 +256,12 @@ class Live:
 
     def _write_history(self) -> None:
         progress = self._progress
-        if progress is None or self._run_folder is None:
-            return
-        if progress.time_s < self._history_from_s:
+        if progress is None or self._run_folder is None or progress.time_s < self._history_from_s:
             return
         self._history_from_s = progress.time_s + _HISTORY_S
         row = {
             "time_s": round(progress.time_s, 3),
-            "air_temp_c": progress.air_temp_c,
-            "set_point_c": progress.set_point_c,
-            "angle_deg": progress.angle_deg,
-            "rate_dps": progress.rate_dps,
+            **{name: getattr(progress, name) for name in _HISTORY_COLUMNS},
             "gyros": {name: [gyro.latest_dps, gyro.temp_c] for name, gyro in progress.gyros.items()},
         }
         folder = live_folder(self._run_folder)
@@ -292,28 +286,18 @@ class Live:
             return {**now, **_NOTHING_YET}
         expected_s = float((run or {}).get("expected_s") or 0.0)
         host_s = max(1e-3, host_seconds() - self._run_started)
-        return now | {
-            "time_s": progress.time_s,
+        shown = vars(progress) | {
             "left_s": max(0.0, expected_s - progress.time_s),
             "speed": progress.time_s / host_s,
-            "step": progress.step,
-            "doing": progress.doing,
-            "phase": progress.phase,
             "chamber": {
                 "air_temp_c": progress.air_temp_c,
                 "set_point_c": progress.set_point_c,
                 "rate_k_per_min": progress.air_rate_k_per_min,
                 "auxiliary_c": progress.auxiliary_c,
             },
-            "table": {
-                "angle_deg": progress.angle_deg,
-                "rate_dps": progress.rate_dps,
-                "demands": progress.demands,
-            },
-            "gyros": progress.gyros,
-            "alarms": progress.alarms,
-            "log": progress.log,
+            "table": {name: getattr(progress, name) for name in ("angle_deg", "rate_dps", "demands")},
         }
+        return now | {name: shown[name] for name in _NOTHING_YET}
 
     def _state(self, progress: Progress | None) -> str:
         if self._ended:

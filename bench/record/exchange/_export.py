@@ -20,31 +20,29 @@ from bench.record.exchange._log import load_asammdf
 from bench.record.recording import Run, unit_of
 from drivers.base.errors import ConfigurationError, RecordError
 
-FORMATS = ("csv", "mdf4", "blf", "parquet")
 _AT_ONCE = 65_536
 
 
 def export_run(folder: Path, kind: str, out: Path | None = None) -> Path:
     """Write a run in another format and return where.
 
-    `kind`: one of `FORMATS`. `out`: a folder for csv and parquet (a file a table and one of events), a file for
-    mdf4 and blf; default the run's name in the working directory. It must not exist, and is there whole or not at
-    all. ConfigurationError for a format or a run that has nothing for it, RecordError for what cannot be written.
+    `kind`: csv, mdf4, blf or parquet. `out`: a folder for csv and parquet (a file a table and one of events), a
+    file for mdf4 and blf; default the run's name in the working directory. It must not exist, and is there whole
+    or not at all. ConfigurationError for a format or a run that has nothing for it, RecordError for what cannot be
+    written.
     """
-    if kind not in FORMATS:
-        raise ConfigurationError("no such export format", found=kind, expected=", ".join(FORMATS))
-    run = Run.open(folder)
-    suffix = {"csv": "-csv", "parquet": "-parquet", "mdf4": ".mf4", "blf": ".blf"}[kind]
+    if kind not in _FORMATS:
+        raise ConfigurationError("no such export format", found=kind, expected=", ".join(_FORMATS))
+    run, (suffix, write) = Run.open(folder), _FORMATS[kind]
     target = out or Path(f"{run.manifest.run_id}{suffix}")
     if target.exists():
         raise ConfigurationError(
             "there is a file or folder of that name", where=str(target), remedy="name another with --out"
         )
-    write = {"csv": _csv, "parquet": _parquet, "mdf4": _mdf4, "blf": _blf}[kind]
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".exporting-", dir=target.parent) as scratch:
-            part = Path(scratch) / target.name
+            part = Path(scratch) / f"export{suffix}"
             write(run, part)
             part.rename(target)
     except OSError as error:
@@ -135,9 +133,7 @@ def _mdf4(run: Run, part: Path) -> None:
             mdf.append([signal], acq_name="phases", common_timebase=True)
         facts = run.manifest.model_dump_json(exclude={"files", "bench"})
         mdf.attach(facts.encode("utf-8"), file_name="manifest.json", mime="application/json")
-        mdf.save(part.with_suffix(".mf4"), overwrite=True)
-    if part.suffix != ".mf4":
-        part.with_suffix(".mf4").rename(part)
+        mdf.save(part, overwrite=True)
 
 
 def _blf(run: Run, part: Path) -> None:
@@ -154,13 +150,10 @@ def _blf(run: Run, part: Path) -> None:
             remedy="export csv, parquet or mdf4",
         )
     started_s = datetime.fromisoformat(run.manifest.started_utc).timestamp()
-    written = part.with_suffix(".blf")
-    with can.BLFWriter(written) as writer:
+    with can.BLFWriter(part) as writer:
         streams = [_messages(run, name, number, started_s) for number, name in enumerate(on_can)]
         for message in heapq.merge(*streams, key=lambda message: message.timestamp):
             writer.on_message_received(message)
-    if written != part:
-        written.rename(part)
 
 
 def _messages(run: Run, port: str, channel: int, started_s: float) -> Iterator[Any]:
@@ -170,3 +163,12 @@ def _messages(run: Run, port: str, channel: int, started_s: float) -> Iterator[A
         for message in to_messages(frames, time_s + started_s):
             message.channel = channel
             yield message
+
+
+_FORMATS = {
+    "csv": ("-csv", _csv),
+    "mdf4": (".mf4", _mdf4),
+    "blf": (".blf", _blf),
+    "parquet": ("-parquet", _parquet),
+}
+"""Format: how the default name of what is written ends, and who writes it."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -65,21 +65,24 @@ def read_log(file: Path, columns: Columns) -> Log:
     ConfigurationError for a file that cannot be read, columns that are not there, are no numbers or have a unit
     that is not known, and times that do not grow.
     """
-    wanted = {name: getattr(columns, name) for name in type(columns).model_fields}
-    wanted = {name: column for name, column in wanted.items() if column is not None}
-    factors = {name: _factor(name, column, file) for name, column in wanted.items()}
-    if file.suffix.lower() in _MDF:
-        time_s, raw = _read_mdf(file, wanted, factors)
-    else:
-        time_s, raw = _read_table(file, wanted, factors)
+    wanted = {name: _source(name, column, file) for name, column in columns if column is not None}
+    time_s, raw = (_read_mdf if file.suffix.lower() in _MDF else _read_table)(file, wanted)
     _check_time(time_s, file)
-    values = {name: column * factors[name][0] + factors[name][1] for name, column in raw.items()}
+    values = {name: column * wanted[name].factor + wanted[name].offset for name, column in raw.items()}
     if "angle" in values:
         values["angle"] = _unwrapped(values["angle"])
     return Log(time_s, values)
 
 
-def _factor(name: str, column: Column, file: Path) -> tuple[float, float]:
+class _Source(NamedTuple):
+    """A column's name in the log, and what makes the bench's unit of its values."""
+
+    name: str
+    factor: float
+    offset: float
+
+
+def _source(name: str, column: Column, file: Path) -> _Source:
     known = _KNOWN[name]
     if column.unit not in known:
         raise ConfigurationError(
@@ -88,13 +91,11 @@ def _factor(name: str, column: Column, file: Path) -> tuple[float, float]:
             found=column.unit or "none",
             expected=", ".join(known) or "no unit",
         )
-    found = known[column.unit]
-    return found if isinstance(found, tuple) else (found, 0.0)
+    scale = known[column.unit]
+    return _Source(column.name, *(scale if isinstance(scale, tuple) else (scale, 0.0)))
 
 
-def _read_table(
-    file: Path, wanted: Mapping[str, Column], factors: Mapping[str, tuple[float, float]]
-) -> tuple[Array, dict[str, Array]]:
+def _read_table(file: Path, wanted: Mapping[str, _Source]) -> tuple[Array, dict[str, Array]]:
     if "time" not in wanted:
         raise ConfigurationError(
             "the mapping file is not complete",
@@ -102,10 +103,9 @@ def _read_table(
             found="without columns.time",
             expected="a time",
         )
-    names = list(dict.fromkeys(column.name for column in wanted.values()))
-    table = _open_table(file, names)
-    raw = {name: _numbers(table, column.name, file) for name, column in wanted.items()}
-    return raw.pop("time") * factors["time"][0], raw
+    table = _open_table(file, list(dict.fromkeys(source.name for source in wanted.values())))
+    raw = {name: _numbers(table, source.name, file) for name, source in wanted.items()}
+    return raw.pop("time") * wanted["time"].factor, raw
 
 
 def _open_table(file: Path, names: list[str]) -> pa.Table:
@@ -155,16 +155,14 @@ def _numbers(table: pa.Table, name: str, file: Path) -> Array:
     return np.asarray(column.to_numpy(), np.float64)
 
 
-def _read_mdf(
-    file: Path, wanted: Mapping[str, Column], factors: Mapping[str, tuple[float, float]]
-) -> tuple[Array, dict[str, Array]]:
+def _read_mdf(file: Path, wanted: Mapping[str, _Source]) -> tuple[Array, dict[str, Array]]:
     """Read channels onto the times of the output's; others are interpolated, angles without their jumps."""
     asammdf = load_asammdf()
+    channels = {name: source.name for name, source in wanted.items() if name != "time"}
     try:
         with asammdf.MDF(file) as mdf:
-            names = [column.name for name, column in wanted.items() if name != "time"]
-            _check_names(names, sorted(mdf.channels_db), file)
-            signals = {name: mdf.get(column.name) for name, column in wanted.items() if name != "time"}
+            _check_names(list(channels.values()), sorted(mdf.channels_db), file)
+            signals = {name: mdf.get(channel) for name, channel in channels.items()}
             read = {
                 name: (np.asarray(signal.timestamps, np.float64), np.asarray(signal.samples, np.float64))
                 for name, signal in signals.items()
@@ -182,7 +180,7 @@ def _read_mdf(
     raw: dict[str, Array] = {}
     for name, (own_s, values) in read.items():
         if name == "angle":
-            values = _unwrapped(values * factors[name][0]) / factors[name][0]
+            values = _unwrapped(values * wanted[name].factor) / wanted[name].factor
         same = len(own_s) == len(time_s) and bool((own_s == time_s).all())
         raw[name] = values if same or not len(own_s) else np.interp(time_s, own_s, values)
     return time_s, raw
