@@ -203,7 +203,7 @@ MECHANISMS = (
         _T_JOURNAL,
     ),
     Mechanism(
-        1, "what is written is synced", f"{_RECORDING}._append:AppendFile.sync", Skip("os.fdatasync"), _T_CUT
+        1, "what is written is synced", f"{_RECORDING}._events:AppendFile.sync", Skip("os.fdatasync"), _T_CUT
     ),
     Mechanism(
         1,
@@ -215,7 +215,7 @@ MECHANISMS = (
     Mechanism(
         1,
         "a disk that is full is told",
-        f"{_RECORDING}._append:AppendFile.write",
+        f"{_RECORDING}._events:AppendFile.write",
         Swap("raise record_error(self.path, error) from error", "return"),
         _T_JOURNAL,
     ),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.control.stall import WINDOW_S, StallDetector
+from bench.control.chamber_station import WINDOW_S, StallDetector
 
 
 def told(air_at, set_point_c, ramp_k_per_min=None, hours=4.0):

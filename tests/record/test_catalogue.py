@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from bench.present.cli._app import app
 from bench.record.catalogue import Catalogue, root_name
-from bench.record.catalogue._rows import period_s
+from bench.record.catalogue._catalogue import period_s
 from drivers.base.errors import ConfigurationError, RecordError
 
 

@@ -26,7 +26,7 @@ from bench.control.run_record import _new_folder, decode_run
 from bench.present.cli._app import app
 from bench.present.panel._tails import EventTail
 from bench.record.benchfile import load_bench_file
-from bench.record.catalogue._rows import read_row
+from bench.record.catalogue._catalogue import read_row
 from bench.record.exchange import export_run, read_mapping
 from bench.record.recording import Run, read_events, read_manifest, read_table, verify
 from bench.record.recording._read import read_truth

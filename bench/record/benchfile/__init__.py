@@ -1,6 +1,6 @@
 """The bench file: which devices stand on which ports, and the limits of the place."""
 
-from bench.record.benchfile._load import bench_file_from, load_bench_file
+from bench.record.benchfile._load import bench_file_from, bench_file_text, load_bench_file
 from bench.record.benchfile._model import (
     Band,
     BenchFile,
@@ -10,7 +10,6 @@ from bench.record.benchfile._model import (
     LimitsSection,
     SafeSection,
 )
-from bench.record.benchfile._write import bench_file_text
 
 __all__ = [
     "Band",

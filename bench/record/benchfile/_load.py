@@ -1,4 +1,4 @@
-"""Reads a bench file and says everything that is wrong with it at once: file, key, found, expected."""
+"""Reads a bench file and says all that is wrong with it at once: file, key, found, expected; writes one."""
 
 from __future__ import annotations
 
@@ -35,6 +35,18 @@ def bench_file_from(data: Mapping[str, Any], where: str = "the bench file of the
     """
     canonical = json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=False, default=str)
     return _checked(data, where, hashlib.sha256(canonical.encode()).hexdigest(), False, [])
+
+
+def bench_file_text(file: BenchFile) -> str:
+    """Return TOML that `load_bench_file` reads back as an equal bench file."""
+    sections = file.model_dump(mode="json", exclude_none=True)
+    lines: list[str] = []
+    for name, section in sections.items():
+        for table in section if isinstance(section, list) else [section]:
+            lines.append(f"[[{name}]]" if isinstance(section, list) else f"[{name}]")
+            lines += [f"{key} = {_value(value)}" for key, value in table.items()]
+            lines.append("")
+    return "\n".join(lines)
 
 
 def _with_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
@@ -146,3 +158,14 @@ def _description(location: list[Any], data: Mapping[str, Any]) -> str:
         if description:
             return description
     return ""
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        return (
+            "{ " + ", ".join(f"{json.dumps(str(key))} = {_value(item)}" for key, item in value.items()) + " }"
+        )
+    if isinstance(value, list):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    # JSON's strings, numbers and booleans are TOML's, given that control characters are escaped alike
+    return json.dumps(value, ensure_ascii=False)

@@ -3,8 +3,7 @@
 Loading it takes a few milliseconds: a list of runs is mostly the start of a process.
 """
 
-from bench.record.catalogue._catalogue import Catalogue, find_runs, index_runs
-from bench.record.catalogue._rows import CatalogueRow, root_name
+from bench.record.catalogue._catalogue import Catalogue, CatalogueRow, find_runs, index_runs, root_name
 
 __all__ = [
     "Catalogue",

@@ -6,16 +6,21 @@ own time stamp says so) and whether those that were going on have ended. `rebuil
 
 from __future__ import annotations
 
+import calendar
+import datetime
 import json
 import os
+import re
+import socket
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from bench.record.catalogue._database import Database
-from bench.record.catalogue._rows import COLUMNS, CatalogueRow, period_s, read_row, root_name
 from bench.record.run_folder import MANIFEST_FILE, url_of
 from drivers.base.clock import epoch_seconds
-from drivers.base.errors import RecordError
+from drivers.base.errors import ConfigurationError, RecordError
+from drivers.base.files import MANIFEST_BYTES, parse_json, read_bounded
 
 FOLDER = ".catalogue"
 """Beside the runs, in a folder of its own: SQLite's journal must not touch the time stamp of the runs' folder."""
@@ -23,7 +28,7 @@ FOLDER = ".catalogue"
 _AT_ONCE = 2000
 _SETTLED_S = 3.0
 """A folder changed later than this before it was read may change again within one tick of its time stamp."""
-
+_PERIOD = re.compile(r"^(\d{4})(?:-(\d{2})(?:-(\d{2})(?:[T ](\d{2}):(\d{2})(?::(\d{2}))?)?)?)?$")
 _TABLES = (
     """CREATE TABLE IF NOT EXISTS gyrobench_runs (
         root TEXT NOT NULL, name TEXT NOT NULL, run_id TEXT NOT NULL, procedure TEXT NOT NULL,
@@ -41,6 +46,34 @@ _LOCK = "SELECT pg_advisory_xact_lock(7031862)"
 """PostgreSQL: two benches that make the same tables at the same moment take turns."""
 ReadProgress = Callable[[int, int], None]
 """Called with how many manifests have been read, and how many there are to read."""
+
+
+@dataclass(frozen=True)
+class CatalogueRow:
+    """A run in a list; outcome "unreadable" with `reason` for a folder whose manifest cannot be read.
+
+    `root`: host and folder that it lies in. `started_s`: seconds since 1970-01-01 UTC.
+    """
+
+    root: str
+    name: str
+    run_id: str
+    procedure: str = ""
+    bench: str = ""
+    outcome: str = "unreadable"
+    reason: str = ""
+    started_s: float = 0.0
+    duration_s: float | None = None
+    units: tuple[str, ...] = ()
+
+
+COLUMNS = tuple(field.name for field in fields(CatalogueRow))
+"""Of the table of runs, too."""
+
+
+def root_name(runs: Path) -> str:
+    """Return the name under which a folder of runs is known: host and absolute path."""
+    return f"{socket.gethostname()}:{runs.resolve()}"
 
 
 class Catalogue:
@@ -247,3 +280,52 @@ def _local(runs: Path) -> Path:
     from bench.record.recording import local_manifests
 
     return local_manifests(runs)
+
+
+def period_s(text: str) -> tuple[float, float]:
+    """Return start and end of a year, month, day, minute or second in UTC, s since 1970; ConfigurationError."""
+    match = _PERIOD.match(text.strip().removesuffix("Z"))
+    given = [int(part) for part in match.groups() if part is not None] if match else []
+    try:
+        start = datetime.datetime(*[*given, *[1, 1][len(given) - 1 :]], tzinfo=datetime.UTC)  # type: ignore[misc,arg-type]
+    except (ValueError, TypeError, IndexError) as error:
+        raise ConfigurationError(
+            "no date", found=text, expected="such as 2026, 2026-10, 2026-10-05 or 2026-10-05T08:30 (UTC)"
+        ) from error
+    length_s = {
+        1: 86_400.0 * (365 + calendar.isleap(start.year)),
+        2: 86_400.0 * calendar.monthrange(start.year, start.month)[1],
+        3: 86_400.0,
+        5: 60.0,
+        6: 1.0,
+    }[len(given)]
+    return start.timestamp(), start.timestamp() + length_s
+
+
+def read_row(folder: Path, root: str) -> CatalogueRow:
+    """Return a run folder as a row of the catalogue; what cannot be read says why."""
+    try:
+        manifest = parse_json(read_bounded(folder / MANIFEST_FILE, MANIFEST_BYTES))
+        started = datetime.datetime.fromisoformat(str(manifest["started_utc"]))
+        started = started if started.tzinfo else started.replace(tzinfo=datetime.UTC)
+        duration = manifest.get("duration_s")
+        return CatalogueRow(
+            root=root,
+            name=folder.name,
+            run_id=_text(manifest["run_id"]),
+            procedure=_text(manifest["procedure"]),
+            bench=_text(manifest.get("bench", {}).get("bench", {}).get("name", "")),
+            outcome=_text(manifest["outcome"]),
+            reason=_text(manifest.get("reason", "")),
+            started_s=started.timestamp(),
+            duration_s=None if duration is None else float(duration),
+            units=tuple(dict.fromkeys(_text(unit) for unit in manifest.get("units", {}).values())),
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+        reason = f"{MANIFEST_FILE}: {type(error).__name__}: {error}"
+        return CatalogueRow(root, folder.name, folder.name, reason=reason)
+
+
+def _text(value: object) -> str:
+    """Return text that every database takes: no half characters, no zero bytes."""
+    return str(value).encode("utf-8", "replace").decode().replace("\0", "\N{REPLACEMENT CHARACTER}")

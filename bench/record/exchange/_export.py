@@ -28,8 +28,8 @@ def export_run(folder: Path, kind: str, out: Path | None = None) -> Path:
 
     `kind`: csv, mdf4, blf or parquet. `out`: a folder for csv and parquet (a file a table and one of events), a
     file for mdf4 and blf; default the run's name in the working directory. It must not exist, and is there whole
-    or not at all. ConfigurationError for a format or a run that has nothing for it, RecordError for what cannot be
-    written.
+    or not at all. ConfigurationError for a format or a run that has nothing for it, RecordError for a file that
+    cannot be written.
     """
     if kind not in _FORMATS:
         raise ConfigurationError("no such export format", found=kind, expected=", ".join(_FORMATS))

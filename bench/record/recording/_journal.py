@@ -17,8 +17,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from bench.record.recording._append import AppendFile, record_error
-from bench.record.recording._events import EventLog
+from bench.record.recording._events import AppendFile, EventLog, record_error
 from drivers.base.clock import Ticker
 from drivers.base.errors import RecordError
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from bench.record.events._base import Number
-from bench.record.recording._append import record_error
+from bench.record.recording._events import record_error
 from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.errors import RecordError
 from drivers.base.files import MANIFEST_BYTES, read_bounded, replace_file
