@@ -1,4 +1,4 @@
-"""The seams of the emulated lab: what an emulator is to the lab, and what the plant is to an emulator.
+"""The seams of the emulated lab: what an emulator is to the lab, and what a gyro is to its emulator.
 
 All times are lab time in s since the lab was switched on. An emulator holds no physics: it asks a plant. The
 plant holds no bytes. Times passed to one object never decrease.
@@ -6,8 +6,7 @@ plant holds no bytes. Times passed to one object never decrease.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -34,6 +33,15 @@ class StreamBlock:
     data: bytes
     marks: NDArray[np.int64]
 
+    @staticmethod
+    def joined(parts: Sequence[StreamBlock]) -> StreamBlock | None:
+        """Return consecutive blocks as one, None if there are none."""
+        if len(parts) < 2:
+            return parts[0] if parts else None
+        starts = np.cumsum([0, *(len(part.data) for part in parts[:-1])])
+        marks = [part.marks + np.array([start, 0]) for start, part in zip(starts, parts, strict=True)]
+        return StreamBlock(b"".join(part.data for part in parts), np.concatenate(marks))
+
 
 class Emulator(Protocol):
     """A device on a port."""
@@ -47,64 +55,6 @@ class StreamingEmulator(Emulator, Protocol):
 
     def stream(self, until_s: float) -> StreamBlock | None:
         """Return what it sent since the last call for samples complete by `until_s`; None while it is quiet."""
-
-
-class ChamberPlant(Protocol):
-    """Air, refrigeration and the unit's surroundings."""
-
-    def demand(
-        self, now_s: float, *, set_point_c: float, ramp_up: float, ramp_down: float, running: bool
-    ) -> None:
-        """Set the controller's target; ramps in K/min, 0 = as fast as the chamber can."""
-
-    def air_temp_c(self, now_s: float) -> float:
-        """Air temperature at the chamber's control sensor."""
-
-    def set_point_c(self, now_s: float) -> float:
-        """Set point in force (the ramp's momentary value)."""
-
-    def auxiliary_c(self, number: int, now_s: float) -> float:
-        """Auxiliary sensor `number` (1-based), e.g. glued to the case of a unit under test."""
-
-
-class TablePlant(Protocol):
-    """One servoed table axis."""
-
-    max_rate_dps: float
-    max_acceleration_dps2: float
-
-    def servo(self, now_s: float, on: bool) -> None:
-        """Close (True) or open the servo loop; opening lets the axis coast to rest."""
-
-    def demand_rate(self, now_s: float, rate_dps: float, acceleration_limit_dps2: float = math.inf) -> None:
-        """Rate mode: go to `rate_dps` within the axis' own and the given acceleration limit."""
-
-    def demand_angle(
-        self,
-        now_s: float,
-        angle_deg: float,
-        rate_limit_dps: float = math.inf,
-        acceleration_limit_dps2: float = math.inf,
-    ) -> None:
-        """Position mode: go to `angle_deg` by the shortest path within own and given limits."""
-
-    def demand_turn(
-        self,
-        now_s: float,
-        by_deg: float,
-        rate_limit_dps: float = math.inf,
-        acceleration_limit_dps2: float = math.inf,
-    ) -> None:
-        """Position mode: turn by a signed angle from where the axis would stop, within own and given limits."""
-
-    def angle_deg(self, now_s: float) -> float:
-        """Encoder angle in [0, 360)."""
-
-    def rate_dps(self, now_s: float) -> float:
-        """Axis rate."""
-
-    def settled(self, now_s: float) -> bool:
-        """Whether the demanded profile is complete."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +84,9 @@ class GyroPlant(Protocol):
         Intervals of successive calls are contiguous; the plant has been advanced past their end.
         """
 
+    def case_reading_c(self, now_s: float) -> float:
+        """Return the reading of the sensor on the case, held from the last tick."""
+
 
 @dataclass(frozen=True)
 class Installation:
@@ -150,7 +103,6 @@ class Installation:
 EmulatorMaker = Callable[[Any, Any, Installation], Emulator]
 """Makes an emulator of its driver's configuration and a plant; an entry point of group `gyrobench.emulators`.
 
-The plant of a table is a `TablePlant` for each axis by name, outermost first; that of a chamber a `ChamberPlant`,
-of a gyro a `GyroPlant`, of a platform a `simulators.platform_interface.PlatformPlant`. Gyros and platforms are
-`StreamingEmulator`s.
+The plant of a table is a `TableAxis` for each axis by name, outermost first; that of a chamber a `LabChamber`, of
+a gyro a `GyroPlant`, of a platform a `LabPlatform` (`simulators.plant`). Gyros and platforms stream.
 """

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from drivers.acutrol.codec import DIAGNOSTIC_BITS, INTERLOCK_BITS, SOFTWARE_FAULT_BITS
 from drivers.acutrol.grammar import DATA_TYPE_ERROR, NOT_IMPLEMENTED, PARAMETER_OUT_OF_RANGE, Refusal
-from simulators.interfaces import TablePlant
+from simulators.plant.table import TableAxis
 
 # Modes an axis has, with the number A<n>STATE shows in bits 0-3. The manual refers to the list in 4.7 for the
 # numbers; counting that list from 0 is our reading.
@@ -33,7 +33,7 @@ class AcutrolAxis:
     """
 
     def __init__(
-        self, plant: TablePlant, min_angle_deg: float | None = None, max_angle_deg: float | None = None
+        self, plant: TableAxis, min_angle_deg: float | None = None, max_angle_deg: float | None = None
     ) -> None:
         self.plant = plant
         self.interlock = "Open"

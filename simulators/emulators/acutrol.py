@@ -20,7 +20,8 @@ from drivers.base.errors import ConfigurationError
 from drivers.kit.config import TableConfig
 from simulators.emulators._acutrol_axis import DEMANDS, FAULT_NAMES, MODES, AcutrolAxis, Refused, fault_bits
 from simulators.faults import DeviceFault, Fault
-from simulators.interfaces import Installation, Reply, TablePlant
+from simulators.interfaces import Installation, Reply
+from simulators.plant.table import TableAxis
 
 __all__ = ["IDENTITY", "AcutrolAxis", "AcutrolEmulator", "emulator"]
 
@@ -46,7 +47,7 @@ class AcutrolEmulator:
 
     def __init__(
         self,
-        axes: TablePlant | Mapping[int, AcutrolAxis],
+        axes: TableAxis | Mapping[int, AcutrolAxis],
         *,
         identity: str = IDENTITY,
         latency_s: float = 0.002,
@@ -309,7 +310,7 @@ class AcutrolEmulator:
         return [self._one(arguments, count)]
 
 
-def emulator(config: TableConfig, axes: Mapping[str, TablePlant], installed: Installation) -> AcutrolEmulator:
+def emulator(config: TableConfig, axes: Mapping[str, TableAxis], installed: Installation) -> AcutrolEmulator:
     """Make the emulator of a bench file's table."""
     return AcutrolEmulator(
         {

@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from drivers.espec import EspecConfig
 from drivers.espec.codec import END, encode_line
 from simulators.faults import DeviceFault, Fault
-from simulators.interfaces import ChamberPlant, Installation, Reply
+from simulators.interfaces import Installation, Reply
+from simulators.plant.lab_chamber import LabChamber
 
 _LIMIT = 256
 _PROGRAM = re.compile(r"RUN PRGM,TEMP(-?[\d.]+)TIME(\d+):(\d+)GOTEMP(-?[\d.]+)")
@@ -27,7 +28,7 @@ class EspecEmulator:
 
     def __init__(
         self,
-        plant: ChamberPlant,
+        plant: LabChamber,
         *,
         rom: str = "P300 V4.20",
         address: int | None = None,
@@ -137,11 +138,11 @@ class EspecEmulator:
         return ""
 
 
-def p300(config: EspecConfig, plant: ChamberPlant, installed: Installation) -> EspecEmulator:
+def p300(config: EspecConfig, plant: LabChamber, installed: Installation) -> EspecEmulator:
     """Make the emulator of a bench file's chamber with a P-300."""
     return EspecEmulator(plant, address=config.address)
 
 
-def scp220(config: EspecConfig, plant: ChamberPlant, installed: Installation) -> EspecEmulator:
+def scp220(config: EspecConfig, plant: LabChamber, installed: Installation) -> EspecEmulator:
     """Make the emulator of a bench file's chamber with an SCP-220."""
     return EspecEmulator(plant, rom="SCP-220 V2.10", address=config.address)

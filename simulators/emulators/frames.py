@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +29,6 @@ _MARKS_PER_S = 2.0
 _AXES = "xyz"
 
 
-class CasePlant(GyroPlant, Protocol):
-    """A gyro whose electronics can also read a sensor on the case."""
-
-    def case_reading_c(self, now_s: float) -> float:
-        """Return the reading of the sensor on the case, held from the last tick."""
-
-
 class FrameEmulator:
     """One unit (`simulators.interfaces.StreamingEmulator`).
 
@@ -47,7 +40,7 @@ class FrameEmulator:
 
     def __init__(
         self,
-        plant: CasePlant,
+        plant: GyroPlant,
         family: FrameFamily,
         *,
         axes: str,
@@ -186,7 +179,7 @@ _TEMPERATURES: dict[str, Any] = {
 }
 
 
-def emulator(config: FramesConfig, plant: CasePlant, installed: Installation) -> FrameEmulator:
+def emulator(config: FramesConfig, plant: GyroPlant, installed: Installation) -> FrameEmulator:
     """Make the emulator of a bench file's described gyro."""
     return FrameEmulator(
         plant,
@@ -199,6 +192,6 @@ def emulator(config: FramesConfig, plant: CasePlant, installed: Installation) ->
     )
 
 
-def ring_laser(config: RlgConfig, plant: CasePlant, installed: Installation) -> FrameEmulator:
+def ring_laser(config: RlgConfig, plant: GyroPlant, installed: Installation) -> FrameEmulator:
     """Make the emulator of a bench file's ring-laser gyro."""
     return emulator(config.described, plant, installed)

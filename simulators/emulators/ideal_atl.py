@@ -11,7 +11,8 @@ from collections.abc import Mapping
 
 from drivers.kit.config import TableConfig
 from simulators.faults import DeviceFault, Fault, WireShape
-from simulators.interfaces import Installation, Reply, TablePlant
+from simulators.interfaces import Installation, Reply
+from simulators.plant.table import TableAxis
 
 _LINE = re.compile(r"([A-Z]{3})([-+]?\d+(?:\.\d*)?)?")
 _LIMIT = 128
@@ -24,7 +25,7 @@ class AtlEmulator:
     up."""
 
     def __init__(
-        self, plant: TablePlant, *, complete: str = "1", baudrate: int = 9600, latency_s: float = 0.010
+        self, plant: TableAxis, *, complete: str = "1", baudrate: int = 9600, latency_s: float = 0.010
     ) -> None:
         self._plant = plant
         self._complete = complete
@@ -122,6 +123,6 @@ class AtlEmulator:
         return True
 
 
-def emulator(config: TableConfig, axes: Mapping[str, TablePlant], installed: Installation) -> AtlEmulator:
+def emulator(config: TableConfig, axes: Mapping[str, TableAxis], installed: Installation) -> AtlEmulator:
     """Make the emulator of a bench file's table."""
     return AtlEmulator(axes[config.all_axes[0].name], baudrate=config.baudrate)

@@ -7,7 +7,6 @@ of axes a unit does not have contain (here: zero, and valid), are not documented
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 from typing import cast
@@ -133,7 +132,7 @@ class KvhEmulator:
                 parts.append(StreamBlock(self._bit, np.array([[len(self._bit), round(out_s * 1e9)]])))
                 self._bit = None
         self._data(parts, due)
-        return _joined(parts)
+        return StreamBlock.joined(parts)
 
     def _flag(self, fault: Fault, now_s: float) -> None:
         self._invalid = fault.count
@@ -356,16 +355,6 @@ def _format(settings: dict[str, str]) -> Format:
 
 def _temp_units(settings: dict[str, str]) -> TempUnits:
     return cast(TempUnits, settings["TEMPUNITS"])
-
-
-def _joined(parts: list[StreamBlock]) -> StreamBlock | None:
-    """Return consecutive blocks as one, None if there are none."""
-    if len(parts) < 2:
-        return parts[0] if parts else None
-    marks = [part.marks.copy() for part in parts]
-    for before, after in itertools.pairwise(marks):
-        after[:, 0] += before[-1, 0]
-    return StreamBlock(b"".join(part.data for part in parts), np.concatenate(marks))
 
 
 def emulator(config: KvhConfig, plant: GyroPlant, installed: Installation) -> KvhEmulator:

@@ -10,7 +10,7 @@ from drivers.kit.config import PlatformConfig
 from drivers.platform import BAUDRATE
 from drivers.platform.codec import NAVIGATING, POSITION_VALID, REGULATED, encode_position, parse, sentence
 from simulators.interfaces import Installation, Reply, StreamBlock
-from simulators.platform_interface import PlatformPlant
+from simulators.plant.lab_platform import LabPlatform
 
 _ANSWER_S = 0.02
 _BITS_A_BYTE = 10
@@ -25,7 +25,7 @@ class PlatformEmulator:
 
     def __init__(
         self,
-        plant: PlatformPlant,
+        plant: LabPlatform,
         *,
         serial_number: str = "PINS-01",
         period_s: int = 60,
@@ -102,7 +102,7 @@ class PlatformEmulator:
         return sentence("PINSE", "unknown command")
 
 
-def emulator(config: PlatformConfig, plant: PlatformPlant, installed: Installation) -> PlatformEmulator:
+def emulator(config: PlatformConfig, plant: LabPlatform, installed: Installation) -> PlatformEmulator:
     """Make the emulator of a bench file's platform INS."""
     return PlatformEmulator(
         plant, serial_number=config.unit, period_s=config.period_s, baudrate=config.baudrate

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 
 from drivers.stim300 import Stim300Config, family
 from drivers.stim300.commands import DATAGRAMS, OUTPUTS, RATES, bits_per_s, datagram_words
-from simulators.emulators.frames import CasePlant, FrameEmulator
+from simulators.emulators.frames import FrameEmulator
 from simulators.faults import DeviceFault, Fault, WireShape
-from simulators.interfaces import Installation, Reply, StreamBlock
+from simulators.interfaces import GyroPlant, Installation, Reply, StreamBlock
 
 _BITS = 10  # A byte on a line set to 8N1.
 _REPLY_DELAY_S = 1e-3
@@ -42,7 +42,7 @@ class Stim300Emulator:
 
     def __init__(
         self,
-        plant: CasePlant,
+        plant: GyroPlant,
         *,
         serial_number: str,
         axes: str,
@@ -249,7 +249,7 @@ def _error(text: str) -> str:
     return f"E{_ERRORS[text]:03d} {text}"
 
 
-def emulator(config: Stim300Config, plant: CasePlant, installed: Installation) -> Stim300Emulator:
+def emulator(config: Stim300Config, plant: GyroPlant, installed: Installation) -> Stim300Emulator:
     """Make the emulator of a bench file's gyro, with what it had saved before it was switched off."""
     before = installed.before
     return Stim300Emulator(

@@ -27,7 +27,8 @@ from drivers.kit.modbus import Frames, Framing, float_words, to_signed, words_fl
 from drivers.watlow import F4Config, F4TConfig
 from drivers.watlow.registers import F4, F4T, scaled, unscaled
 from simulators.faults import DeviceFault, Fault, WireShape
-from simulators.interfaces import ChamberPlant, Installation, Reply
+from simulators.interfaces import Installation, Reply
+from simulators.plant.lab_chamber import LabChamber
 
 _ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS, _ILLEGAL_VALUE, _BUSY = 1, 2, 3, 6
 _GAP_S = {"rtu": 0.02, "tcp": 0.5}
@@ -40,7 +41,7 @@ class WatlowEmulator(ABC):
 
     def __init__(
         self,
-        plant: ChamberPlant,
+        plant: LabChamber,
         *,
         framing: Framing,
         device: int = 1,
@@ -155,7 +156,7 @@ class F4Emulator(WatlowEmulator):
     `start_output`: digital output that starts the chamber.
     """
 
-    def __init__(self, plant: ChamberPlant, *, start_output: int = 1, **settings: Any) -> None:
+    def __init__(self, plant: LabChamber, *, start_output: int = 1, **settings: Any) -> None:
         super().__init__(plant, framing="rtu", **settings)
         self._start_register = F4.OUTPUT_1 + F4.OUTPUT_STEP * (start_output - 1)
         self._outputs = {F4.OUTPUT_1 + F4.OUTPUT_STEP * at: 0 for at in range(8)}
@@ -216,7 +217,7 @@ class F4Emulator(WatlowEmulator):
 class F4TEmulator(WatlowEmulator):
     """An F4T, control loop 1; switched off by its mode."""
 
-    def __init__(self, plant: ChamberPlant, *, framing: Framing = "tcp", **settings: Any) -> None:
+    def __init__(self, plant: LabChamber, *, framing: Framing = "tcp", **settings: Any) -> None:
         super().__init__(plant, framing=framing, **settings)
         self._words = {F4T.RAMP_ACTION: F4T.RAMP_OFF, F4T.RAMP_SCALE: F4T.PER_MINUTE}
 
@@ -269,13 +270,13 @@ class F4TEmulator(WatlowEmulator):
         return self._demand(now_s)
 
 
-def f4(config: F4Config, plant: ChamberPlant, installed: Installation) -> F4Emulator:
+def f4(config: F4Config, plant: LabChamber, installed: Installation) -> F4Emulator:
     """Make the emulator of a bench file's chamber with an F4."""
     return F4Emulator(
         plant, start_output=config.start_channel, device=config.device, baudrate=config.baudrate
     )
 
 
-def f4t(config: F4TConfig, plant: ChamberPlant, installed: Installation) -> F4TEmulator:
+def f4t(config: F4TConfig, plant: LabChamber, installed: Installation) -> F4TEmulator:
     """Make the emulator of a bench file's chamber with an F4T."""
     return F4TEmulator(plant, framing=config.framing, device=config.device, baudrate=config.baudrate)

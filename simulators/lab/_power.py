@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simulators.faults import DeviceFault, Fault, WireShape
 from simulators.interfaces import GyroSignal, Reply, StreamBlock, StreamingEmulator
@@ -69,7 +68,7 @@ class PowerCycled:
                 self._before = None
         if until_s > self._on_s:
             parts.append(self._moved(self.after.stream(until_s - self._on_s)))
-        return _joined([part for part in parts if part is not None])
+        return StreamBlock.joined([part for part in parts if part is not None])
 
     def _moved(self, block: StreamBlock | None) -> StreamBlock | None:
         if block is None:
@@ -81,11 +80,3 @@ class PowerCycled:
             strike(fault, max(0.0, now_s - self._on_s))
 
         return struck
-
-
-def _joined(parts: list[StreamBlock]) -> StreamBlock | None:
-    if len(parts) < 2:
-        return parts[0] if parts else None
-    first, second = parts
-    behind: NDArray[np.int64] = second.marks + np.array([len(first.data), 0], np.int64)
-    return StreamBlock(first.data + second.data, np.concatenate((first.marks, behind)))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -168,16 +168,7 @@ class ImuUnit:
 
     def truth(self) -> dict[str, Array]:
         """Return its errors, SI: what a calibration should find."""
-        errors = self.errors
-        return {
-            "eps_rad_s": errors.eps_rad_s,
-            "nabla_mps2": errors.nabla_mps2,
-            "kg": errors.kg,
-            "ka": errors.ka,
-            "k2_s2pm": errors.k2_s2pm,
-            "lever_m": errors.lever_m,
-            "lag_s": np.array(errors.lag_s),
-        }
+        return {error.name: np.asarray(getattr(self.errors, error.name)) for error in fields(ImuErrors)}
 
     def measure(self, start_s: float, count: int, period_s: float) -> GyroSignal:
         """Return `count` samples (see `GyroPlant`); ConfigurationError beyond the last tick."""

@@ -13,7 +13,7 @@ from simulators.plant.unit import GyroUnit
 
 
 class LabChamber:
-    """Chamber of a lab (see `simulators.interfaces.ChamberPlant`).
+    """Chamber of a lab: what an emulated controller acts on.
 
     `advance` is the lab's: a question about a time first moves the lab there. `glued` maps numbers of auxiliary
     sensors to the units on whose case they sit.

@@ -111,7 +111,7 @@ class LabPlant:
         models = {unit.name: unit.errors.channels for unit in config.units if unit.errors is not None}
         shared = lab_channels(models)
         self.tables: dict[str, TableAxis] = {}
-        """The table's axes by name, outermost first; each is a `TablePlant`."""
+        """The table's axes by name, outermost first."""
         for name, _ in config.axes:
             owner = "encoder" if name == carrier else f"encoder {name}"
             parts = (config.table, config.encoder, NoiseSource(config.seed, owner))
@@ -135,7 +135,7 @@ class LabPlant:
 
     @property
     def chamber(self) -> LabChamber:
-        """The chamber, a `ChamberPlant`; a question to it advances the lab to the question's time."""
+        """The chamber; a question to it advances the lab to the question's time."""
         return self._chamber
 
     @property

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.base.arrays import Array
 from simulators.plant.space_stable import Navigation, PlatformParameters, SpaceStablePlatform
-from simulators.platform_interface import PlatformSignal
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformSignal:
+    """What the unit computed and measured at sample times, shape (n,) each; NaN temperature: sensor dead."""
+
+    latitude_deg: Array
+    longitude_deg: Array
+    temp_c: Array
+    cabinet_temp_c: Array
 
 
 class LabPlatform:
-    """A platform at a place (`simulators.platform_interface.PlatformPlant`).
+    """A platform at a place.
 
     `heading_deg(time_s)` is the table's angle, asked for with times that never decrease. The plant moves in
     steps of `step_s` from lab time 0; between steps its outputs are linear.

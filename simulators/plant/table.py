@@ -51,7 +51,7 @@ class _Piece:
 
 
 class TableAxis:
-    """A table axis (see `simulators.interfaces.TablePlant`); at rest at 0 deg with its servo open at 0 s."""
+    """A servoed table axis; at rest at 0 deg with its servo open at 0 s."""
 
     def __init__(self, parameters: TableParameters) -> None:
         self.parameters = parameters

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from drivers.base.errors import ConfigurationError
 from simulators.faults import Fault, WireShape
 from simulators.interfaces import Reply, StreamBlock
-from simulators.lab._line import Line
-from simulators.lab._schedule import Schedule
+from simulators.lab._line import Line, Schedule
 from simulators.plant.noise import NoiseSource
 
 FRAME = 12

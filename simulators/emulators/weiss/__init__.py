@@ -2,12 +2,13 @@
 
 from drivers.weiss import WeissConfig
 from simulators.emulators.weiss._emulator import WeissEmulator
-from simulators.interfaces import ChamberPlant, Installation
+from simulators.interfaces import Installation
+from simulators.plant.lab_chamber import LabChamber
 
 __all__ = ["WeissEmulator", "emulator"]
 
 
-def emulator(config: WeissConfig, plant: ChamberPlant, installed: Installation) -> WeissEmulator:
+def emulator(config: WeissConfig, plant: LabChamber, installed: Installation) -> WeissEmulator:
     """Make the emulator of a bench file's chamber."""
     return WeissEmulator(
         plant,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.weiss.simserv import ChamberStatus, Number
-from simulators.interfaces import ChamberPlant
+from simulators.plant.lab_chamber import LabChamber
 
 _START_BIT = 1
 _ALARM, _WARNING = 1, 2
@@ -45,7 +45,7 @@ class Controller:
 
     def __init__(
         self,
-        plant: ChamberPlant,
+        plant: LabChamber,
         *,
         auxiliary: Sequence[int],
         start_channel: int,

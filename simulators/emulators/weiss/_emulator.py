@@ -19,7 +19,8 @@ from drivers.weiss.simserv import (
 )
 from simulators.emulators.weiss._controller import MESSAGE_READS, OUTPUT_NAMES, VARIABLE_READS, Controller
 from simulators.faults import DeviceFault, Fault
-from simulators.interfaces import ChamberPlant, Reply
+from simulators.interfaces import Reply
+from simulators.plant.lab_chamber import LabChamber
 
 _INDEXED_READS = (
     Number.CHAMBER_INFO,
@@ -54,7 +55,7 @@ class WeissEmulator:
 
     def __init__(
         self,
-        plant: ChamberPlant,
+        plant: LabChamber,
         *,
         address: int = 1,
         auxiliary: Sequence[int] = (1,),

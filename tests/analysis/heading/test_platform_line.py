@@ -17,9 +17,8 @@ from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent,
 from drivers.platform._driver import PlatformIns
 from drivers.platform.codec import PlatformDecoder, checksum, encode_position, parse, sentence
 from simulators.emulators.platform import PlatformEmulator
-from simulators.plant.lab_platform import LabPlatform
+from simulators.plant.lab_platform import LabPlatform, PlatformSignal
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
-from simulators.platform_interface import PlatformSignal
 from tests.memory_link import Fake, MemoryLink
 
 # The examples that NMEA 0183's descriptions are known by.

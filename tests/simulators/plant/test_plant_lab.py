@@ -11,7 +11,7 @@ from benchmarks._thermal_runs import cold_shock, double_shock
 from benchmarks._without import effect_names, without
 from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
-from simulators.interfaces import ChamberPlant, GyroPlant, TablePlant
+from simulators.interfaces import GyroPlant
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID
@@ -285,11 +285,9 @@ def test_refusals_name_what_was_wrong() -> None:
 
 def test_the_lab_fits_its_seams() -> None:
     lab = LabPlant(PlantConfig(units=(UnitConfig("g"),)))
-    chamber: ChamberPlant = lab.chamber
-    table: TablePlant = lab.table
     gyro: GyroPlant = lab.unit("g")
-    assert chamber.set_point_c(0.0) == 25.0
-    assert table.settled(1.0)
+    assert lab.chamber.set_point_c(0.0) == 25.0
+    assert lab.table.settled(1.0)
     assert gyro.axes == "x"
     empty = gyro.measure(0.0, 0, 0.01)
     assert empty.angle_increment_rad.shape == (0, 1)
