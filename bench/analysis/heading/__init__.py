@@ -4,7 +4,6 @@ from bench.analysis.heading._checks import Finding
 from bench.analysis.heading._compensation import HeadingCompensation
 from bench.analysis.heading._compensator import Compensated, HeadingCompensator, PositionCorrector
 from bench.analysis.heading._files import (
-    Site,
     checksum_of_log,
     load_log,
     site_of_run,
@@ -13,7 +12,7 @@ from bench.analysis.heading._files import (
 )
 from bench.analysis.heading._frames import position_error
 from bench.analysis.heading._lagged import Form, LaggedModel, fit_lagged, regressors
-from bench.analysis.heading._log import PlatformLog, stays
+from bench.analysis.heading._log import PlatformLog, Site, stays
 from bench.analysis.heading._nine import NineCoefficients, compensate_nine, fit_nine, integrate
 from bench.analysis.heading._study import HeadingStudy, Judgement, judge, study_heading, without_start
 from bench.analysis.heading._temperature import ReferenceTemperature, fit_reference

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,8 +80,7 @@ def phase_offset_deg(
     steps = np.radians(np.arange(-180.0, 180.0, 2.0))
 
     def left(shift: float) -> float:
-        difference = temperature - reference.at(angle - shift)
-        return float(np.var(difference))
+        return float(np.var(temperature - reference.at(angle - shift)))
 
     best = min(steps, key=left)
     finer = best + np.radians(np.arange(-2.0, 2.0, 0.02))
@@ -112,56 +112,39 @@ def check_phase(reference: ReferenceTemperature, sidereal_rad: Array, temp_c: Ar
     return offset
 
 
-def _headings(every: list[Stay]) -> list[Finding]:
+def _headings(every: list[Stay]) -> Iterator[Finding]:
     steady = [stay for stay in every if stay.duration_s >= _STEADY_S]
     first = every[0].heading_deg if every else 0.0
     others = {round(stay.heading_deg / 4.0) % 90 for stay in steady[1:]} - {round(first / 4.0) % 90}
-    if len(others) >= 3:
-        return []
-    return [
-        Finding(
+    if len(others) < 3:
+        yield Finding(
             f"{len(others)} steady headings beside the reference",
             "at least three are needed: the reference heading has no temperature change and gives no "
             "equation, so that nine coefficients stay undetermined",
             True,
         )
-    ]
 
 
-def _stuck(log: PlatformLog) -> list[Finding]:
-    missing = ~np.isfinite(log.temp_c)
-    found = []
-    share = float(missing.mean())
+def _stuck(log: PlatformLog) -> Iterator[Finding]:
+    share = float((~np.isfinite(log.temp_c)).mean())
     if share > 1.0 - _LEAST_COVERAGE:
         text = f"{100 * share:.0f} % of the temperatures are missing"
-        found.append(Finding(text, "the lagged temperature would be interpolation for the most part", True))
-    longest_s, at_s, total_s = _constant_runs(log.time_s, log.temp_c)
-    if longest_s >= STUCK_S:
-        value = log.temp_c[np.searchsorted(log.time_s, at_s)]
-        whole = total_s / (log.time_s[-1] - log.time_s[0])
-        found.append(
-            Finding(
-                f"the temperature sensor is stuck: exactly {value:g} degC for {longest_s / 3600.0:.1f} h "
-                f"from {at_s / 3600.0:.1f} h on",
-                "drift at those headings would be put down to no temperature change, or to another cause",
-                bool(whole > _STUCK_SHARE),
-            )
+        yield Finding(text, "the lagged temperature would be interpolation for the most part", True)
+    starts = np.flatnonzero(np.concatenate([[True], log.temp_c[1:] != log.temp_c[:-1]]))
+    ends = np.append(starts[1:], len(log.temp_c)) - 1
+    lengths_s = log.time_s[ends] - log.time_s[starts]
+    longest = int(np.argmax(lengths_s))
+    if lengths_s[longest] >= STUCK_S:
+        whole = float(lengths_s[lengths_s >= STUCK_S].sum()) / (log.time_s[-1] - log.time_s[0])
+        yield Finding(
+            f"the temperature sensor is stuck: exactly {log.temp_c[starts[longest]]:g} degC for "
+            f"{lengths_s[longest] / 3600.0:.1f} h from {log.time_s[starts[longest]] / 3600.0:.1f} h on",
+            "drift at those headings would be put down to no temperature change, or to another cause",
+            bool(whole > _STUCK_SHARE),
         )
-    return found
 
 
-def _constant_runs(time_s: Array, value: Array) -> tuple[float, float, float]:
-    """Return (longest s, its start s, total s of runs of at least STUCK_S) of exactly equal values."""
-    change = np.concatenate([[True], value[1:] != value[:-1]])
-    starts = np.flatnonzero(change)
-    ends = np.append(starts[1:], len(value)) - 1
-    lengths = time_s[ends] - time_s[starts]
-    longest = int(np.argmax(lengths))
-    return float(lengths[longest]), float(time_s[starts[longest]]), float(lengths[lengths >= STUCK_S].sum())
-
-
-def _jumps(log: PlatformLog) -> list[Finding]:
-    found = []
+def _jumps(log: PlatformLog) -> Iterator[Finding]:
     for name, error in (("latitude", log.north_as), ("longitude", log.east_as)):
         good = np.flatnonzero(np.isfinite(error))
         if len(good) < 3:
@@ -174,83 +157,70 @@ def _jumps(log: PlatformLog) -> list[Finding]:
         if large.any():
             worst = int(np.argmax(np.where(large, np.abs(step), 0.0)))
             hours = (log.time_s[good[worst + 1]] - log.time_s[0]) / 3600.0
-            found.append(
-                Finding(
-                    f"{name} jumps {int(large.sum())} times, by {step[worst]:+.0f} arcsec at {hours:.2f} h "
-                    "(a reset or an update from outside?)",
-                    "a jump is taken for drift: the record must be cut there, or the resets taken out of it",
-                    True,
-                )
+            yield Finding(
+                f"{name} jumps {int(large.sum())} times, by {step[worst]:+.0f} arcsec at {hours:.2f} h "
+                "(a reset or an update from outside?)",
+                "a jump is taken for drift: the record must be cut there, or the resets taken out of it",
+                True,
             )
-    return found
 
 
-def _coverage(log: PlatformLog) -> list[Finding]:
+def _coverage(log: PlatformLog) -> Iterator[Finding]:
     step_s = float(np.median(np.diff(log.time_s)))
     expected = (log.time_s[-1] - log.time_s[0]) / step_s + 1.0
     share = np.count_nonzero(np.isfinite(log.north_as) & np.isfinite(log.east_as)) / expected
-    if share >= _LEAST_COVERAGE:
-        return []
-    return [
-        Finding(
+    if share < _LEAST_COVERAGE:
+        yield Finding(
             f"positions cover {100 * share:.0f} % of the run",
             "windows with less than 75 % give no drift; gaps at a window's edge make it up to five "
             "times as uncertain",
             False,
         )
-    ]
 
 
 def _temperature(
     log: PlatformLog, every: list[Stay], other_temp_c: Array | None, reference: ReferenceTemperature | None
-) -> list[Finding]:
+) -> Iterator[Finding]:
     if not every or not np.isfinite(log.temp_c).any():
-        return []
+        return
     try:
-        own = _response(log, every, log.temp_c, reference)
-        other = None if other_temp_c is None else _response(log, every, other_temp_c, None)
+        response_k, known = _response(log, every, log.temp_c, reference)
+        other_k = 0.0 if other_temp_c is None else _response(log, every, other_temp_c, None)[0]
     except RecordError as error:
-        return [Finding(error.what + f" ({error.found})", "no reference to count changes from", True)]
-    found = []
-    if other is not None and other[0] > _RESPONSE * own[0]:
-        found.append(
-            Finding(
-                f"the temperature columns look swapped: the platform's changes by {own[0]:.3f} K with "
-                f"heading, the other by {other[0]:.3f} K",
-                "a temperature that does not follow the heading cannot carry its effect: the gains "
-                "would be noise",
-                True,
-            )
+        yield Finding(error.what + f" ({error.found})", "no reference to count changes from", True)
+        return
+    if other_k > _RESPONSE * response_k:
+        yield Finding(
+            f"the temperature columns look swapped: the platform's changes by {response_k:.3f} K with "
+            f"heading, the other by {other_k:.3f} K",
+            "a temperature that does not follow the heading cannot carry its effect: the gains "
+            "would be noise",
+            True,
         )
-    elif own[0] < _RESPONSE * own[1]:
-        found.append(
-            Finding(
-                f"the temperature does not change with heading: {own[0]:.4f} K, noise {own[1]:.4f} K (sensor "
-                "stuck, swapped, or in the wrong place?)",
-                "there is nothing to count a heading effect by",
-                True,
-            )
+    elif response_k < _RESPONSE * known.residual_k:
+        yield Finding(
+            f"the temperature does not change with heading: {response_k:.4f} K, noise {known.residual_k:.4f} K "
+            "(sensor stuck, swapped, or in the wrong place?)",
+            "there is nothing to count a heading effect by",
+            True,
         )
-    if abs(own[2]) > _CLOSURE_K:
-        found.append(
-            Finding(
-                f"the reference temperature still moved by {own[2]:+.3f} K a day (warm-up, or the room)",
-                "what is left of the warm-up counts as heading effect at every later heading: wait longer, "
-                "88 h after a start 15 K away",
-                False,
-            )
+    if abs(known.closure_k) > _CLOSURE_K:
+        yield Finding(
+            f"the reference temperature still moved by {known.closure_k:+.3f} K a day (warm-up, or the room)",
+            "what is left of the warm-up counts as heading effect at every later heading: wait longer, "
+            "88 h after a start 15 K away",
+            False,
         )
-    return found
 
 
 def _response(
     log: PlatformLog, every: list[Stay], temp_c: Array, reference: ReferenceTemperature | None
-) -> tuple[float, float, float]:
-    """Return (rms change of the Fourier terms over stays, noise of a term, closure), K."""
+) -> tuple[float, ReferenceTemperature]:
+    """Return the largest change of the Fourier terms over stays, K, and the reference it counts from."""
     first = every[0]
     known = reference or fit_reference(log.sidereal_rad[: first.stop], temp_c[: first.stop])
     change = temp_c - known.at(log.sidereal_rad)
     ends = np.array([stay.stop - 1 for stay in every[1:]], dtype=np.int64)
     terms = fourier_terms(log.sidereal_rad, change)
     size = np.abs(np.nan_to_num(terms[ends])).max(initial=0.0)
-    return float(size), known.residual_k, known.closure_k
+    return float(size), known

@@ -73,7 +73,6 @@ class HeadingCompensator:
         self._seen_s = float("-inf")
         self._phi = np.zeros(3)
         self._drift = np.zeros(3)
-        self._weights: dict[float, tuple[tuple[float, float, float], tuple[float, float, float]]] = {}
 
     def feed(self, time_s: Array, sidereal_rad: Array, temp_c: Array) -> Compensated:
         """Take samples, arrays of shape (n,), later than all before; NaN temperatures are bridged.
@@ -83,11 +82,7 @@ class HeadingCompensator:
         """
         count = len(time_s)
         expected = self.model.reference.at(np.asarray(sidereal_rad))
-        phi, drift, terms = (
-            np.empty((count, 3)),
-            np.empty((count, 3)),
-            np.empty((count, len(self.model.terms))),
-        )
+        phi, drift, terms = (np.empty((count, size)) for size in (3, 3, len(self.model.terms)))
         held = np.asarray(~np.isfinite(temp_c))
         level = self.model.reference.coefficients[0]
         cosine, sine = np.cos(sidereal_rad), np.sin(sidereal_rad)
@@ -116,7 +111,16 @@ class HeadingCompensator:
         if self._time_s != self._time_s:
             self._lags = (change, change, absolute)
         else:
-            (a, b, c), (af, bf, cf) = self._steps(now_s - self._time_s)
+            step_s = now_s - self._time_s
+            if not step_s > 0.0:
+                raise RecordError(
+                    "time goes back or stands still in a compensation",
+                    found=f"a step of {step_s:g} s",
+                    expected="times increasing",
+                    remedy="sort the samples, drop those that came twice",
+                )
+            a, b, c = lag_weights(step_s / self.model.tau_s)
+            af, bf, cf = lag_weights(step_s / FAST_TAU_S)
             x, fast, slow = self._lags
             old, old_absolute = self._inputs
             self._lags = (
@@ -126,20 +130,6 @@ class HeadingCompensator:
             )
         self._inputs = (change, absolute)
         return self._lags
-
-    def _steps(self, step_s: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        if not step_s > 0.0:
-            raise RecordError(
-                "time goes back or stands still in a compensation",
-                found=f"a step of {step_s:g} s",
-                expected="times increasing",
-                remedy="sort the samples, drop those that came twice",
-            )
-        if step_s not in self._weights:
-            if len(self._weights) > 64:
-                self._weights.clear()
-            self._weights[step_s] = (lag_weights(step_s / self.model.tau_s), lag_weights(step_s / FAST_TAU_S))
-        return self._weights[step_s]
 
 
 class PositionCorrector:
@@ -158,11 +148,8 @@ class PositionCorrector:
         known = np.concatenate([np.array([phi for _, phi in self._past]).reshape(-1, 3), phi_as])
         shown = np.asarray(time_s) - self._delay_s
         seen = np.stack([np.interp(shown, times, column) for column in known.T], axis=1)
-        keep = (
-            max(0, int(np.searchsorted(times, times[-1] - self._delay_s, side="right")) - 1)
-            if len(times)
-            else 0
-        )
+        first_s = times[-1] - self._delay_s if len(times) else 0.0
+        keep = max(0, int(np.searchsorted(times, first_s, side="right")) - 1)
         self._past = deque(zip(times[keep:].tolist(), known[keep:], strict=True))
         angle = np.asarray(sidereal_rad) - self._delay_s * EARTH_RATE_RAD_S
         return position_error(seen, angle, self._latitude_deg)

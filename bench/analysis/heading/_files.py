@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from pyarrow.types import is_boolean, is_floating, is_integer
 
 from bench.analysis.heading._frames import earth_rotation_deg
 from bench.analysis.heading._lagged import Form
-from bench.analysis.heading._log import PlatformLog, log_from_positions
+from bench.analysis.heading._log import PlatformLog, Site, log_from_positions
 from bench.analysis.heading._study import HeadingStudy, study_heading
 from bench.record.benchfile import bench_file_from
 from bench.record.recording import Run, Table, checksum, read_table, table_name
@@ -26,28 +26,8 @@ from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import ConfigurationError, RecordError
 
 _ANGLE = ("time_ns", "angle_deg")
-COLUMNS = {
-    "time_s": "time_s",
-    "latitude_deg": "latitude_deg",
-    "longitude_deg": "longitude_deg",
-    "temp_c": "temp_c",
-    "heading_deg": "heading_deg",
-}
-"""What a log needs -> the column that has it; `other_temp_c` may be added."""
-
-
-@dataclass(frozen=True)
-class Site:
-    """Where the platform stood, geodetic, and how its clock and navigation are.
-
-    `sidereal_zero_deg`: Earth rotation angle at time 0 of the log (`earth_rotation_deg`), None when the log's
-    clock is its own. `damping`: ratio of the velocity damping, 0 without.
-    """
-
-    latitude_deg: float
-    longitude_deg: float
-    sidereal_zero_deg: float | None = None
-    damping: float = 0.0
+_COLUMNS = ("time_s", "latitude_deg", "longitude_deg", "temp_c", "heading_deg")
+"""What a log needs, and the columns' usual names; `other_temp_c` may be added."""
 
 
 def study_heading_logs(
@@ -144,16 +124,16 @@ def load_log(
 ) -> tuple[PlatformLog, Array | None]:
     """Return (log, other temperature or None) of a .csv (with a header line) or .parquet file or of a run folder.
 
-    `columns` names columns that are not called as in `COLUMNS`; a `time_ns` column serves as time. Empty cells
+    `columns` names columns that are not called as in `_COLUMNS`; a `time_ns` column serves as time. Empty cells
     are missing values, and so is a position that the unit itself called not valid (a column `valid`; it was
     still aligning). Raises RecordError for a file or column that is not there, or text where a number belongs.
     """
-    wanted = {**COLUMNS, **(columns or {})}
-    if unknown := set(wanted) - {*COLUMNS, "other_temp_c"}:
+    wanted = {**{name: name for name in _COLUMNS}, **(columns or {})}
+    if unknown := set(wanted) - {*_COLUMNS, "other_temp_c"}:
         raise RecordError(
             "a log has no such quantity",
             found=", ".join(sorted(unknown)),
-            expected=", ".join([*COLUMNS, "other_temp_c"]),
+            expected=", ".join([*_COLUMNS, "other_temp_c"]),
         )
     table: Mapping[str, NDArray[Any]]
     if path.is_dir() or url_of(path):
@@ -186,18 +166,7 @@ def load_log(
     if "valid" in table:
         values = _navigating(values, table["valid"] != 0.0)
         other = None if other is None else other[-len(values["time_s"]) :]
-    log = log_from_positions(
-        values["time_s"],
-        values["latitude_deg"],
-        values["longitude_deg"],
-        values["temp_c"],
-        values["heading_deg"],
-        true_latitude_deg=site.latitude_deg,
-        true_longitude_deg=site.longitude_deg,
-        sidereal_zero_deg=site.sidereal_zero_deg,
-        damping=site.damping,
-    )
-    return log, other
+    return log_from_positions(**values, site=site), other
 
 
 def _navigating(values: Mapping[str, Array], valid: NDArray[np.bool_]) -> dict[str, Array]:

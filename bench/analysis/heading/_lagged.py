@@ -161,18 +161,11 @@ def fit_lagged(
         reference_heading_deg=run.stays[0].heading_deg,
         latitude_deg=log.latitude_deg,
         largest=np.abs(terms).max(axis=0),
-        swing=_swing(run, found.solution),
+        swing=found.solution[-12:].reshape(3, 4) if run.priors.reference_periodic else np.zeros((3, 4)),
         evidence=_evidence(run, fixed, effect, found.cost),
         headings=others,
         hours=float(grid.time_s[-1] - grid.time_s[0]) / 3600.0,
     )
-
-
-def _swing(run: Calibration, solution: Array) -> Array:
-    if not run.priors.reference_periodic:
-        return np.zeros((3, 4))
-    last: Array = solution[-12:].reshape(3, 4)
-    return last
 
 
 def _evidence(run: Calibration, fixed: _Fixed, effect: Array, temperature_cost: float) -> Evidence:

@@ -62,36 +62,37 @@ class Stay:
     duration_s: float
 
 
-def log_from_positions(
-    time_s: Array,
-    latitude_deg: Array,
-    longitude_deg: Array,
-    temp_c: Array,
-    heading_deg: Array,
-    *,
-    true_latitude_deg: float,
-    true_longitude_deg: float,
-    sidereal_zero_deg: float | None = None,
-    damping: float = 0.0,
-    schuler_rad_s: float = SCHULER_RAD_S,
-) -> PlatformLog:
-    """Return the log of an INS that put out geodetic positions, deg, at a place known to be elsewhere.
+@dataclass(frozen=True)
+class Site:
+    """Where the platform stood, geodetic, and how its clock and navigation are.
 
-    `sidereal_zero_deg`: Earth rotation angle at time 0, see `earth_rotation_deg`; None counts from Greenwich
-    at time 0, which serves for one run but not for a compensation that is to be used in another.
+    `sidereal_zero_deg`: Earth rotation angle at time 0 of the log (`earth_rotation_deg`); None, when the log's
+    clock is its own, counts from Greenwich at time 0, which serves for one run but not for a compensation that is
+    to be used in another. `damping`: ratio of the velocity damping, 0 without.
     """
-    effective_deg = float(gravitation_latitude_deg(true_latitude_deg))
+
+    latitude_deg: float
+    longitude_deg: float
+    sidereal_zero_deg: float | None = None
+    damping: float = 0.0
+
+
+def log_from_positions(
+    time_s: Array, latitude_deg: Array, longitude_deg: Array, temp_c: Array, heading_deg: Array, site: Site
+) -> PlatformLog:
+    """Return the log of an INS that put out geodetic positions, deg, while it stood at `site`."""
+    effective_deg = float(gravitation_latitude_deg(site.latitude_deg))
     level = np.cos(np.radians(effective_deg))
-    zero_deg = (sidereal_zero_deg or 0.0) + true_longitude_deg
+    zero_deg = (site.sidereal_zero_deg or 0.0) + site.longitude_deg
     return PlatformLog(
         time_s=np.asarray(time_s, dtype=np.float64),
         sidereal_rad=sidereal_rad(time_s, zero_deg),
         north_as=3600.0 * (gravitation_latitude_deg(latitude_deg) - effective_deg),
-        east_as=3600.0 * level * wrap_deg(np.asarray(longitude_deg) - true_longitude_deg),
+        east_as=3600.0 * level * wrap_deg(np.asarray(longitude_deg) - site.longitude_deg),
         temp_c=np.asarray(temp_c, dtype=np.float64),
         heading_deg=np.asarray(heading_deg, dtype=np.float64),
         latitude_deg=effective_deg,
-        delay_s=2.0 * damping / schuler_rad_s,
+        delay_s=2.0 * site.damping / SCHULER_RAD_S,
     )
 
 

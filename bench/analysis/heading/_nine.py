@@ -45,10 +45,7 @@ class NineCoefficients:
     residual_dph: float
     headings: int
     reference: ReferenceTemperature
-    reference_drift_dph: Array
-    reference_heading_deg: float
     points: tuple[HeadingPoint, ...]
-    latitude_deg: float
 
 
 def fit_nine(
@@ -80,22 +77,11 @@ def fit_nine(
         points.append(HeadingPoint(stay.heading_deg, float(found.time_s), found.eps_dph, at_end))
     if base is None or len({round(point.heading_deg / _SAME_HEADING_DEG) for point in points}) < 3:
         raise too_few_headings(len(points), window_s)
-    return solve_nine(
-        points,
-        base.eps_dph,
-        reference,
-        reference_heading_deg=first.heading_deg,
-        latitude_deg=log.latitude_deg,
-    )
+    return solve_nine(points, base.eps_dph, reference)
 
 
 def solve_nine(
-    points: list[HeadingPoint],
-    reference_drift_dph: Array,
-    reference: ReferenceTemperature,
-    *,
-    reference_heading_deg: float,
-    latitude_deg: float,
+    points: list[HeadingPoint], reference_drift_dph: Array, reference: ReferenceTemperature
 ) -> NineCoefficients:
     """Solve for the coefficients from steady headings other than the reference, whose drift is taken off.
 
@@ -129,10 +115,7 @@ def solve_nine(
         residual_dph=float(np.sqrt(np.mean(left**2))),
         headings=len(points),
         reference=reference,
-        reference_drift_dph=reference_drift_dph,
-        reference_heading_deg=reference_heading_deg,
         points=tuple(points),
-        latitude_deg=latitude_deg,
     )
 
 

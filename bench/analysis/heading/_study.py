@@ -147,9 +147,7 @@ def judge(
 
 def without_start(name: str, log: PlatformLog, first: Stay, phi_as: Array) -> PlatformLog:
     """Return the log less the errors of misalignments `phi_as` and less what its first stay then foretells."""
-    corrector = PositionCorrector(log.latitude_deg, log.delay_s)
-    north, east = corrector.correction(log.time_s, log.sidereal_rad, phi_as)
-    left = replace(log, north_as=log.north_as - north, east_as=log.east_as - east)
+    left = _corrected(log, phi_as)
     span_s = min(first.duration_s, 2.0 * SIDEREAL_DAY_S)
     begun = extract(
         left.part(first.start, first.stop),
@@ -164,10 +162,13 @@ def without_start(name: str, log: PlatformLog, first: Stay, phi_as: Array) -> Pl
             expected=f"{SIDEREAL_DAY_S / 3600.0:.1f} h",
             remedy="without it start misalignment and drift cannot be told from the heading's",
         )
-    foretold = begun.phi_as + np.outer(log.time_s - begun.time_s, begun.eps_dph)
+    return _corrected(left, begun.phi_as + np.outer(log.time_s - begun.time_s, begun.eps_dph))
+
+
+def _corrected(log: PlatformLog, phi_as: Array) -> PlatformLog:
     corrector = PositionCorrector(log.latitude_deg, log.delay_s)
-    north, east = corrector.correction(log.time_s, log.sidereal_rad, foretold)
-    return replace(left, north_as=left.north_as - north, east_as=left.east_as - east)
+    north, east = corrector.correction(log.time_s, log.sidereal_rad, phi_as)
+    return replace(log, north_as=log.north_as - north, east_as=log.east_as - east)
 
 
 def _course(log: PlatformLog, model: LaggedModel, window_s: float) -> DriftCourse:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.signal import lfilter
@@ -106,6 +107,7 @@ def lagged(value: Array, ratio: float, start: float | None = None) -> Array:
     return result
 
 
+@lru_cache(maxsize=64)
 def lag_weights(ratio: float) -> tuple[float, float, float]:
     """Return (a, b, c) of y' = a y + b u + c u', a first-order lag over `ratio` time constants, u linear."""
     decay = float(np.exp(-ratio))

@@ -21,7 +21,6 @@ from drivers.base.errors import ConfigurationError
 DEFAULT_WINDOW_S = 1.5 * SIDEREAL_DAY_S
 LEAST_COVERAGE = 0.75
 MOST_CONDITION = 3.0
-_PERIODIC_WINDOW_S = 1.5 * SIDEREAL_DAY_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +28,8 @@ class WindowEstimate:
     """Misalignment, arcsec, at the window's end `time_s` and mean drift, deg/h, over it, shape (3,).
 
     `covariance`, (6, 6), is of (phi, eps) per unit variance of the position error, in arcsec and deg/h;
-    `residual_as` the rms residual of a channel. `condition` is that of the design, `coverage` the share of
-    the window that holds samples. `published` says whether coverage and condition allow use (coverage at
-    least 0.75, condition within three times a full window's).
+    `residual_as` the rms residual of a channel. `condition` is that of the design. `published`: at least 0.75 of
+    the window holds samples and the condition is within three times a full window's.
     """
 
     time_s: float
@@ -40,7 +38,6 @@ class WindowEstimate:
     covariance: Array
     residual_as: float
     condition: float
-    coverage: float
     published: bool
 
 
@@ -80,17 +77,33 @@ def extract(
     rows = design(shown_s, angle, log.latitude_deg, centre_s, periodic)
     rows = rows.reshape(-1, rows.shape[2])
     values = np.stack([log.north_as[inside], log.east_as[inside]], axis=1).ravel()
+    normal, right = rows.T @ rows, rows.T @ values
+    scale = np.sqrt(np.diag(normal))
+    if not (scale > 0).all():
+        return None
+    condition = float(np.sqrt(np.linalg.cond(normal)))
+    if not condition < 1e7:
+        return None
+    scaled = normal / np.outer(scale, scale)
+    solution = np.linalg.solve(scaled, right / scale) / scale
+    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+    end_s = float(log.time_s[-1] - log.delay_s)
+    to_end = np.zeros((6, len(scale)))
+    to_end[:3, :3] = np.eye(3)
+    to_end[:3, 3:6] = np.eye(3) * (end_s - centre_s) / SIDEREAL_DAY_S
+    to_end[3:, 3:6] = np.eye(3) / SIDEREAL_DAY_S
+    final = to_end @ solution
+    freedom = max(1, len(values) - len(scale))
     step_s = float(np.median(np.diff(log.time_s))) if sample_s is None else sample_s
-    return _solve(
-        rows.T @ rows,
-        rows.T @ values,
-        float(values @ values),
-        len(shown_s),
-        end_s=float(log.time_s[-1] - log.delay_s),
-        centre_s=centre_s,
-        delay_s=log.delay_s,
-        coverage=len(shown_s) * step_s / window_s,
-        full_condition=full_condition(log.latitude_deg, window_s, periodic),
+    most = MOST_CONDITION * full_condition(log.latitude_deg, window_s, periodic)
+    return WindowEstimate(
+        time_s=end_s + log.delay_s,
+        phi_as=final[:3] + final[3:] * log.delay_s,
+        eps_dph=final[3:],
+        covariance=to_end @ inverse @ to_end.T,
+        residual_as=float(np.sqrt(max(0.0, float(values @ values) - float(right @ solution)) / freedom)),
+        condition=condition,
+        published=len(shown_s) * step_s / window_s >= LEAST_COVERAGE and condition <= most,
     )
 
 
@@ -108,7 +121,7 @@ def full_condition(latitude_deg: float, window_s: float, periodic: bool) -> floa
 
 def check_window(window_s: float, periodic: bool) -> None:
     """Raise ConfigurationError for a window in which misalignment and drift cannot be told apart."""
-    least_s = _PERIODIC_WINDOW_S if periodic else SIDEREAL_DAY_S
+    least_s = DEFAULT_WINDOW_S if periodic else SIDEREAL_DAY_S
     if window_s < least_s * (1.0 - 1e-9):
         raise ConfigurationError(
             "the extraction window is too short",
@@ -118,42 +131,3 @@ def check_window(window_s: float, periodic: bool) -> None:
             remedy="take a longer window: half a day makes the drift four times as uncertain, and a drift "
             "that swings with the day is then taken for a constant one",
         )
-
-
-def _solve(
-    normal: Array,
-    right: Array,
-    square: float,
-    samples: int,
-    *,
-    end_s: float,
-    centre_s: float,
-    delay_s: float,
-    coverage: float,
-    full_condition: float,
-) -> WindowEstimate | None:
-    scale = np.sqrt(np.diag(normal))
-    if not (scale > 0).all():
-        return None
-    scaled = normal / np.outer(scale, scale)
-    condition = float(np.sqrt(np.linalg.cond(normal)))
-    if not condition < 1e7:
-        return None
-    solution = np.linalg.solve(scaled, right / scale) / scale
-    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    to_end = np.zeros((6, len(scale)))
-    to_end[:3, :3] = np.eye(3)
-    to_end[:3, 3:6] = np.eye(3) * (end_s - centre_s) / SIDEREAL_DAY_S
-    to_end[3:, 3:6] = np.eye(3) / SIDEREAL_DAY_S
-    final = to_end @ solution
-    freedom = max(1, 2 * samples - len(scale))
-    return WindowEstimate(
-        time_s=end_s + delay_s,
-        phi_as=final[:3] + final[3:] * delay_s,
-        eps_dph=final[3:],
-        covariance=to_end @ inverse @ to_end.T,
-        residual_as=float(np.sqrt(max(0.0, square - float(right @ solution)) / freedom)),
-        condition=condition,
-        coverage=coverage,
-        published=coverage >= LEAST_COVERAGE and condition <= MOST_CONDITION * full_condition,
-    )

@@ -29,8 +29,7 @@ class Alignment:
 
     `scale_error_ppm` of the z gyro; `drift_dph` on z with the Earth's vertical rate in it; `latency_s`: how
     much later than true the table's angles are stamped; `clock_error_ppm` of the table's stamps against the
-    gyro's; `residual_arcsec` rms of the encoder about the gyro, `gap_arcsec` its largest step from poll to
-    poll.
+    gyro's; `residual_arcsec` rms of the encoder about the gyro.
     """
 
     scale_error_ppm: float | None
@@ -38,16 +37,10 @@ class Alignment:
     latency_s: float | None
     clock_error_ppm: float | None
     residual_arcsec: float
-    gap_arcsec: float
     polls: int
 
 
-def align_angle(
-    edges_s: Array,
-    rate_z_dps: Array,
-    poll_s: Array,
-    poll_deg: Array,
-) -> tuple[Array, Alignment]:
+def align_angle(edges_s: Array, rate_z_dps: Array, poll_s: Array, poll_deg: Array) -> tuple[Array, Alignment]:
     """Return the angle in rad at the edges of the gyro's samples, (n + 1,), turns counted, and how it was
     found.
 
@@ -65,8 +58,8 @@ def align_angle(
             expected=f"at least {_LEAST_POLLS}",
             remedy="check that table and gyro were recorded at the same time",
         )
-    _check_sign(poll_s, poll_deg, np.interp(poll_s, edges_s, turned))
     at_polls = np.interp(poll_s, edges_s, turned)
+    _check_sign(poll_deg, at_polls)
     encoder = _unwrapped(poll_deg, at_polls)
     rate = np.interp(poll_s, 0.5 * (edges_s[1:] + edges_s[:-1]), rate_z_dps)
     steady = _steady(edges_s, turned, poll_s)
@@ -77,10 +70,18 @@ def align_angle(
     design = np.stack([columns[name] for name in names], axis=1)
     solution, *_ = np.linalg.lstsq(design[steady], (encoder - at_polls)[steady], rcond=None)
     found = dict(zip(names, solution.tolist(), strict=True))
-    _check_scale(found.get("scale", 0.0))
+    scale = found.get("scale", 0.0)
+    if abs(scale) > _SCALE_TOLERANCE:
+        raise UnfitRotation(
+            "the z gyro does not follow the table",
+            where="angle",
+            found=f"scale factor off by {-100.0 * scale:+.2f} %",
+            expected=f"within {100.0 * _SCALE_TOLERANCE:g} %",
+            remedy="check for a saturated gyro, or for clocks that differ by as much",
+        )
     residual = encoder - at_polls - design @ solution
     late = -found.get("latency", 0.0) - found.get("clock", 0.0) * (edges_s - poll_s[0])
-    angle = turned * (1.0 + found.get("scale", 0.0)) + found["start"] + found["drift"] * (edges_s - poll_s[0])
+    angle = turned * (1.0 + scale) + found["start"] + found["drift"] * (edges_s - poll_s[0])
     # what a stamp is late by was taken out with the columns above; the remainder is the encoder's own word
     angle = angle + np.interp(edges_s + late, poll_s[steady], residual[steady])
     return np.radians(angle), Alignment(
@@ -89,7 +90,6 @@ def align_angle(
         latency_s=-found["latency"] if "latency" in found else None,
         clock_error_ppm=-1e6 * found["clock"] if "clock" in found else None,
         residual_arcsec=float(residual[steady].std() * 3600.0),
-        gap_arcsec=float(np.abs(np.diff(residual[steady])).max() * 3600.0),
         polls=len(poll_s),
     )
 
@@ -127,7 +127,7 @@ def _steady(edges_s: Array, turned: Array, poll_s: Array) -> NDArray[np.bool_]:
     return np.asarray(change <= _STEADY * largest)
 
 
-def _check_sign(poll_s: Array, poll_deg: Array, turned: Array) -> None:
+def _check_sign(poll_deg: Array, turned: Array) -> None:
     """Raise if the gyro turns against the encoder; told by short steps, whose wraps are sure."""
     step = (np.diff(poll_deg) + 180.0) % 360.0 - 180.0
     own = np.diff(turned)
@@ -151,15 +151,4 @@ def _check_sign(poll_s: Array, poll_deg: Array, turned: Array) -> None:
             expected="+1",
             remedy="check for a saturated gyro, for the axis that is called z and for the encoder; "
             "whirl lines would be fitted at the wrong angle",
-        )
-
-
-def _check_scale(scale: float) -> None:
-    if abs(scale) > _SCALE_TOLERANCE:
-        raise UnfitRotation(
-            "the z gyro does not follow the table",
-            where="angle",
-            found=f"scale factor off by {-100.0 * scale:+.2f} %",
-            expected=f"within {100.0 * _SCALE_TOLERANCE:g} %",
-            remedy="check for a saturated gyro, or for clocks that differ by as much",
         )

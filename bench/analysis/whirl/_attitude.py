@@ -6,7 +6,6 @@ whirl compensation C_b^s is used instead, and the carrier seems to tilt by the w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,22 +30,16 @@ class Oscillation:
     locked_arcsec: float
 
 
-def body_attitude(heading_deg: float) -> Array:
-    """Return C_b^n, n = east, north, up, of a level body, float64 (3, 3).
-
-    `heading_deg`: azimuth of the body's y axis, clockwise from north.
-    """
-    return np.asarray(rotations(np.array([[0.0, 0.0, -np.radians(heading_deg)]]))[0])
-
-
 def unit_attitude(record: TurnRecord, heading_deg: float) -> Array:
     """Return C_s'^n at the edges of the samples, float64 (n + 1, 3, 3), n = east, north, up, of a unit at rest.
 
-    Strapdown integral from a level start with the body's heading; the Earth turns under it. Samples that are
-    not usable hold the rate before them. Levelling errors t turn the result slowly (t times Earth rate).
+    Strapdown integral from a level start, the body's y axis at `heading_deg` clockwise from north; the Earth
+    turns under it. Samples that are not usable hold the rate before them. Levelling errors t turn the result
+    slowly (t times Earth rate).
     """
     rate = np.radians(hold(record.rate_dps, record.usable))
-    start = body_attitude(heading_deg) @ body_to_rotating(record.angle_rad[:1])[0].T
+    level = rotations(np.array([[0.0, 0.0, -np.radians(heading_deg)]]))[0]
+    start = level @ body_to_rotating(record.angle_rad[:1])[0].T
     inertial = start @ running_rotation(rate * record.period_s)
     latitude = np.radians(record.latitude_deg)
     earth = np.radians(EARTH_RATE_DPH / 3600.0) * np.array([0.0, np.cos(latitude), np.sin(latitude)])
@@ -86,12 +79,10 @@ def remove_slow(tilt: Complex, time_s: Array, angle_rad: Array) -> tuple[Complex
     return tilt[where] - mean, where
 
 
-def oscillation(
-    tilt: Complex, time_s: Array, angle_rad: Array, lines: Sequence[float] = LOCKED_LINES
-) -> Oscillation:
-    """Return how much a carrier tilt (n,) oscillates: in all, and locked to the rotation angle by `lines`."""
+def oscillation(tilt: Complex, time_s: Array, angle_rad: Array) -> Oscillation:
+    """Return how much a carrier tilt (n,) oscillates: in all, and locked to the rotation angle."""
     moving, where = remove_slow(tilt, time_s, angle_rad)
-    design = np.stack([np.exp(1j * line * angle_rad[where]) for line in (0.0, *lines)], axis=1)
+    design = np.stack([np.exp(1j * line * angle_rad[where]) for line in (0.0, *LOCKED_LINES)], axis=1)
     values = np.linalg.solve(design.conj().T @ design, design.conj().T @ moving)
     return Oscillation(
         float(np.sqrt((np.abs(moving) ** 2).mean() / 2.0)),

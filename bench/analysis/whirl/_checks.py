@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -45,15 +45,16 @@ def require_fit_for_whirl(record: TurnRecord, full_scale_dps: float = FULL_SCALE
             raise _saturated(record, f"{axis} does not change for {longest:.1f} s while the table turns")
 
 
-def rotation_findings(record: TurnRecord, announced: Sequence[tuple[float, float, float]]) -> list[Finding]:
-    """Return where the table did not turn as announced.
+def rotation_findings(
+    record: TurnRecord, announced: Sequence[tuple[float, float, float]]
+) -> Iterator[Finding]:
+    """Yield where the table did not turn as announced.
 
     `announced`: (start_s, end_s, rate_dps) of the stretches, signed rate. Rates are looked at over 1 s.
     """
     size = max(1, round(1.0 / record.period_s))
     rate = np.degrees(np.diff(record.angle_rad[::size])) / (size * record.period_s)
     time_s = 0.5 * (record.time_s[::size][1:] + record.time_s[::size][:-1])
-    found = []
     for start_s, end_s, rate_dps in announced:
         part = (time_s > start_s) & (time_s < end_s)
         share = rate[part] / rate_dps
@@ -64,54 +65,42 @@ def rotation_findings(record: TurnRecord, announced: Sequence[tuple[float, float
         ):
             if odd.any():
                 at = float(time_s[part][int(np.argmax(odd))])
-                found.append(
-                    Finding(
-                        "rotation",
-                        f"the table {what} unannounced at {at:.0f} s, for {int(odd.sum())} s in all: the "
-                        "direct fit follows the measured angle and stays right, with fewer turns than "
-                        "planned; a fit at the nominal angle, and a plot against it, would be wrong from "
-                        "there on",
-                    )
+                yield Finding(
+                    "rotation",
+                    f"the table {what} unannounced at {at:.0f} s, for {int(odd.sum())} s in all: the "
+                    "direct fit follows the measured angle and stays right, with fewer turns than "
+                    "planned; a fit at the nominal angle, and a plot against it, would be wrong from "
+                    "there on",
                 )
-    return found
 
 
-def alignment_findings(alignment: Alignment, rate_dps: float, duration_s: float) -> list[Finding]:
-    """Return what the z gyro laid on the encoder shows: clocks that run apart, stamps that are late."""
-    found = []
+def alignment_findings(alignment: Alignment, rate_dps: float, duration_s: float) -> Iterator[Finding]:
+    """Yield what the z gyro laid on the encoder shows: clocks that run apart, stamps that are late."""
     clock = alignment.clock_error_ppm
     if clock is not None and abs(clock) > _CLOCK_PPM:
         off_deg = abs(clock) * 1e-6 * duration_s * rate_dps
-        found.append(
-            Finding(
-                "clock_drift",
-                f"the clocks of table and gyro run apart by {clock:+.1f} ppm: at the end the angle would be "
-                f"{off_deg:.3f} deg off, and of a tilt of 10 arcsec on line 1 "
-                f"{10.0 * np.radians(off_deg):.3f} arcsec would stay; it was estimated and taken out",
-            )
+        yield Finding(
+            "clock_drift",
+            f"the clocks of table and gyro run apart by {clock:+.1f} ppm: at the end the angle would be "
+            f"{off_deg:.3f} deg off, and of a tilt of 10 arcsec on line 1 "
+            f"{10.0 * np.radians(off_deg):.3f} arcsec would stay; it was estimated and taken out",
         )
     if clock is None:
-        found.append(
-            Finding(
-                "clock_unknown",
-                "whether the clocks of table and gyro run apart does not show in this rotation (it looks "
-                "like a scale factor); 100 ppm would turn a line m by m times 2.2 deg in an hour at 6 deg/s: "
-                "begin and end at rest",
-            )
+        yield Finding(
+            "clock_unknown",
+            "whether the clocks of table and gyro run apart does not show in this rotation (it looks "
+            "like a scale factor); 100 ppm would turn a line m by m times 2.2 deg in an hour at 6 deg/s: "
+            "begin and end at rest",
         )
     if alignment.latency_s is None:
-        found.append(
-            Finding(
-                "latency_unknown",
-                "how late the table's angles are stamped does not show in this rotation; it turns every "
-                "line m by m "
-                "w times the delay, alike in every run of the same rate and sense: begin and end at rest",
-            )
+        yield Finding(
+            "latency_unknown",
+            "how late the table's angles are stamped does not show in this rotation; it turns every line m by m "
+            "w times the delay, alike in every run of the same rate and sense: begin and end at rest",
         )
-    return found
 
 
-def earth_rate_findings(fit: DirectFit, record: TurnRecord) -> list[Finding]:
+def earth_rate_findings(fit: DirectFit, record: TurnRecord) -> Iterator[Finding]:
     """Check the body rate of a fit against Earth rate; UnfitRotation if it turns up as a line instead.
 
     A horizontal gyro with the wrong sign reflects the rate vector, so that Earth rate, constant in body axes,
@@ -120,9 +109,10 @@ def earth_rate_findings(fit: DirectFit, record: TurnRecord) -> list[Finding]:
     expected, rate = record.earth_horizontal_dph, fit.body_rate_dph[0]
     off = abs(abs(rate.value) - expected)
     if off <= _EARTH_TOLERANCE * expected + 5.0 * rate.sd:
-        return []
+        return
     if 2.0 in fit.lines and abs(rate.value) < 0.5 * expected:
-        as_line = _as_line_two(record, expected)
+        speed = float(np.median(np.abs(np.diff(record.angle_rad)))) / record.period_s
+        as_line = expected / (2.0 * speed) if speed else float("inf")
         if abs(abs(fit.amplitude(2.0).value) - as_line) < 0.5 * as_line:
             raise UnfitRotation(
                 "one of the horizontal gyros has the wrong sign",
@@ -132,18 +122,11 @@ def earth_rate_findings(fit: DirectFit, record: TurnRecord) -> list[Finding]:
                 expected=f"{expected:.2f} deg/h that stands still in the body",
                 remedy="correct the sign of x or y; compensated with it, the attitude would get worse",
             )
-    return [
-        Finding(
-            "level",
-            f"the rate that stands still in the body is {abs(rate.value):.3f} deg/h, horizontal Earth rate "
-            f"is {expected:.3f} deg/h: check latitude, level and the signs of the axes",
-        )
-    ]
-
-
-def _as_line_two(record: TurnRecord, earth_dph: float) -> float:
-    speed = float(np.median(np.abs(np.diff(record.angle_rad)))) / record.period_s
-    return earth_dph / (2.0 * speed) if speed else float("inf")
+    yield Finding(
+        "level",
+        f"the rate that stands still in the body is {abs(rate.value):.3f} deg/h, horizontal Earth rate "
+        f"is {expected:.3f} deg/h: check latitude, level and the signs of the axes",
+    )
 
 
 def _saturated(record: TurnRecord, found: str) -> UnfitRotation:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from bench.analysis.whirl._residual import Blocks, make_blocks
 from bench.analysis.whirl._types import Complex, NotObservable, TurnRecord
@@ -105,7 +106,13 @@ def fit_direct(
     separation = drift_separation(blocks)
     with_drift = separation < SEPARABLE if drift is None else drift
     if with_drift and separation > _SINGULAR:
-        raise _inseparable(separation)
+        raise NotObservable(
+            "drift and the constant tilt (line +1) cannot be told apart",
+            where="whirl fit",
+            found=f"columns with a condition number of {separation:.1e}: rotation one way at a steady rate",
+            expected="rotation in both senses",
+            remedy="record a reversal, or leave the drift out: it is then in line +1",
+        )
     slack_moves = [float(np.ptp(np.append(part.first_slack, part.last_slack))) > 0.5 for part in blocks]
     with_play = any(slack_moves) if play is None else play
     design = _design(blocks, lines, with_drift, with_play)
@@ -149,16 +156,9 @@ def _design(blocks: Sequence[Blocks], lines: Sequence[float], drift: bool, play:
     columns = [np.concatenate([part.column(line) for part in blocks]) for line in lines]
     if play:
         columns.append(np.concatenate([part.last_slack - part.first_slack for part in blocks]) + 0j)
-    for own in range(len(blocks)):
-        durations = [
-            part.duration_s * (own == at) + np.zeros_like(part.turning_s) for at, part in enumerate(blocks)
-        ]
-        columns.append(np.concatenate(durations))
+    columns += [*block_diag(*(np.full((len(part.turning_s), 1), part.duration_s) for part in blocks)).T]
     if drift:
-        columns += [
-            np.concatenate([part.turning_s * (own == at) for at, part in enumerate(blocks)])
-            for own in range(len(blocks))
-        ]
+        columns += [*block_diag(*(part.turning_s[:, None] for part in blocks)).T]
     return np.stack(columns, axis=1)
 
 
@@ -187,14 +187,4 @@ def _too_little(found: str) -> NotObservable:
         found=found,
         expected="several full turns, so that lines differ from each other and from a constant rate",
         remedy="record more turns, or fit fewer lines",
-    )
-
-
-def _inseparable(separation: float) -> NotObservable:
-    return NotObservable(
-        "drift and the constant tilt (line +1) cannot be told apart",
-        where="whirl fit",
-        found=f"columns with a condition number of {separation:.1e}: rotation one way at a steady rate",
-        expected="rotation in both senses",
-        remedy="record a reversal, or leave the drift out: it is then in line +1",
     )

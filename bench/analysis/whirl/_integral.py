@@ -21,27 +21,19 @@ from bench.analysis.whirl._residual import residual_increments
 from bench.analysis.whirl._types import Complex, NotObservable, TurnRecord, UnfitRotation
 from drivers.base.arrays import Array
 
+_EVERY_S = 0.1
+"""Spacing of the integral's values that are fitted."""
+
 
 @dataclass(frozen=True, eq=False)
 class FourierFit:
     """The fitted series. `cosine_arcsec`, `sine_arcsec`: (order, 2), columns x and y: A_x, A_y and B_x, B_y.
 
-    `ramp_arcsec`: a radian of rotation, complex; in rotation one way the constant tilt and drift are in it
-    and are not corrected. `angle_rad`, `integral_arcsec`, `fitted_arcsec`: (k,) and complex (k,), what was
-    fitted and how well.
+    In rotation one way the constant tilt and drift make a ramp in angle, which is not corrected.
     """
 
     cosine_arcsec: Array
     sine_arcsec: Array
-    ramp_arcsec: complex
-    angle_rad: Array
-    integral_arcsec: Complex
-    fitted_arcsec: Complex
-
-    @property
-    def order(self) -> int:
-        """Highest harmonic."""
-        return len(self.cosine_arcsec)
 
 
 def fit_integral(
@@ -49,9 +41,7 @@ def fit_integral(
     order: int = 2,
     *,
     body_rate_dph: complex = 0j,
-    installation_arcsec: complex = 0j,
     angle_rad: Array | None = None,
-    every_s: float = 0.1,
 ) -> FourierFit:
     """Integrate the residual rate and fit the series at the measured angle.
 
@@ -66,8 +56,8 @@ def fit_integral(
             expected="a stretch without holes",
             remedy="use the direct fit, or the longest stretch without holes",
         )
-    increments = residual_increments(record, body_rate_dph, installation_arcsec)
-    step = max(1, round(every_s / record.period_s))
+    increments = residual_increments(record, body_rate_dph)
+    step = max(1, round(_EVERY_S / record.period_s))
     integral = np.concatenate(([0j], np.cumsum(increments)))[::step]
     angle = (record.angle_rad if angle_rad is None else angle_rad)[::step]
     harmonics = [n for n in range(-order, order + 1) if n]
@@ -81,19 +71,11 @@ def fit_integral(
         )
     columns = [np.ones(len(angle)), angle - angle.mean(), *(np.exp(1j * n * angle) for n in harmonics)]
     design = np.stack(columns, axis=1).astype(np.complex128)
-    normal = design.conj().T @ design
-    values = np.linalg.solve(normal, design.conj().T @ integral)
+    values = np.linalg.solve(design.conj().T @ design, design.conj().T @ integral)
     found = dict(zip(harmonics, values[2:], strict=True))
     cosine = np.array([found[n] + found[-n] for n in range(1, order + 1)])
     sine = np.array([1j * (found[n] - found[-n]) for n in range(1, order + 1)])
-    return FourierFit(
-        np.stack([cosine.real, cosine.imag], axis=1),
-        np.stack([sine.real, sine.imag], axis=1),
-        complex(values[1]),
-        angle,
-        integral,
-        design @ values,
-    )
+    return FourierFit(np.stack([cosine.real, cosine.imag], axis=1), np.stack([sine.real, sine.imag], axis=1))
 
 
 def match_coefficients(fit: FourierFit) -> Array:
@@ -102,7 +84,12 @@ def match_coefficients(fit: FourierFit) -> Array:
     Solved by the pseudo-inverse, which for the first harmonic leaves the free part at its smallest norm;
     harmonics from 2 on have one solution.
     """
-    return np.stack([np.linalg.pinv(harmonic_matrix(n)) @ _rates(fit, n) for n in range(1, fit.order + 1)])
+    coefficients = []
+    for n, ((ax, ay), (bx, by)) in enumerate(zip(fit.cosine_arcsec, fit.sine_arcsec, strict=True), start=1):
+        # Cosine and sine coefficients of wbar_x and wbar_y in units of w, from those of their integrals.
+        rates = np.array([n * bx, -n * ax, n * by, -n * ay])
+        coefficients.append(np.linalg.pinv(harmonic_matrix(n)) @ rates)
+    return np.stack(coefficients)
 
 
 def body_lines(coefficients_arcsec: Array) -> tuple[tuple[float, ...], Complex]:
@@ -119,9 +106,3 @@ def body_lines(coefficients_arcsec: Array) -> tuple[tuple[float, ...], Complex]:
                 lines.append(float(sign * n + 1))
                 amplitudes.append(complex(0.5 * (cosine - 1j * sign * sine)))
     return tuple(lines), np.array(amplitudes)
-
-
-def _rates(fit: FourierFit, n: int) -> Array:
-    """Return cosine and sine coefficients of wbar_x and wbar_y in units of w, from those of their integrals."""
-    (ax, ay), (bx, by) = fit.cosine_arcsec[n - 1], fit.sine_arcsec[n - 1]
-    return np.array([n * bx, -n * ax, n * by, -n * ay])

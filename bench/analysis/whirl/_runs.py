@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis.whirl._angle import Alignment, align_angle
 from bench.analysis.whirl._checks import alignment_findings, require_fit_for_whirl, rotation_findings
@@ -46,8 +47,9 @@ def load_turns(run: Run, gyro: str | None = None) -> Turns:
     edges_s, rate_dps, usable = _on_grid(run, name)
     table = run.turntable()
     poll_s = seconds(table)
-    for axis in range(3):
-        rate_dps[:, axis] = _filled(rate_dps[:, axis], usable)
+    number = np.arange(len(usable))
+    for rate in rate_dps.T:
+        rate[~usable] = np.interp(number[~usable], number[usable], rate[usable])
     angle_rad, alignment = align_angle(edges_s, rate_dps[:, 2], poll_s, table["angle_deg"])
     record = TurnRecord(
         run_id=run.manifest.run_id,
@@ -63,15 +65,11 @@ def load_turns(run: Run, gyro: str | None = None) -> Turns:
     record = while_turning(record)
     announced = _announced(run)
     fastest = float(np.degrees(np.median(np.abs(np.diff(record.angle_rad)))) / record.period_s)
-    findings = rotation_findings(record, announced)
+    findings = [*rotation_findings(record, announced)]
     findings += alignment_findings(alignment, fastest, float(edges_s[-1] - edges_s[0]))
     if missing := int((~record.usable).sum()):
-        findings.append(
-            Finding(
-                "gaps",
-                f"{missing} samples missing or invalid: the blocks of 1 s they lie in were left out",
-            )
-        )
+        lost = f"{missing} samples missing or invalid: the blocks of 1 s they lie in were left out"
+        findings.append(Finding("gaps", lost))
     return Turns(record, alignment, tuple(findings))
 
 
@@ -98,15 +96,11 @@ def _section(run: Run, name: str) -> dict[str, Any]:
     return next((section for section in run.manifest.bench.get("gyro", ()) if section["name"] == name), {})
 
 
-def _rate_columns(run: Run, name: str) -> tuple[str, ...]:
-    """Return the columns of the rates about x, y, z: the axis under test has the short name."""
-    under_test = _section(run, name)["axis"]
-    return tuple("rate_dps" if axis == under_test else f"rate_{axis}_dps" for axis in "xyz")
-
-
-def _on_grid(run: Run, name: str) -> tuple[Array, Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+def _on_grid(run: Run, name: str) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return edges (n + 1,), rates (n, 3) and what is usable (n,), on the gyro's own grid, holes included."""
-    names = _rate_columns(run, name)
+    under_test = _section(run, name)["axis"]
+    # The axis under test has the short name.
+    names = ["rate_dps" if axis == under_test else f"rate_{axis}_dps" for axis in "xyz"]
     table = run.gyro(name, ("time_ns", "valid", *names))
     time_s = seconds(table)
     period_s = float(np.median(np.diff(time_s)))
@@ -120,13 +114,6 @@ def _on_grid(run: Run, name: str) -> tuple[Array, Array, np.ndarray[tuple[int], 
     usable[index[keep]] = np.asarray(table["valid"], np.bool_)[keep]
     usable &= np.isfinite(rate_dps).all(axis=1)
     return time_s[0] + period_s * np.arange(-1, count), rate_dps, usable
-
-
-def _filled(values: Array, usable: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Array:
-    if usable.all():
-        return values
-    at = np.arange(len(values))
-    return np.asarray(np.interp(at, at[usable], values[usable]))
 
 
 def _announced(run: Run) -> list[tuple[float, float, float]]:

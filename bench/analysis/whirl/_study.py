@@ -53,7 +53,6 @@ class WhirlStudy:
 
     fit: DirectFit
     compensation: WhirlCompensation
-    fourier: FourierFit | None
     judgements: tuple[Judgement, ...]
     judged_on_fitted: bool
     findings: tuple[Finding, ...]
@@ -87,12 +86,13 @@ def study_whirl(
     for turns in test:
         compensation.require_unit(turns.record.unit_id)
     findings += [_cage_finding(line) for line in scan_lines(fit)]
-    fourier = _patent(records[0], fit)
+    fourier = None
+    if records[0].usable.all():
+        fourier = fit_integral(records[0], 2, body_rate_dph=fit.body_rate_dph[0].value)
     judged = [turns.record for turns in (test or train)]
     return WhirlStudy(
         fit=fit,
         compensation=compensation,
-        fourier=fourier,
         judgements=tuple(judge(record, compensation, fit, fourier) for record in judged),
         judged_on_fitted=not test,
         findings=tuple(findings),
@@ -133,12 +133,6 @@ def integrated_residual(fit: DirectFit, at: int = 0) -> tuple[Array, Complex, Co
         model += fit.play_arcsec.value * (blocks.last_slack - blocks.first_slack)
     time_s = blocks.duration_s * np.arange(1, len(model) + 1, dtype=np.float64)
     return np.asarray(time_s), np.cumsum(model + residual), np.cumsum(model)
-
-
-def _patent(record: TurnRecord, fit: DirectFit) -> FourierFit | None:
-    if not record.usable.all():
-        return None
-    return fit_integral(record, 2, body_rate_dph=fit.body_rate_dph[0].value)
 
 
 def _cage_finding(line: Line) -> Finding:

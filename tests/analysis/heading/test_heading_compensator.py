@@ -16,6 +16,7 @@ from bench.analysis.heading import (
     PlatformLog,
     PositionCorrector,
     ReferenceTemperature,
+    Site,
     fit_lagged,
     fit_reference,
     integrate,
@@ -220,4 +221,4 @@ def test_gaps_in_the_record_do_not_move_the_fit(calibration: tuple[PlatformLog, 
 def test_wrong_columns_are_named() -> None:
     time_s = np.array([0.0, 60.0, 60.0])
     with pytest.raises(RecordError, match="1 steps back in time"):
-        log_from_positions(time_s, *[np.zeros(3)] * 4, true_latitude_deg=40.0, true_longitude_deg=0.0)
+        log_from_positions(time_s, *[np.zeros(3)] * 4, site=Site(40.0, 0.0))

@@ -214,12 +214,11 @@ def test_nine_coefficients_of_given_points() -> None:
             for k, (row, term) in enumerate(zip(drift, terms, strict=True))
         ]
 
-    settings = {"reference_heading_deg": 0.0, "latitude_deg": 40.0}
-    three = solve_nine(points(random.standard_normal((3, 3)), 0.0), base, reference, **settings)
+    three = solve_nine(points(random.standard_normal((3, 3)), 0.0), base, reference)
     np.testing.assert_allclose(three.gain_dph_per_k, gain, atol=1e-12)
     assert three.sigma_dph_per_k is None and three.p_value is None
     terms = random.standard_normal((200, 3))
-    many = solve_nine(points(terms, 1e-4), base, reference, **settings)
+    many = solve_nine(points(terms, 1e-4), base, reference)
     assert many.sigma_dph_per_k is not None and many.p_value is not None
     np.testing.assert_allclose(many.sigma_dph_per_k, 1e-4 / np.sqrt(200.0), rtol=0.4)
     assert np.abs((many.gain_dph_per_k - gain) / many.sigma_dph_per_k).max() < 4.0
@@ -227,9 +226,9 @@ def test_nine_coefficients_of_given_points() -> None:
     flat = random.standard_normal((5, 3))
     flat[:, 2] = flat[:, 0]
     with pytest.raises(RecordError, match="do not determine nine coefficients"):
-        solve_nine(points(flat, 0.0), base, reference, **settings)
+        solve_nine(points(flat, 0.0), base, reference)
     with pytest.raises(RecordError, match="gives no equation"):
-        solve_nine(points(np.zeros((4, 3)), 0.0), base, reference, **settings)
+        solve_nine(points(np.zeros((4, 3)), 0.0), base, reference)
 
 
 def test_reference_heading_alone_is_refused(calibration: tuple[PlatformLog, PlatformLog]) -> None:

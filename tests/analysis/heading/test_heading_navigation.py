@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from bench.analysis.heading import PlatformLog
+from bench.analysis.heading import PlatformLog, Site
 from bench.analysis.heading._log import log_from_positions
 from bench.analysis.heading._window import extract
 from benchmarks._heading_plants import position_error_finite
@@ -166,10 +166,7 @@ def test_on_the_ellipsoid_the_gravitation_latitude_counts() -> None:
         longitude / 3600.0,
         empty,
         empty,
-        true_latitude_deg=LATITUDE,
-        true_longitude_deg=0.0,
-        sidereal_zero_deg=float(np.degrees(0.3)),
-        damping=0.5,
+        Site(LATITUDE, 0.0, float(np.degrees(0.3)), damping=0.5),
     )
     geodetic = PlatformLog(
         time_s, own.sidereal_rad, north, longitude * LEVEL, empty, empty, LATITUDE, 1.0 / SCHULER_RAD_S

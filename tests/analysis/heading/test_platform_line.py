@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis.heading import fit_lagged
+from bench.analysis.heading import Site, fit_lagged
 from bench.analysis.heading._log import log_from_positions
 from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
 from drivers.platform._driver import PlatformIns
@@ -191,8 +191,7 @@ def test_days_on_the_line_can_be_fitted() -> None:
         joined["longitude_deg"][use],
         joined["temp_c"][use],
         np.array([table(time) for time in time_s[use]]),
-        true_latitude_deg=40.0,
-        true_longitude_deg=100.0,
+        Site(40.0, 100.0),
     )
     model = fit_lagged(log)
     assert model.evidence.cause == "temperature"

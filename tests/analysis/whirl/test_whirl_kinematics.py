@@ -100,8 +100,7 @@ def series(coefficients: np.ndarray) -> FourierFit:
     (x1, x2, y1, y2), (x3, x4, y3, y4) = coefficients
     cosine = np.array([[y1 + x2, -(y2 - x1)], [(2 * y3 + x4) / 2, (2 * x3 - y4) / 2]])
     sine = np.array([[y2 - x1, y1 + x2], [(2 * y4 - x3) / 2, (2 * x4 + y3) / 2]])
-    none = np.zeros(0)
-    return FourierFit(cosine, sine, 0j, none, none + 0j, none + 0j)
+    return FourierFit(cosine, sine)
 
 
 whirls = st.lists(st.floats(-20, 20), min_size=8, max_size=8).map(
