@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bench.analysis.whirl import TurnRecord, Turns, align_angle
 from benchmarks._without import effect_names, without
 from drivers.acutrol import decode_transcript, encode_state_query
+from drivers.kit.config import TableConfig
 from drivers.kvh import KvhDecoder
 from simulators.emulators.acutrol import AcutrolEmulator
 from simulators.emulators.kvh import KvhEmulator
@@ -93,7 +94,12 @@ def emulate(plan: Plan) -> tuple[TurnRecord, Turns]:
         ]
         if now in demands:
             lab.table.demand_rate(now, demands[now])
-    return _records(plan, np.concatenate(rates), decode_transcript(exchanges)[0], edges)
+    return _records(
+        plan,
+        np.concatenate(rates),
+        decode_transcript(exchanges, TableConfig(driver="acutrol3000", port="memory", baudrate=9600))[0],
+        edges,
+    )
 
 
 def _records(

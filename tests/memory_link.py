@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from drivers.base.clock import Clock, Readable
-from drivers.kit.kinds import Exchange
+from drivers.kit.kinds import Connection, Exchange
 from drivers.kit.link import Link
 from simulators.interfaces import Emulator, GyroSignal, Reply, StreamingEmulator
 
@@ -54,6 +54,17 @@ class ChamberPlant:
 
     def auxiliary_c(self, number: int, now_s: float) -> float:
         return 10.0 * number + 0.1234
+
+
+class OpenConnection(Connection):
+    """A connection whose link is open already."""
+
+    def __init__(self, link: Link, safe_set_point_c: float = 23.0) -> None:
+        super().__init__(link.name, link.clock, None, safe_set_point_c)
+        vars(self)["opened"] = link
+
+    def link(self, port: str | None, baudrate: int, **serial: Any) -> Link:
+        return cast(Link, vars(self)["opened"])
 
 
 class MemoryLink(Link):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping
 
 from drivers.acutrol._exchange import Exchanges
 from drivers.acutrol.codec import (
@@ -18,8 +17,9 @@ from drivers.acutrol.codec import (
     encode_state_query,
 )
 from drivers.base.errors import DeviceRefused, ProtocolError, WrongDevice
+from drivers.kit.config import TableConfig
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
-from drivers.kit.link import Link
+from drivers.kit.kinds import Connection
 from drivers.kit.polled import TROUBLES, PolledTable
 from drivers.kit.retry import command_once, query_with_retry
 
@@ -39,21 +39,18 @@ _FAULT_STATES = ("software abort", "hardware abort")
 
 
 class AcutrolTable(PolledTable):
-    """A table behind an ACUTROL3000, over RS-232 or TCP alike (`drivers.kit.instruments.Turntable`).
-
-    `axes`: name of each axis, outermost first, and its number on the controller.
-    """
+    """A table behind an ACUTROL3000, over RS-232 or TCP alike (`drivers.kit.instruments.Turntable`)."""
 
     _product = "an ACUTROL3000"
     _known_by = "four fields: maker, Acutrol3000, serial number, firmware"
     _wrong_if = (ProtocolError,)
 
-    def __init__(self, link: Link, *, axes: Mapping[str, int] | None = None) -> None:
-        super().__init__(link)
-        self._numbers_by_name = dict(axes or {"table": 1})
+    def __init__(self, config: TableConfig, connection: Connection) -> None:
+        super().__init__(connection.link(config.port, config.baudrate))
+        self._numbers_by_name = {axis.name: axis.number for axis in config.all_axes}
         self.axes = tuple(self._numbers_by_name)
         self._closed_by_us = False
-        self._exchanges = Exchanges(link, self._where)
+        self._exchanges = Exchanges(self.link, self._where)
 
     def _introduction(self) -> Identity:
         """Ask `*IDN?`: maker, model, serial number, firmware; the model is to be an Acutrol3000."""

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
 
 from drivers.acutrol.codec import decode_numbers, encode_state_query, split_reply
 from drivers.base.errors import ProtocolError
+from drivers.kit.config import TableConfig
 from drivers.kit.kinds import Exchange, Transcript
 from drivers.kit.matching import match_replies, split_line, table
 
-_ONE_AXIS: Mapping[str, int] = {"table": 1}
 
-
-def decode_transcript(exchanges: Iterable[Exchange], axes: Mapping[str, int] = _ONE_AXIS) -> Transcript:
+def decode_transcript(exchanges: Iterable[Exchange], config: TableConfig) -> Transcript:
     """Return one row a completed state poll, and counts; never raises on bytes.
 
     Columns, shape (n,) each: `time_ns` int64 (arrival of the reply's last byte), `angle_deg` and `rate_dps`
-    float64 of the last of `axes` (name -> number on the controller), `<name>_angle_deg` and `<name>_rate_dps` of
-    the others.
+    float64 of the last axis, `<name>_angle_deg` and `<name>_rate_dps` of the others.
     Counts: `polls` asked, `damaged` of them without a good reply.
     """
-    query = encode_state_query(*axes.values()).strip()
-    outer = [f"{name}_{what}" for name in list(axes)[:-1] for what in ("angle_deg", "rate_dps")]
+    query = encode_state_query(*(axis.number for axis in config.all_axes)).strip()
+    outer = [f"{axis.name}_{what}" for axis in config.all_axes[:-1] for what in ("angle_deg", "rate_dps")]
     names = [*outer, "angle_deg", "rate_dps"]
     rows: list[tuple[int, dict[str, float]]] = []
     polls = 0

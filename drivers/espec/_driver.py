@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.espec.codec import (
@@ -21,8 +21,9 @@ from drivers.espec.codec import (
     set_temperature_text,
 )
 from drivers.kit.chamber import PolledChamber
+from drivers.kit.config import ChamberConfig, key
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
-from drivers.kit.link import Link
+from drivers.kit.kinds import Connection
 from drivers.kit.retry import command_with_retry, query_with_retry
 
 REPLY_TIMEOUT_S = 3.0
@@ -34,11 +35,19 @@ _PROGRAM = "RUN PRGM"
 _T = TypeVar("_T")
 
 
+class EspecConfig(ChamberConfig):
+    """`[chamber]` of an ESPEC; without `address` it is on RS-232 or TCP."""
+
+    simserv: Literal[True] = key(default=True, exclude=True, description="none: an ESPEC has no SimServ")
+    start_channel: Literal[1] = key(
+        default=1, exclude=True, description="none: an ESPEC is started by its mode"
+    )
+
+
 class EspecChamber(PolledChamber):
     """One chamber (`drivers.kit.instruments.Chamber`) at a serial port or TCP port 10001.
 
-    `address`: on RS-485, None on RS-232 and TCP. `rom`: how the ROM version of this controller begins, "" for
-    whatever does not begin with P3.
+    `rom`: how the ROM version of this controller begins, "" for whatever does not begin with P3.
 
     The controller has no slew rate: a ramp is a remote program of one step, from the present air temperature
     to the set point in whole minutes. A ramp demanded while the chamber stands begins when it is started.
@@ -48,18 +57,10 @@ class EspecChamber(PolledChamber):
     _answer_end, _answer_s = END, REPLY_TIMEOUT_S
     _check = "check which device the bench file names for this port, its address, and P-300 or SCP-220"
 
-    def __init__(
-        self,
-        link: Link,
-        *,
-        model: str,
-        rom: str,
-        address: int | None = None,
-        safe_set_point_c: float = 23.0,
-    ) -> None:
-        super().__init__(link, safe_set_point_c)
+    def __init__(self, config: EspecConfig, connection: Connection, *, model: str, rom: str) -> None:
+        super().__init__(connection.link(config.port, config.baudrate), connection.safe_set_point_c)
         self.model = model
-        self.address = address
+        self.address = config.address
         self._product = f"an ESPEC chamber with a {model} controller"
         self._rom = rom
         self._demand: tuple[float, float | None] | None = None

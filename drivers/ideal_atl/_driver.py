@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from drivers.base.errors import DeviceRefused, ProtocolError
 from drivers.ideal_atl._codec import END, POSITION, PROMPT, RATE, STATUS, decode_number, encode, split_reply
+from drivers.kit.config import Mistake, TableConfig
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
-from drivers.kit.link import Link
+from drivers.kit.kinds import Connection
 from drivers.kit.polled import TROUBLES, PolledTable
 from drivers.kit.retry import command_once, command_with_retry, query_with_retry
 
@@ -18,6 +21,17 @@ _REST_DPS = 0.01
 _TAKEN_DEG = 1e-3
 """A turn that was begun shows by more than this."""
 _QUIET_S = 0.3
+
+
+class AtlConfig(TableConfig):
+    """`[table]` behind ATL, which turns one axis."""
+
+    @classmethod
+    def mistakes(cls, given: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Yield more axes than ATL turns."""
+        axes = given.get("axes")
+        if isinstance(axes, (list, tuple)) and len(axes) > 1:
+            yield Mistake("axes", f"{len(axes)} axes", "one of [[table.axes]], or none: ATL turns one")
 
 
 class AtlTable(PolledTable):
@@ -37,9 +51,9 @@ class AtlTable(PolledTable):
     _check = "check which device the bench file names for this port, and the baud rate"
     _answer_end = PROMPT
 
-    def __init__(self, link: Link, *, axis: str = "table") -> None:
-        super().__init__(link)
-        self.axes: tuple[str, ...] = (axis,)
+    def __init__(self, config: AtlConfig, connection: Connection) -> None:
+        super().__init__(connection.link(config.port, config.baudrate))
+        self.axes = (config.all_axes[0].name,)
         self._turn_dps: float | None = None
         self._turn_dps2: float | None = None
 

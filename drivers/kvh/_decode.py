@@ -14,8 +14,6 @@ from drivers.kvh.format import (
     COUNTER_MODULO,
     TEMP_EVERY,
     Format,
-    Rotation,
-    RotationUnits,
     TempUnits,
     celsius,
     layout,
@@ -28,9 +26,9 @@ class KvhDecoder:
 
     Columns, each of shape (n,): `counter` int64 0..127; `status` uint8 as sent; `valid` bool, all the unit's
     own gyros valid; `rot_<axis>` float32 as sent for each of `axes`; `temp_c` float32 (Format C sends it every
-    fourth message: NaN elsewhere); Format B also `timestamp_us` int64, wrapping at 2**32. What `rot_<axis>`
-    means stands in `rotation` and `rotation_units`; `rate_dps` of this package converts. Bytes of axes the unit
-    does not have are not looked at. Built-in-test messages in the stream count as bytes skipped.
+    fourth message: NaN elsewhere); Format B also `timestamp_us` int64, wrapping at 2**32. `rate_dps` of this
+    package converts `rot_<axis>`. Bytes of axes the unit does not have are not looked at. Built-in-test messages
+    in the stream count as bytes skipped.
     """
 
     counter_modulo: int = COUNTER_MODULO
@@ -43,13 +41,9 @@ class KvhDecoder:
         frame_format: Format = "A",
         axes: str = "x",
         temp_units: TempUnits = "C_100",
-        rotation: Rotation = "delta",
-        rotation_units: RotationUnits = "RAD",
     ) -> None:
         self.nominal_rate_hz = nominal_rate_hz
         self.axes = axes
-        self.rotation = rotation
-        self.rotation_units = rotation_units
         self._format = frame_format
         self._temp_units = temp_units
         self._dtype = layout(frame_format).dtype

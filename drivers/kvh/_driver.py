@@ -1,60 +1,59 @@
-"""The driver: find the gyro among its own binary output, configure it, let it stream."""
+"""The KVH gyro as the bench finds it by name: found among its own binary output, configured, left to stream."""
 
 from __future__ import annotations
 
 import re
+from typing import Any
+
+from numpy.typing import NDArray
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, WrongDevice
+from drivers.kit.config import GyroConfig, key
 from drivers.kit.conversation import TRIES, ConversingGyro
 from drivers.kit.instruments import Identity
-from drivers.kit.link import Link
+from drivers.kit.kinds import Columns, Connection, GyroKind, Probe
 from drivers.kvh._decode import KvhDecoder
 from drivers.kvh.commands import SETTINGS
-from drivers.kvh.format import AXES, Format, Rotation, TempUnits
+from drivers.kvh.format import Format, rate_dps
 
 _REFUSAL = rb"(?:INVALID|USAGE|ERROR)[ -~]*(?=[\r\n])"
 _HEADER = re.compile(rb"\xfe\x81\xff[\x55-\x57]")
 
 
+class KvhConfig(GyroConfig):
+    """`[[gyro]]` of a KVH gyro; `rate_hz` is one of the unit's data rates."""
+
+    frame_format: Format | None = key(default=None, description="'A', 'B' or 'C'; left out: 'A'")
+
+    @property
+    def sends(self) -> Format:
+        """The format that the unit is told to send."""
+        return self.frame_format or "A"
+
+
 class KvhGyro(ConversingGyro):
     """A KVH DSP-1750, DSP-1760 or 1775 on an RS-422 port (921600 8N1 as delivered).
 
-    `rate_hz` is one of the unit's data rates; `axes` are those the unit has, "x" for a single-axis gyro. Rotation
-    is sent in radians. `identify` and `stop` leave the unit in configuration mode, where it is quiet.
+    Rotation is sent as delta angle in radians, which leaves nothing of it out between samples; temperatures in
+    hundredths, the best resolution. `identify` and `stop` leave it in configuration mode, where it is quiet.
     """
 
     what = "a KVH gyro"
 
-    def __init__(
-        self,
-        link: Link,
-        *,
-        rate_hz: float,
-        frame_format: Format = "A",
-        rotation: Rotation = "delta",
-        axes: str = "x",
-        temp_units: TempUnits = "C_100",
-    ) -> None:
+    def __init__(self, config: KvhConfig, connection: Connection) -> None:
         """Raise ConfigurationError for what no such unit can be set to."""
-        super().__init__(link)
-        self._rate_hz = rate_hz
-        self._format = frame_format
-        self._rotation = rotation
-        self._axes = axes
-        self._temp_units = temp_units
+        super().__init__(connection.link(config.port, config.baudrate))
         self._demands = {
             "MSYNC": "IMU",
-            "DR": f"{rate_hz:g}",
-            "OUTPUTFMT": frame_format,
-            "ROTFMT": rotation.upper(),
+            "DR": f"{config.rate_hz:g}",
+            "OUTPUTFMT": config.sends,
+            "ROTFMT": "DELTA",
             "ROTUNITS": "RAD",
-            "TEMPUNITS": temp_units,
+            "TEMPUNITS": "C_100",
         }
         for name, value in self._demands.items():
             if value not in SETTINGS[name]:
                 raise self._unusable(f"{name},{value}", "one of " + ", ".join(SETTINGS[name]))
-        if not axes or any(axes.count(axis) > 1 or axis not in AXES for axis in axes):
-            raise self._unusable(f"axes {axes!r}", "some of x, y, z, each once")
 
     def identify(self) -> Identity:
         """Enter configuration mode and ask for serial number, software and data rate.
@@ -94,16 +93,6 @@ class KvhGyro(ConversingGyro):
         """Whether a header of a data message is in it."""
         return _HEADER.search(data) is not None
 
-    def decoder(self) -> KvhDecoder:
-        """Return a fresh decoder of what `start` makes the unit send."""
-        return KvhDecoder(
-            nominal_rate_hz=self._rate_hz,
-            frame_format=self._format,
-            axes=self._axes,
-            temp_units=self._temp_units,
-            rotation=self._rotation,
-        )
-
     def _configuration_mode(self) -> None:
         """Enter configuration mode from whatever state; a first command may meet half a line in the unit."""
         self.link.streaming = False
@@ -141,3 +130,21 @@ class KvhGyro(ConversingGyro):
             remedy = "check the unit's software version, and that its baud rate carries the data rate"
             raise self._refused(command, refusal[0], command[1:], remedy)
         raise self._unanswered(command, seen, command[1:])
+
+
+def _decoder(config: KvhConfig) -> KvhDecoder:
+    return KvhDecoder(nominal_rate_hz=config.rate_hz, frame_format=config.sends, axes=config.axes)
+
+
+def _rates(config: KvhConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
+    return {axis: rate_dps(columns[f"rot_{axis}"], "delta", "RAD", sample_rate_hz) for axis in config.axes}
+
+
+def _probes() -> list[Probe]:
+    return [
+        Probe(10, keys={"frame_format": form, "axis": "x", "axes": "xyz"}, name=form)
+        for form in ("A", "B", "C")
+    ]
+
+
+Kvh1750 = GyroKind(KvhGyro, _decoder, _rates, KvhConfig, probes=_probes)

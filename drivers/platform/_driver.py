@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
+from drivers.base.errors import DeviceRefused, DeviceSilent, WrongDevice
+from drivers.kit.config import PlatformConfig
 from drivers.kit.instruments import Identity
-from drivers.kit.link import Link
+from drivers.kit.kinds import Connection
 from drivers.platform.codec import LONGEST, parse, sentence
 
 _REPLY_S = 2.0
@@ -14,17 +15,9 @@ BAUDRATE = 38400
 class PlatformIns:
     """A platform INS that streams position and temperatures every `period_s` whole seconds, 1 .. 60."""
 
-    def __init__(self, link: Link, *, period_s: int = 60) -> None:
-        """Raise ConfigurationError for a period that no such unit has."""
-        if not 1 <= period_s <= 60 or period_s != int(period_s):
-            raise ConfigurationError(
-                "a platform INS cannot be set so",
-                where=link.where,
-                found=f"a sentence every {period_s:g} s",
-                expected="whole seconds, 1 .. 60",
-            )
-        self.link = link
-        self.period_s = int(period_s)
+    def __init__(self, config: PlatformConfig, connection: Connection) -> None:
+        self.link = connection.link(config.port, config.baudrate)
+        self.period_s = config.period_s
 
     def identify(self) -> Identity:
         """Stop the stream and ask who it is; DeviceSilent, WrongDevice or DeviceRefused."""

@@ -4,6 +4,6 @@ Source: Sensonor TS1524 rev. 31 (February 2024), sections 7.5, 8.7 and 9. The da
 description `stim300`.
 """
 
-from drivers.stim300._kind import Stim300, Stim300Config, family
+from drivers.stim300._driver import Stim300, Stim300Config, family
 
 __all__ = ["Stim300", "Stim300Config", "family"]

@@ -1,15 +1,18 @@
-"""The driver: out of its stream into Service Mode, set rate and datagram, and back."""
+"""The STIM300 as the bench finds it by name: out of its stream into Service Mode, set rate and datagram, back."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Literal
 
 from drivers.base.errors import WrongDevice
-from drivers.frames import FrameDecoder
+from drivers.frames import FrameDecoder, FrameFamily, FramesConfig, family_of, kind_as_described, load_family
+from drivers.kit.config import GyroConfig, Mistake
 from drivers.kit.conversation import TRIES, ConversingGyro
 from drivers.kit.instruments import Identity
-from drivers.kit.link import Link
+from drivers.kit.kinds import Connection
 from drivers.stim300.commands import (
     BANNER,
     DATAGRAMS,
@@ -28,47 +31,78 @@ _REFUSAL = re.compile(rb"(?<=[\r\n])E00\d [ -~]*")
 _ENTERED = re.compile(rb"(?:" + BANNER.encode() + rb"|E00\d ).*?" + _PROMPT, re.DOTALL)
 
 
+def family(settings: Mapping[str, str] | None = None) -> FrameFamily:
+    """Return the unit's datagrams as `settings` of the description make them."""
+    return load_family("stim300", settings)
+
+
+class Stim300Config(GyroConfig):
+    """`[[gyro]]` of a STIM300; `settings` are those of the frame description `stim300`."""
+
+    reads: ClassVar[frozenset[str]] = frozenset({"settings"})
+
+    @property
+    def message(self) -> str:
+        """The datagram that the unit is told to send."""
+        return self.frame_format or "rate_temp"
+
+    @property
+    def technology(self) -> Literal["fog", "rlg", "mems"]:
+        """A MEMS unit, as soon as more than one of its axes is used."""
+        return "mems" if len(self.axes) > 1 else "fog"
+
+    @property
+    def described(self) -> FramesConfig:
+        """The configuration of a described gyro that sends the same."""
+        return FramesConfig(**{**vars(self), "description": "stim300", "frame_format": self.message})
+
+    @classmethod
+    def with_files(cls, given: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+        """Refuse settings that the description does not have."""
+        settings = given.get("settings")
+        if isinstance(settings, dict) and all(isinstance(words, str) for words in settings.values()):
+            family_of("stim300", settings)
+        return dict(given), []
+
+    @classmethod
+    def mistakes(cls, given: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Yield a message or a rate that the unit does not have."""
+        yield from super().mistakes(given)
+        message = given.get("frame_format")
+        if message is not None and message not in DATAGRAMS:
+            yield Mistake("frame_format", repr(message), "one of " + ", ".join(DATAGRAMS))
+        if given.get("rate_hz") not in RATES:
+            found = given.get("rate_hz", "nothing")
+            yield Mistake("rate_hz", str(found), "one of " + ", ".join(map(str, RATES)))
+
+
 class Stim300Gyro(ConversingGyro):
     """A STIM300 on an RS-422 port, 8N1 (`drivers.kit.instruments.Gyro`).
 
-    `rate_hz` is one of the unit's sample rates, `message` one of `DATAGRAMS`, of `length` bytes, `outputs` has
-    choices among `OUTPUTS`. The unit is set to outputs without delay (angular rate and acceleration unless chosen
-    otherwise) and to datagrams without CR LF. Nothing is saved: after a power-on it is as it was. `identify` and
-    `stop` leave it in Service Mode, where it is quiet.
+    The unit is set to outputs without delay (angular rate and acceleration unless the settings choose otherwise)
+    and to datagrams without CR LF. Nothing is saved: after a power-on it is as it was. `identify` and `stop`
+    leave it in Service Mode, where it is quiet.
     """
 
     what = "a STIM300"
     reply_s = 2.0
     seen = 16384  # The longest listing has 3 kB.
 
-    def __init__(
-        self,
-        link: Link,
-        decoder: FrameDecoder,
-        *,
-        rate_hz: float,
-        message: str,
-        length: int,
-        baudrate: int,
-        outputs: Mapping[str, str] | None = None,
-    ) -> None:
-        """Raise ConfigurationError for what no such unit can be set to."""
-        super().__init__(link)
-        self._decoder = decoder
-        if rate_hz not in RATES:
-            raise self._unusable(f"rate_hz = {rate_hz:g}", "one of " + ", ".join(map(str, RATES)))
-        if message not in DATAGRAMS:
-            raise self._unusable(f"frame_format = {message!r}", "one of " + ", ".join(DATAGRAMS))
-        if bits_per_s(length, rate_hz) > baudrate:
+    def __init__(self, config: Stim300Config, connection: Connection) -> None:
+        """Raise ConfigurationError for a rate that the line cannot carry."""
+        super().__init__(connection.link(config.port, config.baudrate))
+        rate_hz, message, length = config.rate_hz, config.message, family().form(config.message).shortest
+        self._decoder = FrameDecoder(family(config.settings), rate_hz=rate_hz, axes=config.axes)
+        if bits_per_s(length, rate_hz) > config.baudrate:
             raise self._unusable(
-                f"{rate_hz:g} Hz of {length} bytes at {baudrate} Bd",
+                f"{rate_hz:g} Hz of {length} bytes at {config.baudrate} Bd",
                 f"{bits_per_s(length, rate_hz):.0f} Bd or more (TS1524, equation 12)",
             )
         self._demands = {
             f"m {RATES[int(rate_hz)]}": rf"SAMPLE RATE \[samples/s\] = {rate_hz:.0f}\s",
             f"d {DATAGRAMS[message]},0": r"DATAGRAM = RATE[^\r\n]*\s+DATAGRAM TERMINATION = NONE\s",
         }
-        chosen = {"gyro_output": "rate", **(outputs or {})}
+        chosen = {"gyro_output": "rate", **config.settings}
         content = message.replace("all", "acc_incl")
         for name, part in (("accelerometer_output", "acc"), ("inclinometer_output", "incl")):
             if part in content.split("_"):
@@ -124,10 +158,6 @@ class Stim300Gyro(ConversingGyro):
         """Whether a datagram is in it."""
         return len(self._decoder.feed(data)) > 0
 
-    def decoder(self) -> FrameDecoder:
-        """Return the decoder of what `start` makes the unit send."""
-        return self._decoder
-
     def _service_mode(self) -> None:
         """Enter Service Mode from whatever state; in it already, the unit does not know the word."""
         self.link.streaming = False
@@ -159,3 +189,6 @@ class Stim300Gyro(ConversingGyro):
             remedy = "check that this version of the unit has the rate and the datagram"
             raise self._refused(command, error[0], expected, remedy)
         raise self._unanswered(command, seen, _ANSWER)
+
+
+Stim300 = kind_as_described(Stim300Config, lambda config: config.described, Stim300Gyro)

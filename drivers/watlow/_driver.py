@@ -3,24 +3,64 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from typing import Literal
 
 from drivers.base.errors import DeviceSilent, ProtocolError
 from drivers.kit.chamber import PolledChamber
+from drivers.kit.config import ChamberConfig, key
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
-from drivers.kit.link import Link
-from drivers.kit.modbus import ModbusMaster, float_words, words_float
+from drivers.kit.kinds import Connection
+from drivers.kit.modbus import Framing, ModbusMaster, float_words, words_float
 from drivers.kit.polled import TROUBLES
 from drivers.kit.retry import query_with_retry
-from drivers.watlow.registers import F4, F4T, F4Readings, F4TReadings, chamber_state, scaled, unscaled
+from drivers.watlow.registers import (
+    F4,
+    F4_WORDS,
+    F4T,
+    F4T_WORDS,
+    F4Readings,
+    F4TReadings,
+    Readings,
+    chamber_state,
+    scaled,
+    unscaled,
+)
+
+
+class _WatlowConfig(ChamberConfig):
+    simserv: Literal[True] = key(default=True, exclude=True, description="none: a Watlow has no SimServ")
+
+    @property
+    def device(self) -> int:
+        """The controller's Modbus address."""
+        return self.address or 1
+
+
+class F4Config(_WatlowConfig):
+    """`[chamber]` of an F4: Modbus RTU, through a device server too; `auxiliary` are inputs 2 and 3."""
+
+    start_channel: int = key(
+        default=1, ge=1, le=8, description="the digital output of the F4 that starts the chamber, 1 to 8"
+    )
+
+
+class F4TConfig(_WatlowConfig):
+    """`[chamber]` of an F4T."""
+
+    start_channel: Literal[1] = key(
+        default=1, exclude=True, description="none: an F4T is started by its mode"
+    )
+
+    @property
+    def framing(self) -> Framing:
+        """How it is spoken to: Modbus TCP over a socket, RTU over a serial line."""
+        return "tcp" if self.port.startswith("socket://") else "rtu"
 
 
 class WatlowChamber(PolledChamber):
-    """One chamber (`drivers.kit.instruments.Chamber`) at a serial port or a socket.
-
-    `auxiliary`: inputs of the controller, besides input 1, that are read with every state.
-    """
+    """One chamber (`drivers.kit.instruments.Chamber`) at a serial port or a socket."""
 
     model: str
     _questions: tuple[tuple[int, int], ...]
@@ -33,16 +73,16 @@ class WatlowChamber(PolledChamber):
 
     def __init__(
         self,
-        link: Link,
-        modbus: ModbusMaster,
-        readings: F4Readings | F4TReadings,
-        auxiliary: Sequence[int],
-        safe_set_point_c: float,
+        config: F4Config | F4TConfig,
+        connection: Connection,
+        framing: Framing,
+        words: Mapping[int, str],
+        readings: Readings,
     ) -> None:
-        super().__init__(link, safe_set_point_c)
-        self.auxiliary = tuple(auxiliary)
+        super().__init__(connection.link(config.port, config.baudrate), connection.safe_set_point_c)
+        self.auxiliary = tuple(config.auxiliary)
         self._product = f"a Watlow {self.model} in degrees Celsius"
-        self._modbus = modbus
+        self._modbus = ModbusMaster(self.link, framing, config.device, words)
         self._readings = readings
 
     @abstractmethod
@@ -106,31 +146,20 @@ class WatlowChamber(PolledChamber):
 
 
 class F4Chamber(WatlowChamber):
-    """Chamber with an F4: conditioning is switched by digital output `start_output`, as chamber makers wire it.
-
-    `auxiliary`: inputs, 2 or 3, to read with every state.
-    """
+    """Chamber with an F4: conditioning is switched by a digital output, as chamber makers wire it."""
 
     model = "F4"
 
-    def __init__(
-        self,
-        link: Link,
-        modbus: ModbusMaster,
-        *,
-        start_output: int = 1,
-        auxiliary: Sequence[int] = (),
-        safe_set_point_c: float = 23.0,
-    ) -> None:
+    def __init__(self, config: F4Config, connection: Connection) -> None:
         readings = F4Readings()
-        super().__init__(link, modbus, readings, auxiliary, safe_set_point_c)
+        super().__init__(config, connection, "rtu", F4_WORDS, readings)
         self._decimals = readings.decimals
-        inputs = (1, *(number for number in auxiliary if number in F4.INPUTS))
+        inputs = (1, *(number for number in self.auxiliary if number in F4.INPUTS))
         self._questions: tuple[tuple[int, int], ...] = (
             *((F4.INPUTS[number], 1) for number in inputs),
             (F4.SET_POINT, 1),
         )
-        self._output = F4.OUTPUT_1 + F4.OUTPUT_STEP * (start_output - 1)
+        self._output = F4.OUTPUT_1 + F4.OUTPUT_STEP * (config.start_channel - 1)
         self._stop_write = (self._output, 0)
 
     def _introduce(self) -> dict[str, str]:
@@ -208,15 +237,8 @@ class F4TChamber(WatlowChamber):
     _questions = ((F4T.AIR, 2), (F4T.ACTIVE_SET_POINT, 2))
     _stop_write = (F4T.MODE, F4T.OFF)
 
-    def __init__(
-        self,
-        link: Link,
-        modbus: ModbusMaster,
-        *,
-        auxiliary: Sequence[int] = (),
-        safe_set_point_c: float = 23.0,
-    ) -> None:
-        super().__init__(link, modbus, F4TReadings(), auxiliary, safe_set_point_c)
+    def __init__(self, config: F4TConfig, connection: Connection) -> None:
+        super().__init__(config, connection, config.framing, F4T_WORDS, F4TReadings())
 
     def _introduce(self) -> dict[str, str]:
         """Read the loop's mode and limits; ProtocolError if they make no sense."""

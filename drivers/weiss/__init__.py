@@ -1,5 +1,14 @@
 """Weiss Technik and Vötsch climatic chambers: SimServ and ASCII-2 on TCP port 2049 or RS-232."""
 
-from drivers.weiss._kind import Weiss, WeissConfig
+from drivers.kit.kinds import ChamberKind, Probe
+from drivers.weiss._driver import WeissChamber, WeissConfig
+from drivers.weiss._transcript import decode_transcript
+
+Weiss = ChamberKind(
+    WeissChamber,
+    decode_transcript,
+    WeissConfig,
+    probes=lambda: [Probe(20), Probe(21, keys={"simserv": False})],
+)
 
 __all__ = ["Weiss", "WeissConfig"]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import partial
 
 from drivers.kit.chamber import PolledChamber
+from drivers.kit.config import ChamberConfig, key
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
-from drivers.kit.link import Link
+from drivers.kit.kinds import Connection
 from drivers.kit.retry import query_with_retry
 from drivers.weiss._ascii2_control import Ascii2Control
 from drivers.weiss._simserv_control import SimServControl
@@ -29,13 +30,29 @@ _SET_POINT = (Number.GET_SET_POINT, 1)
 _AIR = (Number.GET_ACTUAL, 1)
 
 
+class WeissConfig(ChamberConfig):
+    """`[chamber]` of a Weiss or Vötsch chamber; `auxiliary` are numbers of its measured values (MVnn).
+
+    `start_channel` is a SimServ index, 1 on most controllers, 2 on some. Without `simserv` temperatures have a
+    resolution of 0.1 degC, and alarms are known only as far as the chamber names a digital output for them.
+    """
+
+    address: int | None = key(
+        default=None, ge=0, le=31, description="the address of a Weiss chamber, 0 to 31; left out: 1"
+    )
+    simserv: bool = key(default=True, description="true if the chamber's port also answers SimServ")
+    start_channel: int = key(
+        default=1, ge=1, le=32, description="the number of the digital output that starts the chamber"
+    )
+
+    @property
+    def bus_address(self) -> int:
+        """The address in every message."""
+        return 1 if self.address is None else self.address
+
+
 class WeissChamber(PolledChamber):
     """One chamber at a serial port or TCP port 2049.
-
-    `auxiliary`: numbers of the measured values (MVnn) to read with every state. `start_channel`: SimServ index of
-    the digital output that starts conditioning, 1 on most controllers, 2 on some. `simserv=False` is for
-    controllers without SimServ: temperatures then have a resolution of 0.1 degC, and alarms are known only as far
-    as the chamber names a digital output for them.
 
     A state is one exchange for each auxiliary sensor and one for the air, which ends it. The set point, which
     only a command, a ramp or somebody at the panel moves, is asked with every `SET_POINT_EVERY`th state and after
@@ -43,27 +60,21 @@ class WeissChamber(PolledChamber):
     """
 
     _product = "a Weiss or Vötsch chamber"
+    _known_by = "SimServ replies and an ASCII-2 configuration text"
     _check = "check which device the bench file names for this port, its address and `simserv`"
     _switched_by = "check door, alarms and start_channel (1 on most controllers, 2 on some)"
 
-    def __init__(
-        self,
-        link: Link,
-        *,
-        address: int = 1,
-        auxiliary: Sequence[int] = (),
-        simserv: bool = True,
-        start_channel: int = 1,
-        safe_set_point_c: float = 23.0,
-    ) -> None:
-        super().__init__(link, safe_set_point_c)
-        self.address = address
-        self.auxiliary = tuple(auxiliary)
-        self.simserv = simserv
-        self.start_channel = start_channel
-        self._known_by = "SimServ replies and an ASCII-2 configuration text" if simserv else "ASCII-2 replies"
+    def __init__(self, config: WeissConfig, connection: Connection) -> None:
+        link = connection.link(config.port, config.baudrate)
+        super().__init__(link, connection.safe_set_point_c)
+        self.address = config.bus_address
+        self.auxiliary = tuple(config.auxiliary)
+        self.simserv = config.simserv
+        self.start_channel = config.start_channel
+        if not self.simserv:
+            self._known_by = "ASCII-2 replies"
         self._simserv = SimServControl(link)
-        self._ascii2 = Ascii2Control(link, address, self.auxiliary, self.configuration)
+        self._ascii2 = Ascii2Control(link, self.address, self.auxiliary, self.configuration)
         self._configuration: Configuration | None = None
         self._questions: list[tuple[Number, int]] = []
         self._polls_to_set_point = 0

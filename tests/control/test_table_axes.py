@@ -15,7 +15,7 @@ from drivers.acutrol._driver import AcutrolTable
 from drivers.base.errors import ConfigurationError, DeviceRefused, LimitExceeded
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
 from simulators.plant.table import TableAxis, TableParameters
-from tests.memory_link import MemoryLink
+from tests.memory_link import MemoryLink, OpenConnection
 
 FILE = {
     "bench": {"name": "two axes", "latitude_deg": 45.0},
@@ -53,7 +53,7 @@ class TwoAxes:
             else axes(plants)
         )
         self.file = bench_file_from(FILE)
-        self.driver = AcutrolTable(self.wire, axes={"outer": 1, "inner": 2})
+        self.driver = AcutrolTable(self.file.table, OpenConnection(self.wire))
         self.record = Record()
         self.station = TableStation(self.driver, self, self.file.table.all_axes)
 

@@ -24,8 +24,11 @@ from drivers.acutrol.codec import (
 )
 from drivers.acutrol.grammar import Command, Refusal, parse_message
 from drivers.base.errors import ProtocolError
+from drivers.kit.config import TableConfig
 
 POSITION_3 = Command(("DEMAND", "POSITION"), False, ("3", "10.5"))
+
+TABLE = TableConfig(driver="acutrol3000", port="memory")
 
 
 @pytest.mark.parametrize(
@@ -215,7 +218,8 @@ def test_transcript_by_hand() -> None:
             (70, "sent", POLL + b":mode:off 1\r"),
             (80, "received", frame("359.5;-0.25") + frame("OK")),
             (90, "sent", POLL),
-        ]
+        ],
+        TABLE,
     )
     assert columns["time_ns"].tolist() == [21, 80]
     assert columns["angle_deg"].tolist() == [10.0001, 359.5]
@@ -225,7 +229,7 @@ def test_transcript_by_hand() -> None:
 
 
 def test_empty_transcript_has_columns() -> None:
-    columns, counts = decode_transcript([])
+    columns, counts = decode_transcript([], TABLE)
     assert {name: len(column) for name, column in columns.items()} == {
         "time_ns": 0,
         "angle_deg": 0,
@@ -251,7 +255,7 @@ def test_transcript_does_not_depend_on_chunks(polls: list[tuple[int, int]], size
                 size = sizes[(index + at) % len(sizes)]
                 exchanges.append((len(exchanges), direction, data[at : at + size]))
                 at += size
-    columns, counts = decode_transcript(exchanges)
+    columns, counts = decode_transcript(exchanges, TABLE)
     assert columns["angle_deg"].tolist() == [angle / 1000 for angle, _ in polls]
     assert columns["rate_dps"].tolist() == [rate / 1000 for _, rate in polls]
     assert counts == {"polls": len(polls), "damaged": 0}
@@ -260,5 +264,5 @@ def test_transcript_does_not_depend_on_chunks(polls: list[tuple[int, int]], size
 @settings(deadline=None, max_examples=100)
 @given(st.lists(st.tuples(st.sampled_from(["sent", "received"]), st.binary(max_size=20) | st.just(POLL))))
 def test_transcript_never_raises(chunks: list) -> None:
-    columns, counts = decode_transcript([(index, *chunk) for index, chunk in enumerate(chunks)])
+    columns, counts = decode_transcript([(index, *chunk) for index, chunk in enumerate(chunks)], TABLE)
     assert counts["polls"] - counts["damaged"] == len(columns["time_ns"])

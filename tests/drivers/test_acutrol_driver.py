@@ -9,9 +9,10 @@ import pytest
 from drivers.acutrol import decode_transcript
 from drivers.acutrol._driver import AcutrolTable
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
+from drivers.kit.config import TableConfig
 from drivers.kit.instruments import Rest, TableLimits, TableState
 from simulators.emulators.acutrol import AcutrolAxis, AcutrolEmulator
-from tests.memory_link import MemoryLink
+from tests.memory_link import MemoryLink, OpenConnection
 from tests.memory_link import scripted as answers
 
 
@@ -53,10 +54,17 @@ def frame(text, error=0, order="<"):
     return struct.pack(order + "II", error, len(text)) + text.encode()
 
 
+TABLE = TableConfig(driver="acutrol3000", port="memory")
+
+
+def table_on(wire):
+    return AcutrolTable(TABLE, OpenConnection(wire))
+
+
 def scripted(*replies, delay_s=0.01):
     """Return a table that answers the n-th write with the n-th entry, whatever was asked."""
     wire = answers(*replies, delay_s=delay_s)
-    return AcutrolTable(wire), wire
+    return table_on(wire), wire
 
 
 @pytest.fixture
@@ -64,7 +72,7 @@ def bench():
     plant = Plant()
     emulator = AcutrolEmulator(plant)
     wire = MemoryLink(emulator)
-    return AcutrolTable(wire), wire, plant, emulator
+    return table_on(wire), wire, plant, emulator
 
 
 def test_identify_the_manuals_example():
@@ -188,7 +196,7 @@ def test_limits_of_the_emulated_table(bench):
     assert bench[0].limits() == TableLimits(1000.0, 4200.0, None, None)
     emulator = AcutrolEmulator({1: AcutrolAxis(Plant(), -90.0, 95.5)})
     wire = MemoryLink(emulator)
-    assert AcutrolTable(wire).limits() == TableLimits(1000.0, 4200.0, -90.0, 95.5)
+    assert table_on(wire).limits() == TableLimits(1000.0, 4200.0, -90.0, 95.5)
 
 
 def test_a_demand_beyond_the_limit_is_refused(bench):
@@ -231,7 +239,7 @@ def test_axis_errors_explain_a_fault_and_are_none_of_their_own():
         error = 0 if name in words else 104
         return [(now_s, frame(str(words.get(name, "no such register")), error))]
 
-    table = AcutrolTable(MemoryLink(answer))
+    table = table_on(MemoryLink(answer))
     assert table.alarms() == [
         "interlock fault",
         "software abort",
@@ -256,7 +264,7 @@ def test_an_interlock_that_does_not_close_is_refused():
         ]
 
     with pytest.raises(DeviceRefused, match="does not close"):
-        AcutrolTable(MemoryLink(answer)).servo_on()
+        table_on(MemoryLink(answer)).servo_on()
 
 
 def test_make_safe_after_a_command_cut_in_half(bench):
@@ -292,7 +300,7 @@ def test_recorded_bytes_give_the_polled_states_again(bench):
         table.spin(float(rate))
         expected.append(table.state().rate_dps)
         wire.clock.sleep(0.1)
-    columns, counts = decode_transcript(wire.exchanges)
+    columns, counts = decode_transcript(wire.exchanges, TABLE)
     assert columns["rate_dps"].tolist() == expected
     assert counts == {"polls": 9, "damaged": 0}
     assert np.all(np.diff(columns["time_ns"]) > 100_000_000)

@@ -6,26 +6,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base.errors import DeviceRefused, LimitExceeded, ProtocolError, WrongDevice
-from drivers.espec._driver import EspecChamber
+from drivers.espec._driver import EspecChamber, EspecConfig
 from drivers.espec._transcript import decode_transcript
 from drivers.espec.codec import Temperatures, decode_alarms, decode_temperatures, ramp_minutes, ramp_text
 from drivers.kit.instruments import ChamberLimits, Rest
 from simulators.emulators.espec import EspecEmulator
 from simulators.faults import Fault
-from tests.memory_link import ChamberPlant, MemoryLink
+from tests.memory_link import ChamberPlant, MemoryLink, OpenConnection
 from tests.memory_link import scripted as answers
+
+
+def chamber_on(wire, rom="P3", address=None):
+    config = EspecConfig(driver="espec_p300", port="memory", address=address)
+    return EspecChamber(config, OpenConnection(wire), model="P-300", rom=rom)
 
 
 def emulated(address=None, rom="P3", **options):
     plant = ChamberPlant()
     device = EspecEmulator(plant, address=address, **options)
     wire = MemoryLink(device)
-    return EspecChamber(wire, model="P-300", rom=rom, address=address), wire, plant, device
+    return chamber_on(wire, rom, address), wire, plant, device
 
 
 def scripted(*replies):
     wire = answers(*replies, delay_s=0.05)
-    return EspecChamber(wire, model="P-300", rom="P3"), wire
+    return chamber_on(wire), wire
 
 
 def test_replies_of_the_makers_documents():

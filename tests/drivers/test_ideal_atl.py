@@ -9,25 +9,31 @@ import pytest
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
 from drivers.ideal_atl import decode_transcript
 from drivers.ideal_atl._codec import decode_number, encode, split_reply
-from drivers.ideal_atl._driver import AtlTable
+from drivers.ideal_atl._driver import AtlConfig, AtlTable
 from drivers.kit.instruments import Rest
 from simulators.emulators.ideal_atl import AtlEmulator
 from simulators.faults import Fault
 from simulators.plant.table import TableAxis, TableParameters
-from tests.memory_link import MemoryLink
+from tests.memory_link import MemoryLink, OpenConnection
 from tests.memory_link import scripted as answers
+
+TABLE = AtlConfig(driver="ideal_atl", port="memory")
+
+
+def table_on(wire):
+    return AtlTable(TABLE, OpenConnection(wire))
 
 
 def emulated(**options):
     plant = TableAxis(TableParameters())
     device = AtlEmulator(plant, **options)
     wire = MemoryLink(device)
-    return AtlTable(wire), wire, plant, device
+    return table_on(wire), wire, plant, device
 
 
 def scripted(*replies):
     wire = answers(*replies, delay_s=0.02)
-    return AtlTable(wire), wire
+    return table_on(wire), wire
 
 
 def settle(table, wire, seconds=60.0):
@@ -156,10 +162,10 @@ def test_the_record_gives_the_telemetry_that_the_run_saw():
     for _ in range(4):
         wire.clock.sleep(1.0)
         seen.append(table.state())
-    columns, counts = decode_transcript(iter(wire.exchanges))
+    columns, counts = decode_transcript(iter(wire.exchanges), TABLE)
     assert counts == {"polls": 4, "damaged": 0}
     np.testing.assert_array_equal(columns["angle_deg"], [state.angle_deg for state in seen])
     np.testing.assert_array_equal(columns["rate_dps"], [state.rate_dps for state in seen])
     late = [(at, way, data.replace(b"5.0000\r\n>", b"5.0?00\r\n>")) for at, way, data in wire.exchanges]
-    columns, counts = decode_transcript(iter(late))
+    columns, counts = decode_transcript(iter(late), TABLE)
     assert counts["damaged"] > 0 and len(columns["time_ns"]) == 4 - counts["damaged"]

@@ -8,29 +8,33 @@ import pytest
 from drivers.base.errors import DeviceRefused, DeviceSilent, LimitExceeded, WrongDevice
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Rest
 from drivers.kit.modbus import ModbusMaster
-from drivers.watlow._driver import F4Chamber, F4TChamber
+from drivers.watlow._driver import F4Chamber, F4Config, F4TChamber, F4TConfig
 from drivers.watlow._transcript import decode_f4, decode_f4t
-from drivers.watlow.registers import F4_WORDS, F4T_WORDS, scaled, unscaled
+from drivers.watlow.registers import scaled, unscaled
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
 from simulators.faults import Fault
-from tests.memory_link import ChamberPlant, MemoryLink
+from tests.memory_link import ChamberPlant, MemoryLink, OpenConnection
 
 
 def f4(auxiliary=(2,), start_output=1, emulator=None, **options):
     plant = ChamberPlant()
     device = emulator or F4Emulator(plant, start_output=start_output, **options)
     wire = MemoryLink(device)
-    modbus = ModbusMaster(wire, "rtu", 1, F4_WORDS)
-    chamber = F4Chamber(wire, modbus, start_output=start_output, auxiliary=auxiliary)
-    return chamber, wire, plant, device
+    config = F4Config(
+        driver="watlow_f4",
+        port="memory",
+        start_channel=start_output,
+        auxiliary=dict.fromkeys(auxiliary, ""),
+    )
+    return F4Chamber(config, OpenConnection(wire)), wire, plant, device
 
 
 def f4t(framing="tcp"):
     plant = ChamberPlant()
     device = F4TEmulator(plant, framing=framing)
     wire = MemoryLink(device)
-    modbus = ModbusMaster(wire, framing, 1, F4T_WORDS)
-    return F4TChamber(wire, modbus), wire, plant, device
+    config = F4TConfig(driver="watlow_f4t", port="socket://memory" if framing == "tcp" else "memory")
+    return F4TChamber(config, OpenConnection(wire)), wire, plant, device
 
 
 BOTH = pytest.mark.parametrize("make", [f4, f4t], ids=["f4", "f4t"])

@@ -4,24 +4,29 @@ import pytest
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, LimitExceeded, ProtocolError, WrongDevice
 from drivers.kit.instruments import ChamberLimits, ChamberState, Rest
-from drivers.weiss._driver import WeissChamber
+from drivers.weiss._driver import WeissChamber, WeissConfig
 from drivers.weiss._transcript import decode_transcript
 from simulators.emulators.weiss import WeissEmulator
-from tests.memory_link import ChamberPlant, MemoryLink
+from tests.memory_link import ChamberPlant, MemoryLink, OpenConnection
 from tests.memory_link import scripted as answers
+
+
+def chamber_on(wire, auxiliary=(), safe_set_point_c=23.0, **keys):
+    config = WeissConfig(driver="weiss", port="memory", auxiliary=dict.fromkeys(auxiliary, ""), **keys)
+    return WeissChamber(config, OpenConnection(wire, safe_set_point_c))
 
 
 def emulated(plant=None, emulator_options=None, **options):
     plant = plant or ChamberPlant()
     emulator = WeissEmulator(plant, auxiliary=(1, 2), **(emulator_options or {}))
     wire = MemoryLink(emulator)
-    return WeissChamber(wire, auxiliary=(2,), **options), wire, plant, emulator
+    return chamber_on(wire, auxiliary=(2,), **options), wire, plant, emulator
 
 
 def scripted(*replies, delay_s=0.02, **options):
     """Return a chamber that answers the n-th write with the n-th entry, whatever was asked."""
     wire = answers(*replies, delay_s=delay_s)
-    return WeissChamber(wire, **options), wire
+    return chamber_on(wire, **options), wire
 
 
 def lines(wire):
@@ -168,7 +173,7 @@ def test_ascii2_keeps_what_it_does_not_set():
         return [(now_s, b"0\r")]
 
     wire = MemoryLink(answer)
-    WeissChamber(wire, simserv=False).start()
+    chamber_on(wire, simserv=False).start()
     assert b"$01E 0050.0 0080.0 0090.0 0007.0 0000.0 0110\r" in wire.sent
 
 

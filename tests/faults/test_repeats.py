@@ -10,18 +10,20 @@ import pytest
 
 from drivers.acutrol._driver import AcutrolTable
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
-from drivers.espec._driver import EspecChamber
-from drivers.ideal_atl._driver import AtlTable
+from drivers.espec import EspecConfig, EspecP300
+from drivers.ideal_atl._driver import AtlConfig, AtlTable
+from drivers.kit.config import TableConfig
+from drivers.kit.instruments import Chamber
 from drivers.kit.modbus import ModbusMaster
-from drivers.watlow._driver import F4Chamber, F4TChamber
-from drivers.weiss._driver import WeissChamber
+from drivers.watlow import F4Config, F4TConfig, WatlowF4, WatlowF4T
+from drivers.weiss import Weiss, WeissConfig
 from simulators.emulators.acutrol import AcutrolEmulator
 from simulators.emulators.espec import EspecEmulator
 from simulators.emulators.ideal_atl import AtlEmulator
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
 from simulators.emulators.weiss import WeissEmulator
 from simulators.plant.table import TableAxis, TableParameters
-from tests.memory_link import ChamberPlant, MemoryLink, scripted
+from tests.memory_link import ChamberPlant, MemoryLink, OpenConnection, scripted
 
 Damage = Callable[[float, bytes], list[tuple[float, bytes]]]
 """(time in s, reply) -> what comes of it."""
@@ -39,26 +41,34 @@ DAMAGES: dict[str, Damage] = {
 }
 
 
-def weiss(link: MemoryLink) -> WeissChamber:
-    return WeissChamber(link, auxiliary=(2,))
+def weiss(link: MemoryLink, simserv: bool = True) -> Chamber:
+    config = WeissConfig(driver="weiss", port="memory", auxiliary={2: ""}, simserv=simserv)
+    return Weiss.open(config, OpenConnection(link))
 
 
-def ascii2(link: MemoryLink) -> WeissChamber:
-    return WeissChamber(link, auxiliary=(2,), simserv=False)
+def ascii2(link: MemoryLink) -> Chamber:
+    return weiss(link, simserv=False)
 
 
-def p300(link: MemoryLink) -> EspecChamber:
-    return EspecChamber(link, model="P-300", rom="P3")
+def p300(link: MemoryLink) -> Chamber:
+    return EspecP300.open(EspecConfig(driver="espec_p300", port="memory"), OpenConnection(link))
 
 
-def f4(link: MemoryLink) -> F4Chamber:
-    master = ModbusMaster(link, "rtu", 1)
-    return F4Chamber(link, master, auxiliary=(2,))
+def f4(link: MemoryLink) -> Chamber:
+    config = F4Config(driver="watlow_f4", port="memory", auxiliary={2: ""})
+    return WatlowF4.open(config, OpenConnection(link))
 
 
-def f4t(link: MemoryLink) -> F4TChamber:
-    master = ModbusMaster(link, "tcp", 1)
-    return F4TChamber(link, master)
+def f4t(link: MemoryLink) -> Chamber:
+    return WatlowF4T.open(F4TConfig(driver="watlow_f4t", port="socket://memory"), OpenConnection(link))
+
+
+def acutrol(link: MemoryLink) -> AcutrolTable:
+    return AcutrolTable(TableConfig(driver="acutrol3000", port="memory"), OpenConnection(link))
+
+
+def atl(link: MemoryLink) -> AtlTable:
+    return AtlTable(AtlConfig(driver="ideal_atl", port="memory"), OpenConnection(link))
 
 
 CHAMBERS: dict[str, tuple[Callable[[ChamberPlant], Any], Callable[[MemoryLink], Any]]] = {
@@ -69,8 +79,8 @@ CHAMBERS: dict[str, tuple[Callable[[ChamberPlant], Any], Callable[[MemoryLink], 
     "watlow f4t": (lambda plant: F4TEmulator(plant, framing="tcp"), f4t),
 }
 TABLES: dict[str, tuple[Callable[[Any], Any], Callable[[MemoryLink], Any]]] = {
-    "acutrol": (AcutrolEmulator, AcutrolTable),
-    "atl": (AtlEmulator, AtlTable),
+    "acutrol": (AcutrolEmulator, acutrol),
+    "atl": (AtlEmulator, atl),
 }
 
 
@@ -248,7 +258,7 @@ def test_a_late_answer_is_never_taken_for_that_to_the_next_question() -> None:
     link = MemoryLink(answer)
     told: list[BenchError] = []
     link.on_retry = told.append
-    table = AtlTable(link)
+    table = atl(link)
     for _ in range(3):
         state = table.state()
         assert (state.rate_dps, state.angle_deg) == (5.0, 123.4)

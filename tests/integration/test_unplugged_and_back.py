@@ -17,8 +17,7 @@ from bench.record.recording import read_manifest
 from drivers.base.clock import WallClock
 from drivers.base.errors import LinkLost
 from drivers.kit.kinds import Connection
-from drivers.kvh import encode_frames
-from drivers.kvh._kind import Kvh1750
+from drivers.kvh import Kvh1750, encode_frames
 from simulators.faults import Fault
 from tests.benches import BENCH, FOG
 

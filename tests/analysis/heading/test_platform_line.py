@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from functools import reduce
 from operator import xor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +14,16 @@ from hypothesis import strategies as st
 
 from bench.analysis.heading import Site, fit_lagged
 from bench.analysis.heading._log import log_from_positions
-from drivers.base.errors import ConfigurationError, DeviceRefused, DeviceSilent, WrongDevice
+from drivers.base.errors import DeviceRefused, DeviceSilent, WrongDevice
+from drivers.kit.config import PlatformConfig
 from drivers.platform._driver import PlatformIns
 from drivers.platform.codec import PlatformDecoder, checksum, encode_position, parse, sentence
 from simulators.emulators.platform import PlatformEmulator
 from simulators.plant.lab_platform import LabPlatform, PlatformSignal
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
-from tests.memory_link import Fake, MemoryLink
+from tests.memory_link import Fake, MemoryLink, OpenConnection
 
+KEYS: dict[str, Any] = {"name": "ins", "driver": "platform_ins", "unit": "P-7", "port": "memory"}
 # The examples that NMEA 0183's descriptions are known by.
 NMEA = (
     b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47",
@@ -114,7 +117,7 @@ def test_damage_is_counted_by_reason() -> None:
 def test_driver_and_emulator() -> None:
     plant = Plant()
     link = MemoryLink(PlatformEmulator(plant, serial_number="P-7"))
-    ins = PlatformIns(link, period_s=30)
+    ins = PlatformIns(PlatformConfig(**KEYS, period_s=30), OpenConnection(link))
     identity = ins.identify()
     assert (identity.serial_number, identity.firmware) == ("P-7", "1.0")
     ins.start()
@@ -142,13 +145,16 @@ def test_driver_and_emulator() -> None:
 
 def test_devices_that_are_not_one() -> None:
     with pytest.raises(DeviceSilent, match="nothing on the line"):
-        PlatformIns(MemoryLink(Fake(lambda _: b""))).identify()
+        PlatformIns(PlatformConfig(**KEYS), OpenConnection(MemoryLink(Fake(lambda _: b"")))).identify()
     with pytest.raises(WrongDevice, match=r"begin with \$PINS"):
-        PlatformIns(MemoryLink(Fake(lambda _: b"HELLO\r\n"))).identify()
+        PlatformIns(
+            PlatformConfig(**KEYS), OpenConnection(MemoryLink(Fake(lambda _: b"HELLO\r\n")))
+        ).identify()
     with pytest.raises(DeviceRefused, match="no gyro here"):
-        PlatformIns(MemoryLink(Fake(lambda _: sentence("PINSE", "no gyro here")))).identify()
-    with pytest.raises(ConfigurationError, match=r"whole seconds, 1 \.\. 60"):
-        PlatformIns(MemoryLink(Fake(lambda _: b"")), period_s=61)
+        PlatformIns(
+            PlatformConfig(**KEYS),
+            OpenConnection(MemoryLink(Fake(lambda _: sentence("PINSE", "no gyro here")))),
+        ).identify()
 
 
 def test_arrival_marks_follow_the_baud_rate() -> None:

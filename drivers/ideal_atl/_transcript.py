@@ -1,34 +1,17 @@
-"""The ATL table as the bench finds it by name, and its telemetry rebuilt from a record."""
+"""Table telemetry rebuilt from the recorded bytes of both directions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from drivers.base.errors import ProtocolError
 from drivers.ideal_atl._codec import POSITION, RATE, decode_number, split_reply
-from drivers.ideal_atl._driver import AtlTable
-from drivers.kit.config import Mistake, TableConfig
-from drivers.kit.kinds import Connection, Exchange, Probe, TableKind, Transcript
+from drivers.ideal_atl._driver import AtlConfig
+from drivers.kit.kinds import Exchange, Transcript
 from drivers.kit.matching import match_replies, table
 
 
-class AtlConfig(TableConfig):
-    """`[table]` behind ATL, which turns one axis."""
-
-    @classmethod
-    def mistakes(cls, given: Mapping[str, Any]) -> Iterator[Mistake]:
-        """Yield more axes than ATL turns."""
-        axes = given.get("axes")
-        if isinstance(axes, (list, tuple)) and len(axes) > 1:
-            yield Mistake("axes", f"{len(axes)} axes", "one of [[table.axes]], or none: ATL turns one")
-
-
-def _open(config: AtlConfig, connection: Connection) -> AtlTable:
-    return AtlTable(connection.link(config.port, config.baudrate), axis=config.all_axes[0].name)
-
-
-def decode_transcript(exchanges: Iterable[Exchange]) -> Transcript:
+def decode_transcript(exchanges: Iterable[Exchange], config: AtlConfig) -> Transcript:
     """Return one row a completed state poll, `angle_deg` and `rate_dps`, and counts.
 
     A poll is a PVE whose answer is followed by a PPO's. Never raises on bytes.
@@ -58,8 +41,3 @@ def _number(reply: bytes | None) -> float | None:
 def _request(buffer: bytes) -> tuple[bytes, int] | None:
     at = buffer.find(b"\n")
     return None if at < 0 else (buffer[:at].strip(), at + 1)
-
-
-IdealAtl = TableKind(
-    _open, lambda exchanges, config: decode_transcript(exchanges), AtlConfig, probes=lambda: [Probe(40)]
-)
