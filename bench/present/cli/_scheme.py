@@ -55,7 +55,7 @@ def evaluate(
     With a bench file its latitude and table count, and the home that this table really starts from.
     """
     from bench.analysis import calibration
-    from bench.present.report import calibration_content, calibration_page, write_report
+    from bench.present.report import CalibrationContent, calibration_page, write_report
     from drivers.base.clock import utc_now
 
     schedule = calibration.load_scheme(scheme).with_(
@@ -69,7 +69,7 @@ def evaluate(
     task = _task(latitude_deg, gravity_mps2, arw, vrw, velocity_noise_mps)
     evaluation = calibration.evaluate(task, schedule, _table(table))
     if out is not None:
-        write_report(out, calibration_page(calibration_content(evaluation, created_utc=utc_now())))
+        write_report(out, calibration_page(CalibrationContent(evaluation, created_utc=utc_now())))
     if json:
         Terminal(soft_wrap=True).print_json(data=evaluation.as_json())
         return

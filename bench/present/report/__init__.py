@@ -1,6 +1,6 @@
 """Reports: a file each with a function that makes a `Page` of a result; `write_report` makes HTML of any page."""
 
-from bench.present.report._calibration import CalibrationContent, calibration_content, calibration_page
+from bench.present.report._calibration import CalibrationContent, calibration_page
 from bench.present.report._campaign import write_study
 from bench.present.report._certificate import CertificateContent
 from bench.present.report._certificate_of_runs import (
@@ -29,7 +29,6 @@ __all__ = [
     "CertificateContent",
     "GapContent",
     "Page",
-    "calibration_content",
     "calibration_page",
     "certify",
     "certify_campaign",

@@ -23,7 +23,7 @@ from bench.analysis.calibration import (
 from bench.analysis.calibration._calibrate import read_increments
 from bench.present.cli import _scheme as commands
 from bench.present.cli.fit._unit import calibration
-from bench.present.report import calibration_content, calibration_page, render_page
+from bench.present.report import CalibrationContent, calibration_page, render_page
 from benchmarks._turned_imu import ImuRecord, Rest, Turn, measure_motion
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.imu import ImuErrors, ImuNoise
@@ -127,6 +127,6 @@ def test_the_page_of_a_scheme_shows_every_state_against_its_target(tmp_path: Pat
 
 def test_the_heat_map_has_a_cell_for_every_state_and_position() -> None:
     evaluation = evaluate(TASK, load_scheme("t10"))
-    page = render_page(calibration_page(calibration_content(evaluation)))
+    page = render_page(calibration_page(CalibrationContent(evaluation)))
     heat = page[page.index("Gain of every state") :]
     assert heat.count("fill-opacity") + heat.count("opacity:") >= 30 * 11 - 60

@@ -81,7 +81,7 @@ def calibration(
     """System-level calibration of an IMU from the record of a rotation scheme."""
     from bench.analysis.calibration import DPH_RAD_S, BiasWander, Noise, calibrate, load_record
     from bench.analysis.common.state_file import save_file, saved_together
-    from bench.present.report import calibration_content, calibration_page, write_report
+    from bench.present.report import CalibrationContent, calibration_page, write_report
     from drivers.base.constants import UG_MPS2
 
     run = load_record(record, scheme=scheme, gyro=gyro, dwell_s=dwell_s, latitude_deg=latitude_deg)
@@ -98,7 +98,7 @@ def calibration(
             lever_arms=lever_arms,
             range_dps=range_dps,
         )
-        content = calibration_content(
+        content = CalibrationContent(
             result.evaluation, result.estimate, run.truth, utc_now(), run=run, wander=wander
         )
     compensation = result.compensation((*content.poorly_seen, *content.warnings))
@@ -121,7 +121,7 @@ def _print(console: Terminal, estimate: Estimate, content: CalibrationContent) -
         target = float(content.target[6 + number])
         cells = [name, f"{value:.4f}", f"{sigma:.4f}", f"{target:g}", STATE_UNITS[6 + number]]
         if content.truth is not None:
-            truth = float(content.truth[number])
+            truth = float(content.values["Truth"][number])
             cells += [f"{truth:.4f}", f"{(value - truth) / sigma:+.2f}"]
         grid.add_row(*cells, style="red" if sigma > target else "")
     console.print(grid)
