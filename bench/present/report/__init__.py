@@ -11,7 +11,7 @@ from bench.present.report._certificate_of_runs import (
 )
 from bench.present.report._cycle import chamber_cycle_page
 from bench.present.report._file import write_pdf, write_report
-from bench.present.report._gap import GapContent, gap_page
+from bench.present.report._gap import gap_page
 from bench.present.report._gap_rehearsal import log_gaps_page
 from bench.present.report._heading import heading_page, mixed_text
 from bench.present.report._layout import render_page
@@ -27,7 +27,6 @@ __all__ = [
     "CERTIFICATE_FILE",
     "CalibrationContent",
     "CertificateContent",
-    "GapContent",
     "Page",
     "calibration_page",
     "certify",

@@ -312,7 +312,10 @@ def _convergence(content: CalibrationContent) -> Block:
         ]
         curves.append(Curve("target", position, np.zeros(len(position)), MUTED, "--", 1.0))
         plots.append(Lane(title, curves, height=105.0))
-    caption = "Decimal logarithm of sigma over target after each dwell; below the broken line the target is reached."
+    caption = (
+        "Decimal logarithm of sigma over target after each dwell; below the broken line the target is "
+        "reached."
+    )
     about = "Sigma over target after each position"
     return lanes("convergence", plots, "Position", caption, description=about)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +12,14 @@ import numpy as np
 from bench.present.learned import learned_sentences
 from bench.present.report._figures import Curve, Lane, Panel, lanes
 from bench.present.report._gap_channels import channel_blocks
-from bench.present.report._gap_where import left_over_panels, rate_map, where_blocks
+from bench.present.report._gap_where import (
+    OF_RUNS,
+    before_closed,
+    gap_map,
+    keys_of,
+    left_over_panels,
+    where_blocks,
+)
 from bench.present.report._numbers import DASH, fixed, moment, plain_name, significant
 from bench.present.report._page import (
     Block,
@@ -20,7 +27,6 @@ from bench.present.report._page import (
     Definitions,
     Fact,
     Headline,
-    Key,
     Notes,
     Page,
     Row,
@@ -32,7 +38,8 @@ from bench.present.report._page import (
     table,
     texts,
 )
-from bench.present.report._palette import AFTER, BEFORE, PURPLE
+from bench.present.report._palette import PURPLE
+from bench.present.report._parts import warnings
 from bench.present.report._tables import checksum_table
 
 if TYPE_CHECKING:
@@ -46,7 +53,6 @@ if TYPE_CHECKING:
         Term,
     )
 
-_HOUR_S = 3600.0
 _TONES: dict[str, Tone] = {
     "no gap": "good",
     "explained": "good",
@@ -81,50 +87,38 @@ _TERMS = [
 ]
 
 
-@dataclass(frozen=True)
-class GapContent:
-    """What the report is made of. `differences` are of held-out runs where there are any."""
-
-    diagnosis: Diagnosis
-    differences: Sequence[Difference]
-    created_utc: str = ""
-    model_file: str = ""
-    suggestions: Sequence[Suggestion] = field(default=())
-
-    @property
-    def found(self) -> RateFinding:
-        """What was found in the rate."""
-        return self.diagnosis.rate
-
-    @property
-    def shrunk(self) -> Shrinkage | None:
-        """How far the rate's gap shrinks on held-out runs, None without any."""
-        return next(iter(self.found.held_out), None)
-
-
-def gap_page(content: GapContent) -> Page:
-    """Return the report of a diagnosis."""
-    found, diagnosis = content.found, content.diagnosis
+def gap_page(
+    diagnosis: Diagnosis,
+    differences: Sequence[Difference],
+    suggestions: Sequence[Suggestion] = (),
+    *,
+    created_utc: str,
+    model_file: str,
+) -> Page:
+    """Return the report of a diagnosis; `differences` are of held-out runs where there are any."""
+    found = diagnosis.rate
+    shrunk = next(iter(found.held_out), None)
+    hidden = [f"{plain_name(name)}: {reason}" for name, reason in found.unidentifiable.items()]
     return Page(
         title=f"Simulation against bench: unit {diagnosis.unit_id}",
         kind="Sim-to-real gap report",
         facts=[
             Fact("Unit under test", diagnosis.unit_id),
-            Fact("Nominal model", content.model_file or found.model.name),
+            Fact("Nominal model", model_file),
             Fact("Runs", str(len(diagnosis.run_checksums))),
             Fact("Noise floor from", found.noise.source),
-            Fact("Report made", moment(content.created_utc)),
+            Fact("Report made", moment(created_utc)),
         ],
-        verdict=_verdict(content),
+        verdict=_verdict(found, shrunk),
         sections=[
-            Section("Warnings", [Notes(found.warnings, "doubt")] if found.warnings else []),
+            warnings(found.warnings),
             Section("Where", where_blocks(found)),
             Section("Which", [*_causes(found), *_unknown(found)]),
-            Section("How far", _how_far(content)),
+            Section("How far", [*_how_far(shrunk), *_difference_panels(found, differences)]),
             Section("What is left", _left(found)),
             Section("Other channels", channel_blocks(diagnosis.channels)),
-            Section("What next", _next(content.suggestions)),
-            Section("Not to be seen in these runs", _hidden(found)),
+            Section("What next", _next(suggestions)),
+            Section("Not to be seen in these runs", [Notes(hidden)] if hidden else []),
             Section("Provenance", checksum_table(diagnosis.run_checksums, "Runs diagnosed, by checksum.")),
             Section("Definitions", [Definitions(_TERMS)]),
         ],
@@ -132,10 +126,11 @@ def gap_page(content: GapContent) -> Page:
     )
 
 
-def _verdict(content: GapContent) -> Verdict:
-    found, shrunk = content.found, content.shrunk
+def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
     sentences = [
-        f"{plain_name(cause.name).capitalize()}: {cause.meaning}{_rivals(cause)}" for cause in found.causes
+        f"{plain_name(cause.name).capitalize()}: {cause.meaning}"
+        + (f" These runs do not tell it from {_rivals(cause)}." if cause.alternatives else "")
+        for cause in found.causes
     ]
     for name in found.stochastic:
         noise = ": ".join(filter(None, (plain_name(name), found.size_of(name))))
@@ -170,12 +165,7 @@ def _verdict(content: GapContent) -> Verdict:
 
 
 def _rivals(cause: Cause[Term]) -> str:
-    if not cause.alternatives:
-        return ""
-    rivals = ", ".join(
-        f"{plain_name(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items()
-    )
-    return f" These runs do not tell it from {rivals}."
+    return ", ".join(f"{plain_name(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items())
 
 
 def _causes(found: RateFinding) -> list[Block]:
@@ -194,9 +184,7 @@ def _causes(found: RateFinding) -> list[Block]:
 def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
     fitted = cause.term.fitted(coarseness, "±")
     shape = ", ".join(f"{key} = {value:g}" for key, value in cause.term.variant.shape.items())
-    rivals = ", ".join(
-        f"{plain_name(name)} {100 * value:.0f} %" for name, value in cause.alternatives.items()
-    )
+    rivals = _rivals(cause)
     effect = cause.term.variant.effect
     note = f"{cause.meaning} Follows {effect.follows}. Source: {effect.source}."
     if rivals:
@@ -230,55 +218,45 @@ def _input(name: str) -> str:
     return {"T_in": "T_in, °C", "T_in - T_out": "T_in − T_out, K"}.get(name, f"{name}, K/min")
 
 
-def _how_far(content: GapContent) -> list[Block]:
-    blocks: list[Block] = []
-    shrunk = content.shrunk
+def _how_far(shrunk: Shrinkage | None) -> list[Block]:
     if shrunk is None:
-        text = "No run was held out: the curves below are of the fitted runs and prove less."
-        blocks.append(Notes([text], "doubt"))
-    elif not shrunk.cells:
-        blocks.append(Notes(["No gap above the floor on the held-out runs."]))
-    else:
-        parts = [("profile", shrunk.by_profile), ("runs", shrunk.by_runs), ("phase", shrunk.by_phase)]
-        rows = [
-            Row([Cell("all"), Cell("", strong=True), Cell(fixed(100 * shrunk.share, 1), strong=True)], True)
+        return [
+            Notes(["No run was held out: the curves below are of the fitted runs and prove less."], "doubt")
         ]
-        rows += [
-            Row([Cell(kind), Cell(plain_name(name)), Cell(fixed(100 * value, 1))])
-            for kind, shares in parts
-            for name, value in shares.items()
-            if math.isfinite(value)
-        ]
-        caption = "Held-out runs, nothing fitted to them but each run's bias."
-        blocks += table(texts("By", "Part") + numbers("Reducible gap gone [%]"), rows, caption)
-    return blocks + _difference_panels(content)
+    if not shrunk.cells:
+        return [Notes(["No gap above the floor on the held-out runs."])]
+    parts = [("profile", shrunk.by_profile), ("runs", shrunk.by_runs), ("phase", shrunk.by_phase)]
+    rows = [Row([Cell("all"), Cell("", strong=True), Cell(fixed(100 * shrunk.share, 1), strong=True)], True)]
+    rows += [
+        Row([Cell(kind), Cell(plain_name(name)), Cell(fixed(100 * value, 1))])
+        for kind, shares in parts
+        for name, value in shares.items()
+        if math.isfinite(value)
+    ]
+    caption = "Held-out runs, nothing fitted to them but each run's bias."
+    return table(texts("By", "Part") + numbers("Reducible gap gone [%]"), rows, caption)
 
 
-def _difference_panels(content: GapContent) -> list[Block]:
-    shown = content.differences
-    if not shown:
-        return []
-    closed = bool(content.found.causes)
+def _difference_panels(found: RateFinding, differences: Sequence[Difference]) -> list[Block]:
     plots = []
-    for difference in shown:
-        hours = difference.time_s / _HOUR_S
-        curves = [Curve("before", hours, difference.before_dph, BEFORE)]
-        curves += [Curve("after", hours, difference.after_dph, AFTER)] if closed else []
-        title = ", ".join(filter(None, (difference.profile, difference.condition)))
-        about = f"Output less model in {difference.profile}, {difference.condition}"
-        plots.append(Panel(curves, title, description=about))
-    whose = "held-out runs" if content.shrunk is not None else "the runs that were fitted"
-    keys = [Key("nominal model", BEFORE), *([Key("with the effects in it", AFTER)] if closed else [])]
+    for shown in differences:
+        curves = before_closed(shown.time_s, shown.before_dph, shown.after_dph if found.causes else None)
+        title = ", ".join(filter(None, (shown.profile, shown.condition)))
+        plots.append(
+            Panel(curves, title, description=f"Output less model in {shown.profile}, {shown.condition}")
+        )
+    if not plots:
+        return []
+    whose = "held-out runs" if found.held_out else "the runs that were fitted"
     caption = f"Output less model, mean of repeats of {whose}, 100 s means, each run's bias taken out."
-    return [left_over_panels("difference", plots, caption, keys)]
+    return [left_over_panels("difference", plots, caption, keys_of(plots[0].curves))]
 
 
 def _left(found: RateFinding) -> list[Block]:
-    blocks = rate_map("left", found, found.left, "What the best set leaves, by runs and time scale")
-    if blocks:
-        return blocks
+    caption = "What the best set leaves, by runs and time scale"
     beside = " beside the missing effect drawn above" if found.unknown_parts else ""
-    return [Notes([f"Nothing that stands out of the noise floor{beside}."])]
+    nothing = Notes([f"Nothing that stands out of the noise floor{beside}."])
+    return gap_map("left", found.left, found.bands, caption, OF_RUNS) or [nothing]
 
 
 def _next(suggestions: Sequence[Suggestion]) -> list[Block]:
@@ -290,9 +268,3 @@ def _next(suggestions: Sequence[Suggestion]) -> list[Block]:
         texts("Procedure", "Parameters") + numbers("Bench time [h]", "Expected log odds") + texts("Decides")
     )
     return table(heads, rows, "What would separate the candidates best, most log odds an hour first.")
-
-
-def _hidden(found: RateFinding) -> list[Block]:
-    if not found.unidentifiable:
-        return []
-    return [Notes([f"{plain_name(name)}: {reason}" for name, reason in found.unidentifiable.items()])]

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.present.report._figures import Curve, Lane, lanes
-from bench.present.report._gap_where import in_words, place_map
+from bench.present.report._figures import Lane, lanes
+from bench.present.report._gap_where import before_closed, gap_map, keys_of
 from bench.present.report._numbers import DASH, fixed, plain_name, significant
 from bench.present.report._page import (
     Block,
-    Figures,
-    Key,
     Notes,
     Row,
     named,
@@ -22,12 +20,9 @@ from bench.present.report._page import (
     table,
     texts,
 )
-from bench.present.report._palette import AFTER, BEFORE
 
 if TYPE_CHECKING:
     from bench.analysis.gap import ChannelFinding
-
-_HOUR_S = 3600.0
 
 
 def channel_blocks(channels: Sequence[ChannelFinding]) -> list[Block]:
@@ -64,20 +59,12 @@ def _row(found: ChannelFinding) -> Row:
 
 def _of_channel(found: ChannelFinding) -> list[Block]:
     name = plain_name(found.signal)
-    blocks: list[Block] = []
-    if any(place.clear for place in found.places):
-        caption = f"{name.capitalize()}: where its gap lies, rms in {found.unit} where significant."
-        blocks.append(
-            Figures([place_map(f"{found.signal}-map", in_words(found.places), found.bands, caption)], caption)
-        )
+    caption = f"{name.capitalize()}: where its gap lies, rms in {found.unit} where significant."
+    blocks = gap_map(f"{found.signal}-map", found.places, found.bands, caption)
     curve = found.curves[0]
-    hours = curve.time_s / _HOUR_S
-    apart = np.diff(hours, prepend=hours[0]) > 5.0 * np.median(np.diff(hours))
-    plots = [Curve("nominal", hours, np.where(apart, np.nan, curve.before), BEFORE)]
-    keys = [Key("nominal model", BEFORE)]
-    if found.causes:
-        plots.append(Curve("closed", hours, np.where(apart, np.nan, curve.after), AFTER))
-        keys.append(Key("with the effects in it", AFTER))
+    apart = np.diff(curve.time_s, prepend=curve.time_s[0]) > 5.0 * np.median(np.diff(curve.time_s))
+    before, after = (np.where(apart, np.nan, values) for values in (curve.before, curve.after))
+    plots = before_closed(curve.time_s, before, after if found.causes else None)
     caption = f"{name.capitalize()}: recorded less simulated in {curve.run_id}."
     lane = Lane(found.unit, plots, 120.0)
-    return [*blocks, lanes(f"{found.signal}-curve", [lane], "Time in the run, h", caption, keys)]
+    return [*blocks, lanes(f"{found.signal}-curve", [lane], "Time in the run, h", caption, keys_of(plots))]

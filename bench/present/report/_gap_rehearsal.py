@@ -6,15 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from bench.present.report._figures import Curve, Panel
-from bench.present.report._gap_where import left_over_panels
+from bench.present.report._figures import Panel
+from bench.present.report._gap_where import before_closed, keys_of, left_over_panels
 from bench.present.report._numbers import fixed, moment, plain_name, significant
 from bench.present.report._page import (
     Cell,
     Fact,
     Figures,
     Headline,
-    Key,
     Page,
     Row,
     Section,
@@ -23,12 +22,10 @@ from bench.present.report._page import (
     numbers,
     texts,
 )
-from bench.present.report._palette import AFTER, BEFORE
 
 if TYPE_CHECKING:
     from bench.analysis.gap import LogCurve, LogGap, LogGaps
 
-_HOUR_S = 3600.0
 _MOSTLY = 0.9
 _OF_RATE = "What the run's log differs by from the rehearsals' logs."
 _OF_CHANNELS = "What the run differs by beside the gyro's rate; nothing taken out."
@@ -98,13 +95,13 @@ def _table(gaps: Sequence[LogGap], caption: str, unit: str = "") -> Table:
 
 
 def _figures(curves: Sequence[LogCurve]) -> Figures:
-    plots = []
-    for curve in curves:
-        hours = curve.time_s / _HOUR_S
-        nominal = Curve("nominal", hours, curve.nominal_dph, BEFORE)
-        closed = Curve("closed", hours, curve.closed_dph, AFTER)
-        plots.append(
-            Panel([nominal, closed], curve.run_id, description=f"Run less rehearsal in {curve.run_id}")
+    plots = [
+        Panel(
+            before_closed(curve.time_s, curve.nominal_dph, curve.closed_dph),
+            curve.run_id,
+            description=f"Run less rehearsal in {curve.run_id}",
         )
-    keys = [Key("nominal model", BEFORE), Key("closed model", AFTER)]
+        for curve in curves
+    ]
+    keys = keys_of(plots[0].curves, "closed model")
     return left_over_panels("log", plots, "Run less rehearsal, 100 s means.", keys)

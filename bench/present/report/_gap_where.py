@@ -3,43 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from bench.present.report._figures import Panel, panels
+from bench.present.report._figures import Curve, Panel, panels
 from bench.present.report._heat_map import HeatCell, heat_map
 from bench.present.report._numbers import plain_name, significant
 from bench.present.report._page import Block, Figures, Key, Notes
+from bench.present.report._palette import AFTER, BEFORE
+from drivers.base.arrays import Array
 
 if TYPE_CHECKING:
     from bench.analysis.gap import Place, RateFinding
 
 
+OF_RUNS = ": rms in °/h where significant, deeper the larger its share. Columns are periods."
+
+
 def where_blocks(found: RateFinding) -> list[Block]:
     """Return the maps by runs, by phases and by operating regime, or a note that there is no place."""
-    blocks = rate_map("where", found, found.places, "The gap by runs and time scale")
+    caption = "The gap by runs and time scale"
+    blocks = gap_map("where", found.places, found.bands, caption, OF_RUNS)
     if not blocks:
         return [Notes(["No cell stands out of the noise floor."])]
-    return [*blocks, *_phase_map(found), *_regime_maps(found)]
+    profiles = {place.profile for place in found.phases if place.clear}
+    phases = [place for place in found.phases if place.profile in profiles]
+    about = ", in profiles with a gap: rms in °/h where significant."
+    blocks += gap_map("phases", phases, found.bands, "The gap by phase and time scale", about)
+    return blocks + _regime_maps(found)
 
 
-def rate_map(figure_id: str, found: RateFinding, places: Sequence[Place], caption: str) -> list[Block]:
-    """Return a map of runs by time scale, nothing if no place stands out."""
+def gap_map(
+    figure_id: str, places: Sequence[Place], bands: Sequence[str], caption: str, more: str = ""
+) -> list[Block]:
+    """Return a map of places by time scale, a line between profiles; nothing if no place stands out."""
     if not any(place.clear for place in places):
         return []
-    text = f"{caption}: rms in °/h where significant, deeper the larger its share. Columns are periods."
-    return [Figures([place_map(figure_id, places, found.bands, caption)], text)]
-
-
-def place_map(figure_id: str, places: Sequence[Place], bands: Sequence[str], caption: str) -> Markup:
-    """Return the drawing of a map of places by time scale, a line between profiles."""
     ordered = sorted(places, key=lambda place: (place.profile, place.start_s, place.part))
-    rows = list(dict.fromkeys((place.profile, place.part) for place in ordered))
     names = {
-        (profile, part): profile if part == "run" else ": ".join(filter(None, (profile, part)))
-        for profile, part in rows
+        (place.profile, place.part): place.profile
+        if place.part == "run"
+        else ": ".join(filter(None, (place.profile, plain_name(place.part))))
+        for place in ordered
     }
     cells = {
         (names[place.profile, place.part], place.band): HeatCell(
@@ -48,13 +54,22 @@ def place_map(figure_id: str, places: Sequence[Place], bands: Sequence[str], cap
         for place in places
     }
     columns = [band for band in bands if any(place.band == band for place in places)]
-    starts = [k for k in range(1, len(rows)) if rows[k][0] != rows[k - 1][0]]
-    return heat_map(figure_id, list(names.values()), columns, cells, groups=starts, description=caption)
+    profiles = [profile for profile, _ in names]
+    starts = [k for k in range(1, len(profiles)) if profiles[k] != profiles[k - 1]]
+    drawn = heat_map(figure_id, list(names.values()), columns, cells, groups=starts, description=caption)
+    return [Figures([drawn], caption + more)]
 
 
-def in_words(places: Sequence[Place]) -> list[Place]:
-    """Return places of phases with the phases' names in words."""
-    return [replace(place, part=plain_name(place.part)) for place in places]
+def before_closed(time_s: Array, before: Array, closed: Array | None) -> list[Curve]:
+    """Return what a run differs by from the nominal model, and from the closed one if there is one."""
+    hours = time_s / 3600.0
+    curves = [Curve("nominal", hours, before, BEFORE)]
+    return curves if closed is None else [*curves, Curve("closed", hours, closed, AFTER)]
+
+
+def keys_of(curves: Sequence[Curve], closed: str = "with the effects in it") -> list[Key]:
+    """Return the legend of `before_closed`."""
+    return [Key("nominal model", BEFORE), Key(closed, AFTER)][: len(curves)]
 
 
 def left_over_panels(figure_id: str, plots: Sequence[Panel], caption: str, keys: Sequence[Key]) -> Figures:
@@ -62,16 +77,6 @@ def left_over_panels(figure_id: str, plots: Sequence[Panel], caption: str, keys:
     columns = min(len(plots), 2)
     x_label = "Time since power-on, h"
     return panels(figure_id, plots, caption, keys, x_label=x_label, y_label="°/h", columns=columns)
-
-
-def _phase_map(found: RateFinding) -> list[Block]:
-    profiles = {place.profile for place in found.phases if place.clear}
-    if not profiles:
-        return []
-    shown = in_words([place for place in found.phases if place.profile in profiles])
-    caption = "The gap by phase and time scale"
-    text = f"{caption}, in profiles with a gap: rms in °/h where significant."
-    return [Figures([place_map("phases", shown, found.bands, caption)], text)]
 
 
 def _regime_maps(found: RateFinding) -> list[Block]:

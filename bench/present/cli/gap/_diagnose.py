@@ -99,13 +99,13 @@ def diagnose(
 
 def _page(found: Diagnosis, given: Recordings, following: Sequence[Suggestion], model: Path) -> Page:
     from bench.analysis.gap import closed_model, differences
-    from bench.present.report import GapContent, gap_page, heading_page
+    from bench.present.report import gap_page, heading_page
 
     if found.position is not None:
         runs = dict(found.run_checksums)
         return heading_page(found.position.study, found.unit_id, runs, created_utc=utc_now())
     shown = differences(given.shown, found.model, closed_model(found))
-    return gap_page(GapContent(found, shown, utc_now(), model.name, following))
+    return gap_page(found, shown, following, created_utc=utc_now(), model_file=model.name)
 
 
 def make_run(
