@@ -4,7 +4,7 @@ from bench.control.live._files import (
     Action,
     drop_answer,
     drop_request,
-    read_history,
+    read_lines,
     read_now,
 )
 from bench.control.live._session import Live
@@ -14,6 +14,6 @@ __all__ = [
     "Live",
     "drop_answer",
     "drop_request",
-    "read_history",
+    "read_lines",
     "read_now",
 ]

@@ -23,8 +23,8 @@ HISTORY_FILE = "history.jsonl"
 Action = Literal["pause", "resume", "abort"]
 _LONGEST = 4096
 """Bytes of an answer or a request; a longer file is not one."""
-_HISTORY_BYTES = 4 << 20
-"""Read of a history at once; the caller comes again for the rest."""
+_BLOCK_BYTES = 4 << 20
+"""Read at once; the caller comes again for the rest."""
 _order = itertools.count()
 
 
@@ -59,21 +59,26 @@ def read_now(session: Path) -> dict[str, Any] | None:
     return found | {"alive": found.get("state") != "ended" and _runs(found.get("pid"))}
 
 
-def read_history(run: Path, offset: int = 0) -> tuple[list[dict[str, Any]], int]:
-    """Return the lines of a run's history.jsonl from byte `offset` on, and the offset to read on from."""
+def read_lines(path: Path, offset: int = 0) -> tuple[list[dict[str, Any]], int]:
+    """Return the whole lines of a growing file from byte `offset` on, and the offset to read on from.
+
+    A line that is no JSON object is left out; a file that cannot be read has none.
+    """
     try:
-        with (live_folder(run) / HISTORY_FILE).open("rb") as file:
+        with path.open("rb") as file:
             file.seek(offset)
-            block = file.read(_HISTORY_BYTES)
+            block = file.read(_BLOCK_BYTES)
     except OSError:
         return [], offset
     whole, newline, _ = block.rpartition(b"\n")
-    if not newline and len(block) == _HISTORY_BYTES:
+    if not newline and len(block) == _BLOCK_BYTES:
         return [], offset + len(block)  # no line of ours is so long
     rows = []
     for line in whole.split(b"\n") if whole else []:
         with suppress(ValueError):
-            rows.append(parse_json(line))
+            row = parse_json(line)
+            if isinstance(row, dict):
+                rows.append(row)
     return rows, offset + len(whole) + len(newline)
 
 

@@ -34,20 +34,15 @@ class RunsFolder:
         self._manifests: dict[Path, tuple[int, Entry]] = {}
 
     def inside(self, name: str) -> Path | None:
-        """Return the folder or file of that relative name; None if it is not there or leads out.
+        """Return the folder or file of that relative name; None if it is not there or leads out."""
+        path = self.within(self.root / name) if not Path(name).is_absolute() else None
+        return None if path == self.root else path
+
+    def within(self, path: str | Path) -> Path | None:
+        """Return what lies at an absolute path, None unless it is inside the runs folder.
 
         Links are followed before the check: one that points elsewhere leads out.
         """
-        if not name or "\0" in name or Path(name).is_absolute():
-            return None
-        try:
-            path = (self.root / name).resolve(strict=True)
-        except (OSError, RuntimeError, ValueError):
-            return None
-        return path if path != self.root and path.is_relative_to(self.root) else None
-
-    def within(self, path: str | Path) -> Path | None:
-        """Return an absolute path that a session has written, None unless it is inside the runs folder."""
         try:
             real = Path(path).resolve(strict=True)
         except (OSError, RuntimeError, ValueError):
@@ -60,11 +55,11 @@ class RunsFolder:
         A campaign has them itself; of a rehearsal each run has its own.
         """
         live = []
-        for folder in [self.root, *self._newest(self.root)]:
+        for folder in [self.root, *_newest(self.root)]:
             if changed_ns := _live_ns(folder):
                 live.append((changed_ns, folder))
             elif not (folder / MANIFEST_FILE).exists():
-                runs = self._newest(folder / "runs")[:_REHEARSED]
+                runs = _newest(folder / "runs")[:_REHEARSED]
                 live += [(run_ns, run) for run in runs if (run_ns := _live_ns(run))]
         return [folder for _, folder in sorted(live, reverse=True)]
 
@@ -76,11 +71,12 @@ class RunsFolder:
     def history(self) -> list[Entry]:
         """Return the newest runs, newest first; manifests are read again only when they have changed."""
         folders: list[Path] = []
-        for folder in self._newest(self.root):
+        for folder in _newest(self.root):
             if (folder / MANIFEST_FILE).is_file():
                 folders.append(folder)
             else:
-                folders += [f for f in _two_down(folder) if (f / MANIFEST_FILE).is_file()]
+                below = [*_newest(folder), *_newest(folder / "runs")]
+                folders += [run for run in below if (run / MANIFEST_FILE).is_file()]
         entries = [entry for folder in folders[:_LOOKED_AT] if (entry := self._entry(folder)) is not None]
         entries.sort(key=lambda entry: entry.manifest.started_utc if entry.manifest else "", reverse=True)
         return entries[:_LISTED]
@@ -114,17 +110,19 @@ class RunsFolder:
         self._manifests[folder] = (changed, entry)
         return entry
 
-    def _newest(self, folder: Path) -> list[Path]:
-        try:
-            with os.scandir(folder) as entries:
-                dated = [
-                    (entry.stat(follow_symlinks=False).st_mtime_ns, entry.path)
-                    for entry in entries
-                    if entry.is_dir(follow_symlinks=False) and not entry.name.startswith(".")
-                ]
-        except OSError:
-            return []
-        return [Path(path) for _, path in sorted(dated, reverse=True)[:_LOOKED_AT]]
+
+def _newest(folder: Path) -> list[Path]:
+    """Return the folders in a folder, no links and none that is hidden, the one changed last first."""
+    try:
+        with os.scandir(folder) as entries:
+            dated = [
+                (entry.stat(follow_symlinks=False).st_mtime_ns, entry.path)
+                for entry in entries
+                if entry.is_dir(follow_symlinks=False) and not entry.name.startswith(".")
+            ]
+    except OSError:
+        return []
+    return [Path(path) for _, path in sorted(dated, reverse=True)[:_LOOKED_AT]]
 
 
 def _live_ns(session: Path) -> int:
@@ -133,14 +131,3 @@ def _live_ns(session: Path) -> int:
         return (session / NOW).stat().st_mtime_ns
     except OSError:
         return 0
-
-
-def _two_down(folder: Path) -> list[Path]:
-    """Return the folders in a campaign folder and in its runs folder."""
-    try:
-        first = [Path(entry.path) for entry in os.scandir(folder) if entry.is_dir(follow_symlinks=False)]
-        runs = folder / "runs"
-        second = [Path(entry.path) for entry in os.scandir(runs)] if runs in first else []
-    except OSError:
-        return []
-    return [path for path in (*first, *second) if path.is_dir() and not path.is_symlink()]

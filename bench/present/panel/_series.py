@@ -54,13 +54,6 @@ class MinMax:
             for bucket, extremes in zip(self._buckets[first:], self._extremes[first:], strict=True)
         ]
 
-    def since(self, time_s: float) -> list[Row]:
-        """Return the rows whose stretch had not ended at `time_s`."""
-        first = len(self._buckets)
-        while first and (self._buckets[first - 1] + 1) * self.width_s > time_s:
-            first -= 1
-        return self.rows(first)
-
     def _shrink(self) -> None:
         if not self._growing:
             del self._buckets[0], self._extremes[0]

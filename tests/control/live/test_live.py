@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from bench.control.live import Live, drop_answer, drop_request, read_history, read_now
+from bench.control.live import Live, drop_answer, drop_request, read_lines, read_now
 from bench.control.live._files import read_answer, take_requests
 from bench.control.progress import GyroProgress, Progress
 from bench.control.questions import Console, Prepared, Question, Reply
@@ -67,16 +67,16 @@ def test_history_has_a_row_a_second_at_most_and_is_read_piece_by_piece(session, 
     for time_s in (0.0, 0.4, 0.9, 1.0, 1.5, 2.5):
         session(progress(time_s))
         step(session)
-    rows, offset = read_history(tmp_path)
+    rows, offset = read_lines(tmp_path / "live" / "history.jsonl")
     assert [row["time_s"] for row in rows] == [0.0, 1.0, 2.5]
     assert rows[0]["gyros"] == {"fog_1": [1.5, 24.0]}
     session(progress(9.0))
     step(session)
     with (tmp_path / "live" / "history.jsonl").open("a") as file:
         file.write('{"time_s": 1')  # a line that is being written
-    rows, offset = read_history(tmp_path, offset)
+    rows, offset = read_lines(tmp_path / "live" / "history.jsonl", offset)
     assert [row["time_s"] for row in rows] == [9.0]
-    assert read_history(tmp_path, offset) == ([], offset)
+    assert read_lines(tmp_path / "live" / "history.jsonl", offset) == ([], offset)
 
 
 def test_the_first_answer_stays_and_the_second_is_told_whose_it_was(session, tmp_path):
