@@ -471,7 +471,7 @@ MECHANISMS = (
         3,
         "no path from the web leads out",
         f"{_PANEL}._folders:RunsFolder.inside",
-        always("path != self.root and path.is_relative_to(self.root)"),
+        never("path == self.root"),
         _T_PANEL,
     ),
     Mechanism(
