@@ -40,7 +40,6 @@ from simulators.plant.wobble import (
     CAGE_LINE,
     CONSTANT_TILT,
     PATENT_CLASS,
-    EncoderParameters,
     Wobble,
 )
 
@@ -63,7 +62,7 @@ class Case:
     fit: dict[str, Any] = field(default_factory=dict)
 
 
-_IDEAL = {"without": QUIET, "table": STILL, "encoder": EncoderParameters()}
+_IDEAL = {"without": QUIET, "table": STILL}
 _REVERSALS = tuple(reversing(60, 4, 6.0))
 CASES = (
     Case("1 patent's class", Wobble(PATENT_CLASS)),

@@ -20,13 +20,12 @@ from simulators.emulators.acutrol import AcutrolEmulator
 from simulators.emulators.kvh import KvhEmulator
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
 from simulators.plant.triad import triad_unit
-from simulators.plant.wobble import EncoderParameters, Wobble
+from simulators.plant.wobble import Wobble
 
 LATITUDE_DEG = 40.0
 QUIET = tuple(effect_names(triad_unit(0)))
 STILL = TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0, encoder_error_arcsec=0.0)
-TABLE = TableParameters(encoder_error_arcsec=3.0)
-ENCODER = EncoderParameters(noise_arcsec=2.0)
+TABLE = TableParameters(encoder_error_arcsec=3.0, encoder_noise_arcsec=2.0)
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,6 @@ class Plan:
     rate_hz: int = 100
     rest_s: float = 30.0
     table: TableParameters = TABLE
-    encoder: EncoderParameters = ENCODER
     without: tuple[str, ...] = ()
     azimuth_deg: float = 0.3
     tilt_deg: float = 0.2
@@ -60,11 +58,7 @@ def emulate(plan: Plan) -> tuple[TurnRecord, Turns]:
         change=without(*plan.without),
         wobble=plan.wobble,
     )
-    lab = LabPlant(
-        PlantConfig(
-            latitude_deg=LATITUDE_DEG, seed=plan.seed, table=plan.table, encoder=plan.encoder, units=(unit,)
-        )
-    )
+    lab = LabPlant(PlantConfig(latitude_deg=LATITUDE_DEG, seed=plan.seed, table=plan.table, units=(unit,)))
     gyro = KvhEmulator(
         lab.unit("ins"),
         serial_number="INS-1",

@@ -95,10 +95,9 @@ def _plant() -> tuple[Array, int]:
     parameters: FogParameters = replace(FOG_MID, layers=LAYERS)
     network = fog_network(parameters)
     layers = [f"layer_{k}" for k in range(LAYERS)]
-    outputs = ["spool_sensor", "case_sensor", "board", *layers, "shupe_dph"]
-    of_state = {name: network.row(name) for name in outputs[:-1]}
-    matrix = step_of(network, outputs, of_state, {"shupe_dph": shupe_row(parameters, network, 1)})
-    return matrix, len(network.names)
+    outputs = {name: network.row(name) for name in ("spool_sensor", "case_sensor", "board", *layers)}
+    outputs["shupe_dph"] = shupe_row(parameters, network, 1)
+    return step_of(network, outputs, ("shupe_dph",)), len(network.names)
 
 
 def simulate_campaign(seed: int, repeats: int) -> list[RunTruth]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
 
@@ -25,7 +26,7 @@ from simulators.plant.lab_platform import LabPlatform
 from simulators.plant.modelled_unit import ModelledErrors
 from simulators.plant.space_stable import draw_platform, with_heading_effect
 from simulators.plant.table import TableParameters
-from simulators.plant.wobble import EncoderParameters, Wobble
+from simulators.plant.wobble import Wobble
 
 T = TypeVar("T")
 _CHAMBERS = {"standard": ChamberParameters(), "weak": WEAK_CHAMBER}
@@ -80,21 +81,13 @@ def _lines(config: LabConfig, emulators: Mapping[str, Emulator], plant: LabPlant
 
 
 def _plant_config(config: LabConfig) -> PlantConfig:
-    rotation = config.rotation
     return PlantConfig(
         latitude_deg=config.latitude_deg,
         seed=config.seed,
         room_temp_c=config.room_temp_c,
         chamber=_known("chamber model", config.chamber_model, _CHAMBERS),
         axes=tuple((axis.name, axis.direction) for axis in config.table.all_axes),
-        table=TableParameters(
-            ripple_once_ppm=rotation.ripple_once_ppm, ripple_twice_ppm=rotation.ripple_twice_ppm
-        ),
-        encoder=EncoderParameters(
-            noise_arcsec=rotation.encoder_noise_arcsec,
-            ripple_arcsec=rotation.encoder_ripple_arcsec,
-            ripple_lines=rotation.encoder_ripple_lines,
-        ),
+        table=TableParameters(**asdict(config.rotation)),
         units=tuple(
             UnitConfig(
                 name=gyro.config.name,

@@ -7,8 +7,8 @@ winding that follows the coil's temperature rate and stiffens in the cold, and s
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,18 +28,6 @@ COIL_HEIGHT_M = 0.020
 _WINDING_STREAM = 59
 """Random stream of the turn errors: with it unit 0 of the mid grade shows 0.32 deg/h peak to peak of Shupe
 effect on the nominal cold shock, as the reference design does (without turn errors it would be 0.35)."""
-
-
-class FogState(NamedTuple):
-    """Outputs of a tick: temperatures in degC, coil rate in K/min, Shupe effect in deg/h."""
-
-    coil_temp_c: float
-    coil_rate_k_per_min: float
-    board_temp_c: float
-    relaxed_temp_c: float
-    shupe_dph: float
-    sensor_temp_c: float
-    case_temp_c: float
 
 
 def fog_network(parameters: FogParameters) -> Network:
@@ -97,14 +85,14 @@ def fog_axis(p: FogParameters) -> AxisModel:
             # Shupe 1980; Mohr 1996: fibre that warms unequally about its mid-point looks like rotation
             "shupe": lambda s: s.shupe_dph,
             # non-linear Shupe coefficient: potting stiffens below its glass transition
-            "winding_stress": lambda s: _stress_dph(c, s),
+            "winding_stress": lambda s: _stress_dph(c, s.coil_temp_c, s.coil_rate_k_per_min),
             # slow tail after a shock: bias decays after the coil has reached its temperature
             "bias_relaxation": lambda s: c.relaxation_dph_per_k * (s.coil_temp_c - s.relaxed_temp_c),
         },
         sf_error_ppm={
             "sf_offset": lambda s: c.offset_ppm,
             # source wavelength and electronics over temperature
-            "sf_board": lambda s: _board_sf_ppm(c, s),
+            "sf_board": lambda s: _board_sf_ppm(c, s.board_temp_c),
             # thermal expansion of the coil's area
             "sf_coil": lambda s: c.coil_ppm_per_k * (s.coil_temp_c - REFERENCE_C),
             # scale-factor hysteresis over a cycle
@@ -126,24 +114,25 @@ def fog_unit(parameters: FogParameters, unit_seed: int) -> UnitModel:
     p = spread(parameters, unit_seed)
     network = fog_network(p)
     coil = network.row(*(f"layer_{index}" for index in range(p.layers)))
-    of_state = {
+    outputs = {
         "coil_temp_c": coil,
+        "coil_rate_k_per_min": 60.0 * coil,
         "board_temp_c": network.row("board"),
         "relaxed_temp_c": network.row("relaxed"),
+        "shupe_dph": shupe_row(p, network, unit_seed),
         "sensor_temp_c": network.row("spool_sensor"),
         "case_temp_c": network.row("case_sensor"),
     }
-    of_rate = {"coil_rate_k_per_min": 60.0 * coil, "shupe_dph": shupe_row(p, network, unit_seed)}
     return UnitModel(
         axes="x",
         axis_models=(fog_axis(p),),
-        step=step_of(network, FogState._fields, of_state, of_rate),
-        state=FogState,
+        step=step_of(network, outputs, ("coil_rate_k_per_min", "shupe_dph")),
+        outputs=tuple(outputs),
         truth=("coil_temp_c", "coil_rate_k_per_min", "board_temp_c"),
     )
 
 
-def _polynomial(coefficients: tuple[float, ...], temp_c: float) -> float:
+def _polynomial(coefficients: Sequence[float], temp_c: float) -> float:
     """Return c1 w + c2 w^2 + ... with w = (temperature - 25)/50."""
     w = (temp_c - REFERENCE_C) / 50.0
     total = 0.0
@@ -152,11 +141,11 @@ def _polynomial(coefficients: tuple[float, ...], temp_c: float) -> float:
     return total
 
 
-def _stress_dph(c: FogCoefficients, s: FogState) -> float:
-    cold = c.stress_cold_gain / (1.0 + math.exp((s.coil_temp_c - c.stress_cold_c) / c.stress_width_k))
-    return c.stress_dph_per_k_per_min * (1.0 + cold) * s.coil_rate_k_per_min
+def _stress_dph(c: FogCoefficients, coil_temp_c: float, coil_rate_k_per_min: float) -> float:
+    cold = c.stress_cold_gain / (1.0 + math.exp((coil_temp_c - c.stress_cold_c) / c.stress_width_k))
+    return c.stress_dph_per_k_per_min * (1.0 + cold) * coil_rate_k_per_min
 
 
-def _board_sf_ppm(c: FogCoefficients, s: FogState) -> float:
-    warm = s.board_temp_c - REFERENCE_C
+def _board_sf_ppm(c: FogCoefficients, board_temp_c: float) -> float:
+    warm = board_temp_c - REFERENCE_C
     return (c.board_linear_ppm_per_k + c.board_quadratic_ppm_per_k2 * warm) * warm

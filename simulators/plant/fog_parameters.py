@@ -5,10 +5,12 @@ Unit 0 of a grade is the nominal unit; other unit seeds spread coefficients and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, fields, replace
 
 import numpy as np
 
+from simulators.plant.model import varied
 from simulators.plant.noise import NoiseParameters
 from simulators.plant.shupe import Fibre, Winding
 
@@ -38,12 +40,16 @@ class FogThermal:
 
 @dataclass(frozen=True)
 class FogCoefficients:
-    """Coefficients of the effects; u = (coil - 25)/50, v = (board - 25)/50 degC."""
+    """Coefficients of the effects; u = (coil - 25)/50, v = (board - 25)/50 degC.
 
+    Those with a default are the same in all units.
+    """
+
+    coil_static_dph: Sequence[float]
+    board_static_dph: Sequence[float]
     offset_dph: float
-    coil_static_dph: tuple[float, float, float]
-    board_static_dph: tuple[float, float]
     stress_dph_per_k_per_min: float
+    stress_cold_gain: float
     relaxation_dph_per_k: float
     offset_ppm: float
     board_linear_ppm_per_k: float
@@ -52,7 +58,6 @@ class FogCoefficients:
     relaxation_ppm_per_k: float
     asymmetry_ppm: float
     nonlinearity_ppm: float
-    stress_cold_gain: float = 1.2
     stress_cold_c: float = -28.0
     stress_width_k: float = 6.0
     nonlinearity_at_dps: float = 300.0
@@ -88,6 +93,7 @@ FOG_MID = FogParameters(
         coil_static_dph=(0.05, -0.04, 0.02),
         board_static_dph=(0.03, 0.02),
         stress_dph_per_k_per_min=0.030,
+        stress_cold_gain=1.2,
         relaxation_dph_per_k=2e-3,
         offset_ppm=25.0,
         board_linear_ppm_per_k=4.5,
@@ -114,6 +120,7 @@ FOG_NAV = FogParameters(
         coil_static_dph=(0.006, -0.004, 0.002),
         board_static_dph=(0.003, 0.002),
         stress_dph_per_k_per_min=0.003,
+        stress_cold_gain=1.2,
         relaxation_dph_per_k=2.5e-4,
         offset_ppm=5.0,
         board_linear_ppm_per_k=2.0,
@@ -128,19 +135,17 @@ FOG_NAV = FogParameters(
     turn_on_sf_ppm=1.0,
 )
 
-_VARIED_COEFFICIENTS = (
-    "offset_dph",
-    "stress_dph_per_k_per_min",
-    "stress_cold_gain",
-    "relaxation_dph_per_k",
-    "offset_ppm",
-    "board_linear_ppm_per_k",
-    "board_quadratic_ppm_per_k2",
-    "coil_ppm_per_k",
-    "relaxation_ppm_per_k",
-    "asymmetry_ppm",
-    "nonlinearity_ppm",
+_CONDUCTANCES = (
+    "air_case",
+    "air_fixture",
+    "fixture_case",
+    "board_case",
+    "spool_case",
+    "case_coil",
+    "spool_coil",
+    "coil_conductivity",
 )
+_COEFFICIENTS = tuple(item.name for item in fields(FogCoefficients) if item.default is MISSING)
 
 
 def spread(parameters: FogParameters, unit_seed: int, fraction: float = 0.20) -> FogParameters:
@@ -151,27 +156,8 @@ def spread(parameters: FogParameters, unit_seed: int, fraction: float = 0.20) ->
     if unit_seed == 0:
         return parameters
     rng = np.random.default_rng((unit_seed, 0))
-
-    def vary(value: float) -> float:
-        return value * (1.0 + fraction * float(np.clip(rng.standard_normal(), -2.0, 2.0)))
-
-    conductances = (
-        "air_case",
-        "air_fixture",
-        "fixture_case",
-        "board_case",
-        "spool_case",
-        "case_coil",
-        "spool_coil",
-        "coil_conductivity",
+    return replace(
+        parameters,
+        coefficients=varied(parameters.coefficients, _COEFFICIENTS, fraction, rng),
+        thermal=varied(parameters.thermal, _CONDUCTANCES, fraction, rng),
     )
-    thermal, c = parameters.thermal, parameters.coefficients
-    coil, board = c.coil_static_dph, c.board_static_dph
-    coefficients = replace(
-        c,
-        coil_static_dph=(vary(coil[0]), vary(coil[1]), vary(coil[2])),
-        board_static_dph=(vary(board[0]), vary(board[1])),
-        **{name: vary(getattr(c, name)) for name in _VARIED_COEFFICIENTS},
-    )
-    thermal = replace(thermal, **{name: vary(getattr(thermal, name)) for name in conductances})
-    return replace(parameters, thermal=thermal, coefficients=coefficients)

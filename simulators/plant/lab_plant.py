@@ -38,7 +38,7 @@ from simulators.plant.rlg import rlg_unit
 from simulators.plant.table import TableAxis, TableParameters
 from simulators.plant.triad import triad_unit
 from simulators.plant.unit import GyroUnit
-from simulators.plant.wobble import EncodedTable, EncoderParameters, WhirlingUnit, Wobble, nominal_wobble
+from simulators.plant.wobble import WhirlingUnit, Wobble, nominal_wobble
 
 UnitKind = Literal["fog_mid", "fog_nav", "mems", "ins_triad", "rlg", "imu", "imu_full"]
 Unit = GyroUnit | ImuUnit
@@ -81,7 +81,6 @@ class PlantConfig:
     room_temp_c: float = 25.0
     chamber: ChamberParameters = field(default_factory=ChamberParameters)
     table: TableParameters = field(default_factory=TableParameters)
-    encoder: EncoderParameters = field(default_factory=EncoderParameters)
     axes: tuple[tuple[str, str], ...] = (("table", "up"),)
     units: tuple[UnitConfig, ...] = ()
 
@@ -114,9 +113,9 @@ class LabPlant:
         """The table's axes by name, outermost first."""
         for name, _ in config.axes:
             owner = "encoder" if name == carrier else f"encoder {name}"
-            parts = (config.table, config.encoder, NoiseSource(config.seed, owner))
+            parts = (config.table, NoiseSource(config.seed, owner))
             wanted = name == carrier and says_of_table(shared)
-            self.tables[name] = ModelledTable(*parts, shared) if wanted else EncodedTable(*parts)
+            self.tables[name] = ModelledTable(*parts, shared) if wanted else TableAxis(*parts)
         self._units: dict[str, Unit] = {}
         self._power_ons: dict[str, int] = {}
         self._ticks = 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from simulators.effects import REFERENCE_C
@@ -13,14 +11,6 @@ from simulators.plant.thermal import case_and_inside, step_of
 
 MEMS_NOISE = NoiseParameters(arw_deg_per_sqrt_h=0.20, bias_instability_dph=4.0, quantum_arcsec=0.0)
 """Data-sheet class of industrial IMUs: ARW 0.1 to 0.3 deg/sqrt(h), bias instability 2 to 10 deg/h."""
-
-
-class MemsState(NamedTuple):
-    """Outputs of a tick, degC."""
-
-    die_temp_c: float
-    sensor_temp_c: float
-    case_temp_c: float
 
 
 def mems_axis(rng: np.random.Generator) -> AxisModel:
@@ -49,7 +39,7 @@ def mems_axis(rng: np.random.Generator) -> AxisModel:
 def mems_unit(unit_seed: int) -> UnitModel:
     """Return a unit with axes x, y, z: a small metal case and the sensor die on its board."""
     network = case_and_inside("die", (60.0, 6.0), (0.35, 0.08), 0.4, sensor_lag_s=4.0)
-    of_state = {
+    outputs = {
         "die_temp_c": network.row("die"),
         "sensor_temp_c": network.row("die_sensor"),
         "case_temp_c": network.row("case_sensor"),
@@ -57,8 +47,8 @@ def mems_unit(unit_seed: int) -> UnitModel:
     return UnitModel(
         axes="xyz",
         axis_models=tuple(mems_axis(np.random.default_rng((unit_seed, axis))) for axis in range(3)),
-        step=step_of(network, MemsState._fields, of_state),
-        state=MemsState,
+        step=step_of(network, outputs),
+        outputs=tuple(outputs),
         truth=("die_temp_c",),
         sensor_noise_c=0.02,
     )

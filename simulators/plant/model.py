@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
 
 from drivers.base.arrays import Array
 from simulators.effects import SamplePath
 from simulators.plant.noise import NoiseParameters
 
+T = TypeVar("T")
 Readings = Callable[[float, float, float], tuple[float, float]]
 
 
@@ -35,26 +38,31 @@ class AxisModel:
 class UnitModel:
     """A gyro unit: its axes, its thermal step (see `thermal.tick_matrix`) and how to read the outputs.
 
-    `state` is the named tuple of a tick's outputs that effects take. Two of these are `sensor_temp_c` (the
-    unit's own sensor) and `case_temp_c` (a sensor on its case), read with noise and rounded to the LSB; `truth`
-    names the outputs that are recorded beside them. `readings` changes these two, once a tick, from air, sensor
-    and case temperature to sensor and case temperature, degC.
+    Effects take a tick's outputs as a named tuple. Two of these are `sensor_temp_c` (the unit's own sensor) and
+    `case_temp_c` (a sensor on its case), read with noise and rounded to the LSB; `truth` names the outputs that
+    are recorded beside them. `readings` changes these two, once a tick, from air, sensor and case temperature to
+    sensor and case temperature, degC.
     """
 
     axes: str
     axis_models: tuple[AxisModel, ...]
     step: Array
-    state: type[Any]
+    outputs: tuple[str, ...]
     truth: tuple[str, ...]
     sensor_noise_c: float = 0.01
     sensor_lsb_c: float = 0.01
     readings: Readings | None = None
 
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """Names of a tick's outputs, in the order of the step's last rows."""
-        return tuple(self.state._fields)
-
 
 EFFECTS = ("bias_dph", "sf_error_ppm", "rate_ppm", "sample_rad")
 """Fields of an `AxisModel` that hold effects."""
+
+
+def varied(parameters: T, names: Iterable[str], spread: float, rng: np.random.Generator) -> T:
+    """Return a dataclass whose named numbers, or tuples of them, vary by `spread` (1 sigma, cut at two)."""
+    changes = {}
+    for name in names:
+        value = np.asarray(getattr(parameters, name))
+        factor = 1.0 + spread * np.clip(rng.standard_normal(value.shape), -2.0, 2.0)
+        changes[name] = (value * factor).tolist()
+    return replace(parameters, **changes)  # type: ignore[type-var]

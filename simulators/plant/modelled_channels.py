@@ -31,9 +31,8 @@ from simulators.effects.table import ahead_deg, missed_dps, reading_error_arcsec
 from simulators.plant.chamber import ChamberAir, ChamberDemand
 from simulators.plant.model import Readings, UnitModel
 from simulators.plant.noise import NoiseSource
-from simulators.plant.table import TableParameters
+from simulators.plant.table import TableAxis, TableParameters
 from simulators.plant.thermal import AIR, Link, build_network, tick_matrix
-from simulators.plant.wobble import EncodedTable, EncoderParameters
 
 _TABLE: tuple[Channel, ...] = ("table_angle", "table_rate")
 _LAB: tuple[Channel, ...] = ("chamber_air", *_TABLE)
@@ -202,14 +201,12 @@ def _body(unity: Array, first: int, around: Array, heat: tuple[float, ...]) -> l
     ]
 
 
-class ModelledTable(EncodedTable):
+class ModelledTable(TableAxis):
     """A table that misses its rate, ripples and reads its angle wrongly as a model has it; else it is perfect."""
 
-    def __init__(
-        self, parameters: TableParameters, encoder: EncoderParameters, source: NoiseSource, values: Values
-    ) -> None:
+    def __init__(self, parameters: TableParameters, source: NoiseSource, values: Values) -> None:
         ideal = replace(parameters, ripple_once_ppm=0.0, ripple_twice_ppm=0.0, encoder_error_arcsec=0.0)
-        super().__init__(ideal, encoder, source)
+        super().__init__(ideal, source)
         self._values = values
         self._effects = [effect for name, effect in _emulated().items() if name in values]
 

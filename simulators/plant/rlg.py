@@ -7,13 +7,12 @@ stripped: what is left of the lock-in is angle random walk, and the fringe count
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from simulators.effects import REFERENCE_C
-from simulators.plant.model import AxisModel, UnitModel
+from simulators.plant.model import AxisModel, UnitModel, varied
 from simulators.plant.noise import NoiseParameters
 from simulators.plant.thermal import Network, case_and_inside, step_of
 
@@ -23,17 +22,6 @@ RUN_SPREAD = 0.03
 """How far one unit's coefficients of temperature lie apart between power cycles (1 sigma): mirrors and mounts do
 not settle twice in the same way."""
 RIPPLE_PERIOD_K = 9.0
-
-
-class RlgState(NamedTuple):
-    """Outputs of a tick: temperatures in degC, rates in degC/min. The unit's own sensor sits on the block."""
-
-    case_c: float
-    block_c: float
-    case_rate: float
-    block_rate: float
-    sensor_temp_c: float
-    case_temp_c: float
 
 
 @dataclass(frozen=True)
@@ -82,19 +70,10 @@ def rlg_coefficients(unit_seed: int, run_seed: int = 0, power_on: int = 0) -> Rl
     """Return a unit's coefficients on a given day after so many power cycles; unit 0 is the nominal one."""
     c = RlgCoefficients()
     if unit_seed:
-        c = _varied(
-            c, tuple(item.name for item in fields(c)), UNIT_SPREAD, np.random.default_rng((unit_seed, 1))
-        )
+        names = [item.name for item in fields(c)]
+        c = varied(c, names, UNIT_SPREAD, np.random.default_rng((unit_seed, 1)))
     seeds = (unit_seed, 2, run_seed, power_on) if power_on else (unit_seed, 2, run_seed)
-    return _varied(c, _OF_TEMPERATURE, RUN_SPREAD, np.random.default_rng(seeds))
-
-
-def _varied(
-    c: RlgCoefficients, names: tuple[str, ...], spread: float, rng: np.random.Generator
-) -> RlgCoefficients:
-    factors = 1.0 + spread * np.clip(rng.standard_normal(len(names)), -2.0, 2.0)
-    changes = {name: getattr(c, name) * float(factor) for name, factor in zip(names, factors, strict=True)}
-    return replace(c, **changes)
+    return varied(c, _OF_TEMPERATURE, RUN_SPREAD, np.random.default_rng(seeds))
 
 
 def rlg_axis(c: RlgCoefficients) -> AxisModel:
@@ -138,17 +117,18 @@ def rlg_unit(unit_seed: int, run_seed: int = 0, power_on: int = 0) -> UnitModel:
     """Return a single-axis unit, switched on for run `run_seed` and again `power_on` times since."""
     network = rlg_network()
     case, block = network.row("case"), network.row("block")
-    of_state = {
+    outputs = {  # degC, and degC/min
         "case_c": case,
         "block_c": block,
+        "case_rate": 60.0 * case,
+        "block_rate": 60.0 * block,
         "sensor_temp_c": network.row("block_sensor"),
         "case_temp_c": network.row("case_sensor"),
     }
-    of_rate = {"case_rate": 60.0 * case, "block_rate": 60.0 * block}
     return UnitModel(
         axes="x",
         axis_models=(rlg_axis(rlg_coefficients(unit_seed, run_seed, power_on)),),
-        step=step_of(network, RlgState._fields, of_state, of_rate),
-        state=RlgState,
+        step=step_of(network, outputs, ("case_rate", "block_rate")),
+        outputs=tuple(outputs),
         truth=("case_c", "block_c"),
     )

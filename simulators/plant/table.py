@@ -14,11 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.base.arrays import Array
+from simulators.plant.noise import NoiseSource
 
 _RAD = math.pi / 180.0
 _SETTLED = 20.0
 _FADED = 40.0
 """Servo time constants after which its transient is below 1e-7 of its start, and taken as zero (4e-18)."""
+_TICKS_PER_S = 1000
+_READINGS = 4096
+_QUIET = NoiseSource(0, "encoder")
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,8 @@ class TableParameters:
     """A precision single-axis table; limits after the BD125 data sheet (1000 deg/s, 4200 deg/s2, 1 arcsec).
 
     Ripple is the peak rate variation as a fraction of rate, 1e-6, at one and two periods a turn. The encoder's
-    error is its peak over a turn.
+    error is its peak over a turn, of an eccentric disc; beside it come white noise and a ripple of so many lines
+    a turn.
     """
 
     max_rate_dps: float = 1000.0
@@ -36,6 +41,9 @@ class TableParameters:
     ripple_once_ppm: float = 5.0
     ripple_twice_ppm: float = 2.0
     encoder_error_arcsec: float = 0.5
+    encoder_noise_arcsec: float = 0.0
+    encoder_ripple_arcsec: float = 0.0
+    encoder_ripple_lines: int = 36
 
 
 @dataclass(frozen=True)
@@ -51,9 +59,12 @@ class _Piece:
 
 
 class TableAxis:
-    """A servoed table axis; at rest at 0 deg with its servo open at 0 s."""
+    """A servoed table axis; at rest at 0 deg with its servo open at 0 s.
 
-    def __init__(self, parameters: TableParameters) -> None:
+    `source` draws the encoder's noise, which depends on seed and time only.
+    """
+
+    def __init__(self, parameters: TableParameters, source: NoiseSource = _QUIET) -> None:
         self.parameters = parameters
         self.max_rate_dps = parameters.max_rate_dps
         self.max_acceleration_dps2 = parameters.max_acceleration_dps2
@@ -63,6 +74,7 @@ class TableAxis:
         self._starts = [0.0]
         self._ripple_once_deg = math.degrees(parameters.ripple_once_ppm * 1e-6)
         self._ripple_twice_deg = math.degrees(parameters.ripple_twice_ppm * 1e-6) / 2.0
+        self._noise: list[float] = source.generator(0).standard_normal(_READINGS).tolist()
 
     def servo(self, now_s: float, on: bool) -> None:
         """Close or open the servo; opened, the axis coasts to rest and ignores demands."""
@@ -125,10 +137,14 @@ class TableAxis:
         self._plan(now_s, [(sign * a, first), (0.0, cruise), (-sign * a, last)], 0.0, angle + distance)
 
     def angle_deg(self, now_s: float) -> float:
-        """Return the encoder's angle in [0, 360): the axis angle and the encoder's error over a turn."""
-        angle = self.total_angle_deg(now_s)
-        error = self.parameters.encoder_error_arcsec / 3600.0 * math.sin(math.radians(angle))
-        return (angle + error) % 360.0
+        """Return the encoder's angle in [0, 360): the axis angle and the encoder's errors."""
+        p, angle = self.parameters, self.total_angle_deg(now_s)
+        eccentric = p.encoder_error_arcsec / 3600.0 * math.sin(math.radians(angle))
+        # readings come at any time, one by one: a table addressed by a hash of the time (Knuth's multiplier)
+        address = (round(now_s * _TICKS_PER_S) * 2654435761 & 0xFFFFFFFF) * _READINGS >> 32
+        error = p.encoder_noise_arcsec * self._noise[address]
+        error += p.encoder_ripple_arcsec * math.sin(p.encoder_ripple_lines * math.radians(angle))
+        return ((angle + eccentric) % 360.0 + error / 3600.0) % 360.0
 
     def rate_dps(self, now_s: float) -> float:
         """Return the axis rate."""

@@ -6,7 +6,7 @@ u = (air temperature, 1). Over a tick u is held, so the step is exact: expm([[A,
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -120,20 +120,11 @@ def tick_matrix(network: Network, of_state: Array, of_rate: Array, dt_s: float =
     return np.ascontiguousarray(np.vstack((step, of_state @ step + of_rate @ rate)))
 
 
-def step_of(
-    network: Network,
-    outputs: Sequence[str],
-    of_state: Mapping[str, Array],
-    of_rate: Mapping[str, Array] | None = None,
-) -> Array:
-    """Return the `tick_matrix` of named outputs: each a row (n,) of states, of their rates in K/s, or both."""
-    none = np.zeros(len(network.names))
-    rates = of_rate or {}
-    return tick_matrix(
-        network,
-        np.array([of_state.get(name, none) for name in outputs]),
-        np.array([rates.get(name, none) for name in outputs]),
-    )
+def step_of(network: Network, outputs: Mapping[str, Array], rates: Collection[str] = ()) -> Array:
+    """Return the `tick_matrix` of named outputs: a row (n,) each of states; of those in `rates`, of K/s."""
+    of_rate = np.array([[name in rates] for name in outputs])
+    rows = np.array(list(outputs.values()))
+    return tick_matrix(network, np.where(of_rate, 0.0, rows), np.where(of_rate, rows, 0.0))
 
 
 def _exponential(matrix: Array) -> Array:

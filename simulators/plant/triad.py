@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from simulators.plant.model import AxisModel, UnitModel
@@ -16,21 +14,13 @@ DRIFT_DPH = 0.01
 _SF_PPM = 20.0
 
 
-class TriadState(NamedTuple):
-    """Outputs of a tick, degC."""
-
-    block_temp_c: float
-    sensor_temp_c: float
-    case_temp_c: float
-
-
 def triad_unit(unit_seed: int) -> UnitModel:
     """Return a unit; seed 0 drifts by +0.01 deg/h on x and -0.01 deg/h on y, others by draws of that size."""
     drifts = (DRIFT_DPH, -DRIFT_DPH, 0.5 * DRIFT_DPH)
     if unit_seed:
         drifts = tuple(DRIFT_DPH * np.random.default_rng((unit_seed, 73)).standard_normal(3))
     network = case_and_inside("block", (2500.0, 1800.0), (1.6, 0.9), 9.0, 8.0, 6.0)
-    of_state = {
+    outputs = {
         "block_temp_c": network.row("block"),
         "sensor_temp_c": network.row("block_sensor"),
         "case_temp_c": network.row("case_sensor"),
@@ -38,8 +28,8 @@ def triad_unit(unit_seed: int) -> UnitModel:
     return UnitModel(
         axes="xyz",
         axis_models=tuple(_axis(float(drift)) for drift in drifts),
-        step=step_of(network, TriadState._fields, of_state),
-        state=TriadState,
+        step=step_of(network, outputs),
+        outputs=tuple(outputs),
         truth=("block_temp_c",),
     )
 

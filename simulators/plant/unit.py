@@ -8,7 +8,7 @@ and the model's truth columns: 8 float64 for a fibre-optic gyro, 12 for a three-
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import deque, namedtuple
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -103,6 +103,7 @@ class GyroUnit:
         self._power_ons = 0
         self._switches: deque[tuple[int, UnitModel | None]] = deque()
         """Power to come: (tick, model from then on, None for off)."""
+        self._state: Callable[..., Any] = namedtuple("State", model.outputs)  # type: ignore[misc]
         self._reading_at = [model.outputs.index(name) for name in _READINGS]
         self._truth_at = [model.outputs.index(name) for name in model.truth]
         self._sensor_source = source.substream(_SENSORS)
@@ -266,7 +267,7 @@ class GyroUnit:
         if self.model.readings is not None:
             sensor, case = self._reading_at
             outputs[sensor], outputs[case] = self.model.readings(air_temp_c, outputs[sensor], outputs[case])
-        state = self.model.state(*outputs)
+        state = self._state(*outputs)
         row = [sum([term(state) for term in terms], constant) for terms, constant in self._bias]
         row += [process.value(tick) for process in self._flicker]
         row += [sum([term(state) for term in terms], constant) for terms, constant in self._scale]

@@ -7,7 +7,7 @@ The tilt is kept in the axes of the bearing's body b as lines: tilt = sum a_m ex
 x_b, imaginary part about y_b; m need not be whole. The carried frame s' is then C_b^s' = C_b^s(psi)
 exp(-[tilt x]).
 
-The unit that turns in the wobbling bearing is `WhirlingUnit`; `Encoder` is what the table says of its angle.
+The unit that turns in the wobbling bearing is `WhirlingUnit`.
 """
 
 from __future__ import annotations
@@ -25,11 +25,8 @@ from drivers.base.errors import ConfigurationError
 from simulators.plant.model import UnitModel
 from simulators.plant.mounting import Mount, Mounting
 from simulators.plant.noise import NoiseSource
-from simulators.plant.table import TableAxis, TableParameters
+from simulators.plant.table import TableAxis
 from simulators.plant.unit import GyroUnit
-
-_TICKS_PER_S = 1000
-_TABLE = 4096
 
 
 @dataclass(frozen=True)
@@ -164,35 +161,6 @@ class WhirlingUnit(GyroUnit):
         for axis, angle_arcsec in enumerate(self._wobble.misalignment_arcsec):
             turned[axis] += angle_arcsec * ARCSEC_RAD * turned[2]
         return turned
-
-
-@dataclass(frozen=True)
-class EncoderParameters:
-    """Errors of an encoder beside its eccentricity (`TableParameters`): noise and a ripple of `lines` a turn."""
-
-    noise_arcsec: float = 0.0
-    ripple_arcsec: float = 0.0
-    ripple_lines: int = 36
-
-
-class EncodedTable(TableAxis):
-    """A table axis whose encoder has noise and a ripple; the noise depends on seed and time only."""
-
-    def __init__(self, parameters: TableParameters, encoder: EncoderParameters, source: NoiseSource) -> None:
-        super().__init__(parameters)
-        self._encoder = encoder
-        self._noise: list[float] = source.generator(0).standard_normal(_TABLE).tolist()
-
-    def angle_deg(self, now_s: float) -> float:
-        """Return the encoder's angle in [0, 360)."""
-        encoder = self._encoder
-        # readings come at any time, one by one: a table addressed by a hash of the time (Knuth's multiplier)
-        address = (round(now_s * _TICKS_PER_S) * 2654435761 & 0xFFFFFFFF) * _TABLE >> 32
-        error = encoder.noise_arcsec * self._noise[address]
-        error += encoder.ripple_arcsec * math.sin(
-            encoder.ripple_lines * math.radians(self.total_angle_deg(now_s))
-        )
-        return (super().angle_deg(now_s) + error / 3600.0) % 360.0
 
 
 def _earth_in_body(mount: Mount, latitude_deg: float) -> Array:

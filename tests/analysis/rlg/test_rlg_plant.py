@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +22,6 @@ from simulators.plant.rlg import (
     rlg_network,
     rlg_unit,
 )
-from simulators.plant.rlg import RlgState as State
 
 
 def test_two_watts_warm_block_and_case_by_their_conductances() -> None:
@@ -44,7 +44,7 @@ def test_random_walk_of_lock_in() -> None:
 def test_bias_is_the_documented_sum() -> None:
     c = RlgCoefficients()
     t1, t2, d1 = -13.0, -9.5, 0.4
-    state = State(t1, t2, d1, 0.3, 0.0, 0.0)
+    state = SimpleNamespace(case_c=t1, block_c=t2, case_rate=d1)
     total = sum(effect(state) for effect in rlg_axis(c).bias_dph.values())
     by_hand = (
         0.004 - 2.2e-4 * (t1 - 25) + 4e-7 * (t1 - 25) ** 2 + 0.024 * d1 - 1.6e-4 * t1 * d1 + 0.012 * d1**2

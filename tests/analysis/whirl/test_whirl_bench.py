@@ -1,5 +1,7 @@
 """The whole way: wobbling bearing, emulated table and gyro, bytes, angle, fit, attitude (checks C22 and C23)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ from bench.analysis.whirl._attitude import Oscillation
 from bench.analysis.whirl._integral import FourierFit
 from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, nominal_angle, reversing
 from simulators.plant import TableParameters
-from simulators.plant.wobble import BACKWARD_LINE, CONSTANT_TILT, PATENT_CLASS, EncoderParameters, Wobble
+from simulators.plant.wobble import BACKWARD_LINE, CONSTANT_TILT, PATENT_CLASS, Wobble
 
 # A gyro at 25 Hz and a table asked every 5 s keep the tests short; the walk uses 100 Hz and 1 s.
 FULL = {**PATENT_CLASS, **CONSTANT_TILT, **BACKWARD_LINE}
@@ -42,7 +44,7 @@ def without_compensation(record: TurnRecord, fit: DirectFit) -> Oscillation:
 
 
 def test_ideal_sensors_leave_nothing() -> None:
-    plan = Plan(TEN_TURNS, Wobble(FULL), without=QUIET, table=STILL, encoder=EncoderParameters())
+    plan = Plan(TEN_TURNS, Wobble(FULL), without=QUIET, table=STILL)
     record, _ = emulate(plan)
     fit = fit_direct([record])
     for line, truth in FULL.items():
@@ -65,7 +67,7 @@ def test_ideal_sensors_leave_nothing() -> None:
 def test_locked_oscillation_of_another_run_falls_a_hundred_times(
     lines: dict[float, complex], stretches: list[tuple[float, float]], ripple: float
 ) -> None:
-    table = TableParameters(ripple_once_ppm=1e6 * ripple, encoder_error_arcsec=TABLE.encoder_error_arcsec)
+    table = replace(TABLE, ripple_once_ppm=1e6 * ripple)
     fitted, judged, twin = (
         emulate(Plan(stretches, Wobble(content), seed=seed, table=table, rate_hz=25, poll_s=5.0))[0]
         for content, seed in ((lines, 1), (lines, 2), ({}, 2))
@@ -102,7 +104,7 @@ def left_by(record: TurnRecord, patent: FourierFit, at: np.ndarray, tilt: np.nda
 
 
 def test_with_ripple_the_nominal_angle_is_worse_than_the_measured_one() -> None:
-    table = TableParameters(ripple_once_ppm=5e4)
+    table = TableParameters(ripple_once_ppm=5e4, encoder_noise_arcsec=2.0)
     record, _ = emulate(Plan(HALF_HOUR, Wobble(PATENT_CLASS), table=table, rate_hz=25, poll_s=5.0))
     fit = fit_direct([record])
     earth = fit.body_rate_dph[0].value
@@ -131,7 +133,7 @@ def test_play_is_a_jump_that_is_fitted() -> None:
 def test_angle_between_polls_comes_from_the_z_gyro() -> None:
     """Telemetry once a second, a table that ripples by 5 %: the angle with the gyro and without."""
     table = TableParameters(ripple_once_ppm=5e4, encoder_error_arcsec=0.0)
-    plan = Plan(TEN_TURNS, Wobble(), table=table, encoder=EncoderParameters())
+    plan = Plan(TEN_TURNS, Wobble(), table=table)
     record, turns = emulate(plan)
     truth = _true_angle(plan, record.time_s)
     error = np.degrees(record.angle_rad - truth) * 3600.0

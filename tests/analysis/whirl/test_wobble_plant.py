@@ -1,6 +1,7 @@
 """The plant's wobble against scipy's rotations and closed forms; encoder errors; the unit in the lab."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from drivers.base.errors import ConfigurationError
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
 from simulators.plant.wobble import (
     PATENT_CLASS,
-    EncoderParameters,
     Wobble,
     body_to_carried,
     nominal_wobble,
@@ -26,7 +26,7 @@ AS = math.radians(1.0 / 3600.0)
 
 def lab(wobble: Wobble, **config: object) -> LabPlant:
     unit = UnitConfig("ins", model="ins_triad", change=without(*QUIET), wobble=wobble)
-    return LabPlant(PlantConfig(latitude_deg=LATITUDE_DEG, table=STILL, units=(unit,), **config))  # type: ignore[arg-type]
+    return LabPlant(PlantConfig(latitude_deg=LATITUDE_DEG, units=(unit,), **{"table": STILL, **config}))  # type: ignore[arg-type]
 
 
 def test_frames_and_increments_agree_with_scipy() -> None:
@@ -99,8 +99,8 @@ def test_samples_do_not_depend_on_how_calls_are_cut() -> None:
 
 
 def test_encoder_noise_and_ripple() -> None:
-    encoder = EncoderParameters(noise_arcsec=2.0, ripple_arcsec=4.0, ripple_lines=36)
-    plant = lab(Wobble(), encoder=encoder, seed=3)
+    table = replace(STILL, encoder_noise_arcsec=2.0, encoder_ripple_arcsec=4.0, encoder_ripple_lines=36)
+    plant = lab(Wobble(), table=table, seed=3)
     plant.table.servo(0.0, True)
     plant.table.demand_rate(0.0, 6.0)
     times = np.arange(20.0, 2020.0)
@@ -111,7 +111,7 @@ def test_encoder_noise_and_ripple() -> None:
     assert abs(2.0 * np.mean(error * np.conj(phase))) == pytest.approx(4.0, abs=0.3)
     rest = error - (2.0 * np.mean(error * np.conj(phase)) * phase).real
     assert rest.std() == pytest.approx(2.0, rel=0.1)
-    again = lab(Wobble(), encoder=encoder, seed=3)
+    again = lab(Wobble(), table=table, seed=3)
     again.table.servo(0.0, True)
     again.table.demand_rate(0.0, 6.0)
     assert again.table.angle_deg(777.0) == read[757]
