@@ -7,9 +7,9 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from drivers.base.errors import ConfigurationError
@@ -30,32 +30,9 @@ _OURS = Path(__file__).parents[1]
 _PARAMETER_GROUP_1, _PARAMETER_GROUP_2 = 0x03FF_0000, 0x03FF_FF00
 
 
-@dataclass(frozen=True)
-class Signal:
-    """A signal as cantools has it, under cantools' names."""
-
-    name: str
-    start: int
-    length: int
-    byte_order: str
-    is_signed: bool
-    is_float: bool
-    scale: float
-    offset: float
-    unit: str | None
-    multiplexer_ids: Sequence[int] | None
-    multiplexer_signal: str | None
-
-
-@dataclass(frozen=True)
-class Message:
-    """A message as cantools has it, under cantools' names."""
-
-    name: str
-    frame_id: int
-    is_extended_frame: bool
-    length: int
-    signals: Sequence[Signal]
+Message = Any
+"""A message with its signals as cantools has them, under cantools' names."""
+Signal = Any
 
 
 def load_database(path: Path) -> Mapping[str, Message]:
@@ -103,8 +80,10 @@ def _read(content: bytes, ours: bool) -> Mapping[str, Message] | str:
 
 def _by_name(found: list[dict[str, Any]]) -> Mapping[str, Message]:
     return {
-        each["name"]: Message(**{**each, "signals": [Signal(**signal) for signal in each["signals"]]})
-        for each in found
+        message["name"]: SimpleNamespace(
+            **{**message, "signals": [SimpleNamespace(**signal) for signal in message["signals"]]}
+        )
+        for message in found
     }
 
 

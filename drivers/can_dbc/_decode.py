@@ -62,7 +62,7 @@ class CanDecoder:
         self.nominal_rate_hz = rate_hz
         self.layout = layout
         self.axes = axes
-        self._source = source_address
+        self.source_address = source_address
         self._slots = [(slot, layout.messages[slot.message]) for slot in layout.sample]
         self._least = np.array([message.length for _, message in self._slots], np.uint8)
         self._sent = {name: _sender(each, source_address) for name, each in layout.messages.items()}

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from drivers.base.errors import DeviceSilent, WrongDevice
 from drivers.can_dbc._decode import CanDecoder
-from drivers.can_dbc._layout import CanLayout
 from drivers.can_dbc._signals import MessageLayout
+from drivers.kit.conversation import StreamingGyro
 from drivers.kit.instruments import Identity
 from drivers.kit.link import Link
 from drivers.kit.slcan_codec import SlcanParser
@@ -22,37 +22,26 @@ _LISTEN_S = 5.0
 """How long to wait for a first sample; the slowest output of the known units is 1 Hz."""
 
 
-class CanGyro:
-    """A unit (`drivers.kit.instruments.Gyro`) whose outputs were set to `rate_hz` before.
+class CanGyro(StreamingGyro):
+    """A unit (`drivers.kit.instruments.Gyro`) whose outputs were set before.
 
     `bus` and `link` are what `drivers.slcan.open_can` returned; the bus is kept because python-can shuts one down
-    that nobody holds. `source_address`: the J1939 node to listen to, None for any.
+    that nobody holds. `decoder`: one for its stream.
     """
 
-    def __init__(
-        self,
-        bus: can.BusABC,
-        link: Link,
-        layout: CanLayout,
-        *,
-        rate_hz: float,
-        axes: str | None = None,
-        source_address: int | None = None,
-    ) -> None:
+    def __init__(self, bus: can.BusABC, link: Link, decoder: CanDecoder) -> None:
+        super().__init__(link)
         self.bus = bus
-        self.link = link
-        self.layout = layout
-        self._rate_hz = rate_hz
-        self._axes = axes
-        self._source = source_address
-        self.decoder()  # refuses settings that cannot be before the first byte
+        self.layout = decoder.layout
+        self._source = decoder.source_address
+        self._messages = [self.layout.messages[slot.message] for slot in self.layout.sample]
 
     def identify(self) -> Identity:
         """Listen until every message of a sample has come, at most 5 s.
 
         Raises WrongDevice naming the identifiers that were seen instead, DeviceSilent when no frame came.
         """
-        missing = {slot.message: self.layout.messages[slot.message] for slot in self.layout.sample}
+        missing = {message.name: message for message in self._messages}
         parser, seen = SlcanParser(), set[tuple[int, bool]]()
         deadline_s = self.link.clock.now() + _LISTEN_S
         heard = b""
@@ -61,29 +50,17 @@ class CanGyro:
             heard = (heard + data)[:60]
             frames = parser.feed(data)
             seen |= set(zip(frames["id"].tolist(), frames["extended"].tolist(), strict=True))
-            missing = {name: each for name, each in missing.items() if not self._among(each, frames)}
+            missing = {name: sent for name, sent in missing.items() if not self._among(sent, frames)}
         if not seen:
             raise self._silent(heard)
         if missing:
             raise self._wrong(identifier_names(seen))
         return Identity(self.layout.maker, self.layout.model, details={"identifiers": identifier_names(seen)})
 
-    def start(self) -> None:
-        """Take everything on the bus for the stream; the unit streams by itself."""
-        self.link.streaming = True
-        self.link.discard()
-
-    def stop(self) -> None:
-        """Nothing: the unit cannot be told to be quiet, and what it sends goes on to the link's tap."""
-
     def close(self) -> None:
         """Close the port, then let go of the bus: python-can complains about one that nobody shut down."""
         self.link.close()
         self.bus.shutdown()
-
-    def decoder(self) -> CanDecoder:
-        """Return a fresh decoder of the unit's stream."""
-        return CanDecoder(self.layout, self._rate_hz, self._axes, self._source)
 
     def _among(self, message: MessageLayout, frames: NDArray[np.void]) -> bool:
         found = message.sent_by(frames["id"], frames["extended"])
@@ -104,7 +81,7 @@ class CanGyro:
         )
 
     def _wrong(self, seen: str) -> WrongDevice:
-        names = {(message.identifier, message.extended): message for message in self._sample_messages()}
+        names = {(message.identifier, message.extended): message for message in self._messages}
         source = "" if self._source is None else f" from address 0x{self._source:02X}"
         return WrongDevice(
             f"what sends on this bus is not a unit of kind {self._unit()} with its outputs on",
@@ -114,9 +91,6 @@ class CanGyro:
             f"({', '.join(message.name for message in names.values())})",
             remedy="turn these messages on in the unit's configuration, or correct the bench file",
         )
-
-    def _sample_messages(self) -> list[MessageLayout]:
-        return [self.layout.messages[slot.message] for slot in self.layout.sample]
 
 
 def identifier_names(identifiers: set[tuple[int, bool]]) -> str:

@@ -87,26 +87,12 @@ def can_kind(config_class: type[Config], layout: Callable[[Config], CanLayout]) 
     """Return the kind of gyro on CAN whose layout comes from its configuration."""
 
     def opened(config: Config, connection: Connection) -> CanGyro:
-        found = layout(config)
-        assert (
-            config.interface is not None and config.channel is not None
-        )  # as the bench file's checks have it
-        bus, link = open_can(
-            config.interface,
-            config.channel,
-            config.bitrate,
-            connection.clock,
-            connection.name,
-            tap=connection.tap,
-        )
-        return CanGyro(
-            bus,
-            link,
-            found,
-            rate_hz=config.rate_hz,
-            axes=config.axes,
-            source_address=config.source_address,
-        )
+        listener = decoder(config)  # refuses settings that cannot be before the bus is opened
+        interface, channel = config.interface, config.channel
+        assert interface is not None and channel is not None, "as the bench file's checks have it"
+        clock, name = connection.clock, connection.name
+        bus, link = open_can(interface, channel, config.bitrate, clock, name, tap=connection.tap)
+        return CanGyro(bus, link, listener)
 
     def decoder(config: Config) -> CanDecoder:
         return CanDecoder(layout(config), config.rate_hz, config.axes, config.source_address)

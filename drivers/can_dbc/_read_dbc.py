@@ -10,6 +10,12 @@ import resource
 import sys
 from typing import Any
 
+_OF_MESSAGE = ("name", "frame_id", "is_extended_frame", "length")
+_OF_SIGNAL = (
+    *("name", "start", "length", "byte_order", "is_signed", "is_float", "unit"),
+    *("multiplexer_ids", "multiplexer_signal"),
+)
+
 
 def main(memory_bytes: int, cpu_s: int) -> int:
     """Read one file; 1 if it cannot be read. Beyond `cpu_s` the kernel ends the process."""
@@ -51,29 +57,13 @@ def _why(error: BaseException, memory_bytes: int) -> str:
 
 
 def _plain(message: Any) -> dict[str, Any]:
-    return {
-        "name": message.name,
-        "frame_id": message.frame_id,
-        "is_extended_frame": message.is_extended_frame,
-        "length": message.length,
-        "signals": [_plain_signal(signal) for signal in message.signals],
-    }
-
-
-def _plain_signal(signal: Any) -> dict[str, Any]:
-    return {
-        "name": signal.name,
-        "start": signal.start,
-        "length": signal.length,
-        "byte_order": signal.byte_order,
-        "is_signed": signal.is_signed,
-        "is_float": signal.is_float,
-        "scale": float(signal.scale),
-        "offset": float(signal.offset),
-        "unit": signal.unit,
-        "multiplexer_ids": signal.multiplexer_ids,
-        "multiplexer_signal": signal.multiplexer_signal,
-    }
+    plain = {name: getattr(message, name) for name in _OF_MESSAGE}
+    plain["signals"] = [
+        {name: getattr(signal, name) for name in _OF_SIGNAL}
+        | {"scale": float(signal.scale), "offset": float(signal.offset)}
+        for signal in message.signals
+    ]
+    return plain
 
 
 if __name__ == "__main__":

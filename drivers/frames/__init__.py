@@ -1,10 +1,9 @@
 """Gyros on a serial port described by a TOML file: decoder, encoder and driver made from the description."""
 
 from drivers.frames._decode import FrameDecoder, MessageReader, Messages, channels, messages_of, reader_of
-from drivers.frames._driver import bits_a_byte
 from drivers.frames._encode import FrameEncoder
 from drivers.frames._form import Form
-from drivers.frames._kind import Frames, FramesConfig, kind_as_described
+from drivers.frames._kind import Frames, FramesConfig, bits_a_byte, kind_as_described
 from drivers.frames._line_encode import LineEncoder
 from drivers.frames._lines import LineDescription, LineSection
 from drivers.frames._load import FrameFamily, family_of, load_family, refusal, shipped

@@ -1,4 +1,4 @@
-"""A gyro described by a TOML file as the bench finds it by name."""
+"""A gyro described by a TOML file as the bench finds it by name: listened to, and checked to be that."""
 
 from __future__ import annotations
 
@@ -9,15 +9,21 @@ from typing import Any, ClassVar, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames._decode import FrameDecoder, celsius, channels, messages_of
-from drivers.frames._driver import FrameGyro
+from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
+from drivers.frames._decode import FrameDecoder, celsius, channels, messages_of, reader_of
 from drivers.frames._form import Form
 from drivers.frames._load import FrameFamily, family_from, family_of, is_path, load_toml, shipped
 from drivers.frames._model import ACCEL_ROLES
 from drivers.frames._units import factor
 from drivers.kit.config import GyroConfig, Mistake, key
-from drivers.kit.instruments import Gyro
+from drivers.kit.conversation import StreamingGyro
+from drivers.kit.instruments import Gyro, Identity
 from drivers.kit.kinds import Columns, Connection, GyroKind, Probe
+
+_LISTEN_S = 5.0
+_ENOUGH = 2
+_KEPT = 8192
+"""Bytes kept to say what was heard instead."""
 
 
 class FramesConfig(GyroConfig):
@@ -63,13 +69,78 @@ class FramesConfig(GyroConfig):
         return {**usual, **given, "description": description}, []
 
 
-def _open(config: FramesConfig, connection: Connection) -> FrameGyro:
-    family = config.family
-    line = family.description.link
-    link = connection.link(
-        config.port, config.baudrate, bytesize=line.bytesize, parity=line.parity, stopbits=line.stopbits
-    )
-    return FrameGyro(link, family, _decoder(config), baudrate=config.baudrate)
+def bits_a_byte(family: FrameFamily) -> int:
+    """Return the bits on the line for each byte: start, data, parity, stop."""
+    link = family.description.link
+    return 1 + link.bytesize + (link.parity != "N") + link.stopbits
+
+
+class FrameGyro(StreamingGyro):
+    """A gyro on a serial port (`drivers.kit.instruments.Gyro`) that sends `rate_hz` frames a second, unasked."""
+
+    def __init__(self, config: FramesConfig, connection: Connection) -> None:
+        """Raise ConfigurationError for a frame rate that the line cannot carry."""
+        self._family = family = config.family
+        line = family.description.link
+        link = connection.link(
+            config.port, config.baudrate, bytesize=line.bytesize, parity=line.parity, stopbits=line.stopbits
+        )
+        super().__init__(link)
+        self._decoder = _decoder(config)
+        length = min(form.shortest for form in family.forms if form.measures)
+        most_hz = config.baudrate / (length * bits_a_byte(family))
+        if config.rate_hz > most_hz:
+            raise ConfigurationError(
+                "the line cannot carry that many frames",
+                where=link.where,
+                found=f"{config.rate_hz:g} Hz of {length} bytes at {config.baudrate} Bd",
+                expected=f"at most {most_hz:.0f} Hz",
+                remedy="correct rate_hz or baudrate in the bench file",
+            )
+
+    def identify(self) -> Identity:
+        """Listen for two sound frames with rates, at most 5 s and two frame times.
+
+        Raises DeviceSilent when nothing came, WrongDevice when what came are not such frames.
+        """
+        description, decoder, heard, frames = self._family.description, self._decoder, b"", 0
+        limit_s = _LISTEN_S + _ENOUGH / decoder.nominal_rate_hz
+        deadline_s = self.link.clock.now() + limit_s
+        while frames < _ENOUGH and (left_s := deadline_s - self.link.clock.now()) > 0.0:
+            data = self.link.read_some(left_s)
+            heard = (heard + data)[:_KEPT]
+            frames += len(decoder.feed(data))
+        where = self.link.where
+        if not heard:
+            raise DeviceSilent(
+                f"no byte within {limit_s:g} s",
+                where=where,
+                found="nothing",
+                expected=f"frames of {description.title}",
+                remedy="check power, cable and port",
+            )
+        if frames < _ENOUGH:
+            everything = reader_of(self._family)
+            everything.feed(heard)
+            others = ", ".join(name for name, n in everything.by_form.items() if n)
+            raise WrongDevice(
+                f"what sends on this port is not {description.title}"
+                + (f" with the message {decoder.expected}" if others else ""),
+                where=where,
+                found=f"messages {others}" if others else heard[:60].hex(" "),
+                expected=_beginnings(self._family),
+                remedy="check the baud rate, and port, description and frame_format in the bench file",
+            )
+        messages = ", ".join(name for name, n in decoder.by_message.items() if n)
+        return Identity(
+            description.maker, description.model or description.title, details={"messages": messages}
+        )
+
+
+def _beginnings(family: FrameFamily) -> str:
+    forms = [form for form in family.forms if form.measures]
+    heads = ", ".join(sorted({sync.hex(" ") for form in forms for sync in form.syncs})[:6])
+    return f"frames that begin with {heads} and carry a right check"
 
 
 def _decoder(config: FramesConfig) -> FrameDecoder:
@@ -143,7 +214,7 @@ def _probes() -> list[Probe]:
 
 
 Frames = GyroKind(
-    _open,
+    FrameGyro,
     _decoder,
     _rates,
     FramesConfig,

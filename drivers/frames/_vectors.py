@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.frames._decode import MessageReader, reader_of
-from drivers.frames._lines import LineDescription
+from drivers.frames._decode import LineMessages, MessageReader, reader_of
+from drivers.frames._lines import LineDescription, LineVector
 from drivers.frames._load import FrameFamily
 from drivers.frames._model import Vector
 from drivers.kit.config import Mistake
@@ -17,64 +17,51 @@ from drivers.kit.config import Mistake
 
 def vector_mistakes(family: FrameFamily) -> Iterator[Mistake]:
     """Yield every vector that does not decode to what it says, or whose damage goes unnoticed."""
-    if isinstance(family.description, LineDescription):
-        yield from _line_mistakes(family, family.description)
-        return
-    given = family
     for number, vector in enumerate(family.description.vector):
-        key = f"vector[{number}]"
-        family = given.set_up(vector.settings)
-        found = MessageReader(family).feed(vector.hex)
-        if len(found) != 1 or found[0].rows.size != len(vector.hex):
-            yield Mistake(f"{key}.hex", _why(family, vector), "one whole frame whose check is right")
-            continue
-        if vector.variant is not None and found[0].form.name != vector.variant:
-            yield Mistake(f"{key}.variant", repr(found[0].form.name), repr(vector.variant))
-            continue
-        columns = found[0].columns()
-        for name, wanted in vector.expect.items():
-            if name not in columns:
-                yield Mistake(f"{key}.expect.{name}", "no such field in this message", repr(wanted))
-            elif not _agrees(columns[name][0], wanted, vector.tolerance):
-                yield Mistake(f"{key}.expect.{name}", repr(_plain(columns[name][0])), repr(wanted))
-        if (missed := _unnoticed(family, vector)) is not None:
-            yield Mistake(f"{key}.hex", f"a frame with bit {missed} flipped passes", "a check that covers it")
+        yield from _mistakes(family.set_up(vector.settings), vector, f"vector[{number}]")
 
 
-def _line_mistakes(family: FrameFamily, description: LineDescription) -> Iterator[Mistake]:
-    given = family
-    for number, vector in enumerate(description.vector):
-        key = f"vector[{number}]"
-        family = given.set_up(vector.settings)
-        line = vector.text.encode("latin-1")
-        reader = reader_of(family)
-        found = reader.feed(line + b"\r\n")
-        if len(found) != 1:
-            why = ", ".join(reader.counts.rejected) or "start"
-            yield Mistake(f"{key}.text", f"a line refused for its {why}", "a line of this description")
-            continue
-        columns = found[0].columns()
-        for name, wanted in vector.expect.items():
-            if not _agrees(columns[name][0], wanted, vector.tolerance):
-                yield Mistake(f"{key}.expect.{name}", repr(_plain(columns[name][0])), repr(wanted))
-        if description.line.checksum is not None:
-            for at in range(len(line)):
-                flipped = line[:at] + bytes([line[at] ^ 1]) + line[at + 1 :]
-                if reader_of(family).feed(flipped + b"\r\n"):
-                    yield Mistake(
-                        f"{key}.text", f"a line with character {at} changed passes", "a check that sees it"
-                    )
-                    break
+def _mistakes(family: FrameFamily, vector: Vector | LineVector, key: str) -> Iterator[Mistake]:
+    is_line = isinstance(vector, LineVector)
+    data = vector.text.encode("latin-1") if isinstance(vector, LineVector) else vector.hex
+    key_of_data = f"{key}.text" if is_line else f"{key}.hex"
+    reader = reader_of(family)
+    messages = reader.feed(data + b"\r\n" if is_line else data)
+    if len(messages) != 1 or not (is_line or messages[0].rows.size == len(data)):
+        expected = "a line of this description" if is_line else "one whole frame whose check is right"
+        yield Mistake(key_of_data, _why(reader, len(data), is_line), expected)
+        return
+    if vector.variant is not None and messages[0].form.name != vector.variant:
+        yield Mistake(f"{key}.variant", repr(messages[0].form.name), repr(vector.variant))
+        return
+    columns = messages[0].columns()
+    for name, wanted in vector.expect.items():
+        if name not in columns:
+            yield Mistake(f"{key}.expect.{name}", "no such field in this message", repr(wanted))
+        elif not _agrees(columns[name][0], wanted, vector.tolerance):
+            yield Mistake(f"{key}.expect.{name}", repr(columns[name][0].item()), repr(wanted))
+    if not isinstance(family.description, LineDescription):
+        if (bit := _unnoticed(family, data, b"", range(8))) is not None:
+            yield Mistake(key_of_data, f"a frame with bit {bit} flipped passes", "a check that covers it")
+        return
+    unnoticed = None
+    if family.description.line.checksum is not None:
+        unnoticed = _unnoticed(family, data, b"\r\n", range(1))
+    if unnoticed is not None:
+        missed = f"a line with character {unnoticed // 8} changed passes"
+        yield Mistake(key_of_data, missed, "a check that sees it")
 
 
-def _why(family: FrameFamily, vector: Vector) -> str:
-    reader = MessageReader(family)
-    reader.feed(vector.hex)
-    if reader.counts.rejected:
-        return f"{len(vector.hex)} bytes refused for their {', '.join(reader.counts.rejected)}"
+def _why(reader: MessageReader | LineMessages, size: int, is_line: bool) -> str:
+    """Return why what was read is not one message."""
+    reasons = ", ".join(reader.counts.rejected)
+    if is_line:
+        return f"a line refused for its {reasons or 'start'}"
+    if reasons:
+        return f"{size} bytes refused for their {reasons}"
     if reader.pending:
-        return f"{len(vector.hex)} bytes, the beginning of a longer frame"
-    return f"{len(vector.hex)} bytes that do not begin as one frame does and end with it"
+        return f"{size} bytes, the beginning of a longer frame"
+    return f"{size} bytes that do not begin as one frame does and end with it"
 
 
 def _agrees(found: Any, wanted: float | int | bool | str, tolerance: float) -> bool:
@@ -85,15 +72,12 @@ def _agrees(found: Any, wanted: float | int | bool | str, tolerance: float) -> b
     return math.isclose(float(found), float(wanted), rel_tol=tolerance, abs_tol=1e-12)
 
 
-def _plain(value: Any) -> Any:
-    return value.item() if hasattr(value, "item") else value
-
-
-def _unnoticed(family: FrameFamily, vector: Vector) -> int | None:
-    """Return the first bit whose flip leaves a frame of the same length, None if there is none."""
-    for bit in range(8 * len(vector.hex)):
-        flipped = bytearray(vector.hex)
-        flipped[bit // 8] ^= 1 << bit % 8
-        if any(each.rows.size == len(flipped) for each in MessageReader(family).feed(bytes(flipped))):
-            return bit
+def _unnoticed(family: FrameFamily, data: bytes, end: bytes, bits: range) -> int | None:
+    """Return the first bit, of these `bits` of each byte, whose flip leaves a message of the same length."""
+    for number in (8 * at + bit for at in range(len(data)) for bit in bits):
+        flipped = bytearray(data)
+        flipped[number // 8] ^= 1 << number % 8
+        messages = reader_of(family).feed(bytes(flipped) + end)
+        if any(end or message.rows.size == len(data) for message in messages):
+            return number
     return None

@@ -1,4 +1,4 @@
-"""Gyros that take text commands on the line on which they stream: what their drivers have in common."""
+"""Gyros that stream, and those that take text commands on the same line: what their drivers share."""
 
 from __future__ import annotations
 
@@ -11,7 +11,26 @@ TRIES = 3
 """How often a command that may be sent twice is sent: a bit may flip on the way there or back."""
 
 
-class ConversingGyro:
+class StreamingGyro:
+    """A unit that streams by itself (`drivers.kit.instruments.Gyro`) and takes no command."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+
+    def start(self) -> None:
+        """Take everything on the line for the stream."""
+        self.link.streaming = True
+        self.link.discard()
+
+    def stop(self) -> None:
+        """Nothing: the unit cannot be told to be quiet, and what it sends goes on to the link's tap."""
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self.link.close()
+
+
+class ConversingGyro(StreamingGyro):
     """Reads replies out of a stream, and says in the same words what went wrong.
 
     `what`: the unit with its article, "a STIM300". `reply_s`: how long an answer may take. `seen`: bytes in which
@@ -21,13 +40,6 @@ class ConversingGyro:
     what = "a gyro"
     reply_s = 1.0
     seen = 4096
-
-    def __init__(self, link: Link) -> None:
-        self.link = link
-
-    def close(self) -> None:
-        """Close the port."""
-        self.link.close()
 
     def streams(self, data: bytes) -> bool:
         """Whether `data` has messages of such a unit in it."""

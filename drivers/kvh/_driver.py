@@ -82,8 +82,7 @@ class KvhGyro(ConversingGyro):
         for name, value in self._demands.items():
             self._ask(f"={name},{value}", rf"{name}, *{value}")
         self._ask("=CONFIG,0", "CONFIG, *0")
-        self.link.streaming = True
-        self.link.discard()
+        super().start()
 
     def stop(self) -> None:
         """Stop the stream by entering configuration mode."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, WrongDevice
 from drivers.kit.config import PlatformConfig
+from drivers.kit.conversation import StreamingGyro
 from drivers.kit.instruments import Identity
 from drivers.kit.kinds import Connection
 from drivers.platform.codec import LONGEST, parse, sentence
@@ -12,11 +13,11 @@ _REPLY_S = 2.0
 BAUDRATE = 38400
 
 
-class PlatformIns:
+class PlatformIns(StreamingGyro):
     """A platform INS that streams position and temperatures every `period_s` whole seconds, 1 .. 60."""
 
     def __init__(self, config: PlatformConfig, connection: Connection) -> None:
-        self.link = connection.link(config.port, config.baudrate)
+        super().__init__(connection.link(config.port, config.baudrate))
         self.period_s = config.period_s
 
     def identify(self) -> Identity:
@@ -37,8 +38,7 @@ class PlatformIns:
         """Set the period and start the stream."""
         self._ask("PERIOD", str(self.period_s))
         self._ask("START")
-        self.link.streaming = True
-        self.link.discard()
+        super().start()
 
     def navigate(self) -> None:
         """End the alignment: the position runs free from here on.
@@ -54,10 +54,6 @@ class PlatformIns:
     def stop(self) -> None:
         """Stop the stream."""
         self._ask("STOP")
-
-    def close(self) -> None:
-        """Let go of the port."""
-        self.link.close()
 
     def _ask(self, *command: str) -> list[str]:
         """Send a command; return the fields after the echo of its name."""

@@ -147,8 +147,7 @@ class Stim300Gyro(ConversingGyro):
         seen = self._read_until(left)
         if not left.search(seen):
             raise self._unanswered("x N", seen, _ANSWER)
-        self.link.streaming = True
-        self.link.discard()
+        super().start()
 
     def stop(self) -> None:
         """Stop the stream by entering Service Mode."""

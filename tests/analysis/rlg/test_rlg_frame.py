@@ -17,12 +17,13 @@ from hypothesis import strategies as st
 
 from drivers.base.clock import WallClock
 from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
-from drivers.frames import FrameDecoder, FrameEncoder, load_family
-from drivers.frames._driver import FrameGyro
+from drivers.frames import FrameEncoder, load_family
+from drivers.frames._kind import FrameGyro
 from drivers.kit.kinds import Connection
 from drivers.rlg import Rlg2t
 from simulators.emulators.frames import FrameEmulator
 from simulators.interfaces import GyroSignal
+from tests.memory_link import OpenConnection
 
 LENGTH = 15
 SECTION = Rlg2t.config(name="rlg_1", driver="rlg2t", unit="1", axis="x", rate_hz=10.0, baudrate=115200)
@@ -182,9 +183,8 @@ def test_identify_names_silence_and_strangers(unit: FrameGyro) -> None:
 
 @pytest.mark.concurrent
 def test_a_line_that_is_too_slow_is_refused(unit: FrameGyro) -> None:
-    family = load_family("rlg2t")
-    decoder = FrameDecoder(family, rate_hz=1000.0, axes="x")
+    fast = dataclasses.replace(SECTION, rate_hz=1000.0, baudrate=115200)
     with pytest.raises(ConfigurationError, match="768"):
-        FrameGyro(unit.link, family, decoder, baudrate=115200)
+        Rlg2t.open(fast, OpenConnection(unit.link))
     with pytest.raises(ConfigurationError, match="longer than a sample"):
         emulated(rate_hz=100.0, baudrate=9600)
