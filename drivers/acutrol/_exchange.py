@@ -15,9 +15,9 @@ from drivers.acutrol.codec import (
     decode_text,
     encode_command,
 )
-from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
-from drivers.kit.retry import command_with_retry, query_with_retry
+from drivers.kit.retry import await_confirmation, command_with_retry, misfit, query_with_retry
 
 REPLY_TIMEOUT_S = 2.0
 """A reply takes about 2 ms over Ethernet, 40 ms and more through a device server at 9600 baud."""
@@ -92,30 +92,18 @@ class Exchanges:
 
     def await_confirmation(self, header: str) -> None:
         """Pass over replies to older commands until the last one sent is confirmed."""
-        deadline = self._link.clock.now() + REPLY_TIMEOUT_S
-        problem: BenchError | None = None
-        while (left_s := deadline - self._link.clock.now()) > 0.0:
-            try:
-                reply = self._read_reply(left_s)
-            except ProtocolError as error:
-                problem = error
-                continue
-            except DeviceSilent as error:
-                raise (problem or error) from error
+
+        def confirmed(timeout_s: float) -> bool:
+            reply = self._read_reply(max(0.0, timeout_s))
             if reply.error == 0 and reply.text.upper() in ("", "OK"):
-                return
-            problem = self._refused(header, reply, "")
-        raise problem or self.misfit("nothing", f"OK to {header}")
+                return True
+            raise self._refused(header, reply, "")
+
+        await_confirmation(self._link, REPLY_TIMEOUT_S, confirmed)
 
     def misfit(self, found: str, expected: str) -> ProtocolError:
         """Return the error for an answer that is none to the question."""
-        return ProtocolError(
-            "the table's answer does not fit the question",
-            where=self._where,
-            found=repr(found),
-            expected=expected,
-            remedy="check the line for lost bytes and that nobody else talks to this port",
-        )
+        return misfit("table", self._where, repr(found), expected)
 
     def _reading_back(self, header: str, *arguments: Argument) -> Callable[[], bool] | None:
         """Return how to see that a demand, a limit or a mode of an axis is in force; None where it cannot be."""

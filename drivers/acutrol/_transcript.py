@@ -9,7 +9,7 @@ from drivers.acutrol.codec import decode_numbers, encode_state_query, split_repl
 from drivers.base.errors import ProtocolError
 from drivers.kit.config import TableConfig
 from drivers.kit.kinds import Exchange, Transcript
-from drivers.kit.matching import match_replies, split_line, table
+from drivers.kit.matching import match_replies, split_line, transcript
 
 
 def decode_transcript(exchanges: Iterable[Exchange], config: TableConfig) -> Transcript:
@@ -32,7 +32,7 @@ def decode_transcript(exchanges: Iterable[Exchange], config: TableConfig) -> Tra
             if reply and (answer := split_reply(reply)) is not None and answer[0].error == 0:
                 numbers = decode_numbers(answer[0].text, len(names))
                 rows.append((at_ns, dict(zip(names, numbers, strict=True))))
-    return table(rows, ("angle_deg", "rate_dps", *outer)), {"polls": polls, "damaged": polls - len(rows)}
+    return transcript(rows, ("angle_deg", "rate_dps", *outer), polls)
 
 
 def _split(request: bytes, buffer: bytes) -> tuple[bytes, int] | None:

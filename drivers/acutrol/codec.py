@@ -45,12 +45,7 @@ SOFTWARE_FAULT_BITS: Mapping[int, str] = {
 """Register A<n>SWFLT; release notes #119: old firmware reports the tracking error in bit 12."""
 
 INTERLOCK_BITS: Mapping[int, str] = {
-    0: "interlock input 0",
-    1: "interlock input 1",
-    2: "interlock input 2",
-    3: "interlock input 3",
-    4: "interlock input 4",
-    5: "interlock input 5",
+    **{bit: f"interlock input {bit}" for bit in range(6)},
     6: "power amplifier acknowledge",
     7: "auxiliary servo interlock 1",
     8: "auxiliary servo interlock 2",
@@ -76,23 +71,14 @@ ERROR_BITS: Mapping[int, str] = {
 }
 """Register A<n>ERR."""
 
+_DIAGNOSED = (
+    *("temperature", "+5 V analog", "reference 2", "reference 1"),
+    *("-12 V", "+12 V", "+5 V digital", "second temperature"),
+)
 DIAGNOSTIC_BITS: Mapping[int, str] = {
-    0: "temperature fault",
-    1: "temperature warning",
-    2: "+5 V analog fault",
-    3: "+5 V analog warning",
-    4: "reference 2 fault",
-    5: "reference 2 warning",
-    6: "reference 1 fault",
-    7: "reference 1 warning",
-    8: "-12 V fault",
-    9: "-12 V warning",
-    10: "+12 V fault",
-    11: "+12 V warning",
-    12: "+5 V digital fault",
-    13: "+5 V digital warning",
-    14: "second temperature fault",
-    15: "second temperature warning",
+    2 * pair + bit: f"{what} {word}"
+    for pair, what in enumerate(_DIAGNOSED)
+    for bit, word in enumerate(("fault", "warning"))
 }
 """Register A<n>DIAG; the manual names bits 14 and 15 as it does 0 and 1."""
 

@@ -24,7 +24,7 @@ from drivers.kit.chamber import PolledChamber
 from drivers.kit.config import ChamberConfig, key
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.kit.kinds import Connection
-from drivers.kit.retry import command_with_retry, query_with_retry
+from drivers.kit.retry import command_with_retry, misfit, query_with_retry
 
 REPLY_TIMEOUT_S = 3.0
 """What the maker's own library allows."""
@@ -205,10 +205,4 @@ class EspecChamber(PolledChamber):
         return reply
 
     def _odd(self, found: str, expected: str) -> ProtocolError:
-        return ProtocolError(
-            "the chamber's answer does not fit the question",
-            where=self._where,
-            found=found,
-            expected=expected,
-            remedy="check the line for lost bytes and that nobody else talks to this port",
-        )
+        return misfit("chamber", self._where, found, expected)

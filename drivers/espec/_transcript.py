@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
-
-from numpy.typing import NDArray
 
 from drivers.base.errors import ProtocolError
 from drivers.espec.codec import END, decode_temperatures
-from drivers.kit.kinds import Exchange
-from drivers.kit.matching import match_replies, split_line, table
+from drivers.kit.kinds import Exchange, Transcript
+from drivers.kit.matching import match_replies, split_line, transcript
 
 
-def decode_transcript(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
+def decode_transcript(exchanges: Iterable[Exchange]) -> Transcript:
     """Return one row an answered `TEMP?` (`air_temp_c`, `set_point_c`, degC) and counts; never raises on
     bytes."""
     rows: list[tuple[int, dict[str, float]]] = []
@@ -27,7 +24,7 @@ def decode_transcript(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[
         except ProtocolError:
             continue
         rows.append((at_ns, {"air_temp_c": found.measured_c, "set_point_c": found.set_point_c}))
-    return table(rows, ("air_temp_c", "set_point_c")), {"polls": polls, "damaged": polls - len(rows)}
+    return transcript(rows, ("air_temp_c", "set_point_c"), polls)
 
 
 def _line(buffer: bytes) -> tuple[bytes, int] | None:

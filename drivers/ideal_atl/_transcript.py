@@ -8,7 +8,7 @@ from drivers.base.errors import ProtocolError
 from drivers.ideal_atl._codec import POSITION, RATE, decode_number, split_reply
 from drivers.ideal_atl._driver import AtlConfig
 from drivers.kit.kinds import Exchange, Transcript
-from drivers.kit.matching import match_replies, table
+from drivers.kit.matching import match_replies, transcript
 
 
 def decode_transcript(exchanges: Iterable[Exchange], config: AtlConfig) -> Transcript:
@@ -28,7 +28,7 @@ def decode_transcript(exchanges: Iterable[Exchange], config: AtlConfig) -> Trans
         elif request == POSITION and rate_dps is not None and value is not None:
             rows.append((at_ns, {"angle_deg": value % 360.0, "rate_dps": rate_dps}))
             rate_dps = None
-    return table(rows, ("angle_deg", "rate_dps")), {"polls": polls, "damaged": polls - len(rows)}
+    return transcript(rows, ("angle_deg", "rate_dps"), polls)
 
 
 def _number(reply: bytes | None) -> float | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ProtocolError
-from drivers.kit.kinds import Exchange
+from drivers.kit.kinds import Exchange, Transcript
 
 SplitRequest = Callable[[bytes], tuple[bytes, int] | None]
 """First request in a buffer and the bytes it takes, None while incomplete."""
@@ -69,11 +69,13 @@ def match_replies(
     yield from ((asked_ns, request, None) for asked_ns, request in due)
 
 
-def table(rows: Sequence[tuple[int, dict[str, float]]], first: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Return rows as columns: `time_ns` int64, then `first`, then all others by name; float64, NaN where
-    missing."""
+def transcript(rows: Sequence[tuple[int, dict[str, float]]], first: Sequence[str], polls: int) -> Transcript:
+    """Return (time in ns, values) of the answered polls as columns, and counts: `polls`, `damaged` of them.
+
+    Columns: `time_ns` int64, then `first`, then all others by name; float64, NaN where missing.
+    """
     others = sorted({name for _, row in rows for name in row} - set(first))
     columns: dict[str, NDArray[Any]] = {"time_ns": np.array([at for at, _ in rows], dtype=np.int64)}
     for name in (*first, *others):
         columns[name] = np.array([row.get(name, math.nan) for _, row in rows], dtype=np.float64)
-    return columns
+    return columns, {"polls": polls, "damaged": polls - len(rows)}

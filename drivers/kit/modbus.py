@@ -24,7 +24,7 @@ from pymodbus.pdu.register_message import (
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
-from drivers.kit.retry import command_with_retry, query_with_retry
+from drivers.kit.retry import command_with_retry, misfit, query_with_retry
 
 Framing = Literal["rtu", "tcp"]
 
@@ -241,13 +241,7 @@ class ModbusMaster:
         )
 
     def _odd(self, found: str, expected: str) -> ProtocolError:
-        return ProtocolError(
-            "the controller's answer does not fit the question",
-            where=self._where,
-            found=found,
-            expected=expected,
-            remedy="check the line for lost bytes and that nobody else talks on it",
-        )
+        return misfit("controller", self._where, found, expected)
 
 
 def to_signed(word: int) -> int:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
+from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
 
 RETRY_TIMEOUT_S = 4.5
@@ -99,6 +99,34 @@ def command_once(link: Link, command: Callable[[], None], done: Callable[[], boo
         if left < link.retries:
             link.drain()
         return
+
+
+def await_confirmation(link: Link, timeout_s: float, confirmed: Callable[[float], bool]) -> None:
+    """Pass over replies to older commands until one confirms the last that was sent.
+
+    `confirmed` reads a reply in so many seconds. What else came is raised when nothing more does in `timeout_s`.
+    """
+    deadline_s = link.clock.now() + timeout_s
+    problem: BenchError | None = None
+    while True:
+        try:
+            if confirmed(deadline_s - link.clock.now()):
+                return
+        except (DeviceRefused, ProtocolError) as error:
+            problem = error
+        except DeviceSilent as error:
+            raise (problem or error) from error
+
+
+def misfit(whose: str, where: str, found: str, expected: str) -> ProtocolError:
+    """Return the error for an answer that is none to the question."""
+    return ProtocolError(
+        f"the {whose}'s answer does not fit the question",
+        where=where,
+        found=found,
+        expected=expected,
+        remedy="check the line for lost bytes and that nobody else talks on it",
+    )
 
 
 def _holds(link: Link, in_force: Callable[[], bool]) -> bool:

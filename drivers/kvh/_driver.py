@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from typing import Any
 
 from numpy.typing import NDArray
 
-from drivers.base.errors import DeviceRefused, DeviceSilent, WrongDevice
+from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, WrongDevice
 from drivers.kit.config import GyroConfig, key
 from drivers.kit.conversation import TRIES, ConversingGyro
 from drivers.kit.instruments import Identity
 from drivers.kit.kinds import Columns, Connection, GyroKind, Probe
-from drivers.kvh._decode import KvhDecoder
 from drivers.kvh.commands import SETTINGS
-from drivers.kvh.format import Format, rate_dps
+from drivers.kvh.format import Format, KvhDecoder, rate_dps
 
 _REFUSAL = rb"(?:INVALID|USAGE|ERROR)[ -~]*(?=[\r\n])"
 _HEADER = re.compile(rb"\xfe\x81\xff[\x55-\x57]")
@@ -95,23 +95,19 @@ class KvhGyro(ConversingGyro):
     def _configuration_mode(self) -> None:
         """Enter configuration mode from whatever state; a first command may meet half a line in the unit."""
         self.link.streaming = False
-        for last in range(1 - TRIES, 1):
-            try:
-                self._ask("=CONFIG,1", "CONFIG, *1")
-                return
-            except (DeviceSilent, DeviceRefused):
-                if last == 0:
-                    raise
+        self._asked("=CONFIG,1", "CONFIG, *1", (DeviceSilent, DeviceRefused))
 
     def _query(self, name: str) -> str:
         """Ask what changes nothing in the unit; again if a bit flipped on the way there or back."""
-        for last in range(1 - TRIES, 1):
-            try:
-                return self._ask(f"?{name}", rf"{name}, *([ -~]*)").strip()
-            except (DeviceSilent, DeviceRefused, WrongDevice):
-                if last == 0:
-                    raise
-        raise AssertionError("unreachable")
+        troubles = (DeviceSilent, DeviceRefused, WrongDevice)
+        return self._asked(f"?{name}", rf"{name}, *([ -~]*)", troubles).strip()
+
+    def _asked(self, command: str, expected: str, troubles: tuple[type[BenchError], ...]) -> str:
+        """Ask as `_ask` does, again when any of `troubles` is met, a few times at most."""
+        for _ in range(TRIES - 1):
+            with contextlib.suppress(*troubles):
+                return self._ask(command, expected)
+        return self._ask(command, expected)
 
     def _ask(self, command: str, expected: str) -> str:
         """Send a line; return group 1 of the line that matches `expected` ("" without one).

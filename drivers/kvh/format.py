@@ -1,4 +1,4 @@
-"""What is on the wire: layout, check, status and units of KVH Format A, B and C messages.
+"""KVH Format A, B and C messages: layout, check, status and units, decoder and encoder.
 
 Source: KVH 56-0298 Rev B, "1775 IMU Interface Control Document", tables 5-1 to 5-9 (the same formats come out of
 the DSP-1750 and DSP-1760, where unused axes and accelerometers are reserved bytes).
@@ -13,7 +13,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drivers.kit.framing import Crc, PositionalCrc
+from drivers.kit.framing import Crc, FrameSplitter, PositionalCrc
+from drivers.kit.instruments import FrameBatch
 
 Format = Literal["A", "B", "C"]
 Rotation = Literal["delta", "rate"]
@@ -103,3 +104,103 @@ def temperature_field(temp_c: ArrayLike, units: TempUnits) -> NDArray[np.float64
     if units.startswith("F"):
         temp = temp * 1.8 + 32.0
     return temp * 100.0 if units.endswith("_100") else temp
+
+
+class KvhDecoder:
+    """Incremental decoder (`drivers.kit.instruments.StreamDecoder`) of one KVH gyro's stream.
+
+    Columns, each of shape (n,): `counter` int64 0..127; `status` uint8 as sent; `valid` bool, all the unit's
+    own gyros valid; `rot_<axis>` float32 as sent for each of `axes`; `temp_c` float32 (Format C sends it every
+    fourth message: NaN elsewhere); Format B also `timestamp_us` int64, wrapping at 2**32. `rate_dps` of this
+    package converts `rot_<axis>`. Bytes of axes the unit does not have are not looked at. Built-in-test messages
+    in the stream count as bytes skipped.
+    """
+
+    counter_modulo: int = COUNTER_MODULO
+    counter_step: float = 1.0
+
+    def __init__(
+        self,
+        *,
+        nominal_rate_hz: float,
+        frame_format: Format = "A",
+        axes: str = "x",
+        temp_units: TempUnits = "C_100",
+    ) -> None:
+        self.nominal_rate_hz = nominal_rate_hz
+        self.axes = axes
+        self._format = frame_format
+        self._temp_units = temp_units
+        self._dtype = layout(frame_format).dtype
+        self._mask = np.uint8(valid_mask(axes))
+        self._axes = [(f"rot_{axis}", AXES.index(axis)) for axis in axes]
+        self._splitter = FrameSplitter(
+            layout(frame_format).sync, layout(frame_format).length, layout(frame_format).sound
+        )
+        self.counts = self._splitter.counts
+
+    def feed(self, data: bytes) -> FrameBatch:
+        """Decode the next bytes of the stream; an incomplete message is kept for the next call."""
+        rows, ends = self._splitter.feed(data)
+        frames = rows.view(self._dtype)[:, 0]
+        status = frames["status"].copy()
+        columns: dict[str, NDArray[Any]] = {
+            "counter": frames["counter"].astype(np.int64),
+            "status": status,
+            "valid": (status & self._mask) == self._mask,
+        }
+        rot = frames["rot"]
+        for name, at in self._axes:
+            columns[name] = rot[:, at].astype(np.float32)
+        columns["temp_c"] = celsius(frames["temp"], self._temp_units)
+        if self._format == "B":
+            columns["timestamp_us"] = frames["timestamp_us"].astype(np.int64)
+        if self._format == "C":
+            columns["temp_c"][columns["counter"] % TEMP_EVERY != 0] = np.nan
+        return FrameBatch(columns, ends)
+
+
+def encode_frames(
+    frame_format: Format,
+    rot: NDArray[np.floating],
+    *,
+    counter: ArrayLike,
+    temp_c: ArrayLike,
+    temp_units: TempUnits = "C_100",
+    status: ArrayLike = ALL_VALID,
+    acc_g: ArrayLike = 0.0,
+    timestamp_us: ArrayLike = 0,
+) -> bytes:
+    """Return the messages for `rot`, shape (n, 3), in the unit to be sent; the rest (n,) or one value for all.
+
+    The counter is taken modulo 128, the timestamp (Format B) modulo 2**32; an integer temperature is rounded and
+    saturates. Format C carries the temperature where the counter is a multiple of 4 and zero (no magnetic
+    field) elsewhere.
+    """
+    form = layout(frame_format)
+    frames = np.empty(len(rot), form.dtype)
+    frames["sync"] = np.void(form.sync)
+    frames["rot"] = rot
+    frames["acc"] = acc_g
+    frames["status"] = status
+    numbers = np.asarray(counter) & 0x7F
+    frames["counter"] = numbers
+    field = temperature_field(temp_c, temp_units)
+    if frame_format == "C":
+        frames["temp"] = np.where(numbers % TEMP_EVERY == 0, field, 0.0)
+    else:
+        frames["temp"] = np.rint(field).clip(-32768, 32767)
+    if frame_format == "B":
+        frames["timestamp_us"] = np.asarray(timestamp_us) & 0xFFFFFFFF
+    rows = frames.view(np.uint8).reshape(len(rot), form.length)
+    frames["crc"] = form.crc(rows[:, len(form.sync) : -4])
+    return frames.tobytes()
+
+
+def encode_bit(results: bytes) -> bytes:
+    """Return the built-in-test message: 6 bytes of `results` (?BIT) or 8 (?BIT,2), and their sum modulo 256.
+
+    KVH 56-0298 Rev B, section 5.3. The technical manual's example of 8 bytes has the header of 6.
+    """
+    message = bytes.fromhex("FE8100AA" if len(results) == 6 else "FE8100AB") + results
+    return message + bytes([sum(message) & 0xFF])

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
-from numpy.typing import NDArray
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadHoldingRegistersResponse
 
 from drivers.base.errors import ProtocolError
-from drivers.kit.kinds import Exchange
-from drivers.kit.matching import match_replies, table
+from drivers.kit.kinds import Exchange, Transcript
+from drivers.kit.matching import match_replies, transcript
 from drivers.kit.modbus import Frames, Framing
 from drivers.watlow.registers import F4, F4T, F4Readings, F4TReadings, Readings
 
 
-def decode_f4(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
+def decode_f4(exchanges: Iterable[Exchange]) -> Transcript:
     """Return one row a completed state poll (`air_temp_c`, `set_point_c`, `aux_2_temp_c`, ...) and counts."""
     return _decode(list(exchanges), F4Readings(), F4.INPUTS[1])
 
 
-def decode_f4t(exchanges: Iterable[Exchange]) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
+def decode_f4t(exchanges: Iterable[Exchange]) -> Transcript:
     """Return one row a completed state poll (`air_temp_c`, `set_point_c`) and counts."""
     return _decode(list(exchanges), F4TReadings(), F4T.AIR)
 
 
-def _decode(
-    exchanges: list[Exchange], readings: Readings, first_register: int
-) -> tuple[dict[str, NDArray[Any]], dict[str, int]]:
+def _decode(exchanges: list[Exchange], readings: Readings, first_register: int) -> Transcript:
     framing = _framing(exchanges)
     asked, answered = Frames(framing, server=True), Frames(framing, server=False)
 
@@ -55,7 +51,7 @@ def _decode(
             row = readings.take(start, answer[0].registers)
             if row is not None:
                 rows.append((at_ns, row))
-    return table(rows, ("air_temp_c", "set_point_c")), {"polls": polls, "damaged": polls - len(rows)}
+    return transcript(rows, ("air_temp_c", "set_point_c"), polls)
 
 
 def _framing(exchanges: list[Exchange]) -> Framing:

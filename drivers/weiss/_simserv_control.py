@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import TypeVar
 
-from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
-from drivers.kit.retry import command_with_retry, query_with_retry
+from drivers.kit.retry import await_confirmation, command_with_retry, misfit, query_with_retry
 from drivers.weiss.simserv import (
     OK,
     REPLY_END,
@@ -17,6 +19,7 @@ from drivers.weiss.simserv import (
     encode_request,
 )
 
+_T = TypeVar("_T")
 _TIMEOUT_S = 2.0
 _READ_BACK = {
     Number.SET_SET_POINT: Number.GET_SET_POINT,
@@ -56,19 +59,16 @@ class SimServControl:
 
     def value(self, number: Number, *arguments: object) -> float:
         """Ask for a number."""
-
-        def ask() -> float:
-            self.request(number, *arguments)
-            return self.take_value(number)
-
-        return query_with_retry(self._link, ask)
+        return self._query(self.take_value, number, *arguments)
 
     def text(self, number: Number, *arguments: object) -> str:
         """Ask for a text."""
+        return self._query(self._take_field, number, *arguments)
 
-        def ask() -> str:
+    def _query(self, take: Callable[[Number], _T], number: Number, *arguments: object) -> _T:
+        def ask() -> _T:
             self.request(number, *arguments)
-            return self._take_field(number)
+            return take(number)
 
         return query_with_retry(self._link, ask)
 
@@ -100,18 +100,13 @@ class SimServControl:
         return True
 
     def _await_confirmation(self, number: Number) -> None:
-        deadline = self._link.clock.now() + _TIMEOUT_S
-        problem: BenchError | None = None
-        while True:
-            try:
-                reply = self._read(deadline - self._link.clock.now())
-                if not reply.fields:
-                    self._accept(reply, number)
-                    return
-            except (DeviceRefused, ProtocolError) as error:
-                problem = error
-            except DeviceSilent as error:
-                raise (problem or error) from error
+        def confirmed(timeout_s: float) -> bool:
+            reply = self._read(timeout_s)
+            if not reply.fields:
+                self._accept(reply, number)
+            return not reply.fields
+
+        await_confirmation(self._link, _TIMEOUT_S, confirmed)
 
     def _take_field(self, number: Number) -> str:
         reply = self._read(_TIMEOUT_S)
@@ -139,10 +134,4 @@ class SimServControl:
         )
 
     def _unfit(self, found: str, number: Number, expected: str) -> ProtocolError:
-        return ProtocolError(
-            f"the answer to SimServ command {int(number)} does not fit",
-            where=self._link.where,
-            found=found,
-            expected=expected,
-            remedy="check the line for lost bytes and that nobody else talks to this port",
-        )
+        return misfit("chamber", f"{self._link.where}, SimServ command {int(number)}", found, expected)
