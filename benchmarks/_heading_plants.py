@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.analysis.heading import PlatformLog, ReferenceTemperature, fit_reference
+from bench.analysis.heading import PlatformLog, fit_reference
+from bench.analysis.heading._temperature import ReferenceTemperature
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD
 from simulators.plant.space_stable import PlatformParameters, PlatformSamples, SpaceStablePlatform

@@ -16,19 +16,16 @@ from bench.analysis.calibration import (
     PARAMETERS,
     BiasWander,
     Effort,
-    Increments,
-    Options,
     Schedule,
     Task,
-    covariance,
-    estimate,
     evaluate,
-    fold,
     load_scheme,
-    schedule_segments,
     search,
-    unpack,
 )
+from bench.analysis.calibration._conventions import unpack
+from bench.analysis.calibration._estimator import Options, estimate
+from bench.analysis.calibration._navigation import Increments
+from bench.analysis.calibration._segments import covariance, fold, schedule_segments
 from benchmarks._measure import Row, figure
 from benchmarks._turned_imu import Rest, Turn, measure_motion
 from drivers.base.arrays import Array

@@ -18,12 +18,11 @@ from bench.analysis.calibration import (
     UNIT_SIZE,
     Estimate,
     Evaluation,
-    Options,
     Task,
-    estimate,
     evaluate,
     load_calibration_run,
 )
+from bench.analysis.calibration._estimator import Options, estimate
 from bench.control.procedure import find_procedure
 from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure

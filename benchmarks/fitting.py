@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.common.stepwise import stepwise
-from bench.analysis.thermal import FeatureRun, LstmModel, LstmSettings, ThermalRun, prepare
+from bench.analysis.thermal import FeatureRun, LstmModel, ThermalRun, prepare
+from bench.analysis.thermal._lstm_weights import LstmSettings
 from benchmarks._measure import Pair, Row, in_turns, row
 
 if TYPE_CHECKING:

@@ -12,8 +12,9 @@ import numpy as np
 import torch
 
 from bench.analysis.gap._grams import gram_blocks
-from bench.analysis.thermal import LstmSettings, prepare
+from bench.analysis.thermal import prepare
 from bench.analysis.thermal._lstm_training import train_lstm
+from bench.analysis.thermal._lstm_weights import LstmSettings
 from benchmarks._measure import Row, in_turns, row
 from benchmarks.fitting import thermal_run
 from drivers.base.clock import host_seconds

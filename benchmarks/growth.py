@@ -21,7 +21,9 @@ from bench.analysis.common.allan import allan_deviation
 from bench.analysis.common.stepwise import stepwise
 from bench.analysis.gap import diagnose
 from bench.analysis.gap._exam import make_case, nominal_model
-from bench.analysis.thermal import LaggedRidgeModel, LstmModel, LstmSettings, prepare
+from bench.analysis.thermal import LstmModel, prepare
+from bench.analysis.thermal._linear_models import LaggedRidgeModel
+from bench.analysis.thermal._lstm_weights import LstmSettings
 from bench.record.catalogue import Catalogue, root_name
 from bench.record.recording import Journal, PortJournal, StreamSource, decode_stream, read_table
 from benchmarks._marks import fill

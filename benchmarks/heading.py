@@ -14,16 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.analysis.heading import (
-    HeadingCompensator,
-    LaggedModel,
-    PlatformLog,
-    compensate_nine,
-    fit_lagged,
-    fit_nine,
-    integrate,
-    position_error,
-)
+from bench.analysis.heading import HeadingCompensator, LaggedModel, PlatformLog, integrate
+from bench.analysis.heading._frames import position_error
+from bench.analysis.heading._lagged import fit_lagged
+from bench.analysis.heading._nine import compensate_nine, fit_nine
 from benchmarks._heading_plants import CALIBRATIONS, PlatformRun, fly, sequence, twin
 from benchmarks._measure import Row, figure
 from drivers.base.arrays import Array

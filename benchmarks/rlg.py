@@ -13,7 +13,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bench.analysis.common.stepwise import stepwise
-from bench.analysis.rlg import RampRun, load_chamber_cycle, ramp_run, run_rlg_study, study_chamber_cycle
+from bench.analysis.rlg import RampRun, load_chamber_cycle, study_chamber_cycle
+from bench.analysis.rlg._rows import ramp_run
+from bench.analysis.rlg._study import run_rlg_study
 from benchmarks._rlg_runs import ramp_profile, rlg_run
 from simulators.plant import rlg
 

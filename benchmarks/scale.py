@@ -12,7 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.analysis.thermal import ThermalRun, model_names, new_model, prepare
+from bench.analysis.thermal import ThermalRun, prepare
+from bench.analysis.thermal._registry import model_names, new_model
 from benchmarks import growth
 from benchmarks._marks import fill
 from benchmarks._measure import Cost, Work, all_cpu_s, cost

@@ -15,23 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.whirl import (
-    DirectFit,
-    TurnRecord,
-    WhirlCompensation,
-    body_lines,
-    carrier_tilt,
-    choose_lines,
-    fit_direct,
-    fit_integral,
-    heading_from_body_rate,
-    judge,
-    match_coefficients,
-    oscillation,
-    scan_lines,
-    uncompensated,
-    unit_attitude,
-)
+from bench.analysis.whirl import WhirlCompensation
+from bench.analysis.whirl._attitude import carrier_tilt, oscillation, uncompensated, unit_attitude
+from bench.analysis.whirl._direct import DirectFit, fit_direct
+from bench.analysis.whirl._integral import body_lines, fit_integral, match_coefficients
+from bench.analysis.whirl._lines import choose_lines, scan_lines
+from bench.analysis.whirl._residual import heading_from_body_rate
+from bench.analysis.whirl._study import judge
+from bench.analysis.whirl._types import TurnRecord
 from benchmarks._measure import Row, figure
 from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, nominal_angle, reversing
 from drivers.base.clock import host_seconds

@@ -11,7 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.whirl import TurnRecord, Turns, align_angle
+from bench.analysis.whirl._angle import align_angle
+from bench.analysis.whirl._runs import Turns
+from bench.analysis.whirl._types import TurnRecord
 from benchmarks._without import effect_names, without
 from drivers.acutrol import decode_transcript, encode_state_query
 from drivers.kit.config import TableConfig

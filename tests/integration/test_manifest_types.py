@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from bench.analysis.gap._channel_data import load_channels
 from bench.analysis.gap._run_folder import load_gap_runs
-from bench.analysis.thermal import load_thermal_runs
+from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.control.run_record import gyro_source
 from bench.present.cli._app import app
 from bench.present.panel._folders import RunsFolder

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from bench.analysis.thermal import load_thermal_runs
+from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.lab.emulated import Plant
 from bench.record.recording import Run, read_table
 from simulators.plant.fog_parameters import FOG_MID

@@ -12,15 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from bench.analysis.calibration import (
-    ImuCompensation,
-    Options,
-    Task,
-    estimate,
-    load_calibration_run,
-    load_scheme,
-    plan_turns,
-)
+from bench.analysis.calibration import ImuCompensation, Task, load_calibration_run, load_scheme, plan_turns
+from bench.analysis.calibration._estimator import Options, estimate
 from bench.analysis.gap._run_folder import load_gap_runs
 from bench.present.cli._app import app
 from bench.present.cli.fit._unit import calibration

@@ -12,12 +12,9 @@ from bench.analysis.calibration._conventions import (
     Noise,
     Site,
     Task,
-    unpack,
 )
-from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
-from bench.analysis.calibration._navigation import Increments
-from bench.analysis.calibration._observability import Observability
-from bench.analysis.calibration._result import Evaluation, evaluate, missed_targets
+from bench.analysis.calibration._estimator import BiasWander, Estimate
+from bench.analysis.calibration._result import Evaluation, evaluate
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
 from bench.analysis.calibration._schedule import (
     Schedule,
@@ -27,8 +24,7 @@ from bench.analysis.calibration._schedule import (
     moves_text,
     scheme_file,
 )
-from bench.analysis.calibration._search import Effort, SearchResult, search
-from bench.analysis.calibration._segments import covariance, fold, schedule_segments
+from bench.analysis.calibration._search import Effort, search
 from bench.analysis.calibration._table import TABLES, Table
 from bench.analysis.calibration._turning import (
     TableAxis,
@@ -53,35 +49,25 @@ __all__ = [
     "Estimate",
     "Evaluation",
     "ImuCompensation",
-    "Increments",
     "Noise",
-    "Observability",
-    "Options",
     "Schedule",
-    "SearchResult",
     "Site",
     "Table",
     "TableAxis",
     "Task",
     "TurningPlan",
     "calibrate",
-    "covariance",
-    "estimate",
     "evaluate",
-    "fold",
     "home_attitude",
     "home_text",
     "load_calibration_run",
     "load_record",
     "load_scheme",
-    "missed_targets",
     "moves_text",
     "plan_turns",
     "require_closed",
-    "schedule_segments",
     "scheme_file",
     "search",
     "table_axes",
     "table_type",
-    "unpack",
 ]

@@ -3,8 +3,8 @@
 from bench.analysis.rlg._compensation import RlgCompensation
 from bench.analysis.rlg._cycle import CycleStudy, load_chamber_cycle, study_chamber_cycle
 from bench.analysis.rlg._dataset import load_ramp_runs, study_units
-from bench.analysis.rlg._rows import RampRun, ramp_run
-from bench.analysis.rlg._study import BeforeAfter, RlgStudy, StepwiseVariant, run_rlg_study
+from bench.analysis.rlg._rows import RampRun
+from bench.analysis.rlg._study import BeforeAfter, RlgStudy, StepwiseVariant
 from bench.analysis.rlg._variables import CANDIDATES
 
 __all__ = [
@@ -17,8 +17,6 @@ __all__ = [
     "StepwiseVariant",
     "load_chamber_cycle",
     "load_ramp_runs",
-    "ramp_run",
-    "run_rlg_study",
     "study_chamber_cycle",
     "study_units",
 ]

@@ -6,7 +6,7 @@ The correction is W = (F/K_ref - b) / (1 + dK 1e-6) with the drift (b, dK) count
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -23,6 +23,7 @@ from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 UNITS = {"t_in": "degC", "t_out": "degC", "dt_60": "degC/min", "gradient": "degC"}
+_NO_TARGETS: dict[str, Any] = dict.fromkeys(TARGETS)
 MARGIN = 0.25
 """The outputs are cut to the training targets' interval, widened on each side by this part of it."""
 
@@ -162,7 +163,14 @@ class Compensation(FittedCompensation):
         flags[:start] |= np.uint8(Flag.NO_DRIFT)
         if start < present.size:
             flags[start] |= np.uint8(Flag.RESTARTED)
-            steps, step_flags = self._steps(_from(run, start))
+            names = ("time_s", "gyro_temp_c", "case_temp_c")
+            seen = replace(run, **{name: getattr(run, name)[start:] for name in names}, **_NO_TARGETS)
+            features = prepare(seen, step_s=self.step_s)
+            prediction = self.model.predict(features)
+            steps, clamped = self.limits.clamp(
+                np.column_stack([prediction.bias_dph, prediction.sf_error_ppm])
+            )
+            step_flags = clamped | self.limits.flags(_inputs(features))
             index = np.arange(present.size - start) // self.step_s
             both[start:], flags[start:] = steps[index], flags[start:] | step_flags[index]
         return both[:, 0].copy(), both[:, 1].copy(), flags
@@ -189,24 +197,13 @@ class Compensation(FittedCompensation):
         corrected = (rate / self.k_ref - bias_dph / 3600.0) / (1.0 + sf_error_ppm * 1e-6)
         return Corrected(time_s, corrected, bias_dph, sf_error_ppm, flags)
 
-    def _steps(self, run: ThermalRun) -> tuple[Array, NDArray[np.uint8]]:
-        features = prepare(run, step_s=self.step_s)
-        prediction = self.model.predict(features)
-        drift, clamped = self.limits.clamp(np.column_stack([prediction.bias_dph, prediction.sf_error_ppm]))
-        inputs = np.column_stack([getattr(features, name) for name in FEATURES])
-        return drift, clamped | self.limits.flags(inputs)
 
-
-def _from(run: ThermalRun, start: int) -> ThermalRun:
-    """The temperatures of a run from sample `start` on."""
-    parts = (run.time_s[start:], run.gyro_temp_c[start:], run.case_temp_c[start:])
-    return ThermalRun(run.run_id, run.unit_id, *parts, None, None, run.reference)
+def _inputs(run: FeatureRun) -> Array:
+    return np.column_stack([getattr(run, name) for name in FEATURES])
 
 
 def _limits(train: Sequence[FeatureRun]) -> Limits:
-    rows = np.concatenate(
-        [np.column_stack([getattr(run, name) for name in FEATURES])[run.weight > 0] for run in train]
-    )
+    rows = np.concatenate([_inputs(run)[run.weight > 0] for run in train])
     inputs = {
         name: (float(low), float(high))
         for name, low, high in zip(FEATURES, rows.min(axis=0), rows.max(axis=0), strict=True)

@@ -17,15 +17,14 @@ from bench.analysis.thermal._diffusion import NODES, Diffusion, diffusion
 from bench.analysis.thermal._regression import (
     TARGETS,
     LinearMap,
-    anchored_error,
-    check_step,
+    MappedModel,
+    anchored_errors,
     common_step,
     fit_ridge,
     target_noise,
 )
-from bench.analysis.thermal._types import FeatureRun, Prediction
+from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
-from drivers.base.errors import ConfigurationError
 
 GREY_BOX_TERMS = (
     "u",
@@ -78,7 +77,7 @@ _LOW = GreyBoxParameters(1e-3, 1e-4, 5e-3, 1 / 20000.0, -50.0, 2.0)
 _HIGH = GreyBoxParameters(0.5, 0.5, 5.0, 1 / 400.0, 20.0, 25.0)
 
 
-class GreyBoxModel:
+class GreyBoxModel(MappedModel):
     """Ten-layer diffusion between T_in and T_out, 6 nonlinear and 11 linear parameters a target.
 
     The structure is known and only its numbers are learnt, so it holds outside the training profiles. Errors
@@ -88,18 +87,21 @@ class GreyBoxModel:
 
     name = "grey_box"
 
+    parameters: GreyBoxParameters
+
     def __init__(self, *, evaluations: int = 25) -> None:
+        super().__init__()
         self.evaluations = evaluations
-        self.step_s: float | None = None
-        self.parameters: GreyBoxParameters | None = None
-        self.map: LinearMap | None = None
 
     def fit(self, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> None:
         """Fit to `train`; ConfigurationError when there is nothing to fit."""
         step_s = common_step(train)
-        found = [self._search(start, train, step_s) for start in _STARTS]
-        fits = [(parameters, _fit_terms(parameters, train, step_s)) for parameters, _ in found]
-        costs = [cost for _, cost in found]
+        searched = [self._search(start, train, step_s) for start in _STARTS]
+        costs = [cost for _, cost in searched]
+        fits = []
+        for parameters, _ in searched:
+            terms = _terms(parameters, _inputs(train), train, step_s)
+            fits.append((parameters, fit_ridge(terms, train, [_RIDGE])[0]))
         if validation:
             costs = [_cost(parameters, fitted, validation, step_s) for parameters, fitted in fits]
         self.step_s = step_s
@@ -125,39 +127,26 @@ class GreyBoxModel:
         )
         return GreyBoxParameters.from_vector(found.x), float(found.cost)
 
-    def predict(self, run: FeatureRun) -> Prediction:
-        """Return the drift over a whole run; ConfigurationError before a fit or on another step."""
-        check_step(self.step_s, run, self.name)
-        parameters, fitted, step_s = self._fitted()
-        both = fitted.apply(_terms(parameters, _inputs([run]), [run], step_s)[0])
-        return Prediction(both[:, 0], both[:, 1])
+    def run_terms(self, run: FeatureRun) -> Array:
+        """Return `GREY_BOX_TERMS` of a run, (n, 10)."""
+        return _terms(self.parameters, _inputs([run]), [run], run.step_s)[0]
 
     def stepper(self) -> GreyBoxStepper:
         """Return the model on a stream."""
-        return GreyBoxStepper(*self._fitted())
+        fitted, step_s = self.fitted()
+        return GreyBoxStepper(self.parameters, fitted, step_s)
 
     def to_state(self) -> dict[str, Any]:
         """Return step, nonlinear parameters and the linear map."""
-        parameters, fitted, step_s = self._fitted()
-        return {"step_s": step_s, "parameters": asdict(parameters), **fitted.to_state()}
+        return {**super().to_state(), "parameters": asdict(self.parameters)}
 
     @classmethod
     def from_state(cls, state: dict[str, Any]) -> Self:
         """Restore a model."""
-        model = cls()
-        model.step_s = float(state["step_s"])
-        model.parameters = GreyBoxParameters(
-            **{key: float(value) for key, value in state["parameters"].items()}
-        )
-        model.map = LinearMap.from_state(state)
+        model = super().from_state(state)
+        parameters = {key: float(value) for key, value in state["parameters"].items()}
+        model.parameters = GreyBoxParameters(**parameters)
         return model
-
-    def _fitted(self) -> tuple[GreyBoxParameters, LinearMap, float]:
-        if self.parameters is None or self.map is None or self.step_s is None:
-            raise ConfigurationError(
-                "the model has not been fitted", where=f"model {self.name}", remedy="call fit first"
-            )
-        return self.parameters, self.map, self.step_s
 
 
 class GreyBoxStepper:
@@ -229,24 +218,16 @@ def _state_terms(
     return np.stack(columns, axis=-1)
 
 
-def _fit_terms(parameters: GreyBoxParameters, train: Sequence[FeatureRun], step_s: float) -> LinearMap:
-    return fit_ridge(_terms(parameters, _inputs(train), train, step_s), train, [_RIDGE])[0]
-
-
 def _cost(
     parameters: GreyBoxParameters, fitted: LinearMap, runs: Sequence[FeatureRun], step_s: float
 ) -> float:
     """Sum over the targets of the mean square anchored error in units of the target's noise."""
-    noise, blocks = target_noise(runs), _terms(parameters, _inputs(runs), runs, step_s)
-    total = 0.0
-    for target, sigma in noise.items():
-        errors = []
-        for block, run in zip(blocks, runs, strict=True):
-            error = anchored_error(Prediction(*fitted.apply(block).T), run, target)
-            if error is not None:
-                errors.append(error)
-        total += float(np.mean(np.concatenate(errors) ** 2)) / sigma**2
-    return total
+    predictions = [fitted.predict(block) for block in _terms(parameters, _inputs(runs), runs, step_s)]
+    noise = target_noise(runs)
+    return sum(
+        float(np.mean(anchored_errors(predictions, runs, target) ** 2)) / sigma**2
+        for target, sigma in noise.items()
+    )
 
 
 def _errors(fitted: LinearMap, terms: Sequence[Array], runs: Sequence[FeatureRun]) -> dict[str, Array]:

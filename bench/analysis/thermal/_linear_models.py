@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, Self
 
@@ -12,8 +12,8 @@ from bench.analysis.common.stepwise import stepwise
 from bench.analysis.thermal._regression import (
     TARGETS,
     LinearMap,
-    anchored_error,
-    check_step,
+    MappedModel,
+    anchored_errors,
     common_step,
     fit_ordinary,
     fit_ridge,
@@ -21,7 +21,7 @@ from bench.analysis.thermal._regression import (
     target_rows,
 )
 from bench.analysis.thermal._signals import LAG_TIMES_S, Signals, SignalStream, lag_terms, signals
-from bench.analysis.thermal._types import FeatureRun, Prediction
+from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -44,14 +44,8 @@ RIDGES = tuple(10.0 ** (exponent / 2) for exponent in range(-16, 1))
 """Penalties tried on the validation run, relative to a standardised term's variance."""
 
 
-class _LinearModel(ABC):
-    """Terms of the signals, a linear map to both targets; subclasses say which terms and how the map is found."""
-
-    name: str
-
-    def __init__(self) -> None:
-        self.step_s: float | None = None
-        self.map: LinearMap | None = None
+class _LinearModel(MappedModel):
+    """A map of terms of the signals of one step, by ordinary least squares unless a kind finds it otherwise."""
 
     @abstractmethod
     def terms(self, inputs: Signals) -> Array:
@@ -60,41 +54,20 @@ class _LinearModel(ABC):
     def fit(self, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> None:
         """Learn coefficients and normalisation from `train`."""
         self.step_s = common_step(train)
-        self.map = self._fit_map([self.terms(signals(run)) for run in train], train, validation)
+        self.map = self._fit_map([self.run_terms(run) for run in train], train, validation)
 
     def _fit_map(
         self, terms: Sequence[Array], train: Sequence[FeatureRun], validation: Sequence[FeatureRun]
     ) -> LinearMap:
         return fit_ordinary(terms, train)
 
-    def predict(self, run: FeatureRun) -> Prediction:
-        """Return the drift over a whole run; ConfigurationError before a fit or on another step."""
-        check_step(self.step_s, run, self.name)
-        both = self._map().apply(self.terms(signals(run)))
-        return Prediction(both[:, 0], both[:, 1])
+    def run_terms(self, run: FeatureRun) -> Array:
+        """Return the terms of a run, shape (n, k)."""
+        return self.terms(signals(run))
 
     def stepper(self) -> LinearStepper:
         """Return the model on a stream."""
-        if self.step_s is None:
-            raise _not_fitted(self.name)
-        return LinearStepper(self, self._map(), self.step_s)
-
-    def to_state(self) -> dict[str, Any]:
-        """Return step, map and whatever the kind of model adds."""
-        return {"step_s": self.step_s, **self._map().to_state()}
-
-    @classmethod
-    def from_state(cls, state: dict[str, Any]) -> Self:
-        """Restore a model."""
-        model = cls()
-        model.step_s = float(state["step_s"])
-        model.map = LinearMap.from_state(state)
-        return model
-
-    def _map(self) -> LinearMap:
-        if self.map is None:
-            raise _not_fitted(self.name)
-        return self.map
+        return LinearStepper(self, *self.fitted())
 
 
 class LinearStepper:
@@ -152,7 +125,7 @@ class StepwiseModel(_LinearModel):
     @property
     def selected(self) -> dict[str, tuple[str, ...]]:
         """Names of the terms kept, for each target."""
-        columns = self._map().coefficients.T
+        columns = self.fitted()[0].coefficients.T
         return {
             target: tuple(name for name, value in zip(STEPWISE_TERMS, column, strict=True) if value != 0.0)
             for target, column in zip(TARGETS, columns, strict=True)
@@ -228,7 +201,7 @@ class LaggedRidgeModel(_LinearModel):
     def _fit_map(
         self, terms: Sequence[Array], train: Sequence[FeatureRun], validation: Sequence[FeatureRun]
     ) -> LinearMap:
-        checks = [self.terms(signals(run)) for run in validation]
+        checks = [self.run_terms(run) for run in validation]
         maps = fit_ridge(terms, train, RIDGES)
         scores = np.array([_scores(fitted, checks, validation) for fitted in maps])
         self._require(scores.min(axis=0), train)
@@ -257,14 +230,6 @@ class LaggedRidgeModel(_LinearModel):
 
 def _scores(fitted: LinearMap, checks: Sequence[Array], runs: Sequence[FeatureRun]) -> list[float]:
     """Root mean square error of each target over the validation runs; inf where none carries it."""
-    predictions = [Prediction(*fitted.apply(terms).T) for terms in checks]
-    scores = []
-    for target in TARGETS:
-        errors = [anchored_error(p, run, target) for p, run in zip(predictions, runs, strict=True)]
-        known = [error for error in errors if error is not None]
-        scores.append(float(np.sqrt(np.mean(np.concatenate(known) ** 2))) if known else np.inf)
-    return scores
-
-
-def _not_fitted(name: str) -> ConfigurationError:
-    return ConfigurationError("the model has not been fitted", where=f"model {name}", remedy="call fit first")
+    predictions = [fitted.predict(terms) for terms in checks]
+    errors = [anchored_errors(predictions, runs, target) for target in TARGETS]
+    return [float(np.sqrt(np.mean(error**2))) if len(error) else np.inf for error in errors]

@@ -1,7 +1,8 @@
-"""Least squares of both targets on standardised terms, over the usable rows of several runs."""
+"""Least squares of both targets on standardised terms, over the usable rows of several runs, and models of it."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
@@ -14,6 +15,8 @@ from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 TARGETS = ("bias_dph", "sf_error_ppm")
+_SAVED = ("centre", "scale", "coef", "intercept")
+"""What a saved map is called, in the order of its attributes."""
 
 
 @dataclass(frozen=True)
@@ -32,25 +35,74 @@ class LinearMap:
         """Return both targets, (n, k) -> (n, 2)."""
         return np.asarray((terms - self.centre) / self.scale @ self.coefficients + self.intercept)
 
+    def predict(self, terms: Array) -> Prediction:
+        """Return the drift of terms (n, k)."""
+        both = self.apply(terms)
+        return Prediction(both[:, 0], both[:, 1])
+
     def to_state(self) -> dict[str, Any]:
         """Return the four arrays."""
-        return {
-            "centre": self.centre,
-            "scale": self.scale,
-            "coef": self.coefficients,
-            "intercept": self.intercept,
-        }
+        return dict(zip(_SAVED, (self.centre, self.scale, self.coefficients, self.intercept), strict=True))
 
     @classmethod
     def from_state(cls, state: dict[str, Any]) -> Self:
         """Restore a map; ValueError if its arrays do not fit together."""
-        names = ("centre", "scale", "coef", "intercept")
-        made = cls(*(np.asarray(state[name], dtype=np.float64) for name in names))
-        shapes = [array.shape for array in (made.centre, made.scale, made.coefficients, made.intercept)]
-        terms = len(made.coefficients)
+        arrays = [np.asarray(state[name], dtype=np.float64) for name in _SAVED]
+        shapes, terms = [array.shape for array in arrays], len(arrays[2])
         if shapes != [(terms,), (terms,), (terms, 2), (2,)]:
-            raise ValueError(f"{', '.join(names)} of shapes {shapes}")
-        return made
+            raise ValueError(f"{', '.join(_SAVED)} of shapes {shapes}")
+        return cls(*arrays)
+
+
+class MappedModel(ABC):
+    """A model that is a linear map of terms; kinds say which terms, and how they and the map are found.
+
+    `step_s` and `map` are None before a fit.
+    """
+
+    name: str
+
+    def __init__(self) -> None:
+        self.step_s: float | None = None
+        self.map: LinearMap | None = None
+
+    @abstractmethod
+    def run_terms(self, run: FeatureRun) -> Array:
+        """Return the terms of a run, shape (n, k)."""
+
+    def predict(self, run: FeatureRun) -> Prediction:
+        """Return the drift over a whole run; ConfigurationError before a fit or on another step."""
+        if self.step_s != run.step_s:
+            raise ConfigurationError(
+                "the model cannot be applied to this run",
+                where=f"model {self.name}, run {run.run_id}",
+                found=f"run on a {run.step_s:g} s step",
+                expected="a fitted model" if self.step_s is None else f"{self.step_s:g} s",
+                remedy="fit the model first"
+                if self.step_s is None
+                else "prepare the run with the model's step",
+            )
+        return self.fitted()[0].predict(self.run_terms(run))
+
+    def to_state(self) -> dict[str, Any]:
+        """Return step, map and whatever the kind of model adds."""
+        fitted, step_s = self.fitted()
+        return {"step_s": step_s, **fitted.to_state()}
+
+    @classmethod
+    def from_state(cls, state: dict[str, Any]) -> Self:
+        """Restore a model."""
+        model = cls()
+        model.step_s, model.map = float(state["step_s"]), LinearMap.from_state(state)
+        return model
+
+    def fitted(self) -> tuple[LinearMap, float]:
+        """Return map and step; ConfigurationError before a fit."""
+        if self.map is None or self.step_s is None:
+            raise ConfigurationError(
+                "the model has not been fitted", where=f"model {self.name}", remedy="call fit first"
+            )
+        return self.map, self.step_s
 
 
 @dataclass(frozen=True)
@@ -86,18 +138,6 @@ def common_step(runs: Sequence[FeatureRun]) -> float:
         expected="at least one run, all of one unit and on one step",
         remedy="choose the runs of one unit and prepare them alike",
     )
-
-
-def check_step(expected_s: float | None, run: FeatureRun, name: str) -> None:
-    """Raise ConfigurationError when a model was not fitted, or fitted on another step than this run's."""
-    if expected_s is None or expected_s != run.step_s:
-        raise ConfigurationError(
-            "the model cannot be applied to this run",
-            where=f"model {name}, run {run.run_id}",
-            found=f"run on a {run.step_s:g} s step",
-            expected="a fitted model" if expected_s is None else f"{expected_s:g} s",
-            remedy="fit the model first" if expected_s is None else "prepare the run with the model's step",
-        )
 
 
 def standardisation(terms: Sequence[Array], runs: Sequence[FeatureRun]) -> tuple[Array, Array]:
@@ -167,18 +207,19 @@ def in_reference(run: FeatureRun) -> NDArray[np.bool_]:
     return np.asarray((run.time_s >= run.reference[0]) & (run.time_s < run.reference[1]))
 
 
-def anchored_error(prediction: Prediction, run: FeatureRun, target: str) -> Array | None:
-    """Return target minus prediction on the rows with weight, both counted from the reference window's mean.
+def anchored_errors(predictions: Sequence[Prediction], runs: Sequence[FeatureRun], target: str) -> Array:
+    """Return target minus prediction on the rows with weight of the runs that carry the target, run after run.
 
-    None when the run does not carry the target.
+    Both count from the mean over the run's reference window. Empty where no run carries the target.
     """
-    values = getattr(run, target)
-    if values is None:
-        return None
-    error = values - getattr(prediction, target)
-    usable = run.weight > 0
-    window = usable & in_reference(run)
-    return np.asarray(error[usable] - (error[window].mean() if window.any() else 0.0))
+    errors = [np.empty(0)]
+    for prediction, run in zip(predictions, runs, strict=True):
+        if (values := getattr(run, target)) is not None:
+            error = values - getattr(prediction, target)
+            usable = run.weight > 0
+            window = usable & in_reference(run)
+            errors.append(error[usable] - (error[window].mean() if window.any() else 0.0))
+    return np.concatenate(errors)
 
 
 def target_noise(runs: Sequence[FeatureRun]) -> dict[str, float]:

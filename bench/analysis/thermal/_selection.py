@@ -11,7 +11,7 @@ import numpy as np
 from bench.analysis.common.fan_out import ALONE, FanOut
 from bench.analysis.thermal._anchor import anchor_runs
 from bench.analysis.thermal._registry import model_names, new_model
-from bench.analysis.thermal._regression import anchored_error
+from bench.analysis.thermal._regression import TARGETS, anchored_errors
 from bench.analysis.thermal._types import FeatureRun, ThermalModel
 from drivers.base.errors import ConfigurationError
 
@@ -63,19 +63,15 @@ def _fitted(train: Sequence[FeatureRun], validation: Sequence[FeatureRun], name:
 
 
 def _score(name: str, model: ThermalModel, validation: Sequence[FeatureRun]) -> ModelScore:
-    left: dict[str, float | None] = {"bias_dph": None, "sf_error_ppm": None}
+    left: dict[str, float | None] = dict.fromkeys(TARGETS)
     ratios = []
     predictions = [model.predict(run) for run in validation]
-    for target in left:
-        pairs = [
-            (error, getattr(run, target)[run.weight > 0])
-            for run, prediction in zip(validation, predictions, strict=True)
-            if (error := anchored_error(prediction, run, target)) is not None and error.size
-        ]
-        if pairs:
-            after, before = (
-                float(np.sqrt(np.mean(np.concatenate(part) ** 2))) for part in zip(*pairs, strict=True)
-            )
+    for target in TARGETS:
+        errors = anchored_errors(predictions, validation, target)
+        if len(errors):
+            carried = [run for run in validation if getattr(run, target) is not None]
+            raw = np.concatenate([getattr(run, target)[run.weight > 0] for run in carried])
+            after, before = (float(np.sqrt(np.mean(values**2))) for values in (errors, raw))
             left[target] = after
             ratios.append(after / before)
     if not ratios:

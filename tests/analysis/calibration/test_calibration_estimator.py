@@ -15,19 +15,16 @@ from bench.analysis.calibration import (
     PARAMETERS,
     UNIT_SIZE,
     BiasWander,
-    Increments,
     Noise,
-    Options,
     Schedule,
     Site,
     Task,
-    estimate,
     load_scheme,
-    unpack,
 )
-from bench.analysis.calibration._conventions import pack
+from bench.analysis.calibration._conventions import pack, unpack
+from bench.analysis.calibration._estimator import Options, estimate
 from bench.analysis.calibration._model import observability_matrix
-from bench.analysis.calibration._navigation import navigate
+from bench.analysis.calibration._navigation import Increments, navigate
 from bench.analysis.calibration._schedule import parse_moves
 from bench.analysis.common.attitude import cross_matrix
 from benchmarks._turned_imu import Rest, Turn, measure_motion

@@ -7,21 +7,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.analysis.calibration import (
-    PARAMETERS,
-    STATE_NAMES,
-    UNIT_SIZE,
-    Schedule,
-    Task,
-    covariance,
-    fold,
-    load_scheme,
-    schedule_segments,
-)
+from bench.analysis.calibration import PARAMETERS, STATE_NAMES, UNIT_SIZE, Schedule, Task, load_scheme
 from bench.analysis.calibration._model import observability_matrix
 from bench.analysis.calibration._observability import observability
 from bench.analysis.calibration._schedule import parse_moves
-from bench.analysis.calibration._segments import chain_segments, compose, posterior_sigma
+from bench.analysis.calibration._segments import (
+    chain_segments,
+    compose,
+    covariance,
+    fold,
+    posterior_sigma,
+    schedule_segments,
+)
 
 TASK = Task()
 FIRST = ("19-position-z-up", "19-position", "23-position")

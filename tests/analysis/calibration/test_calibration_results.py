@@ -18,9 +18,9 @@ from bench.analysis.calibration import (
     Task,
     evaluate,
     load_scheme,
-    unpack,
 )
 from bench.analysis.calibration._calibrate import read_increments
+from bench.analysis.calibration._conventions import unpack
 from bench.present.cli import _scheme as commands
 from bench.present.cli.fit._unit import calibration
 from bench.present.report import CalibrationContent, calibration_page, render_page

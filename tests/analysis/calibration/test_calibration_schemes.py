@@ -21,7 +21,6 @@ from bench.analysis.calibration import (
     home_text,
     load_scheme,
     moves_text,
-    schedule_segments,
     scheme_file,
     search,
 )
@@ -29,7 +28,13 @@ from bench.analysis.calibration._conventions import PARAMETERS
 from bench.analysis.calibration._graph import build_graph
 from bench.analysis.calibration._schedule import Move, parse_moves, scheme_names
 from bench.analysis.calibration._search import merit_of
-from bench.analysis.calibration._segments import chain_segments, compose, posterior_sigma, scaled_variances
+from bench.analysis.calibration._segments import (
+    chain_segments,
+    compose,
+    posterior_sigma,
+    scaled_variances,
+    schedule_segments,
+)
 from bench.analysis.calibration._table import first_impossible, require_possible
 from bench.present.cli import _scheme as commands
 from drivers.base.arrays import Array

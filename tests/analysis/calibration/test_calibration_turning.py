@@ -21,8 +21,8 @@ from bench.analysis.calibration import (
     plan_turns,
     search,
     table_type,
-    unpack,
 )
+from bench.analysis.calibration._conventions import unpack
 from bench.analysis.calibration._schedule import Move, scheme_names
 from bench.analysis.calibration._table import first_impossible
 from drivers.base.errors import ConfigurationError, RecordError

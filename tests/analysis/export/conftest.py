@@ -8,11 +8,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bench.analysis.thermal import FeatureRun, LaggedRidgeModel, ThermalModel, ThermalRun, prepare
+from bench.analysis.thermal import FeatureRun, ThermalModel, ThermalRun, prepare
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._grey_box import GreyBoxModel
 from bench.analysis.thermal._hybrid import HybridModel
-from bench.analysis.thermal._linear_models import CubicModel, MultilinearModel, StepwiseModel
+from bench.analysis.thermal._linear_models import (
+    CubicModel,
+    LaggedRidgeModel,
+    MultilinearModel,
+    StepwiseModel,
+)
 from bench.analysis.thermal._lstm import LstmModel
 from drivers.base.arrays import Array
 

@@ -16,10 +16,10 @@ from bench.analysis.heading import (
     HeadingCompensation,
     HeadingCompensator,
     PlatformLog,
-    Site,
     load_log,
     study_heading,
 )
+from bench.analysis.heading._log import Site
 from bench.present.cli.fit._motion import heading_effect
 from drivers.base.clock import host_seconds
 from drivers.base.errors import ConfigurationError, RecordError

@@ -15,18 +15,16 @@ from bench.analysis.heading import (
     LaggedModel,
     PlatformLog,
     PositionCorrector,
-    ReferenceTemperature,
-    Site,
-    fit_lagged,
     fit_reference,
     integrate,
-    position_error,
     regressors,
     stays,
 )
 from bench.analysis.heading._checks import check_log, check_phase, phase_offset_deg, refuse_unsound
-from bench.analysis.heading._lagged import Evidence
-from bench.analysis.heading._log import log_from_positions
+from bench.analysis.heading._frames import position_error
+from bench.analysis.heading._lagged import Evidence, fit_lagged
+from bench.analysis.heading._log import Site, log_from_positions
+from bench.analysis.heading._temperature import ReferenceTemperature
 from drivers.base.constants import EARTH_RATE_RAD_S
 from drivers.base.errors import ConfigurationError, RecordError
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.heading import PlatformLog, Site, position_error
-from bench.analysis.heading._frames import earth_rotation_deg, gravitation_latitude_deg
-from bench.analysis.heading._log import log_from_positions, settled
+from bench.analysis.heading import PlatformLog
+from bench.analysis.heading._frames import earth_rotation_deg, gravitation_latitude_deg, position_error
+from bench.analysis.heading._log import Site, log_from_positions, settled
 from bench.analysis.heading._window import design, extract
 from benchmarks._heading_plants import position_error_finite
 from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S

@@ -13,15 +13,13 @@ from bench.analysis.heading import (
     LaggedModel,
     PlatformLog,
     PositionCorrector,
-    compensate_nine,
-    fit_lagged,
-    fit_nine,
     fit_reference,
     integrate,
-    position_error,
 )
 from bench.analysis.heading._calibration import Priors
-from bench.analysis.heading._nine import HeadingPoint, solve_nine
+from bench.analysis.heading._frames import position_error
+from bench.analysis.heading._lagged import fit_lagged
+from bench.analysis.heading._nine import HeadingPoint, compensate_nine, fit_nine, solve_nine
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.platform_navigation import PlatformNavigator, rotation
 from simulators.plant.space_stable import PlatformParameters, SpaceStablePlatform, draw_platform

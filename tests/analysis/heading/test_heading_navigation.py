@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from bench.analysis.heading import PlatformLog, Site
-from bench.analysis.heading._log import log_from_positions
+from bench.analysis.heading import PlatformLog
+from bench.analysis.heading._log import Site, log_from_positions
 from bench.analysis.heading._window import extract
 from benchmarks._heading_plants import position_error_finite
 from drivers.base.constants import (

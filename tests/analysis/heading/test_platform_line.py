@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis.heading import Site, fit_lagged
-from bench.analysis.heading._log import log_from_positions
+from bench.analysis.heading._lagged import fit_lagged
+from bench.analysis.heading._log import Site, log_from_positions
 from drivers.base.errors import DeviceRefused, DeviceSilent, WrongDevice
 from drivers.kit.config import PlatformConfig
 from drivers.platform._driver import PlatformIns

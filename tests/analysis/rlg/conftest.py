@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from bench.analysis.rlg import RampRun, ramp_run
+from bench.analysis.rlg import RampRun
+from bench.analysis.rlg._rows import ramp_run
 from benchmarks._rlg_runs import ramp_profile, rlg_run
 
 PROFILES = {

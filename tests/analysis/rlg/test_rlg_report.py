@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis.rlg import RampRun, run_rlg_study
+from bench.analysis.rlg import RampRun
+from bench.analysis.rlg._study import run_rlg_study
 from bench.present.report import render_page, stepwise_page
 
 Runs = Callable[[int], dict[str, RampRun]]

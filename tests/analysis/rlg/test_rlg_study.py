@@ -11,8 +11,9 @@ import pytest
 import statsmodels.api as sm
 
 from bench.analysis.common.state_file import write_state
-from bench.analysis.rlg import CANDIDATES, RampRun, RlgCompensation, ramp_run, run_rlg_study
-from bench.analysis.rlg._study import CORRECTED, FIVE, PLAIN
+from bench.analysis.rlg import CANDIDATES, RampRun, RlgCompensation
+from bench.analysis.rlg._rows import ramp_run
+from bench.analysis.rlg._study import CORRECTED, FIVE, PLAIN, run_rlg_study
 from bench.analysis.rlg._variables import FIVE_TERMS, candidate_matrix
 from drivers.base.errors import ConfigurationError, RecordError
 

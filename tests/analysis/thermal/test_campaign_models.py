@@ -12,10 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.analysis.thermal import LaggedRidgeModel, Scores, ThermalModel, evaluate, prepare
+from bench.analysis.thermal import Scores, ThermalModel, prepare
 from bench.analysis.thermal._anchor import anchor_runs
+from bench.analysis.thermal._evaluate import evaluate
 from bench.analysis.thermal._grey_box import GreyBoxModel
-from bench.analysis.thermal._linear_models import CubicModel, MultilinearModel, StepwiseModel
+from bench.analysis.thermal._linear_models import (
+    CubicModel,
+    LaggedRidgeModel,
+    MultilinearModel,
+    StepwiseModel,
+)
 
 DISTANCE_TO_ORACLE_PCT = {
     "poly3": 26.3,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.thermal import load_thermal_runs
+from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.record.recording import DeviceEntry, Manifest, write_manifest
 from bench.record.recording._tables import table_writer
 

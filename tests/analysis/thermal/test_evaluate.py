@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bench.analysis.common.statistics import bias_stability, block_means
-from bench.analysis.thermal import Prediction, ThermalRun, evaluate
-from bench.analysis.thermal._evaluate import noise_floor
+from bench.analysis.thermal import Prediction, ThermalRun
+from bench.analysis.thermal._evaluate import evaluate, noise_floor
 from drivers.base.errors import ConfigurationError
 
 N = 40_000

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.thermal import LaggedRidgeModel, ThermalModel, evaluate, prepare
+from bench.analysis.thermal import ThermalModel, prepare
 from bench.analysis.thermal._anchor import anchor_runs
+from bench.analysis.thermal._evaluate import evaluate
 from bench.analysis.thermal._hybrid import HybridModel
+from bench.analysis.thermal._linear_models import LaggedRidgeModel
 from bench.analysis.thermal._lstm import LstmModel
 from bench.analysis.thermal._lstm_weights import LstmSettings
 

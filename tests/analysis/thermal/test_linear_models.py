@@ -10,9 +10,14 @@ import pytest
 import statsmodels.api as sm
 from scipy.signal import lfilter
 
-from bench.analysis.thermal import FeatureRun, LaggedRidgeModel, ThermalModel
+from bench.analysis.thermal import FeatureRun, ThermalModel
 from bench.analysis.thermal._anchor import anchor_runs
-from bench.analysis.thermal._linear_models import CubicModel, MultilinearModel, StepwiseModel
+from bench.analysis.thermal._linear_models import (
+    CubicModel,
+    LaggedRidgeModel,
+    MultilinearModel,
+    StepwiseModel,
+)
 from drivers.base.errors import ConfigurationError
 
 MODELS = [

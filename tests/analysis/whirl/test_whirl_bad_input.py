@@ -5,13 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bench.analysis.whirl import TurnRecord, UnfitRotation, align_angle, fit_direct
+from bench.analysis.whirl._angle import align_angle
 from bench.analysis.whirl._checks import (
     alignment_findings,
     earth_rate_findings,
     require_fit_for_whirl,
     rotation_findings,
 )
+from bench.analysis.whirl._direct import fit_direct
+from bench.analysis.whirl._types import TurnRecord, UnfitRotation
 from benchmarks.whirl_runs import Plan, emulate
 from simulators.plant.wobble import PATENT_CLASS, Wobble
 

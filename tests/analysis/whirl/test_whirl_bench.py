@@ -5,23 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.analysis.whirl import (
-    DirectFit,
-    TurnRecord,
-    WhirlCompensation,
-    body_lines,
+from bench.analysis.whirl import WhirlCompensation
+from bench.analysis.whirl._attitude import (
+    Oscillation,
     carrier_tilt,
-    fit_direct,
-    fit_integral,
-    heading_from_body_rate,
-    judge,
-    match_coefficients,
     oscillation,
     uncompensated,
     unit_attitude,
 )
-from bench.analysis.whirl._attitude import Oscillation
-from bench.analysis.whirl._integral import FourierFit
+from bench.analysis.whirl._direct import DirectFit, fit_direct
+from bench.analysis.whirl._integral import FourierFit, body_lines, fit_integral, match_coefficients
+from bench.analysis.whirl._residual import heading_from_body_rate
+from bench.analysis.whirl._study import judge
+from bench.analysis.whirl._types import TurnRecord
 from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, nominal_angle, reversing
 from simulators.plant import TableParameters
 from simulators.plant.wobble import BACKWARD_LINE, CONSTANT_TILT, PATENT_CLASS, Wobble

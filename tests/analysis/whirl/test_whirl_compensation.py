@@ -9,19 +9,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bench.analysis.common.state_file import write_state
-from bench.analysis.whirl import (
-    MEANING,
-    TurnRecord,
-    WhirlCompensation,
-    carrier_tilt,
-    fit_direct,
-    oscillation,
-    remove_slow,
-    tilt_spectrum,
-    unit_attitude,
-)
+from bench.analysis.whirl import MEANING, WhirlCompensation, remove_slow, tilt_spectrum
+from bench.analysis.whirl._attitude import carrier_tilt, oscillation, unit_attitude
+from bench.analysis.whirl._direct import fit_direct
 from bench.analysis.whirl._gauge import gauge_tilt
 from bench.analysis.whirl._kinematics import body_to_rotating
+from bench.analysis.whirl._types import TurnRecord
 from benchmarks.whirl_runs import Plan, emulate
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.wobble import PATENT_CLASS, Wobble

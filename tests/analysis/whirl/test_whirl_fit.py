@@ -6,19 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from bench.analysis.whirl import (
-    NotObservable,
-    TurnRecord,
-    UnfitRotation,
-    body_lines,
-    choose_lines,
-    fit_direct,
-    fit_integral,
-    match_coefficients,
-    scan_lines,
-)
-from bench.analysis.whirl._integral import FourierFit
-from bench.analysis.whirl._lines import CANDIDATES
+from bench.analysis.whirl._direct import fit_direct
+from bench.analysis.whirl._integral import FourierFit, body_lines, fit_integral, match_coefficients
+from bench.analysis.whirl._lines import CANDIDATES, choose_lines, scan_lines
+from bench.analysis.whirl._types import NotObservable, TurnRecord, UnfitRotation
 from benchmarks.whirl_runs import nominal_angle
 
 ARW = 0.12  # arcsec/sqrt(s) = 0.002 deg/sqrt(h)

@@ -7,20 +7,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bench.analysis.common.attitude import rotations
-from bench.analysis.whirl import (
-    TurnRecord,
-    WhirlCompensation,
-    body_lines,
-    fit_direct,
-    match_coefficients,
-)
+from bench.analysis.whirl import WhirlCompensation
+from bench.analysis.whirl._direct import fit_direct
 from bench.analysis.whirl._gauge import gauge_tilt
-from bench.analysis.whirl._integral import FourierFit
+from bench.analysis.whirl._integral import FourierFit, body_lines, match_coefficients
 from bench.analysis.whirl._kinematics import (
     body_to_rotating,
     body_to_true,
     harmonic_matrix,
 )
+from bench.analysis.whirl._types import TurnRecord
 
 AS = np.radians(1.0 / 3600.0)
 LINES = (-2.0, -1.0, 1.0, 2.0, 3.0)

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.whirl import WhirlCompensation, judge, load_turns, study_whirl
+from bench.analysis.whirl import WhirlCompensation, load_turns, study_whirl
+from bench.analysis.whirl._study import judge
 from bench.control.procedure import Parameters
 from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bench.analysis.calibration import Increments, Site
-from bench.analysis.calibration._navigation import align, navigate
+from bench.analysis.calibration import Site
+from bench.analysis.calibration._navigation import Increments, align, navigate
 from benchmarks._turned_imu import Rest, Turn, measure_motion
 from drivers.base.constants import gravity_mps2
 from drivers.base.errors import ConfigurationError
