@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.analysis.calibration import Effort, Noise, Schedule, Site, Task, load_scheme, search
 from bench.analysis.calibration._model import dwell_transitions, process_noise, turn_transitions
-from bench.analysis.calibration._observability import observability
+from bench.analysis.calibration._result import observability
 from bench.analysis.calibration._segments import covariance, fold, schedule_segments
 from benchmarks._measure import Row, in_turns, row
 from benchmarks._turned_imu import Rest, Turn, measure_motion

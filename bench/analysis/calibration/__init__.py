@@ -14,7 +14,7 @@ from bench.analysis.calibration._conventions import (
     Task,
 )
 from bench.analysis.calibration._estimator import BiasWander, Estimate
-from bench.analysis.calibration._result import Evaluation, evaluate
+from bench.analysis.calibration._result import Evaluation, evaluate, missed_targets
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
 from bench.analysis.calibration._schedule import (
     Schedule,
@@ -63,6 +63,7 @@ __all__ = [
     "load_calibration_run",
     "load_record",
     "load_scheme",
+    "missed_targets",
     "moves_text",
     "plan_turns",
     "require_closed",

@@ -139,9 +139,8 @@ def _like(turns: Array, schedule: Schedule) -> bool:
 
 
 def _kind(matrix: Array) -> str:
-    if np.count_nonzero(np.diag(matrix)) == 3:
-        return "reversed" + (" (left-handed)" if np.linalg.det(matrix) < 0 else "")
-    return "exchanged" + (" (left-handed)" if np.linalg.det(matrix) < 0 else "")
+    kind = "reversed" if np.count_nonzero(np.diag(matrix)) == 3 else "exchanged"
+    return kind + (" (left-handed)" if np.linalg.det(matrix) < 0 else "")
 
 
 def _described(matrix: Array, row: int) -> str:

@@ -18,6 +18,7 @@ from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._result import Evaluation, evaluate
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
 from bench.analysis.calibration._schedule import load_scheme
+from bench.analysis.common.compensation import provenance
 from drivers.base.errors import ConfigurationError, RecordError
 
 _COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]
@@ -35,12 +36,13 @@ class Calibration:
 
     def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
         """Return the compensation; `declared`: what its user has to know of it."""
-        return ImuCompensation.from_estimate(
-            self.estimate,
-            unit_id=self.run.unit_id,
+        names = ("parameters", "sigma", "covariance", "lever_m", "lag_s", "innovation_rms")
+        return ImuCompensation(
+            self.run.unit_id,
+            **{name: getattr(self.estimate, name) for name in names},
             scheme=self.run.schedule.name,
-            runs={self.run.run_id: self.run.checksum},
             declared=tuple(declared),
+            **provenance({self.run.run_id: self.run.checksum}),
         )
 
 

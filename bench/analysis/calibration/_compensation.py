@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
 from bench.analysis.calibration._conventions import PARAMETER_NAMES, PARAMETERS, STATE_UNITS, UNIT_SIZE
-from bench.analysis.calibration._estimator import Estimate
 from bench.analysis.calibration._navigation import Increments, compensate
-from bench.analysis.common.compensation import FittedCompensation, provenance
+from bench.analysis.common.compensation import FittedCompensation
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
 
@@ -33,6 +31,13 @@ class ImuCompensation(FittedCompensation):
         "covariance": (24, 24),
         "lever_m": (2, 3),
     }
+    NAMES: ClassVar = {
+        "parameters": "parameters_si",
+        "sigma": "sigma_si",
+        "covariance": "covariance_si",
+        "lever_m": "lever_arm_m",
+        "lag_s": "accelerometer_lag_s",
+    }
 
     parameters: Array
     sigma: Array
@@ -42,30 +47,6 @@ class ImuCompensation(FittedCompensation):
     scheme: str
     innovation_rms: float
     declared: tuple[str, ...] = ()
-
-    @classmethod
-    def from_estimate(
-        cls,
-        found: Estimate,
-        *,
-        unit_id: str,
-        scheme: str,
-        runs: Mapping[str, str] | None = None,
-        declared: tuple[str, ...] = (),
-    ) -> Self:
-        """Attach unit, runs, software and date to an estimate."""
-        return cls(
-            unit_id=unit_id,
-            parameters=found.parameters,
-            sigma=found.sigma,
-            covariance=found.covariance,
-            lever_m=found.lever_m,
-            lag_s=found.lag_s,
-            scheme=scheme,
-            innovation_rms=found.innovation_rms,
-            declared=declared,
-            **provenance(runs or {}),
-        )
 
     def apply(
         self,
@@ -115,19 +96,4 @@ class ImuCompensation(FittedCompensation):
         }
 
     def _arrays(self) -> dict[str, Any]:
-        return {"parameters_si": self.parameters, "sigma_si": self.sigma, "covariance_si": self.covariance}
-
-    @classmethod
-    def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
-        return cls(
-            unit_id=state["unit_id"],
-            parameters=state["parameters_si"],
-            sigma=state["sigma_si"],
-            covariance=state["covariance_si"],
-            lever_m=np.array(state["lever_arm_m"], dtype=np.float64),
-            lag_s=float(state["accelerometer_lag_s"]),
-            scheme=state["scheme"],
-            innovation_rms=float(state["innovation_rms"]),
-            declared=tuple(state["declared"]),
-            **metadata,
-        )
+        return {self.NAMES[name]: getattr(self, name) for name in ("parameters", "sigma", "covariance")}

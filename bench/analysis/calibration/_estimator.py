@@ -90,7 +90,12 @@ def estimate(
         clean = compensate(data, current)
         track = navigate(clean, align(clean, options.alignment_s), task.site)
         if number == 0:
-            _require_plausible(clean, track, task, options, schedule)
+            resting = rest_intervals(track, options)
+            require_axis_order(clean, track, resting, schedule, task.site.latitude_deg)
+            if schedule is not None:
+                require_schedule(track, resting, schedule)
+            require_axes(clean, track, resting)
+            require_latitude(clean, track, resting, task)
         found = _filter(track, current, sigma, task, options)
         current = current + found.state[6:37] * (sigma[6:37] > 0.0)
     covariance = found.covariance[PARAMETERS, PARAMETERS]
@@ -103,17 +108,6 @@ def estimate(
         course=np.array(found.course),
         innovation_rms=float(np.sqrt(np.mean(np.square(found.innovations)))),
     )
-
-
-def _require_plausible(
-    data: Increments, track: Track, task: Task, options: Options, schedule: Schedule | None
-) -> None:
-    resting = rest_intervals(track, options)
-    require_axis_order(data, track, resting, schedule, task.site.latitude_deg)
-    if schedule is not None:
-        require_schedule(track, resting, schedule)
-    require_axes(data, track, resting)
-    require_latitude(data, track, resting, task)
 
 
 def _prior(task: Task, options: Options) -> Array:

@@ -138,18 +138,12 @@ class Path:
 
 def stretch_of(graph: Graph, start: int, moves: Sequence[int], *, rest: bool) -> Segment:
     """Return the stretch of moves from a node; `rest`: the dwell at the node comes first."""
-    nodes = graph.walk(start, tuple(moves))
-    at = graph.node_attitude[nodes]
-    batch = graph.segments[at[:-1], list(moves)] if len(moves) else None
+    at = graph.node_attitude[graph.walk(start, tuple(moves))]
     first = graph.rests[at[0]]
-    if batch is None:
+    if not moves:
         return first
-    return compose(first, fold(batch)) if rest else fold(batch)
-
-
-def whole(graph: Graph, path: Path) -> Segment:
-    """Return the stretch of a path, its first dwell included."""
-    return stretch_of(graph, path.home, path.moves, rest=True)
+    whole = fold(graph.segments[at[:-1], list(moves)])
+    return compose(first, whole) if rest else whole
 
 
 def cuts(count: int) -> list[slice]:

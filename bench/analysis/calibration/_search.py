@@ -17,7 +17,7 @@ import numpy as np
 from bench.analysis.calibration._annealing import anneal
 from bench.analysis.calibration._beam import grow_beam
 from bench.analysis.calibration._conventions import PARAMETERS, Task
-from bench.analysis.calibration._graph import QUARTERS, Graph, Path, build_graph, whole
+from bench.analysis.calibration._graph import QUARTERS, Graph, Path, build_graph, stretch_of
 from bench.analysis.calibration._schedule import ANGLES, Schedule
 from bench.analysis.calibration._segments import scaled_variances
 from bench.analysis.calibration._table import Table
@@ -55,7 +55,10 @@ class Effort:
 
 def merit_of(sigma: Array, task: Task) -> Merit:
     """Return the merit of posterior sigma (24,), SI."""
-    ratio = sigma / task.target_sigma
+    return _merit(sigma / task.target_sigma)
+
+
+def _merit(ratio: Array) -> Merit:
     return Merit(float(ratio.max()), float(np.sqrt(np.mean(ratio**2))))
 
 
@@ -97,13 +100,14 @@ def search(
     finished = fan.map(partial(_annealed, graph, weight, effort.steps, seed), starts)
     evaluated += sum(count for _, _, count in finished)
     path, _, _ = min(finished, key=lambda annealed: annealed[1])
-    ratio = np.sqrt(scaled_variances(whole(graph, path).information) * weight)
+    reached = stretch_of(graph, path.home, path.moves, rest=True)
+    ratio = np.sqrt(scaled_variances(reached.information) * weight)
     degrees = ", ".join(str(angle) for angle in angles_deg)
     kind = "quarter turns" if tuple(angles_deg) == QUARTERS else f"turns by {degrees} deg"
     pointing = f", outer axis {outer}" if outer and table == "two-axis-horizontal" else ""
     return SearchResult(
         schedule=graph.schedule(path.home, path.moves, f"searched-{table}-{turns}"),
-        merit=Merit(float(ratio.max()), float(np.sqrt(np.mean(ratio**2)))),
+        merit=_merit(ratio),
         evaluated=evaluated,
         statement=(
             f"Searched: {turns} {kind} that close, {table} table{pointing}, {pattern.dwell_s:g} s dwell; beam of "

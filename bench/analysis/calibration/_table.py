@@ -8,14 +8,13 @@ axis at a right angle to the middle; with inner and outer in line (gimbal lock) 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 
 from bench.analysis.calibration._conventions import AXES
-from bench.analysis.calibration._schedule import Move, Schedule
+from bench.analysis.calibration._schedule import Schedule
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -68,7 +67,11 @@ def first_impossible(table: Table, schedule: Schedule) -> int | None:
     attitudes = schedule.attitudes()
     ways: set[Gimbals] = set(mountings(table, attitudes[0]))
     for number, move in enumerate(schedule.moves):
-        ways = set(_after(table, ways, attitudes[number], move))
+        # An even number of quarters brings the middle axis of a three-axis table back to its line.
+        odd = move.angle_deg // 90 % 2
+        ways = {
+            left if odd else way for way in ways for left in turned(table, way, attitudes[number], move.axis)
+        }
         if not ways:
             return number
     return None
@@ -87,14 +90,6 @@ def require_possible(table: Table, schedule: Schedule) -> None:
             expected="a turn about the inner axis or about the body axis that lies along another gimbal",
             remedy="choose a scheme for this table, or let `gyrobench scheme search` find one",
         )
-
-
-def _after(table: Table, ways: Iterable[Gimbals], attitude: Array, move: Move) -> Iterable[Gimbals]:
-    quarters = move.angle_deg // 90
-    for way in ways:
-        for left in turned(table, way, attitude, move.axis):
-            # An even number of quarters brings the middle axis of a three-axis table back to its line.
-            yield left if quarters % 2 else way
 
 
 def _body_axis_along(attitude: Array, line: int) -> int:

@@ -41,6 +41,8 @@ class FittedCompensation:
     FORMAT: ClassVar[int] = 1
     SHAPES: ClassVar[Mapping[str, tuple[int | str, ...]]] = {}
     """Arrays among the attributes and their shapes; a word stands for a length, equal wherever it is said."""
+    NAMES: ClassVar[Mapping[str, str]] = {}
+    """Attributes that have another name in the file, and which."""
 
     unit_id: str
     runs: Mapping[str, str] = field(default_factory=dict, kw_only=True)
@@ -59,7 +61,7 @@ class FittedCompensation:
     def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
         """Return the compensation of a file's content; `metadata` are the keywords that all have."""
         kinds = get_type_hints(cls)
-        own = {name: _typed(state[name], kinds[name]) for name in cls._own()}
+        own = {name: _typed(state[cls.NAMES.get(name, name)], kinds[name]) for name in cls._own()}
         return cls(unit_id=state["unit_id"], **own, **metadata)
 
     @classmethod

@@ -25,6 +25,7 @@ from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 SELF_TEST_STEPS = 32
+_PREFIX = "gyrocomp"
 
 
 @dataclass(frozen=True)
@@ -36,28 +37,20 @@ class _Printed:
     values: tuple[str, ...]
 
 
-def c_header(compensation: Compensation, *, prefix: str = "gyrocomp") -> str:
-    """Return the header's text; all its names begin with `prefix`.
+def c_header(compensation: Compensation) -> str:
+    """Return the header's text; all its names begin with gyrocomp.
 
-    ConfigurationError if the model has no C form, a constant is beyond the range of its C type, or `prefix` is
-    not a C identifier.
+    ConfigurationError if the model has no C form or a constant is beyond the range of its C type.
     """
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
-        raise ConfigurationError(
-            "the prefix is not a C identifier",
-            where="C export",
-            found=repr(prefix),
-            expected="letters, digits, _",
-        )
     programs = c_programs(compensation.model)
-    constants = [*_own_constants(compensation, prefix), *_program_constants(programs, prefix)]
+    constants = [*_own_constants(compensation), *_program_constants(programs)]
     environment = _environment()
-    parts = [_part(environment, program, prefix) for program in programs]
+    parts = [_part(environment, program) for program in programs]
     t_range = compensation.limits.inputs["t_in"]
     return environment.get_template("header.h.j2").render(
-        p=prefix,
-        P=prefix.upper(),
-        guard=f"{prefix.upper()}_H",
+        p=_PREFIX,
+        P=_PREFIX.upper(),
+        guard=f"{_PREFIX.upper()}_H",
         version=version("gyrobench"),
         unit_id=_quotable(compensation.unit_id),
         model=_quotable(compensation.model.name),
@@ -93,27 +86,27 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-def _part(environment: jinja2.Environment, program: CProgram, prefix: str) -> Any:
-    names = {"k": f"{prefix}_{program.tag}_", "s": f"{program.tag}_"}
+def _part(environment: jinja2.Environment, program: CProgram) -> Any:
+    names = {"k": f"{_PREFIX}_{program.tag}_", "s": f"{program.tag}_"}
     return environment.from_string(program.source).make_module({**names, **program.sizes})
 
 
-def _program_constants(programs: Sequence[CProgram], prefix: str) -> list[CConstant]:
+def _program_constants(programs: Sequence[CProgram]) -> list[CConstant]:
     return [
-        CConstant(f"{prefix}_{program.tag}_{constant.name}", constant.values, constant.real)
+        CConstant(f"{_PREFIX}_{program.tag}_{constant.name}", constant.values, constant.real)
         for program in programs
         for constant in program.constants
     ]
 
 
-def _own_constants(compensation: Compensation, prefix: str) -> list[CConstant]:
+def _own_constants(compensation: Compensation) -> list[CConstant]:
     limits = compensation.limits
     inputs, outputs = _self_test(compensation)
     return [
-        CConstant(f"{prefix}_input_range", np.array([limits.inputs[name] for name in FEATURES]), "double"),
-        CConstant(f"{prefix}_output_range", np.array([getattr(limits, name) for name in TARGETS]), "double"),
-        CConstant(f"{prefix}_self_test_inputs", inputs),
-        CConstant(f"{prefix}_self_test_outputs", outputs),
+        CConstant(f"{_PREFIX}_input_range", np.array([limits.inputs[name] for name in FEATURES]), "double"),
+        CConstant(f"{_PREFIX}_output_range", np.array([getattr(limits, name) for name in TARGETS]), "double"),
+        CConstant(f"{_PREFIX}_self_test_inputs", inputs),
+        CConstant(f"{_PREFIX}_self_test_outputs", outputs),
     ]
 
 

@@ -22,7 +22,7 @@ _ATTRIBUTE_INT = 2
 _VARINT, _BYTES = 0, 2
 
 
-def lstm_to_onnx(model: LstmModel, metadata: Mapping[str, str] | None = None) -> bytes:
+def lstm_to_onnx(model: LstmModel) -> bytes:
     """Return the fitted network as ONNX bytes.
 
     Inputs `features` (steps, 1, 3) in the order t_in degC, dt_60 degC/min, gradient degC; `h0`, `c0` (1, 1,
@@ -30,18 +30,16 @@ def lstm_to_onnx(model: LstmModel, metadata: Mapping[str, str] | None = None) ->
     first sample `warm_up` times (in the metadata) before the run. Raises `FitError` for an unfitted model.
     """
     weights, n = model.weights, model.weights.hidden
-    gates = (
-        _reordered(weights.w_input, n),
-        _reordered(weights.w_hidden, n),
-        _reordered(weights.bias[:, None], n),
+    w_input, w_hidden, bias = (
+        _reordered(rows, n) for rows in (weights.w_input, weights.w_hidden, weights.bias)
     )
     initialisers = {
         "input_low": weights.input_low,
         "input_slope": 2.0 / (weights.input_high - weights.input_low),
         "one": np.ones(1),
-        "W": gates[0][None],
-        "R": gates[1][None],
-        "B": np.concatenate([gates[2][:, 0], np.zeros(4 * n)])[None],
+        "W": w_input[None],
+        "R": w_hidden[None],
+        "B": np.concatenate([bias, np.zeros(4 * n)])[None],
         "w_output": weights.w_output.T,
         "b_output": weights.b_output,
         "target_scale": weights.target_scale,
@@ -58,56 +56,38 @@ def lstm_to_onnx(model: LstmModel, metadata: Mapping[str, str] | None = None) ->
         _node("Mul", ["outputs", "target_scale"], ["scaled"]),
         _node("Add", ["scaled", "target_mid"], ["drift"]),
     ]
-    state = (1, 1, n)
+    inputs = [_value("features", "steps", 1, 3), _value("h0", 1, 1, n), _value("c0", 1, 1, n)]
+    outputs = [_value("drift", "steps", 1, 2), _value("h1", 1, 1, n), _value("c1", 1, 1, n)]
     graph = b"".join(
         [
             *(_field(1, node) for node in nodes),
             _field(2, b"lstm_drift"),
             *(_field(5, _tensor(name, value)) for name, value in initialisers.items()),
             _field(5, _tensor("direction_axis", np.array([1]))),
-            *(
-                _field(11, _value(*item))
-                for item in (("features", ("steps", 1, 3)), ("h0", state), ("c0", state))
-            ),
-            *(
-                _field(12, _value(*item))
-                for item in (("drift", ("steps", 1, 2)), ("h1", state), ("c1", state))
-            ),
+            *(_field(11, value) for value in inputs),
+            *(_field(12, value) for value in outputs),
         ]
     )
-    return _model(graph, _with_defaults(model, metadata or {}))
-
-
-def _with_defaults(model: LstmModel, metadata: Mapping[str, str]) -> dict[str, str]:
-    own = {
+    metadata = {
         "warm_up": str(model.settings.warm_up),
         "inputs": "t_in_degc,dt_60_degc_per_min,gradient_degc",
         "outputs": "bias_dph,sf_error_ppm",
-        "input_low": ",".join(repr(float(v)) for v in model.weights.input_low),
-        "input_high": ",".join(repr(float(v)) for v in model.weights.input_high),
+        "input_low": ",".join(repr(float(v)) for v in weights.input_low),
+        "input_high": ",".join(repr(float(v)) for v in weights.input_high),
     }
-    return {**metadata, **own}
+    properties = (
+        _field(14, _field(1, key.encode()) + _field(2, text.encode())) for key, text in metadata.items()
+    )
+    opset = _field(8, _int_field(2, OPSET))
+    return b"".join(
+        [_int_field(1, IR_VERSION), _field(2, b"gyrobench"), _field(7, graph), opset, *properties]
+    )
 
 
 def _reordered(rows: Array, hidden: int) -> Array:
     """Gate rows from i, f, g, o (ours) to i, o, f, g (ONNX, which calls g c)."""
     i, f, g, o = (rows[k * hidden : (k + 1) * hidden] for k in range(4))
     return np.concatenate([i, o, f, g])
-
-
-def _model(graph: bytes, metadata: Mapping[str, str]) -> bytes:
-    return b"".join(
-        [
-            _int_field(1, IR_VERSION),
-            _field(2, b"gyrobench"),
-            _field(7, graph),
-            _field(8, _int_field(2, OPSET)),
-            *(
-                _field(14, _field(1, key.encode()) + _field(2, text.encode()))
-                for key, text in metadata.items()
-            ),
-        ]
-    )
 
 
 def _node(
@@ -135,7 +115,7 @@ def _tensor(name: str, value: np.ndarray[tuple[int, ...], np.dtype[np.generic]])
     return dims + _int_field(2, _INT64 if whole else _FLOAT) + _field(8, name.encode()) + _field(9, raw)
 
 
-def _value(name: str, shape: Sequence[int | str]) -> bytes:
+def _value(name: str, *shape: int | str) -> bytes:
     dims = (_field(2, size.encode()) if isinstance(size, str) else _int_field(1, size) for size in shape)
     tensor_type = _int_field(1, _FLOAT) + _field(2, b"".join(_field(1, dim) for dim in dims))
     return _field(1, name.encode()) + _field(2, _field(1, tensor_type))

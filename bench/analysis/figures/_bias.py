@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.analysis.common.statistics import bias_stability, block_means
+from bench.analysis.common.statistics import BLOCK_S, bias_stability, block_means
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -26,16 +26,16 @@ class BiasFigures:
     stability_100s_dph: float
 
 
-def bias_figures(output_dph: Array, earth_rate_dph: float, rate_hz: float = 1.0) -> BiasFigures:
-    """Return the bias figures of `output_dph`, shape (n,), equally spaced at `rate_hz`, the gyro at rest.
+def bias_figures(output_dph: Array, earth_rate_dph: float) -> BiasFigures:
+    """Return the bias figures of `output_dph`, shape (n,), 1 s means of a gyro at rest.
 
     Bias B0 = mean output less the Earth rate along the axis (IEEE Std 952, bias test; GJB 2426A, zero bias).
     ConfigurationError for less than 200 s.
     """
     return BiasFigures(
         bias_dph=float(np.nanmean(output_dph)) - earth_rate_dph,
-        stability_10s_dph=averaged_stability(output_dph, 10.0, rate_hz),
-        stability_100s_dph=averaged_stability(output_dph, 100.0, rate_hz),
+        stability_10s_dph=averaged_stability(output_dph, 10.0),
+        stability_100s_dph=averaged_stability(output_dph, 100.0),
     )
 
 
@@ -61,16 +61,14 @@ def repeatability(values: ArrayLike) -> float:
     return float(np.std(values, ddof=1))
 
 
-def temperature_sensitivity(
-    values: ArrayLike, temp_c: ArrayLike, reference: int = 0, *, relative: bool = False
-) -> float:
-    """Return max |(v_i - v_m) / (T_i - T_m)| against the point `reference` (m), per degC; `relative`: over v_m.
+def temperature_sensitivity(values: ArrayLike, temp_c: ArrayLike, *, relative: bool = False) -> float:
+    """Return max |(v_i - v_0) / (T_i - T_0)| against the first point, per degC; `relative`: over v_0.
 
     GJB 2426A, temperature sensitivity of bias and (relative) of scale factor. Points within 1 K of the reference
     say nothing and are left out; ConfigurationError when none is left.
     """
     v, t = np.asarray(values, dtype=np.float64), np.asarray(temp_c, dtype=np.float64)
-    step = t - t[reference]
+    step = t - t[0]
     use = np.abs(step) >= 1.0
     if not use.any():
         raise ConfigurationError(
@@ -80,23 +78,22 @@ def temperature_sensitivity(
             expected="points at least 1 K from the reference",
             remedy="hold the unit at other temperatures",
         )
-    size = v[reference] if relative else 1.0
-    return float(np.max(np.abs((v - v[reference])[use] / (size * step[use]))))
+    size = v[0] if relative else 1.0
+    return float(np.max(np.abs((v - v[0])[use] / (size * step[use]))))
 
 
-def warm_up_time_s(output_dph: Array, tolerance_dph: float, rate_hz: float = 1.0) -> float:
-    """Return the time from switch-on after which 100 s means stay within `tolerance_dph` of the last mean.
+def warm_up_time_s(output_dph: Array, tolerance_dph: float) -> float:
+    """Return the time from switch-on after which 100 s means (of 1 s values) stay within `tolerance_dph`.
 
-    IEEE Std 952, warm-up time. The reference is the mean of the last quarter of the record. NaN if the record
+    IEEE Std 952, warm-up time. The band lies about the mean of the last quarter of the record. NaN if the record
     leaves the band at its very end.
     """
-    count = round(100.0 * rate_hz)
-    means = block_means(np.asarray(output_dph, dtype=np.float64), count)
+    means = block_means(np.asarray(output_dph, dtype=np.float64))
     settled = float(np.nanmean(means[-max(1, len(means) // 4) :]))
     outside = np.flatnonzero(~(np.abs(means - settled) <= tolerance_dph))
     if not len(outside):
         return 0.0
-    return float("nan") if outside[-1] == len(means) - 1 else float((outside[-1] + 1) * count / rate_hz)
+    return float("nan") if outside[-1] == len(means) - 1 else float((outside[-1] + 1) * BLOCK_S)
 
 
 @dataclass(frozen=True)

@@ -188,7 +188,8 @@ def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
             missing.append((what, str(error)))
     allan = noise = None
     try:
-        allan, noise = _noise(record)
+        allan = allan_deviation(record.seconds_dph(record.needed("noise")[0]), 1.0)
+        noise = fit_noise(allan)
         figures += _noise_figures(noise)
     except BenchError as error:
         missing.append(("noise", str(error)))
@@ -306,11 +307,6 @@ def _over_temperature(record: _Record) -> list[Figure]:
         Figure("bias temperature sensitivity", of_bias, "deg/h/degC", "GJB 2426A"),
         Figure("scale-factor temperature sensitivity", 1e6 * of_scale, "ppm/degC", "GJB 2426A"),
     ]
-
-
-def _noise(record: _Record) -> tuple[AllanDeviation, NoiseFit]:
-    allan = allan_deviation(record.seconds_dph(record.needed("noise")[0]), 1.0)
-    return allan, fit_noise(allan)
 
 
 def _noise_figures(noise: NoiseFit) -> list[Figure]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
@@ -64,10 +64,3 @@ class RlgCompensation(FittedCompensation):
     def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
         # until 0.1 files had `training_runs` for `runs`
         return super()._restored(state, metadata | {"runs": state.get("training_runs") or metadata["runs"]})
-
-
-def training_ranges(runs: Sequence[RampRun]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ranges of case temperature and of its rate that `runs` cover."""
-    temps = np.concatenate([run.case_c for run in runs])
-    rates = np.concatenate([run.case_rate for run in runs])
-    return (float(temps.min()), float(temps.max())), (float(rates.min()), float(rates.max()))

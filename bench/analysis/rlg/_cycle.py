@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.common.statistics import block_means
 from bench.analysis.common.stepwise import stepwise
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
@@ -32,7 +33,7 @@ _OUTLIER = 8.0
 class AxisGain:
     """One axis: 1 sigma of row means on the held-out part in the recording's unit, before and after.
 
-    `static`: temperature only; `dynamic`: with its rate and its past. `verdict` says it in words. `means`,
+    `static`: temperature only; `dynamic`: with its rate and its past. `means`,
     `left_static`, `left_dynamic`, shape (m,): the means of the whole recording, and what the equations leave.
     """
 
@@ -42,7 +43,6 @@ class AxisGain:
     after_dynamic: float
     terms_static: tuple[str, ...]
     terms_dynamic: tuple[str, ...]
-    verdict: str
     means: Array
     left_static: Array
     left_dynamic: Array
@@ -67,6 +67,17 @@ class AxisGain:
         """Whether the better of the two is worth having."""
         return self.best_pct >= _WORTH_PCT
 
+    @property
+    def verdict(self) -> str:
+        """What the axis gains, in words."""
+        past = [name for name in self.terms_dynamic if name not in _STATIC]
+        if not self.gains:
+            return "hardly reproducible: leave it uncompensated"
+        if past and self.dynamic_pct > self.static_pct + 5.0:
+            return f"depends on the temperature's past or rate ({', '.join(past)})"
+        part = "" if self.best_pct >= _MOSTLY_PCT else " in part"
+        return f"follows temperature{part}; rate and past explain nothing more"
+
 
 @dataclass(frozen=True, eq=False)
 class CycleStudy:
@@ -89,7 +100,7 @@ def study_chamber_cycle(temp_c: Array, rates: dict[str, Array]) -> CycleStudy:
     RecordError for a recording without a turn.
     """
     use, remarks = _sound_rows(temp_c, rates)
-    temp = _means(temp_c[use])
+    temp = block_means(temp_c[use], _BLOCK)
     turns = _turns(temp)
     turn = turns[-1] if turns else 0
     if not _SHORTEST <= turn <= len(temp) - _SHORTEST:
@@ -113,7 +124,8 @@ def study_chamber_cycle(temp_c: Array, rates: dict[str, Array]) -> CycleStudy:
             f"{beyond} of {int((~fitted).sum())} means of the held-out leg are beyond the fitted range"
         )
     gains = [
-        _axis(axis, _means(values[use]), static, dynamic, fitted, held_out) for axis, values in rates.items()
+        _axis(axis, block_means(values[use], _BLOCK), static, dynamic, fitted, held_out)
+        for axis, values in rates.items()
     ]
     return CycleStudy(tuple(gains), tuple(remarks), temp, turn)
 
@@ -151,10 +163,6 @@ def _sound_rows(temp_c: Array, rates: dict[str, Array]) -> tuple[NDArray[np.bool
         at = np.flatnonzero(far)
         remarks.append(f"{len(at)} outlying rows left out, the first at row {at[0]}")
     return use & ~far, remarks
-
-
-def _means(values: Array) -> Array:
-    return np.asarray(values[: len(values) // _BLOCK * _BLOCK].reshape(-1, _BLOCK).mean(axis=1))
 
 
 def _turns(temp: Array) -> list[int]:
@@ -198,13 +206,4 @@ def _axis(
         left.append(bias - result.predict(x))
         terms.append(result.selected)
     after = [float(np.std(values[held_out], ddof=1)) for values in left]
-    gain_pct = [100.0 * (1.0 - value / before) for value in after]
-    past = [name for name in terms[1] if name not in _STATIC]
-    if max(gain_pct) < _WORTH_PCT:
-        verdict = "hardly reproducible: leave it uncompensated"
-    elif past and gain_pct[1] > gain_pct[0] + 5.0:
-        verdict = f"depends on the temperature's past or rate ({', '.join(past)})"
-    else:
-        part = "" if max(gain_pct) >= _MOSTLY_PCT else " in part"
-        verdict = f"follows temperature{part}; rate and past explain nothing more"
-    return AxisGain(axis, before, after[0], after[1], terms[0], terms[1], verdict, bias, left[0], left[1])
+    return AxisGain(axis, before, *after, *terms, bias, *left)

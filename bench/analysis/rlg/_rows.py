@@ -58,9 +58,8 @@ def ramp_run(
 
     A rate is the least-squares slope over the row. Rows with more than half of any series missing are left out.
     `ramps` are (start, end) in s at which the chamber was to move; where the case stood still instead, a remark
-    says so. ConfigurationError for series that are not equally spaced by 1 s or give fewer than three rows.
+    says so. ConfigurationError for series that give fewer than three rows.
     """
-    _check_spacing(run_id, time_s)
     count = len(time_s) // ROW_S
     blocks = {
         name: series[: count * ROW_S].reshape(count, ROW_S)
@@ -103,19 +102,6 @@ def ramp_run(
         true_bias_dph=truth,
         checksum=checksum,
         kind=kind,
-    )
-
-
-def _check_spacing(run_id: str, time_s: Array) -> None:
-    step = np.diff(time_s)
-    if len(step) and np.allclose(step, 1.0, atol=1e-6):
-        return
-    raise ConfigurationError(
-        "the series is not equally spaced",
-        where=f"run {run_id}",
-        found=f"{len(time_s)} values, steps {step.min():g} .. {step.max():g} s" if len(step) else "no values",
-        expected="one value a second, NaN where one is missing",
-        remedy="resample to whole seconds before making rows",
     )
 
 

@@ -12,13 +12,19 @@ from numpy.typing import NDArray
 from bench.analysis.common.compensation import provenance
 from bench.analysis.common.runs import require_separate
 from bench.analysis.common.stepwise import StepwiseResult, stepwise
-from bench.analysis.rlg._compensation import RlgCompensation, training_ranges
-from bench.analysis.rlg._profile import how_it_differs, hysteresis_dph
+from bench.analysis.rlg._compensation import RlgCompensation
 from bench.analysis.rlg._rows import RampRun
 from bench.analysis.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix
+from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 PLAIN, CORRECTED, FIVE = "stepwise", "stepwise, corrected", "five terms"
+ANOTHER_DAY = "another day"
+_MOVING_SHARE = 0.5
+"""Rows whose rate is more than this part of the run's usual one belong to a ramp."""
+_RATE_RATIO = 1.3
+_RANGE_K = 5.0
+_BIN_K = 2.0
 
 
 @dataclass(frozen=True)
@@ -153,16 +159,72 @@ def judge(compensation: RlgCompensation, run: RampRun, training: Sequence[RampRu
     )
 
 
+@dataclass(frozen=True)
+class RampProfile:
+    """Direction of the first ramp (+1 warming, -1 cooling), rate in degC/min, ends of the case temperature."""
+
+    direction: int
+    rate: float
+    low_c: float
+    high_c: float
+
+
+def profile_of(run: RampRun) -> RampProfile:
+    """Return the profile that the case went through."""
+    rate = float(np.percentile(np.abs(run.case_rate), 80.0))
+    moving = np.abs(run.case_rate) > _MOVING_SHARE * rate
+    direction = int(np.sign(run.case_rate[np.argmax(moving)])) if moving.any() else 0
+    return RampProfile(direction, rate, float(run.case_c.min()), float(run.case_c.max()))
+
+
+def how_it_differs(run: RampRun, training: Sequence[RampRun]) -> str:
+    """Return how a run differs from those fitted, in words; one of the same profile is of another day."""
+    own, fitted = profile_of(run), [profile_of(other) for other in training]
+    if not fitted:
+        return ""
+    found = []
+    if own.direction not in {other.direction for other in fitted}:
+        found.append("other direction")
+    if all(max(own.rate / other.rate, other.rate / own.rate) > _RATE_RATIO for other in fitted):
+        found.append("another rate")
+    low, high = min(other.low_c for other in fitted), max(other.high_c for other in fitted)
+    if own.low_c < low - _RANGE_K or own.high_c > high + _RANGE_K:
+        found.append("beyond the range")
+    elif own.low_c > low + _RANGE_K or own.high_c < high - _RANGE_K:
+        found.append("part of the range")
+    return ", ".join(found) or ANOTHER_DAY
+
+
+def hysteresis_dph(run: RampRun, values: Array) -> float:
+    """Return the rms difference of `values` (n,) between warming and cooling at the same case temperature.
+
+    Means over 2 degC that both directions passed; NaN if there is none.
+    """
+    rate = profile_of(run).rate
+    place = np.floor(run.case_c / _BIN_K).astype(np.int64)
+    place -= place.min()
+    means = []
+    for sign in (1.0, -1.0):
+        use = sign * run.case_rate > _MOVING_SHARE * rate
+        number = np.bincount(place[use], minlength=int(place.max()) + 1)
+        total = np.bincount(place[use], values[use], int(place.max()) + 1)
+        means.append(np.where(number > 0, total / np.maximum(number, 1), np.nan))
+    apart = means[0] - means[1]
+    known = apart[np.isfinite(apart)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+
+
 def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCompensation:
     inside = np.flatnonzero(result.final.included)
-    temp_range, rate_range = training_ranges(training)
+    temps = np.concatenate([run.case_c for run in training])
+    rates = np.concatenate([run.case_rate for run in training])
     return RlgCompensation(
         unit_id=training[0].unit_id,
         variables=tuple(result.names[i] for i in inside),
         coefficients=tuple(float(result.final.coefficient[i]) for i in inside),
         intercept_dph=result.final.intercept,
-        temp_range_c=temp_range,
-        rate_range=rate_range,
+        temp_range_c=(float(temps.min()), float(temps.max())),
+        rate_range=(float(rates.min()), float(rates.max())),
         statistics={
             "multiple_r": result.multiple_r,
             "r2": result.final.r2,
@@ -177,7 +239,7 @@ def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCom
     )
 
 
-def _usable(x: NDArray[np.float64], names: Sequence[str]) -> tuple[tuple[str, ...], list[tuple[str, str]]]:
+def _usable(x: Array, names: Sequence[str]) -> tuple[tuple[str, ...], list[tuple[str, str]]]:
     """Return the variables that vary, and those that do not with the reason."""
     spread, size = np.ptp(x, axis=0), np.abs(x).max(axis=0)
     usable, left_out = [], []

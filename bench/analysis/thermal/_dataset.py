@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from bench.analysis.thermal._scale_factor import RateRun, scale_factor_group
 from bench.analysis.thermal._types import ThermalRun
 from bench.record.events.run import Section
 from bench.record.recording import Phase, Run
+from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 
@@ -37,21 +39,29 @@ def _bias_run(run: Run, gyro: str) -> ThermalRun:
     reference = _phase(run, phases, "reference")
     start = math.floor(_phase(run, phases, "equilibrium").start_s)
     end = math.floor(_end_s(phases))
-    means = run.second_means(gyro, start, end)
+    rate_dps, measured = _measured(run, gyro, start, end)
     return ThermalRun(
-        run_id=run.manifest.run_id,
-        unit_id=run.manifest.unit(gyro),
         time_s=np.arange(start + 1.0, end + 1.0),
-        gyro_temp_c=means.temp_c,
-        case_temp_c=case_temp_c(run, gyro, start, end),
-        bias_dph=DPH_PER_DPS * means.rate_dps - run.earth_rate_dph(np.arange(start + 0.5, end)),
+        bias_dph=DPH_PER_DPS * rate_dps - run.earth_rate_dph(np.arange(start + 0.5, end)),
         sf_error_ppm=None,
         reference=(reference.start_s, reference.end_s),
-        checksum=run.checksum,
         phases=[(phase.start_s, phase.name) for phase in phases if phase.end_s > start],
         true_bias_dph=run.true_means(gyro, "bias_dph", start, end),
-        meta={"gyro": gyro},
+        **measured,
     )
+
+
+def _measured(run: Run, gyro: str, start: int, end: int) -> tuple[Array, dict[str, Any]]:
+    """Return the gyro's 1 s means in deg/s, and what thermal runs of any kind have of these seconds."""
+    means = run.second_means(gyro, start, end)
+    return means.rate_dps, {
+        "run_id": run.manifest.run_id,
+        "unit_id": run.manifest.unit(gyro),
+        "gyro_temp_c": means.temp_c,
+        "case_temp_c": case_temp_c(run, gyro, start, end),
+        "checksum": run.checksum,
+        "meta": {"gyro": gyro},
+    }
 
 
 def _scale_factor_runs(run: Run, gyro: str) -> list[ThermalRun]:
@@ -61,32 +71,28 @@ def _scale_factor_runs(run: Run, gyro: str) -> list[ThermalRun]:
     for (start_s, section), end_s in zip(sections, ends, strict=True):
         rate_run = _rate_run(run, gyro, section.rate_dps, start_s, end_s)
         groups.setdefault(section.group, []).append(rate_run)
-    return [_named(run, gyro, number if len(groups) > 1 else None, rows) for number, rows in groups.items()]
-
-
-def _named(run: Run, gyro: str, group: int | None, rows: list[RateRun]) -> ThermalRun:
-    """Return the group's thermal run under the name and checksum of the folder that its sections share."""
-    name = run.manifest.run_id if group is None else f"{run.manifest.run_id} group {group}"
-    return replace(scale_factor_group(rows), run_id=name, checksum=run.checksum, meta={"gyro": gyro})
+    thermal_runs = []
+    for number, rows in groups.items():
+        # Under the name and checksum of the folder that the sections share.
+        name = run.manifest.run_id if len(groups) == 1 else f"{run.manifest.run_id} group {number}"
+        group = replace(scale_factor_group(rows), run_id=name, checksum=run.checksum, meta={"gyro": gyro})
+        thermal_runs.append(group)
+    return thermal_runs
 
 
 def _rate_run(run: Run, gyro: str, rate_dps: float, start_s: float, end_s: float) -> RateRun:
     phases = [phase for phase in run.phases() if start_s <= phase.start_s < end_s]
     reference = _phase(run, phases, "reference")
     start, end = math.floor(reference.start_s), math.floor(end_s)
-    means = run.second_means(gyro, start, end)
+    output_dps, measured = _measured(run, gyro, start, end)
     return RateRun(
-        run_id=run.manifest.run_id,
-        unit_id=run.manifest.unit(gyro),
         rate_dps=rate_dps,
         time_s=np.arange(1.0, end - start + 1.0),
-        gyro_temp_c=means.temp_c,
-        case_temp_c=case_temp_c(run, gyro, start, end),
-        output_dps=means.rate_dps,
+        output_dps=output_dps,
         reference=(0.0, reference.end_s - start),
-        checksum=run.checksum,
         phases=[(phase.start_s - start, phase.name) for phase in phases if phase.end_s > start],
         true_sf_error_ppm=run.true_means(gyro, "sf_error_ppm", start, end),
+        **measured,
     )
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,25 +17,17 @@ from drivers.base.errors import ConfigurationError, LimitExceeded
 _SMOOTH_S = 100
 
 
-@dataclass(frozen=True)
-class RateRun:
-    """One temperature run at a constant table rate, 1 s means, arrays of shape (n,); NaN = second without data.
+@dataclass(frozen=True, kw_only=True)
+class RateRun(ThermalRun):
+    """One temperature run at a constant table rate: what the gyro put out, before it is worked into a target.
 
     `rate_dps` is the table's rate without Earth rate, which all runs of a group share and which cancels.
     """
 
-    run_id: str
-    unit_id: str
+    bias_dph: None = None
+    sf_error_ppm: None = None
     rate_dps: float
-    time_s: Array
-    gyro_temp_c: Array
-    case_temp_c: Array
     output_dps: Array
-    reference: tuple[float, float]
-    checksum: str = ""
-    phases: Sequence[tuple[float, str]] = ()
-    true_sf_error_ppm: Array | None = None
-    meta: dict[str, Any] = field(default_factory=dict)
 
 
 def rate_weights(rates_dps: ArrayLike) -> Array:
@@ -63,14 +54,13 @@ def scale_factor_group(
 ) -> ThermalRun:
     """Combine rate runs of one profile and one unit into a run of scale-factor error (ppm of its reference mean).
 
-    With `align` the runs are shifted onto the first by their case temperature. ConfigurationError when the runs
-    do not belong together, LimitExceeded when T_in differs by more than `max_spread_c` at equal time: the least
+    With `align` the runs are shifted onto the first by their case temperature. ConfigurationError for fewer than
+    two rates, LimitExceeded when T_in differs by more than `max_spread_c` at equal time: the least
     squares would then mix different thermal states.
     """
     rates = [run.rate_dps for run in runs]
     weights = rate_weights(rates)
     first = runs[0]
-    _check_units(runs)
     shifts = tuple(
         find_shift(first.case_temp_c, run.case_temp_c, max_shift_s=max_shift_s) if align else 0
         for run in runs
@@ -115,18 +105,6 @@ def scale_factor_group(
         true_sf_error_ppm=truth,
         meta={"rates_dps": rates, "shifts_s": list(shifts), "temp_spread_c": spread},
     )
-
-
-def _check_units(runs: Sequence[RateRun]) -> None:
-    units = sorted({run.unit_id for run in runs})
-    if len(units) > 1:
-        raise ConfigurationError(
-            "the runs of a scale-factor group belong to different units",
-            where="scale-factor group",
-            found=", ".join(units),
-            expected="one unit",
-            remedy="make one group for each unit",
-        )
 
 
 def _spread(temps_c: Array) -> float:

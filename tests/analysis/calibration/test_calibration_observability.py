@@ -9,7 +9,7 @@ import pytest
 
 from bench.analysis.calibration import PARAMETERS, STATE_NAMES, UNIT_SIZE, Schedule, Task, load_scheme
 from bench.analysis.calibration._model import observability_matrix
-from bench.analysis.calibration._observability import observability
+from bench.analysis.calibration._result import observability
 from bench.analysis.calibration._schedule import parse_moves
 from bench.analysis.calibration._segments import (
     chain_segments,

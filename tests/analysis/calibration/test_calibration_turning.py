@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from bench.analysis.calibration import (
     PARAMETERS,
     Effort,
-    Estimate,
     ImuCompensation,
     Schedule,
     TableAxis,
@@ -115,18 +114,6 @@ def test_any_closed_walk_is_turned_as_written_or_refused(steps):
     np.testing.assert_allclose(attitudes(THREE, plan), plan.schedule.attitudes(), atol=1e-9)
 
 
-def estimate_of(parameters):
-    return Estimate(
-        parameters=parameters,
-        sigma=np.full(24, 1e-6),
-        covariance=np.eye(24) * 1e-12,
-        lever_m=np.zeros((2, 3)),
-        lag_s=0.0,
-        course=np.zeros((2, 24)),
-        innovation_rms=1.0,
-    )
-
-
 def test_the_file_takes_the_errors_out_of_the_unit_it_belongs_to(tmp_path):
     rng = np.random.default_rng(3)
     truth = rng.standard_normal(24) * Task().prior_sigma[PARAMETERS]
@@ -135,8 +122,17 @@ def test_the_file_takes_the_errors_out_of_the_unit_it_belongs_to(tmp_path):
     f = rng.uniform(-9, 9, (50, 3))
     measured_w = w + w @ kg.T + np.degrees(eps)
     measured_f = f + f @ ka.T + nabla + k2 * f**2
-    saved = ImuCompensation.from_estimate(
-        estimate_of(truth), unit_id="IMU-7", scheme="23-position", runs={"a": "b"}, declared=("x",)
+    saved = ImuCompensation(
+        "IMU-7",
+        parameters=truth,
+        sigma=np.full(24, 1e-6),
+        covariance=np.eye(24) * 1e-12,
+        lever_m=np.zeros((2, 3)),
+        lag_s=0.0,
+        scheme="23-position",
+        innovation_rms=1.0,
+        declared=("x",),
+        runs={"a": "b"},
     )
     path = tmp_path / "compensation.gyrocomp"
     saved.save(path)

@@ -41,12 +41,12 @@ def session(model: LstmModel) -> object:
 
 
 def test_checker_accepts_it_and_infers_the_declared_shapes(model: LstmModel) -> None:
-    loaded = onnx.load_from_string(lstm_to_onnx(model, {"unit_id": "unit A"}))
+    loaded = onnx.load_from_string(lstm_to_onnx(model))
     onnx.checker.check_model(loaded, full_check=True)
     assert [(node.op_type) for node in loaded.graph.node].count("LSTM") == 1
     assert (loaded.ir_version, loaded.opset_import[0].version) == (7, 14)
     properties = {item.key: item.value for item in loaded.metadata_props}
-    assert properties["unit_id"] == "unit A" and properties["warm_up"] == "180"
+    assert properties["warm_up"] == "180"
     shape = loaded.graph.output[0].type.tensor_type.shape.dim
     assert shape[0].dim_param == "steps" and [d.dim_value for d in shape][1:] == [1, 2]
 

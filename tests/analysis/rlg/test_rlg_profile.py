@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from bench.analysis.rlg import RampRun
-from bench.analysis.rlg._profile import how_it_differs, hysteresis_dph, profile_of
 from bench.analysis.rlg._rows import ramp_run
-from bench.analysis.rlg._study import judge, run_rlg_study
+from bench.analysis.rlg._study import how_it_differs, hysteresis_dph, judge, profile_of, run_rlg_study
 
 Runs = Callable[[int], dict[str, RampRun]]
 

@@ -117,8 +117,3 @@ def test_runs_in_different_thermal_states_are_refused() -> None:
     warm = replace(warm, gyro_temp_c=warm.gyro_temp_c + 1.5)
     with pytest.raises(LimitExceeded, match=r"1\.5\d degC"):
         scale_factor_group([rate_run(20.0), warm])
-
-
-def test_units_are_not_mixed() -> None:
-    with pytest.raises(ConfigurationError, match="different units"):
-        scale_factor_group([rate_run(20.0), replace(rate_run(-20.0), unit_id="other")])
