@@ -22,6 +22,7 @@ import socket
 import struct
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from bench.record.benchfile import BenchFile
 from drivers.base.clock import utc_now
@@ -78,12 +79,9 @@ class Lease:
         """Whether the lease has not been given back."""
         return bool(self._files)
 
-    def update(self, *, purpose: str | None = None, watchdog_pid: int | None = None) -> None:
-        """Say anew what the bench is used for, and which watchdog guards it."""
-        if purpose is not None:
-            self.holder = replace(self.holder, purpose=purpose)
-        if watchdog_pid is not None:
-            self.holder = replace(self.holder, watchdog_pid=watchdog_pid)
+    def update(self, **changes: Any) -> None:
+        """Say anew what the bench is used for (`purpose`), or which watchdog guards it (`watchdog_pid`)."""
+        self.holder = replace(self.holder, **changes)
         for descriptor in self._files.values():
             _write(descriptor, self.holder)
 

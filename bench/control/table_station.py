@@ -154,13 +154,8 @@ class TableStation(Station):
         self._begin(name, RateDemand(self.name, name, rate_dps, acceleration_dps2))
         self.device.spin(rate_dps, self._named(name), acceleration_dps2)
         tolerance, column = tolerance_share * abs(rate_dps) + 0.002, self._columns(name)[1]
-        self._settle(
-            name,
-            lambda row: abs(row[column] - rate_dps) <= tolerance,
-            lambda row: abs(row[column] - rate_dps) <= _STAYS * tolerance,
-            f"reaching {rate_dps:g} deg/s",
-            timeout_s,
-        )
+        what = f"reaching {rate_dps:g} deg/s"
+        self._settle(name, lambda row: abs(row[column] - rate_dps), tolerance, what, timeout_s)
 
     def stop(self, axis: str = "") -> None:
         """Come to rest."""
@@ -264,33 +259,30 @@ class TableStation(Station):
         def error(row: dict[str, float]) -> float:
             return abs(math.remainder(row[column] - angle_deg, 360.0))
 
-        def there(row: dict[str, float]) -> bool:
+        def went_round(row: dict[str, float]) -> bool:
             nonlocal before, travel
             travel += math.remainder(row[column] - before, 360.0)
             before = row[column]
-            return error(row) <= tolerance_deg and (by_deg is None or abs(travel - by_deg) < 180.0)
+            return by_deg is None or abs(travel - by_deg) < 180.0
 
-        self._settle(
-            name,
-            there,
-            lambda row: error(row) <= _STAYS * tolerance_deg,
-            f"pointing to {angle_deg:.3f} deg" + (f" by {by_deg:+.1f} deg" if by_deg is not None else ""),
-            timeout_s,
-        )
+        what = f"pointing to {angle_deg:.3f} deg" + (f" by {by_deg:+.1f} deg" if by_deg is not None else "")
+        self._settle(name, error, tolerance_deg, what, timeout_s, went_round)
 
     def _settle(
         self,
         name: str,
-        close: Callable[[dict[str, float]], bool],
-        stays: Callable[[dict[str, float]], bool],
+        error: Callable[[dict[str, float]], float],
+        tolerance: float,
         what: str,
         timeout_s: float,
+        went_round: Callable[[dict[str, float]], bool] = lambda row: True,
     ) -> None:
         in_a_row = 0
 
         def settled() -> bool:
             nonlocal in_a_row
-            in_a_row = in_a_row + 1 if close(self.history.last) else 0
+            row = self.history.last
+            in_a_row = in_a_row + 1 if went_round(row) and error(row) <= tolerance else 0
             return in_a_row >= _SETTLED_POLLS
 
         if not self._session.wait_until(settled, timeout_s=timeout_s, what=what):
@@ -301,4 +293,4 @@ class TableStation(Station):
                 expected=str(self.demands[name]),
                 remedy="check interlock, load balance and the axis limits",
             )
-        self._stays[name] = stays
+        self._stays[name] = lambda row: error(row) <= _STAYS * tolerance

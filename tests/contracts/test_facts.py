@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.record.events import CAMPAIGN_EVENTS, RUN_EVENTS, Event
+from bench.record.events import EVENTS
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [
@@ -220,11 +220,10 @@ def test_every_event_class_is_in_the_document_with_its_fields() -> None:
         for kinds, cells in [line.strip("| ").split(" | ", 1)]
         for kind in re.findall(r"`(\w+)`", kinds)
     }
-    classes: dict[str, type[Event]] = RUN_EVENTS | CAMPAIGN_EVENTS
-    assert set(rows) == set(classes)
+    assert set(rows) == set(EVENTS)
     missing = [
         f"{kind}: {name}"
-        for kind, each in classes.items()
+        for kind, each in EVENTS.items()
         for name in (field.name for field in fields(each))
         if name != "details" and not re.search(rf"\b{name}\b", rows[kind])
     ]
@@ -244,14 +243,13 @@ def _call(node: ast.Call, called: ast.Attribute, known: set[str]) -> Iterator[st
 def _event_uses(source: str) -> Iterator[str]:
     """Yield what a module writes to or reads of an event log that is no listed class."""
     tree = ast.parse(source)
-    known = {each.__name__ for each in (RUN_EVENTS | CAMPAIGN_EVENTS).values()} | {"Demand", "Event"}
-    kinds = set(RUN_EVENTS) | set(CAMPAIGN_EVENTS)
+    known = {each.__name__ for each in EVENTS.values()} | {"Demand", "Event"}
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             yield from _call(node, node.func, known)
         if isinstance(node, ast.Compare) and ast.unparse(node.left).endswith("['kind']"):
             named = {side.value for side in node.comparators if isinstance(side, ast.Constant)}
-            if named - kinds:
+            if named - set(EVENTS):
                 yield ast.unparse(node)
 
 

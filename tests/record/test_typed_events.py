@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import pytest
 
-from bench.record.events import CAMPAIGN_EVENTS, RUN_EVENTS, Other, read_event
+from bench.record.events import EVENTS, Other, read_event
 from bench.record.events.run import (
     AirDemand,
     AngleDemand,
@@ -39,9 +39,7 @@ def sample(hint: Any) -> Any:
     return sample(arguments[0])
 
 
-@pytest.mark.parametrize(
-    "kind", [*RUN_EVENTS.values(), *CAMPAIGN_EVENTS.values()], ids=lambda kind: kind.kind
-)
+@pytest.mark.parametrize("kind", EVENTS.values(), ids=lambda kind: kind.kind)
 def test_an_event_is_read_as_it_was_written(kind):
     hints = get_type_hints(kind)
     event = kind(**{field.name: sample(hints[field.name]) for field in dataclasses.fields(kind)})

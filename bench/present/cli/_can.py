@@ -85,8 +85,7 @@ def _show(console: Terminal, layout: CanLayout) -> None:
 def _decode(
     console: Terminal, layout: CanLayout, path: Path, out: Path, parquet: bool, source_address: int | None
 ) -> None:
-    from bench.record.can_capture import others_on_the_bus, read_can_capture, write_can_plot
-    from bench.record.capture import write_table
+    from bench.record.capture import others_on_the_bus, read_can_capture, write_can_plot, write_table
     from drivers.can_dbc import identifier_names
 
     capture = read_can_capture(layout, path, source_address)

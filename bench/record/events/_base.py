@@ -22,6 +22,8 @@ Row = dict[str, Any]
 """A line of events.jsonl as JSON has it: `time_s`, `kind` and the fields of its kind."""
 
 _TIME: TypeAdapter[float] = TypeAdapter(BenchTime)
+EVENTS: dict[str, type[Event]] = {}
+"""All kinds of events that are written."""
 _ADAPTERS: dict[type[Event], TypeAdapter[Event]] = {}
 """Made when a kind is first read: few readers need them all."""
 
@@ -41,10 +43,11 @@ class Event:
 
     def __init_subclass__(cls, kind: str | None = None, alarming: bool = False) -> None:
         super().__init_subclass__()
-        if kind is not None:
-            cls.kind = kind
         cls.alarming = alarming
         dataclass(frozen=True)(cls)
+        if kind is not None:
+            cls.kind = kind
+            EVENTS[kind] = cls
 
     @property
     def alarms(self) -> bool:
@@ -67,7 +70,7 @@ class Event:
         return {"time_s": round(time_s, 9), "kind": self.kind} | self.fields()
 
 
-class Other(Event, kind=""):
+class Other(Event):
     """A line of a kind that this version does not know: `name` is the kind."""
 
     name: str

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
@@ -19,6 +19,7 @@ from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.errors import RecordError
 from drivers.base.files import MANIFEST_BYTES, read_bounded, replace_file
 
+T = TypeVar("T")
 Outcome = Literal["running", "completed", "invalid", "aborted"]
 
 
@@ -120,24 +121,16 @@ class Manifest(_Part):
     @property
     def latitude_deg(self) -> float:
         """Where the bench stands; RecordError if the run does not say so."""
-        try:
-            return float(self.bench["bench"]["latitude_deg"])
-        except KeyError as error:
-            raise self._lacks("the latitude of the bench", "bench.bench.latitude_deg") from error
+        bench = self.bench.get("bench", {})
+        return float(self._held(bench, "latitude_deg", "the latitude of the bench", "bench.bench"))
 
     def device(self, name: str) -> DeviceEntry:
         """Return who answered under a name of the bench file; RecordError if nobody is in the record."""
-        try:
-            return self.devices[name]
-        except KeyError as error:
-            raise self._lacks(f"the device {name}", f"devices.{name}") from error
+        return self._held(self.devices, name, f"the device {name}", "devices")
 
     def unit(self, name: str) -> str:
         """Return the unit that was tested under a gyro's name; RecordError if none is in the record."""
-        try:
-            return self.units[name]
-        except KeyError as error:
-            raise self._lacks(f"the unit of {name}", f"units.{name}") from error
+        return self._held(self.units, name, f"the unit of {name}", "units")
 
     def measured(self, name: str) -> float | None:
         """Return a measured value; None if it was not measured or was not finite."""
@@ -152,11 +145,13 @@ class Manifest(_Part):
             f"the parameter {name} is no number", where=f"run {self.run_id}", found=repr(value)[:60]
         )
 
-    def _lacks(self, what: str, key: str) -> RecordError:
-        return RecordError(
+    def _held(self, part: Mapping[str, T], name: str, what: str, where: str) -> T:
+        if name in part:
+            return part[name]
+        raise RecordError(
             f"the run's manifest does not have {what}",
             where=f"run {self.run_id}",
-            found=f"no {key} in {MANIFEST_FILE}",
+            found=f"no {where}.{name} in {MANIFEST_FILE}",
             expected="a run that was begun on a bench, its devices found",
         )
 
@@ -166,7 +161,11 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     path = folder / MANIFEST_FILE
     try:
         replace_file(path, manifest.model_dump_json(indent=2) + "\n")
-        _sync_folder(folder)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
     except OSError as error:
         raise record_error(path, error) from error
 
@@ -188,15 +187,8 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST_FILE
     try:
         manifest = Manifest.model_validate_json(read_bounded(path, MANIFEST_BYTES))
-        check_free_parts(
-            {
-                "started_utc": manifest.started_utc,
-                "bench": manifest.bench,
-                "stream": manifest.stream,
-                "measurements": list(manifest.measurements),
-                "parameters": manifest.parameters,
-            }
-        )
+        parts = {name: getattr(manifest, name) for name in _FreeParts.model_fields}
+        check_free_parts(parts | {"measurements": list(manifest.measurements)})
         return manifest
     except OSError as error:
         raise RecordError(
@@ -234,14 +226,6 @@ def checksum(path: Path) -> FileEntry:
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256")
         return FileEntry(sha256=digest.hexdigest(), bytes=file.tell())
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 class _Shape(BaseModel):

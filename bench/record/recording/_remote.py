@@ -171,10 +171,6 @@ def _state(entry: dict[str, Any]) -> str:
 
 
 def _cache(url: str) -> Path:
-    place = os.environ.get(CACHE_VARIABLE)
-    root = (
-        Path(place)
-        if place
-        else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gyrobench"
-    )
+    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    root = Path(os.environ.get(CACHE_VARIABLE) or Path(caches) / "gyrobench")
     return root / "runs" / hashlib.sha256(url.encode()).hexdigest()[:20]
