@@ -30,10 +30,6 @@ def parameter(default: Any, help_text: str, unit: str = "", **limits: Any) -> An
     return Field(default, description=help_text, json_schema_extra={"unit": unit}, **limits)
 
 
-def _no_figures(parameters: Any) -> Collection[str]:
-    return ()
-
-
 @dataclass(frozen=True)
 class Procedure:
     """A test an operator can run.
@@ -52,7 +48,7 @@ class Procedure:
     demands: Callable[[Any], Demands]
     tests: Literal["gyro", "platform"] = "gyro"
     """What kind of unit it tests; the bench must have at least one."""
-    figures: Callable[[Any], Collection[str]] = _no_figures
+    figures: Callable[[Any], Collection[str]] = lambda parameters: ()
     """Which figures of a certificate (`bench.record.figure_limits`) a run with these parameters measures."""
     upright: bool = True
     """Whether it turns the units about the vertical: their axis then points up with the outer axes at 0."""

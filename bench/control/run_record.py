@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import platform
 from collections import Counter
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -152,18 +152,20 @@ class RunRecord:
         A run that could not be recorded or decoded whole is sealed as aborted with what there is. RecordError
         only if not even the seal can be written.
         """
-        problems = _problem_of(self._journal.close)
+        problems: list[str] = []
+        with _told(problems):
+            self._journal.close()
         manifest = self._with_sources()
         streams: dict[str, StreamReport] = {}
-        try:
+        with _told(problems, "The record could not be decoded: "):
             write_manifest(self.folder, manifest)
             streams = decode_run(self.folder)
-        except BenchError as error:
-            problems.append(f"The record could not be decoded: {error}")
         if problems:
             outcome = "aborted"
             reason = " ".join([reason, *(text for text in problems if text != str(cause))]).strip()
-        problems += _problem_of(partial(self._close_events, duration_s, outcome, reason))
+        with suppress(BenchError):  # the seal below says what is on the disk
+            self._events.event(duration_s, Outcome(outcome, reason))
+            self._events.close()
         manifest = manifest.model_copy(
             update={
                 "outcome": outcome,
@@ -192,18 +194,14 @@ class RunRecord:
             }
         )
 
-    def _close_events(self, duration_s: float, outcome: str, reason: str) -> None:
-        self._events.event(duration_s, Outcome(outcome, reason))
-        self._events.close()
 
-
-def _problem_of(work: Callable[[], None]) -> list[str]:
-    """Do `work`; return what went wrong."""
+@contextmanager
+def _told(problems: list[str], what: str = "") -> Iterator[None]:
+    """Add to `problems` what went wrong inside."""
     try:
-        work()
+        yield
     except BenchError as error:
-        return [str(error)]
-    return []
+        problems.append(f"{what}{error}")
 
 
 def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -20,6 +21,7 @@ _SHARED = ("socketcan", "socketcand", "udp_multicast", "virtual")
 """Interfaces of python-can whose channel several can have open; each then hears every unit on the bus."""
 
 _Devices = list[tuple[str, str, Mapping[str, Any]]]
+_Gyros = list[tuple[str, Mapping[str, Any]]]
 
 
 def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mistake]:
@@ -36,10 +38,11 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
     for role, key, section in devices:
         for mistake in config_class(role, section.get("driver")).mistakes(section):
             yield Mistake(f"{key}.{mistake.key}", mistake.found, mistake.expected)
-    yield from _connections(devices)
+    gyros = [(key, section) for role, key, section in devices if role == "gyro"]
+    yield from _connections(gyros)
     yield from _shared_ports(devices, resolve_links)
     yield from _sockets(devices)
-    yield from _axes_and_sensors(data, devices)
+    yield from _axes_and_sensors(data, gyros)
     yield from _limits(data)
     yield from _table_axes(data)
     yield from _door(data)
@@ -48,13 +51,10 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
 def device_sections(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     """Yield (role, key, section) of every device section that is a table."""
     for role in ROLES:
-        section = data.get(role)
-        if isinstance(section, dict):
-            yield role, role, section
-        elif isinstance(section, list):
-            for at, entry in enumerate(section):
-                if isinstance(entry, dict):
-                    yield role, f"{role}[{at}]", entry
+        given = data.get(role)
+        for number, section in enumerate(given if isinstance(given, list) else [given]):
+            if isinstance(section, dict):
+                yield role, f"{role}[{number}]" if isinstance(given, list) else role, section
 
 
 def _drivers(devices: _Devices) -> Iterator[Mistake]:
@@ -78,27 +78,22 @@ def _names(devices: _Devices) -> Iterator[Mistake]:
         seen.setdefault(name, key)
 
 
-def _connections(devices: _Devices) -> Iterator[Mistake]:
-    for role, key, section in devices:
-        if role != "gyro":
-            continue
+def _connections(gyros: _Gyros) -> Iterator[Mistake]:
+    for key, section in gyros:
         given = [name for name in ("port", "interface", "channel") if section.get(name) is not None]
-        config = config_class(role, section.get("driver"))
+        config = config_class("gyro", section.get("driver"))
         on_can = issubclass(config, GyroConfig) and config.only_on_can
         on_can = on_can or "interface" in given or "channel" in given
         if "port" in given and on_can:
-            found = " and ".join(given)
-            yield Mistake(
-                key, found, "either port (serial) or interface and channel (CAN), as the driver has it"
-            )
+            expected = "either port (serial) or interface and channel (CAN), as the driver has it"
+            yield Mistake(key, " and ".join(given), expected)
         elif on_can:
             for name in ("interface", "channel"):
                 if name not in given:
                     yield Mistake(f"{key}.{name}", "nothing", "a python-can interface and its channel")
         elif "port" not in given:
-            yield Mistake(
-                f"{key}.port", "nothing", "a serial port, or interface and channel for a unit on CAN"
-            )
+            expected = "a serial port, or interface and channel for a unit on CAN"
+            yield Mistake(f"{key}.port", "nothing", expected)
 
 
 def _shared_ports(devices: _Devices, resolve_links: bool) -> Iterator[Mistake]:
@@ -120,23 +115,19 @@ def _sockets(devices: _Devices) -> Iterator[Mistake]:
         port = section.get("port")
         if not isinstance(port, str) or not port.startswith("socket://"):
             continue
-        try:
-            parts = urlsplit(port)
-            whole = bool(parts.hostname and parts.port)
-        except ValueError:
-            whole = False
+        whole = False
+        with suppress(ValueError):
+            whole = bool(urlsplit(port).hostname and urlsplit(port).port)
         if not whole:
             yield Mistake(f"{key}.port", repr(port), "socket://host:port, the port a number of 1 to 65535")
 
 
-def _axes_and_sensors(data: Mapping[str, Any], devices: _Devices) -> Iterator[Mistake]:
+def _axes_and_sensors(data: Mapping[str, Any], gyros: _Gyros) -> Iterator[Mistake]:
     chamber = data.get("chamber")
     auxiliary = chamber.get("auxiliary", {}) if isinstance(chamber, dict) else {}
     numbers = {str(number) for number in auxiliary} if isinstance(auxiliary, dict) else set()
-    for role, key, section in devices:
+    for key, section in gyros:
         axis, axes, sensor = section.get("axis"), section.get("axes", "x"), section.get("case_sensor")
-        if role != "gyro":
-            continue
         if isinstance(axis, str) and isinstance(axes, str) and axis not in axes:
             yield Mistake(f"{key}.axis", repr(axis), f"one of the unit's axes, {axes!r}")
         if isinstance(sensor, int) and str(sensor) not in numbers:
@@ -154,12 +145,10 @@ def _table_axes(data: Mapping[str, Any]) -> Iterator[Mistake]:
     sections = [axis for axis in axes if isinstance(axis, dict)]
     for name in ("name", "number"):
         given = [section.get(name) for section in sections]
-        for at, value in enumerate(given):
-            if value in given[:at]:
-                first = given.index(value)
-                yield Mistake(
-                    f"table.axes[{at}].{name}", repr(value), f"one of its own (axes[{first}] has this one)"
-                )
+        for number, value in enumerate(given):
+            if (first := given.index(value)) < number:
+                key, expected = f"table.axes[{number}].{name}", f"one of its own (axes[{first}] has this one)"
+                yield Mistake(key, repr(value), expected)
     for at, section in enumerate(sections):
         along = _LINES.get(str(section.get("direction")))
         if at and along is not None and along == _LINES.get(str(sections[at - 1].get("direction"))):
@@ -187,24 +176,19 @@ def _limits(data: Mapping[str, Any]) -> Iterator[Mistake]:
     if low >= high:
         yield Mistake("limits.min_temp_c", f"{low:g}", f"less than max_temp_c ({high:g})")
     elif safe is not None and not low <= safe <= high:
-        yield Mistake(
-            "safe.chamber_set_point_c",
-            f"{safe:g}",
-            f"a temperature within [limits], {low:g} to {high:g} degC",
-        )
+        expected = f"a temperature within [limits], {low:g} to {high:g} degC"
+        yield Mistake("safe.chamber_set_point_c", f"{safe:g}", expected)
 
 
 def _door(data: Mapping[str, Any]) -> Iterator[Mistake]:
     limits, chamber = data.get("limits"), data.get("chamber")
     rules = limits.get("forbid") if isinstance(limits, dict) else None
-    knows = isinstance(chamber, dict) and chamber.get("door_message") is not None
-    for at, rule in enumerate(rules if isinstance(rules, (list, tuple)) else ()):
-        if isinstance(rule, dict) and rule.get("door") is not None and not knows:
-            yield Mistake(
-                f"limits.forbid[{at}].door",
-                repr(rule["door"]),
-                "chamber.door_message, which says how this chamber tells that its door is open",
-            )
+    if isinstance(chamber, dict) and chamber.get("door_message") is not None:
+        return
+    expected = "chamber.door_message, which says how this chamber tells that its door is open"
+    for number, rule in enumerate(rules if isinstance(rules, (list, tuple)) else ()):
+        if isinstance(rule, dict) and rule.get("door") is not None:
+            yield Mistake(f"limits.forbid[{number}].door", repr(rule["door"]), expected)
 
 
 def _number(section: object, name: str, default: float) -> float | None:

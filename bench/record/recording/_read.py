@@ -233,18 +233,14 @@ class Run:
 
     def file(self, name: str) -> Path:
         """Return a file of the run on this machine, fetched if need be; `name` relative to the run."""
-        path = self._folder / name
-        if self._url and not self._is_here(name):
+        entry, path = self.manifest.files.get(name), self._folder / name
+        if self._url and not (path.is_file() and entry is not None and checksum(path) == entry):
             fetch_file(self._url, name, path)
         return path
 
     def _fetch_raw(self, port: str) -> None:
         for suffix in (".bin", ".idx"):
             self.file(f"{RAW_FOLDER}/{port}{suffix}")
-
-    def _is_here(self, name: str) -> bool:
-        entry, path = self.manifest.files.get(name), self._folder / name
-        return path.is_file() and entry is not None and checksum(path) == entry
 
     def _table(
         self, name: str, columns: Sequence[str] | None, start_s: float | None, end_s: float | None

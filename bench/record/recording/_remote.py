@@ -46,7 +46,8 @@ def local_run(place: Path | str, *, everything: bool = False) -> Path:
             sealed = read_manifest(folder).files
             for relative, size in sizes.items():
                 path = folder / relative
-                if relative == MANIFEST_FILE or not (everything or _small(relative)):
+                large = relative.endswith(".parquet") or relative.startswith("raw/")
+                if relative == MANIFEST_FILE or (large and not everything):
                     continue
                 if not path.resolve().is_relative_to(folder.resolve()):
                     raise RecordError("a file lies outside of its run", where=url, found=relative)
@@ -159,10 +160,6 @@ def _fetch(storage: Any, source: str, path: Path) -> None:
 
 def _bytes(path: Path) -> bytes:
     return path.read_bytes() if path.is_file() else b""
-
-
-def _small(relative: str) -> bool:
-    return not relative.endswith(".parquet") and not relative.startswith("raw/")
 
 
 def _state(entry: dict[str, Any]) -> str:
