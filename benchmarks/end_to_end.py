@@ -28,7 +28,7 @@ import serial
 from bench.campaign import load_campaign, rehearse_campaign
 from bench.control.procedure import find_procedure
 from bench.control.questions import EmulatedOperator
-from bench.control.run_record import Ending, RunRecord
+from bench.control.run_record import RunRecord
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import BenchFile, load_bench_file
@@ -81,9 +81,9 @@ def run_once() -> Timing:
     marks: list[float] = []
     close = RunRecord.close
 
-    def timed_close(record: RunRecord, outcome: str, reason: str, duration_s: float) -> Ending:
+    def timed_close(record: RunRecord, *ending: Any) -> Any:
         marks.append(host_seconds())
-        return close(record, outcome, reason, duration_s)
+        return close(record, *ending)
 
     RunRecord.close = timed_close  # type: ignore[method-assign, assignment]  # the only seam of driving and sealing
     try:

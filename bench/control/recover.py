@@ -74,17 +74,14 @@ def recover(folder: Path) -> Manifest:
     streams = decode_run(folder)
     return seal(
         folder,
-        manifest.model_copy(
-            update={
-                "outcome": "aborted",
-                "reason": reason,
-                "ended_utc": utc_now(),
-                "duration_s": duration_s,
-                "measurements": tuple(dict(vars(measured)) for _, measured in events.of(Measured)),
-                "repeats": dict(Counter(repeat.device for _, repeat in events.of(Repeat))),
-                "stream": {name: dataclasses.asdict(stream) for name, stream in streams.items()},
-            }
-        ),
+        manifest,
+        outcome="aborted",
+        reason=reason,
+        ended_utc=utc_now(),
+        duration_s=duration_s,
+        measurements=tuple(dict(vars(measured)) for _, measured in events.of(Measured)),
+        repeats=dict(Counter(repeat.device for _, repeat in events.of(Repeat))),
+        stream={name: dataclasses.asdict(stream) for name, stream in streams.items()},
     )
 
 

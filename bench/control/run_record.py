@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import platform
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from importlib.metadata import version
@@ -47,15 +45,6 @@ from drivers.kit.registry import load_kind
 _SOFTWARE = ("gyrobench", "numpy", "scipy", "pyserial", "python-can")
 
 
-@dataclass(frozen=True)
-class Ending:
-    """How a run ended once its folder was closed; `warnings` of its streams."""
-
-    outcome: str
-    reason: str
-    warnings: tuple[str, ...]
-
-
 class RunRecord:
     """Writes a run folder: events as they come, raw bytes on the journal's cadence, by the journal's thread."""
 
@@ -65,11 +54,6 @@ class RunRecord:
         self._journal = Journal(folder, flush_interval_s)
         self._events = EventLog(folder)
         self._journal.adopt(self._events)
-        self._devices: dict[str, DeviceEntry] = {}
-        self._stream_starts: dict[str, int] = {}
-        self._measurements: list[dict[str, Any]] = []
-        self._repeats: Counter[str] = Counter()
-        self._mounting = ""
 
     @classmethod
     def create(
@@ -111,17 +95,18 @@ class RunRecord:
 
     def event(self, time_s: float, event: Event) -> None:
         """Write one line of events.jsonl."""
+        known = self._manifest
         if isinstance(event, Measured):
-            self._measurements.append(dict(vars(event)))
+            self._note(measurements=(*known.measurements, dict(vars(event))))
         if isinstance(event, Repeat):
-            self._repeats[event.device] += 1
+            self._note(repeats=known.repeats | {event.device: known.repeats.get(event.device, 0) + 1})
         if isinstance(event, Answer) and event.mounting is not None:
-            self._mounting = event.mounting
+            self._note(mounting=event.mounting)
         self._events.event(time_s, event)
 
     def emulated(self, metadata: Mapping[str, Any]) -> None:
         """Note what the lab that serves the clock says it emulates."""
-        self._manifest = self._manifest.model_copy(update={"emulated": EmulatedLab.model_validate(metadata)})
+        self._note(emulated=EmulatedLab.model_validate(metadata))
 
     def check(self) -> None:
         """Raise what the journal met."""
@@ -130,23 +115,24 @@ class RunRecord:
     def identify(self, name: str, role: str, kind: str, identity: Identity, gyro: object = None) -> None:
         """Note who answered on a port; `gyro`: its section of the bench file, if it is one."""
         section = gyro if isinstance(gyro, GyroConfig) else None
-        self._devices[name] = DeviceEntry(
+        entry = DeviceEntry(
             kind=kind,
             role=role,
             axis=section.axis if section else None,
             case_sensor=section.case_sensor if section else None,
             **{name: getattr(identity, name) for name in ("maker", "model", "serial_number", "firmware")},
         )
+        self._note(devices=self._manifest.devices | {name: entry})
 
     def stream_starts(self, name: str, offset: int) -> None:
         """Note that what arrives on gyro port `name` from byte `offset` on is its stream."""
-        self._stream_starts[name] = offset
-        write_manifest(self.folder, self._with_sources())  # a run that is never closed can be decoded too
+        self._note(stream=self._manifest.stream | {name: {"start_offset": offset}})
+        write_manifest(self.folder, self._manifest)  # a run that is never closed can be decoded too
 
     def close(
         self, outcome: str, reason: str, duration_s: float, cause: BaseException | None = None
-    ) -> Ending:
-        """Close the raw files, decode them, write the outcome and seal the folder; return how it ended.
+    ) -> tuple[Manifest, list[str]]:
+        """Close the raw files, decode them, write the outcome and seal the folder; return manifest and warnings.
 
         `cause` is what `reason` says already; it is not said twice if the journal met it too.
         A run that could not be recorded or decoded whole is sealed as aborted with what there is. RecordError
@@ -155,10 +141,9 @@ class RunRecord:
         problems: list[str] = []
         with _told(problems):
             self._journal.close()
-        manifest = self._with_sources()
         streams: dict[str, StreamReport] = {}
         with _told(problems, "The record could not be decoded: "):
-            write_manifest(self.folder, manifest)
+            write_manifest(self.folder, self._manifest)
             streams = decode_run(self.folder)
         if problems:
             outcome = "aborted"
@@ -166,33 +151,24 @@ class RunRecord:
         with suppress(BenchError):  # the seal below says what is on the disk
             self._events.event(duration_s, Outcome(outcome, reason))
             self._events.close()
-        manifest = manifest.model_copy(
-            update={
-                "outcome": outcome,
-                "reason": reason,
-                "ended_utc": utc_now(),
-                "duration_s": duration_s,
-                "stream": {name: dataclasses.asdict(stream) for name, stream in streams.items()},
-            }
+        sealed = seal(
+            self.folder,
+            self._manifest,
+            outcome=outcome,
+            reason=reason,
+            ended_utc=utc_now(),
+            duration_s=duration_s,
+            stream={name: dataclasses.asdict(stream) for name, stream in streams.items()},
         )
-        seal(self.folder, manifest)
         warnings = [f"{name}: {text}" for name, stream in streams.items() for text in _warnings(stream)]
         warnings += [
             f"{name}: {count} exchange{'s' * (count > 1)} tried again"
-            for name, count in self._repeats.items()
+            for name, count in sealed.repeats.items()
         ]
-        return Ending(outcome, reason, tuple(warnings))
+        return sealed, warnings
 
-    def _with_sources(self) -> Manifest:
-        return self._manifest.model_copy(
-            update={
-                "devices": self._devices,
-                "stream": {name: {"start_offset": offset} for name, offset in self._stream_starts.items()},
-                "measurements": tuple(self._measurements),
-                "repeats": dict(self._repeats),
-                "mounting": self._mounting,
-            }
-        )
+    def _note(self, **facts: Any) -> None:
+        self._manifest = self._manifest.model_copy(update=facts)
 
 
 @contextmanager

@@ -145,16 +145,14 @@ def _run(request: RunRequest) -> RunResult:
             outcome = "aborted"
             reason = f"{reason} NOT CONFIRMED SAFE, go and look: {'; '.join(unsafe)}".strip()
         try:
-            ending = record.close(outcome, reason, duration_s, error)
+            sealed, warnings = record.close(outcome, reason, duration_s, error)
         except RecordError as problem:
             if request.live is not None:
                 request.live.end("aborted", f"{reason} {problem}".strip(), safe=safe)
             raise _unsealed(record.folder, problem, outcome, reason, safe) from problem
         if request.live is not None:
-            request.live.end(ending.outcome, ending.reason, ending.warnings, error=error, safe=safe)
-    return RunResult(
-        record.folder, ending.outcome, ending.reason, duration_s, error, list(ending.warnings), tuple(safe)
-    )
+            request.live.end(sealed.outcome, sealed.reason, warnings, error=error, safe=safe)
+    return RunResult(record.folder, sealed.outcome, sealed.reason, duration_s, error, warnings, tuple(safe))
 
 
 def _unsealed(

@@ -170,14 +170,15 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         raise record_error(path, error) from error
 
 
-def seal(folder: Path, manifest: Manifest) -> Manifest:
+def seal(folder: Path, manifest: Manifest, **ending: Any) -> Manifest:
     """Write the final manifest with the checksums of the run's files; return it. Raises RecordError.
 
-    `manifest` has its outcome, which must not be "running" any more.
+    `ending`: what `manifest` does not have yet, its outcome first, which must not be "running" any more.
     """
-    if not manifest.complete:
+    sealed = manifest.model_copy(update=ending)
+    if not sealed.complete:
         raise RecordError("a running run cannot be sealed", where=str(folder))
-    sealed = manifest.model_copy(update={"files": checksums(folder)})
+    sealed = sealed.model_copy(update={"files": checksums(folder)})
     write_manifest(folder, sealed)
     return sealed
 
