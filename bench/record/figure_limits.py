@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from bench.record.recording import checksum
 from drivers.base.errors import ConfigurationError
@@ -47,11 +47,11 @@ OVER_RUNS = ("bias repeatability", "scale-factor repeatability between runs")
 class Limit(BaseModel):
     """Limits of a figure, in the figure's own unit, the limits themselves included."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     unit: str = ""
-    low: float | None = Field(default=None, allow_inf_nan=False)
-    high: float | None = Field(default=None, allow_inf_nan=False)
+    low: float | None = None
+    high: float | None = None
 
     @model_validator(mode="after")
     def _usable(self) -> Limit:

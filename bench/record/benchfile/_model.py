@@ -55,9 +55,9 @@ _Platform = Annotated[PlatformConfig, _by_driver("platform"), _PLAIN]
 
 
 class Section(BaseModel):
-    """A section of a bench file: frozen, no type is converted, no unknown key."""
+    """A section of a bench file: frozen, no type is converted, no unknown key, no number that is not finite."""
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
 
 class Emulated(Section):
@@ -71,9 +71,7 @@ class BenchSection(Section):
     """`[bench]`: the place."""
 
     name: str = Field(min_length=1, description="a name for the bench, as text")
-    latitude_deg: float = Field(
-        ge=-90, le=90, allow_inf_nan=False, description="the bench's latitude in degrees, north positive"
-    )
+    latitude_deg: float = Field(ge=-90, le=90, description="the bench's latitude in degrees, north positive")
     clock: str | None = Field(
         default=None,
         pattern=r"^virtual:///.+$",
@@ -92,8 +90,8 @@ class BenchSection(Section):
 class Band(Section):
     """A stretch of a quantity in a rule: above a value, below one, or both."""
 
-    above: float | None = Field(default=None, allow_inf_nan=False, description="more than this, a number")
-    below: float | None = Field(default=None, allow_inf_nan=False, description="less than this, a number")
+    above: float | None = Field(default=None, description="more than this, a number")
+    below: float | None = Field(default=None, description="less than this, a number")
 
     @model_validator(mode="after")
     def _says_something(self) -> Band:
@@ -154,17 +152,11 @@ class ForbiddenState(Section):
 class LimitsSection(Section):
     """`[limits]`: what nobody may demand of this bench, whatever its devices could do."""
 
-    max_rate_dps: float = Field(
-        default=20.0, gt=0, allow_inf_nan=False, description="the highest table rate allowed, deg/s"
-    )
-    min_temp_c: float = Field(
-        default=-60.0, ge=-200, allow_inf_nan=False, description="the lowest set point allowed, degC"
-    )
-    max_temp_c: float = Field(
-        default=85.0, le=400, allow_inf_nan=False, description="the highest set point allowed, degC"
-    )
+    max_rate_dps: float = Field(default=20.0, gt=0, description="the highest table rate allowed, deg/s")
+    min_temp_c: float = Field(default=-60.0, ge=-200, description="the lowest set point allowed, degC")
+    max_temp_c: float = Field(default=85.0, le=400, description="the highest set point allowed, degC")
     max_ramp_k_per_min: float = Field(
-        default=25.0, gt=0, allow_inf_nan=False, description="the fastest temperature ramp allowed, K/min"
+        default=25.0, gt=0, description="the fastest temperature ramp allowed, K/min"
     )
     forbid: tuple[ForbiddenState, ...] = Field(
         default=(),
@@ -177,9 +169,7 @@ class LimitsSection(Section):
 class SafeSection(Section):
     """`[safe]`: where the bench is left when something goes wrong."""
 
-    chamber_set_point_c: float = Field(
-        default=25.0, allow_inf_nan=False, description="the chamber's set point after a stop, degC"
-    )
+    chamber_set_point_c: float = Field(default=25.0, description="the chamber's set point after a stop, degC")
     watchdog: bool = Field(
         default=True,
         description="true for a process that makes the bench safe if the controller dies; wall clock only",
@@ -188,7 +178,6 @@ class SafeSection(Section):
         default=60.0,
         ge=0.0,
         le=3600.0,
-        allow_inf_nan=False,
         description="seconds that a run goes on when no unit it tests speaks any more, for a cable to come back; "
         "0: the loss of the last unit's port ends it at once",
     )
@@ -198,11 +187,7 @@ class RecordingSection(Section):
     """`[recording]`: how soon bytes reach the disk."""
 
     flush_interval_s: float = Field(
-        default=1.0,
-        gt=0,
-        le=1,
-        allow_inf_nan=False,
-        description="seconds of data that a crash may cost",
+        default=1.0, gt=0, le=1, description="seconds of data that a crash may cost"
     )
 
 

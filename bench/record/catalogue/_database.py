@@ -35,9 +35,8 @@ class Database:
             with self._told():
                 self._connection: Any = sqlite3.connect(url.removeprefix(_SQLITE), timeout=_WAIT_S)
         elif _POSTGRESQL.match(url):
-            if (
-                url.partition("?")[0].count("@") > 1
-            ):  # else a piece of the password is the host that errors name
+            # a second @ makes a piece of the password the host that errors name
+            if url.partition("?")[0].count("@") > 1:
                 raise _unusable(self._name, "an @ in a name or password is written %40")
             try:
                 import psycopg

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record.events.run import Note, Outcome, PhaseBegun
+from bench.record.events.run import Measured, Note, Outcome, PhaseBegun
 from bench.record.exchange._log import Log, read_log
 from bench.record.exchange._mapping import LogEntry, Mapping, read_mapping
 from bench.record.recording import (
@@ -26,6 +26,7 @@ from bench.record.recording import (
     seal,
     table_writer,
 )
+from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -97,18 +98,17 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
         events.event(phase.start_s, PhaseBegun(phase.name))
     events.event(duration_s, Outcome("completed", "imported"))
     events.close()
-    upright = abs(entry.elevation_deg) > 45.0
-    azimuth = {"name": "azimuth_error", "value": entry.azimuth_error_deg, "unit": "deg"}
-    case_sensor = _CASE_SENSOR if mapping.columns.t_out else None
+    ended = datetime.fromisoformat(started) + timedelta(seconds=duration_s)
+    azimuth = Measured("azimuth_error", entry.azimuth_error_deg, "deg", None, None, None)
     manifest = Manifest(
         run_id=folder.name,
         procedure=mapping.procedure or entry.profile or "imported",
         parameters={"condition": entry.condition, "power_on_s": entry.power_on_s},
-        mounting="axis_up" if upright else "axis_horizontal",
+        mounting="axis_up" if abs(entry.elevation_deg) > 45.0 else "axis_horizontal",
         outcome="completed",
         reason="imported",
         started_utc=started,
-        ended_utc=_later(started, duration_s),
+        ended_utc=ended.isoformat(timespec="milliseconds"),
         duration_s=duration_s,
         bench={
             "bench": {"name": mapping.bench, "latitude_deg": mapping.latitude_deg},
@@ -124,20 +124,16 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
                 model=mapping.model,
                 serial_number=mapping.unit_id,
                 axis=mapping.axis,
-                case_sensor=case_sensor,
+                case_sensor=_CASE_SENSOR if mapping.columns.t_out else None,
             )
         },
         units={mapping.gyro: mapping.unit_id},
         imported=Imported(log=f"raw/{log}", mapping=f"raw/{_MAPPING}"),
         software={"python": platform.python_version(), "gyrobench": version("gyrobench")},
         stream={name: vars(report) for name, report in streams.items()},
-        measurements=({**azimuth, "low": None, "high": None, "passed": None},),
+        measurements=(dict(vars(azimuth)),),
     )
     seal(folder, manifest)
-
-
-def _later(utc: str, seconds: float) -> str:
-    return (datetime.fromisoformat(utc) + timedelta(seconds=seconds)).isoformat(timespec="milliseconds")
 
 
 def _write_tables(out: Path, mapping: Mapping, entry: LogEntry, data: Log) -> dict[str, StreamReport]:
@@ -147,13 +143,12 @@ def _write_tables(out: Path, mapping: Mapping, entry: LogEntry, data: Log) -> di
     report = _write_gyro(out / f"gyro_{mapping.gyro}.parquet", mapping.gyro, time_s, data)
     grid_s = np.append(np.arange(0.0, time_s[-1]), time_s[-1])
     if "angle" in columns or entry.angle_deg is not None:
-        constant = np.full(len(grid_s), entry.angle_deg or 0.0)
-        angle = _on(grid_s, time_s, columns["angle"]) if "angle" in columns else constant
-        rate = (
-            _on(grid_s, time_s, columns["table_rate"])
-            if "table_rate" in columns
-            else np.gradient(angle, grid_s)
-        )
+        angle = np.full(len(grid_s), entry.angle_deg or 0.0)
+        if "angle" in columns:
+            angle = _on(grid_s, time_s, columns["angle"])
+        rate = np.gradient(angle, grid_s)
+        if "table_rate" in columns:
+            rate = _on(grid_s, time_s, columns["table_rate"])
         with table_writer(out / "turntable.parquet", "turntable, imported") as writer:
             writer.write({"time_ns": _ns(grid_s), "angle_deg": np.mod(angle, 360.0), "rate_dps": rate})
     names = {"air": "air_temp_c", "set_point": "set_point_c", "t_out": f"aux_{_CASE_SENSOR}_temp_c"}
@@ -164,7 +159,7 @@ def _write_tables(out: Path, mapping: Mapping, entry: LogEntry, data: Log) -> di
     return {mapping.gyro: report}
 
 
-def _write_gyro(path: Path, gyro: str, time_s: NDArray[np.float64], data: Log) -> StreamReport:
+def _write_gyro(path: Path, gyro: str, time_s: Array, data: Log) -> StreamReport:
     rate = data.columns["output"]
     valid = np.isfinite(rate)
     if "valid" in data.columns:
@@ -195,9 +190,7 @@ def _write_gyro(path: Path, gyro: str, time_s: NDArray[np.float64], data: Log) -
     )
 
 
-def _on(
-    grid_s: NDArray[np.float64], time_s: NDArray[np.float64], values: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _on(grid_s: Array, time_s: Array, values: Array) -> Array:
     """Return values on a grid, missing ones bridged; all NaN stays so."""
     known = np.isfinite(values)
     if not known.any():
@@ -205,7 +198,7 @@ def _on(
     return np.asarray(np.interp(grid_s, time_s[known], values[known]))
 
 
-def _ns(time_s: NDArray[np.float64]) -> NDArray[np.int64]:
+def _ns(time_s: Array) -> NDArray[np.int64]:
     return np.rint(time_s * 1e9).astype(np.int64)
 
 

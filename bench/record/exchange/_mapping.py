@@ -9,9 +9,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.base.errors import ConfigurationError
-from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
-
-FORMAT = 1
+from drivers.base.files import read_settings
 
 
 class _Part(BaseModel):
@@ -102,12 +100,7 @@ class Mapping(_Part):
 
 def read_mapping(path: Path) -> Mapping:
     """Read a mapping file; ConfigurationError says what it lacks or what cannot be used."""
-    try:
-        data = parse_toml(read_bounded(path, SETTINGS_BYTES))
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(
-            "the mapping file cannot be read", where=str(path), found=str(error), expected="TOML in UTF-8"
-        ) from error
+    data, _ = read_settings(path, "the mapping file", expected="TOML in UTF-8")
     try:
         return Mapping.model_validate(data)
     except ValidationError as error:
@@ -120,5 +113,5 @@ def read_mapping(path: Path) -> Mapping:
             else "the mapping file has keys that cannot be used",
             where=str(path),
             found="; ".join([*(["without " + ", ".join(missing)] if missing else []), *wrong]),
-            expected=f"format = {FORMAT}, unit_id, latitude_deg, columns time, output (docs/exchange.md)",
+            expected="format = 1, unit_id, latitude_deg, columns time, output (docs/exchange.md)",
         ) from error

@@ -5,7 +5,6 @@ from bench.record.recording._decode import (
     StreamSource,
     decode_instrument,
     decode_stream,
-    table_name,
     units_off_s,
 )
 from bench.record.recording._events import EventLog, read_events
@@ -57,7 +56,6 @@ __all__ = [
     "seal",
     "second_rows",
     "seconds",
-    "table_name",
     "table_writer",
     "unit_of",
     "units_off_s",

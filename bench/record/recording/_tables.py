@@ -36,9 +36,8 @@ class TableWriter:
 
     def write(self, columns: Columns) -> None:
         """Append rows, every column of shape (n,)."""
-        rows = len(next(iter(columns.values())))
         self._waiting.append(columns)
-        self._waiting_rows += rows
+        self._waiting_rows += len(next(iter(columns.values())))
         while self._waiting_rows >= ROW_GROUP:
             self._write_group(ROW_GROUP)
 
