@@ -73,7 +73,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/safety/test_way_to_rest test_port_that_stays_away",
             "tests/control/test_session test_table_axes",
         ),
-        _part("bench/control/limits limit_watch", "tests/control/test_limits test_table_axes test_session"),
+        _part("bench/control/limits", "tests/control/test_limits test_table_axes test_session"),
         _part(
             "bench/control/watchdog/*",
             "tests/safety/test_takeover test_starved_runner test_replaced_terminal",

@@ -10,15 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from bench.control.chamber_station import ChamberStation
+from bench.control.table_station import TableStation
 from bench.record.benchfile import Band, ForbiddenState, LimitsSection
+from drivers.base.clock import Clock
 from drivers.base.errors import LimitExceeded
-from drivers.kit.config import AxisConfig
 
 OVERSPEED = 1.05
 AIR_MARGIN_K = 10.0
 RAMP_MARGIN = 1.2
 RAMP_WINDOW_S = 60.0
-ANGLE_MARGIN_DEG = 0.5
 
 Interval = tuple[float, float]
 
@@ -99,22 +100,6 @@ def check_ramp(limits: LimitsSection, change_k: float, window_s: float) -> None:
         )
 
 
-def check_stops(axis: AxisConfig, angle_deg: float, where: str) -> None:
-    """Raise LimitExceeded if an axis of limited motion is found beyond its stops, by more than half a degree."""
-    low, high = axis.min_angle_deg, axis.max_angle_deg
-    if low is None or high is None:
-        return
-    span = high - low + 2.0 * ANGLE_MARGIN_DEG
-    if span < 360.0 and (angle_deg - low + ANGLE_MARGIN_DEG) % 360.0 > span:
-        raise LimitExceeded(
-            "the axis is beyond its stops",
-            where=where,
-            found=f"{angle_deg:.3f} deg",
-            expected=f"{low:g} .. {high:g} deg (bench file)",
-            remedy="the bench is being made safe; check cables before the axis is turned back",
-        )
-
-
 def _may_be(band: Band | None, intervals: Iterable[Interval]) -> bool:
     """Return whether any value of any interval is in the band; without a band anything is."""
     if band is None:
@@ -123,3 +108,65 @@ def _may_be(band: Band | None, intervals: Iterable[Interval]) -> bool:
         (band.above is None or high > band.above) and (band.below is None or low < band.below)
         for low, high in intervals
     )
+
+
+class LimitWatch:
+    """The limits of one bench, with the stations whose telemetry and demands they speak of."""
+
+    def __init__(
+        self, limits: LimitsSection, clock: Clock, table: TableStation, chamber: ChamberStation
+    ) -> None:
+        self._limits, self._clock = limits, clock
+        self._table, self._chamber = table, chamber
+        self._with_door = any(rule.door for rule in limits.forbid)
+
+    def allow(
+        self,
+        what: str,
+        *,
+        rate_dps: float | None = None,
+        angle_deg: float | None = None,
+        set_point_c: float | None = None,
+    ) -> None:
+        """Raise LimitExceeded if a demand, on top of the state and the demands in force, may break a rule.
+
+        Of a quantity that is demanded its new value counts, and for the air the way to it.
+        """
+        if not self._limits.forbid:
+            return
+        fastest_dps = max(map(abs, self._table.rates_dps)) if rate_dps is None else abs(rate_dps)
+        target_c = self._chamber.set_point_c if set_point_c is None else set_point_c
+        reach = self._reach(fastest_dps, between(self._table.angle_deg(), angle_deg), target_c)
+        remedy = "the command was not sent; change the order of steps or the rule"
+        check_rules(self._limits, reach, what, remedy)
+
+    def look(self) -> None:
+        """Raise LimitExceeded if the newest telemetry is beyond a limit or in a forbidden state."""
+        limits, air, angle_deg = self._limits, self._chamber.history.last, self._table.angle_deg()
+        rate_dps = max(self._table.rates_dps, key=abs)
+        check_telemetry(limits, rate_dps, air["air_temp_c"])
+        before = self._chamber.history.row_at(self._clock.now() - RAMP_WINDOW_S)
+        if before:
+            check_ramp(limits, air["air_temp_c"] - before["air_temp_c"], air["time_s"] - before["time_s"])
+        if not limits.forbid:
+            return
+        reach = self._reach(abs(rate_dps), between(angle_deg), None)
+        found = (
+            f"{rate_dps:.3f} deg/s at {angle_deg:.2f} deg, air {air['air_temp_c']:.1f} degC, "
+            f"set point {air['set_point_c']:.1f} degC, door {'open' if reach.door_open else 'closed'}"
+        )
+        check_rules(
+            limits, reach, found, "the bench is being made safe; clear the cause before starting again"
+        )
+
+    def _reach(self, rate_dps: float, angle_deg: Interval, target_c: float | None) -> Reach:
+        """Return what may be on the way of air, set point and sensors to `target_c`, None where they are."""
+        air = self._chamber.history.last
+        return Reach(
+            rate_dps=between(rate_dps),
+            angle_deg=angle_deg,
+            air_temp_c=between(air["air_temp_c"], target_c),
+            set_point_c=between(air["set_point_c"], target_c),
+            aux_temp_c=tuple(between(value, target_c) for value in self._chamber.auxiliary_c),
+            door_open=self._with_door and self._chamber.look_at_door(),
+        )

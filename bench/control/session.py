@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, Literal
 
 from bench.control.chamber_station import ChamberStation
-from bench.control.limit_watch import LimitWatch
+from bench.control.limits import LimitWatch
 from bench.control.live import Live
 from bench.control.progress import Progress, air_rate_k_per_min, gyro_progress
 from bench.control.questions import Operator, Question

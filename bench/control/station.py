@@ -14,7 +14,7 @@ from bench.record.events.safe import LastSeen
 
 
 class Rules(Protocol):
-    """The limits that demands are held against; `bench.control.limit_watch.LimitWatch`."""
+    """The limits that demands are held against; `bench.control.limits.LimitWatch`."""
 
     def allow(
         self,

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 
 from bench.control.history import History
-from bench.control.limits import check_stops
 from bench.control.station import Session, Station
 from bench.record.events.run import AngleDemand, Demand, HomeDemand, RateDemand, Sense
 from bench.record.events.safe import LastSeen
@@ -14,9 +13,26 @@ from drivers.base.errors import DeviceRefused, LimitExceeded, RunAborted
 from drivers.kit.config import AxisConfig
 from drivers.kit.instruments import TableState, Turntable, alarms_in_words
 
+ANGLE_MARGIN_DEG = 0.5
 _SETTLED_POLLS = 3
 _STAYS = 10.0
 """A settled table may be off by this many times what counted as settled before it has left its demand."""
+
+
+def check_stops(axis: AxisConfig, angle_deg: float, where: str) -> None:
+    """Raise LimitExceeded if an axis of limited motion is found beyond its stops, by more than half a degree."""
+    low, high = axis.min_angle_deg, axis.max_angle_deg
+    if low is None or high is None:
+        return
+    span = high - low + 2.0 * ANGLE_MARGIN_DEG
+    if span < 360.0 and (angle_deg - low + ANGLE_MARGIN_DEG) % 360.0 > span:
+        raise LimitExceeded(
+            "the axis is beyond its stops",
+            where=where,
+            found=f"{angle_deg:.3f} deg",
+            expected=f"{low:g} .. {high:g} deg (bench file)",
+            remedy="the bench is being made safe; check cables before the axis is turned back",
+        )
 
 
 class TableStation(Station):

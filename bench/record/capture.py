@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -174,15 +175,13 @@ def read_can_capture(layout: CanLayout, path: Path, source_address: int | None =
     try:
         if suffix in LOG_SUFFIXES:
             frames, times_s, left_out = _log(path)
-            blocks: Iterator[NDArray[np.void]] = iter([frames] if len(frames) else [])
+            blocks: Iterable[NDArray[np.void]] = [frames]
         else:
             times_s, left_out, parser = None, {}, SlcanParser()
-            blocks = _lines(path, parser)
-        parts, seen, count = [], dict[tuple[int, bool], int](), 0
-        for block in blocks:
-            count += len(block)
-            for identifier, extended in zip(block["id"].tolist(), block["extended"].tolist(), strict=True):
-                seen[identifier, extended] = seen.get((identifier, extended), 0) + 1
+            blocks = map(parser.feed, _blocks(path))
+        parts, seen = [], Counter[tuple[int, bool]]()
+        for block in filter(len, blocks):
+            seen.update(zip(block["id"].tolist(), block["extended"].tolist(), strict=True))
             batch = decoder.feed_frames(block)
             parts.append({"end_offset": batch.end_offset, **batch.columns})
     except OSError as error:
@@ -192,7 +191,7 @@ def read_can_capture(layout: CanLayout, path: Path, source_address: int | None =
     if times_s is not None and len(columns):
         ordinal = np.searchsorted(frames["end_offset"], columns.pop("end_offset"))
         columns = {"time_s": times_s[ordinal] - times_s[0], **columns}
-    return CanCapture(count, columns, rejected, seen, left_out, _notes(decoder, columns))
+    return CanCapture(seen.total(), columns, rejected, seen, left_out, _notes(decoder, columns))
 
 
 def _log(path: Path) -> tuple[NDArray[np.void], NDArray[np.float64], dict[str, int]]:
@@ -206,13 +205,6 @@ def _log(path: Path) -> tuple[NDArray[np.void], NDArray[np.float64], dict[str, i
         raise
     except Exception as error:  # python-can's readers raise whatever they meet
         raise _unreadable(path, f"{type(error).__name__}: {error}", _LOGS) from error
-
-
-def _lines(path: Path, parser: SlcanParser) -> Iterator[NDArray[np.void]]:
-    for block in _blocks(path):
-        frames = parser.feed(block)
-        if len(frames):
-            yield frames
 
 
 def _notes(decoder: CanDecoder, columns: Columns) -> list[str]:
@@ -230,17 +222,18 @@ def _notes(decoder: CanDecoder, columns: Columns) -> list[str]:
 
 def others_on_the_bus(layout: CanLayout, capture: CanCapture, most: int = 12) -> str:
     """Return identifiers that the DBC file does not have, commonest first, with their counts; empty for none."""
-    unknown = {
-        frame_id: count
-        for frame_id, count in capture.identifiers.items()
-        if not any(
-            frame_id[0] & mask == identifier & mask and frame_id[1] == extended
-            for identifier, mask, extended in layout.known
-        )
-    }
-    ordered = sorted(unknown, key=lambda frame_id: -unknown[frame_id])
-    shown = [f"{identifier_names({frame_id})} ({unknown[frame_id]})" for frame_id in ordered[:most]]
-    return ", ".join(shown) + (f" and {len(ordered) - most} more" if len(ordered) > most else "")
+    unknown = Counter(
+        {
+            frame_id: count
+            for frame_id, count in capture.identifiers.items()
+            if not any(
+                frame_id[0] & mask == identifier & mask and frame_id[1] == extended
+                for identifier, mask, extended in layout.known
+            )
+        }
+    )
+    shown = [f"{identifier_names({frame_id})} ({count})" for frame_id, count in unknown.most_common(most)]
+    return ", ".join(shown) + (f" and {len(unknown) - most} more" if len(unknown) > most else "")
 
 
 def write_can_plot(target: Path, layout: CanLayout, columns: Columns) -> None:

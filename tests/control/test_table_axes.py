@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench.control.history import History
-from bench.control.limit_watch import LimitWatch
+from bench.control.limits import LimitWatch
 from bench.control.table_station import TableStation
 from bench.record.benchfile import Band, ForbiddenState, LimitsSection, bench_file_from, bench_file_text
 from drivers.acutrol import Acutrol3000

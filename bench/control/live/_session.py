@@ -219,12 +219,15 @@ class Live:
 
     def _work(self) -> None:
         while not self._stop.wait(_EVERY_S):
-            for request in take_requests(self._session) if self._session is not None else ():
-                self._taken.append(request)
-                if isinstance(request, Requested):
-                    self._obey(request)
-                self._news.set()
+            self._take_requests()
             self._write()
+
+    def _take_requests(self) -> None:
+        for request in take_requests(self._session) if self._session is not None else ():
+            self._taken.append(request)
+            if isinstance(request, Requested):
+                self._obey(request)
+            self._news.set()
 
     def _obey(self, request: Requested) -> None:
         if request.action == "pause":

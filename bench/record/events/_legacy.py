@@ -19,7 +19,6 @@ from bench.record.events.run import (
     Invalid,
     NavigationDemand,
     RateDemand,
-    Sense,
 )
 from bench.record.events.safe import SafeState, Takeover, TakeoverEnded
 
@@ -55,15 +54,12 @@ def typed(row: Mapping[str, Any]) -> Event | None:
 
 
 def _demand(device: str, text: str) -> Event | None:
-    table = _TABLE.fullmatch(device)
-    if table:
+    if table := _TABLE.fullmatch(device):
         axis = table[1] or "table"
         if text == "go home":
             return HomeDemand("table", axis)
         if match := _POINT.match(text):
-            sense: Sense = "shortest"
-            if match[2]:
-                sense = "positive" if match[2] == "positive" else "negative"
+            sense: Any = match[2] or "shortest"
             return AngleDemand("table", axis, float(match[1]), sense)
         if match := _SPIN.match(text):
             return RateDemand("table", axis, float(match[1]), float(match[2]) if match[2] else None)

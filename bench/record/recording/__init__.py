@@ -23,8 +23,14 @@ from bench.record.recording._manifest import (
 from bench.record.recording._raw import read_exchanges
 from bench.record.recording._read import Phase, Run, Table, check_room, read_table
 from bench.record.recording._remote import local_manifests, local_run
-from bench.record.recording._seconds import names_at, row_means, second_rows, seconds
-from bench.record.recording._tables import table_writer, unit_of
+from bench.record.recording._tables import (
+    names_at,
+    row_means,
+    second_rows,
+    seconds,
+    table_writer,
+    unit_of,
+)
 from bench.record.recording._verify import verify
 
 __all__ = [

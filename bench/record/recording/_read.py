@@ -23,8 +23,14 @@ from bench.record.recording._journal import RAW_FOLDER
 from bench.record.recording._manifest import Manifest, checksum, read_manifest
 from bench.record.recording._raw import can_frames
 from bench.record.recording._remote import fetch_file, local_run, remote_file
-from bench.record.recording._seconds import SecondMeans, names_at, row_means, second_rows, seconds
-from bench.record.recording._tables import from_arrow
+from bench.record.recording._tables import (
+    SecondMeans,
+    from_arrow,
+    names_at,
+    row_means,
+    second_rows,
+    seconds,
+)
 from bench.record.run_folder import MANIFEST_FILE, url_of
 from drivers.base.arrays import ARCHIVE_DAMAGE, Array, array_of, read_archive
 from drivers.base.constants import earth_rate_north_dph

@@ -1,4 +1,4 @@
-"""Decoded tables on disk: Parquet with units, packed for noise-like numbers, complete or not there at all.
+"""Decoded tables: Parquet with units, packed for noise-like numbers, complete or not there; means over seconds.
 
 Floats are byte-stream-split, integers delta-packed, both under zstd level 1: 40 % smaller than Parquet's defaults
 for gyro data and four times as quick to write. Columns go to Arrow and back through their buffers: pyarrow's own
@@ -7,8 +7,9 @@ conversions import pandas when it is installed, more than a second of start-up.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+
+from drivers.base.arrays import Array
 
 ROW_GROUP = 65536
 
@@ -144,3 +147,47 @@ def _numpy_type(kind: pa.DataType) -> np.dtype[Any]:
     if pa.types.is_boolean(kind):
         return np.dtype(np.bool_)
     raise ValueError(f"a column of {kind}, not of numbers")
+
+
+@dataclass(frozen=True, eq=False)
+class SecondMeans:
+    """A gyro's means over whole seconds, (n,), NaN without a valid sample; `lost`: part of the samples."""
+
+    rate_dps: Array
+    temp_c: Array
+    lost: float
+
+
+def seconds(table: Columns) -> Array:
+    """Return the time column of a table in s of bench time, shape (n,)."""
+    return np.asarray(table["time_ns"] * 1e-9, dtype=np.float64)
+
+
+def second_rows(table: Columns, start_s: int) -> NDArray[np.int64]:
+    """Return the row of each sample's second, shape (n,): row k holds start_s + k < time <= start_s + k + 1.
+
+    In integers: 15_000_000_000 ns times 1e-9 is more than 15 s.
+    """
+    return np.asarray(-(-table["time_ns"] // 1_000_000_000) - start_s - 1, dtype=np.int64)
+
+
+def row_means(
+    values: NDArray[Any], row: NDArray[np.int64], count: int, use: NDArray[np.bool_] | None = None
+) -> Array:
+    """Return the means of the values of each row, (count,), NaN for a row without any.
+
+    Left out: NaN, values of rows outside, and those that `use` (n,) says.
+    """
+    values = values.astype(np.float64)
+    kept = (row >= 0) & (row < count) & ~np.isnan(values)
+    if use is not None:
+        kept &= use
+    sums = np.bincount(row[kept], values[kept], count)
+    samples = np.bincount(row[kept], minlength=count)
+    return np.where(samples > 0, sums / np.maximum(samples, 1), np.nan)
+
+
+def names_at(starts_s: Sequence[float], names: Sequence[str], times_s: Array) -> NDArray[np.str_]:
+    """Return the name that holds at every time, (n,): each from its start on, the first one before it, too."""
+    row = np.searchsorted(np.array(starts_s), times_s, side="right") - 1
+    return np.asarray(np.array(names)[np.maximum(row, 0)])

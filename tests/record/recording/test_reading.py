@@ -22,7 +22,7 @@ from bench.record.recording import (
 )
 from bench.record.recording import _read as reading
 from bench.record.recording._decode import _not_sent
-from bench.record.recording._seconds import row_means
+from bench.record.recording._tables import row_means
 from bench.record.recording._timing import StreamTimer
 from drivers.base.errors import RecordError
 
