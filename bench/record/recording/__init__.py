@@ -5,6 +5,7 @@ from bench.record.recording._decode import (
     StreamSource,
     decode_instrument,
     decode_stream,
+    table_name,
     units_off_s,
 )
 from bench.record.recording._events import EventLog, read_events
@@ -62,6 +63,7 @@ __all__ = [
     "seal",
     "second_rows",
     "seconds",
+    "table_name",
     "table_writer",
     "unit_of",
     "units_off_s",
