@@ -74,11 +74,6 @@ class Lease:
         """The locked files: a child process that inherits them keeps the lease."""
         return tuple(self._files.values())
 
-    @property
-    def held(self) -> bool:
-        """Whether the lease has not been given back."""
-        return bool(self._files)
-
     def update(self, **changes: Any) -> None:
         """Say anew what the bench is used for (`purpose`), or which watchdog guards it (`watchdog_pid`)."""
         self.holder = replace(self.holder, **changes)

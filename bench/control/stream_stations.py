@@ -14,10 +14,7 @@ from numpy.typing import NDArray
 from bench.control.history import History
 from bench.control.stream_loss import StreamLoss
 from drivers.kit.config import GyroConfig, PlatformConfig
-from drivers.kit.instruments import (
-    Platform,
-    StreamDecoder,
-)
+from drivers.kit.instruments import Platform, StreamDecoder
 from drivers.kit.kinds import GyroKind, PlatformKind
 from drivers.kit.link import Tap
 
@@ -46,14 +43,13 @@ class StreamStation:
         self.interval_s = interval_s
         """Time from sample to sample, as the bench file has it."""
         self.history = History(("samples", *columns))
-        self._new_decoder = decoder
         self._values = values
-        self._decoder: StreamDecoder | None = None
+        self._decoder, self._listening = decoder(), False
         self._offset = 0
         self._blocks: deque[tuple[float, bytes]] = deque()
         self._lock = threading.Lock()
         self._pending_bytes = 0
-        self._loss: StreamLoss | None = None
+        self._loss = StreamLoss(self._decoder)
         self.heard_s = math.nan
         """Bench time of the last bytes; of `listen` before there were any."""
         self.silent = False
@@ -63,27 +59,25 @@ class StreamStation:
     @property
     def frames(self) -> int:
         """Frames decoded so far."""
-        return 0 if self._decoder is None else self._decoder.counts.frames
+        return self._decoder.counts.frames
 
     @property
     def lost(self) -> int:
         """Samples that never came, by the unit's own counter and the time they took."""
-        return 0 if self._loss is None else self._loss.lost
+        return self._loss.lost
 
     @property
     def rejected(self) -> dict[str, int]:
         """Frames rejected so far, by reason."""
-        return {} if self._decoder is None else dict(self._decoder.counts.rejected)
+        return dict(self._decoder.counts.rejected)
 
     def listen(self, now_s: float) -> None:
         """Take everything that arrives from now on for the stream."""
-        self.heard_s = now_s
-        self._decoder = self._new_decoder()
-        self._loss = StreamLoss(self._decoder)
+        self.heard_s, self._listening = now_s, True
 
     def take(self, data: bytes, arrival_s: float) -> None:
         """Keep a block for the next update; with 256 KiB waiting, decode at once so that memory stays flat."""
-        if self._decoder is None:
+        if not self._listening:
             return
         self.heard_s = arrival_s
         with self._lock:
@@ -96,32 +90,29 @@ class StreamStation:
     def power_off(self) -> None:
         """Take what does not come until `power_on` for intended, not for lost."""
         self.update()
-        if self._loss is not None:
-            self._loss.pause()
+        self._loss.pause()
 
     def power_on(self) -> None:
         """Go on counting what is lost."""
         self.update()
-        if self._loss is not None:
-            self._loss.resume()
+        self._loss.resume()
 
     def update(self) -> History:
         """Decode what has arrived since the last call and return the history."""
         with self._lock:
             blocks, self._pending_bytes = list(self._blocks), 0
             self._blocks.clear()
-            if blocks and self._decoder is not None:
-                self._decode(self._decoder, blocks)
+            if blocks:
+                self._decode(blocks)
         return self.history
 
-    def _decode(self, decoder: StreamDecoder, blocks: list[tuple[float, bytes]]) -> None:
+    def _decode(self, blocks: list[tuple[float, bytes]]) -> None:
         ends = self._offset + np.cumsum([len(data) for _, data in blocks])
-        batch = decoder.feed(b"".join(data for _, data in blocks))
+        batch = self._decoder.feed(b"".join(data for _, data in blocks))
         self._offset = int(ends[-1])
         if not len(batch):
             return
-        if self._loss is not None:
-            self._loss.feed(np.asarray(batch.columns["counter"], dtype=np.int64), blocks[-1][0])
+        self._loss.feed(np.asarray(batch.columns["counter"], dtype=np.int64), blocks[-1][0])
         first = np.searchsorted(batch.end_offset, np.concatenate(([0], ends[:-1])), side="right")
         last = np.append(first[1:], len(batch))
         values = [np.asarray(column, dtype=np.float64) for column in self._values(batch.columns)]

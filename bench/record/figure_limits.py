@@ -97,7 +97,9 @@ def parse_limits(table: object, where: str) -> dict[str, Limit]:
         try:
             limits[figure] = Limit.model_validate(row)
         except ValidationError as error:
-            wrong += [f"{figure}: {_mistake(dict(item))}" for item in error.errors()]
+            for item in error.errors():
+                text = f"{'.'.join(map(str, item['loc']))} {item['msg'].removeprefix('Value error, ')}"
+                wrong.append(f"{figure}: {text.strip()}")
     wrong += wrong_limits(limits)
     if wrong:
         raise _unusable(where, "; ".join(wrong))
@@ -113,11 +115,6 @@ def load_limits(path: Path) -> Limits:
     if "limits" not in content:
         raise _unusable(str(path), "no limits table")
     return Limits(parse_limits(content["limits"], str(path)), path.name, checksum(path).sha256)
-
-
-def _mistake(item: Mapping[str, Any]) -> str:
-    where = ".".join(map(str, item["loc"]))
-    return f"{where} {str(item['msg']).removeprefix('Value error, ')}".strip()
 
 
 def _unusable(where: str, found: str) -> ConfigurationError:

@@ -157,7 +157,7 @@ def test_the_same_process_cannot_take_a_bench_twice_and_release_is_harmless_twic
         take_lease(bench_file(), "two")
     lease.release()
     lease.release()
-    assert not lease.held and lease_files() == []
+    assert lease.descriptors == () and lease_files() == []
 
 
 def test_a_state_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
