@@ -168,7 +168,7 @@ def test_methods_work_on_an_imported_run(tmp_path: Path) -> None:
         (("latitude_deg = 48.0", "latitude_deg = 48.0\ncolour = 1"), "colour"),
         (('file = "log.*"', 'file = "other.csv"'), "no entry for this log"),
         (("2026-10-05T08:00:00+00:00", "yesterday"), "no date and time"),
-        (("[columns]", "[columns"), "cannot be read"),
+        (("[columns]", "[columns"), "is not TOML"),
     ],
 )
 def test_a_mapping_that_cannot_be_used_leaves_nothing(
