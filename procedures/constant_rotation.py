@@ -81,11 +81,6 @@ def expected_duration_s(p: ConstantRotationParameters) -> float:
     return 2.0 * p.rest_s + (p.reversals + 1) * (_stretch_s(p) + _SETTLING_S) + 3.0 * _SETTLING_S
 
 
-def demands(p: ConstantRotationParameters) -> Demands:
-    """Return the extremes of the run; the chamber stays as it is."""
-    return Demands(max_rate_dps=abs(p.rate_dps))
-
-
 PROCEDURE = Procedure(
     name="constant-rotation",
     title="Constant rotation for the whirl of a rotating INS",
@@ -93,5 +88,5 @@ PROCEDURE = Procedure(
     parameters=ConstantRotationParameters,
     run=run,
     expected_duration_s=expected_duration_s,
-    demands=demands,
+    demands=lambda p: Demands(max_rate_dps=abs(p.rate_dps)),  # the chamber stays as it is
 )

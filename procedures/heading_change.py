@@ -122,11 +122,6 @@ def expected_duration_s(p: HeadingChangeParameters) -> float:
     return 3600.0 * (p.warm_up_h + sum(hours for _, hours in p.plan())) + 60.0
 
 
-def demands(p: HeadingChangeParameters) -> Demands:
-    """Return the extremes of the run."""
-    return Demands(min_temp_c=p.room_c, max_temp_c=p.room_c)
-
-
 PROCEDURE = Procedure(
     name="heading-change",
     title="Heading change of a platform INS, days at each heading",
@@ -134,6 +129,6 @@ PROCEDURE = Procedure(
     parameters=HeadingChangeParameters,
     run=run,
     expected_duration_s=expected_duration_s,
-    demands=demands,
+    demands=lambda p: Demands(min_temp_c=p.room_c, max_temp_c=p.room_c),
     tests="platform",
 )

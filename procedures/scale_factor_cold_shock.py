@@ -6,7 +6,7 @@ of output over rate through the three sections, aligned on the chamber's slope.
 
 from __future__ import annotations
 
-from bench.control.procedure import Demands, Procedure, parameter
+from bench.control.procedure import Procedure, parameter
 from bench.control.session import Bench
 from bench.record.events.run import Section
 from procedures._cold_shock import (
@@ -65,11 +65,6 @@ def expected_duration_s(p: ScaleFactorParameters) -> float:
     return 60.0 * p.warm_up_min + len(_SECTIONS) * p.repeats * section
 
 
-def demands(p: ScaleFactorParameters) -> Demands:
-    """Return the extremes of the run."""
-    return p.demands(max_rate_dps=p.rate_dps)
-
-
 PROCEDURE = Procedure(
     name="scale-factor-cold-shock",
     title="Scale factor through a low-temperature shock, axis vertical, +W, -W, 0",
@@ -77,5 +72,5 @@ PROCEDURE = Procedure(
     parameters=ScaleFactorParameters,
     run=run,
     expected_duration_s=expected_duration_s,
-    demands=demands,
+    demands=lambda p: p.demands(max_rate_dps=p.rate_dps),
 )

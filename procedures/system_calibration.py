@@ -127,11 +127,6 @@ def expected_duration_s(p: SystemCalibrationParameters) -> float:
     return 60.0 * p.warm_up_min + schedule.duration_s + schedule.positions * _SETTLING_S + start_s + 20.0
 
 
-def demands(p: SystemCalibrationParameters) -> Demands:
-    """Return the extremes of the run; the chamber stays as it is."""
-    return Demands(max_rate_dps=p.rate_dps)
-
-
 PROCEDURE = Procedure(
     name="system-calibration",
     title="System-level calibration of an IMU, scheme of positions",
@@ -139,6 +134,6 @@ PROCEDURE = Procedure(
     parameters=SystemCalibrationParameters,
     run=run,
     expected_duration_s=expected_duration_s,
-    demands=demands,
+    demands=lambda p: Demands(max_rate_dps=p.rate_dps),  # the chamber stays as it is
     upright=False,
 )

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bench.control.procedure import Demands, Procedure, parameter
+from bench.control.procedure import Procedure, parameter
 from bench.control.session import Bench
 from bench.control.stream_stations import GyroStation
 from procedures._cold_shock import (
@@ -139,11 +139,6 @@ def expected_duration_s(p: ZeroBiasParameters) -> float:
     return warm_up + p.repeats * (60.0 * p.hold_min + p.shock_duration_s())
 
 
-def demands(p: ZeroBiasParameters) -> Demands:
-    """Return the extremes of the run."""
-    return p.demands()
-
-
 PROCEDURE = Procedure(
     name="zero-bias-cold-shock",
     title="Zero bias through a low-temperature shock, axis east",
@@ -151,5 +146,5 @@ PROCEDURE = Procedure(
     parameters=ZeroBiasParameters,
     run=run,
     expected_duration_s=expected_duration_s,
-    demands=demands,
+    demands=ZeroBiasParameters.demands,
 )

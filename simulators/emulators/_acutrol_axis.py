@@ -45,8 +45,8 @@ class AcutrolAxis:
         self._software_faults = 0
         self._interlock_faults = 0
         self._diagnostics = 0
-        self._rate_limits = {"POSITION": plant.max_rate_dps, "RATE": plant.max_rate_dps}
-        self._acceleration_limits = dict.fromkeys(self._rate_limits, plant.max_acceleration_dps2)
+        self._highest = {"RATE": plant.max_rate_dps, "ACCELERATION": plant.max_acceleration_dps2}
+        self._limits = {mode: dict(self._highest) for mode in ("POSITION", "RATE")}
 
     def trip(self, software: int, hardware: int, diagnostics: int, now_s: float) -> None:
         """Open the interlock by a fault, given as the bits of the two fault words and of what explains it."""
@@ -107,23 +107,19 @@ class AcutrolAxis:
 
     def limit(self, name: str, mode: str) -> float:
         """Return the limit `name`, RATE or ACCELERATION, in force in `mode`."""
-        if name == "RATE":
-            return self._rate_limits.get(mode, self.plant.max_rate_dps)
-        return self._acceleration_limits.get(mode, self.plant.max_acceleration_dps2)
+        return self._limits.get(mode, self._highest)[name]
 
     def set_limit(self, name: str, mode: str, text: str) -> None:
         """Set a limit of `mode`, POSITION or RATE; it counts from the next demand on."""
-        rates = name == "RATE"
-        if mode not in self._rate_limits or (rates and mode == "RATE"):
+        if mode not in self._limits or name == mode == "RATE":
             raise Refused(NOT_IMPLEMENTED)
         try:
             value = float(text)
         except ValueError:
             raise Refused(DATA_TYPE_ERROR) from None
-        highest = self.plant.max_rate_dps if rates else self.plant.max_acceleration_dps2
-        if not 0.0 < value <= highest:
+        if not 0.0 < value <= self._highest[name]:
             raise Refused(PARAMETER_OUT_OF_RANGE)
-        (self._rate_limits if rates else self._acceleration_limits)[mode] = value
+        self._limits[mode][name] = value
 
     def register(self, name: str, now_s: float) -> int | None:
         """Return status word A<n>`name`; None for a name there is none of."""
@@ -133,13 +129,9 @@ class AcutrolAxis:
         if name == "DYN":
             done = _POSITION_COMPLETE if self.mode == "POSITION" else _RATE_COMPLETE
             return done if self.plant.settled(now_s) else 0
-        if name in ("SWFLT", "SWFAULT"):
-            return self._software_faults
-        if name == "ERR":
-            return 0
-        if name == "DIAG":
-            return self._diagnostics
-        return self._interlock_faults if name == "INTLK" else None
+        software = self._software_faults
+        words = {"SWFLT": software, "SWFAULT": software, "ERR": 0, "DIAG": self._diagnostics}
+        return (words | {"INTLK": self._interlock_faults}).get(name)
 
     def _within_limits(self, name: str, value: float) -> bool:
         if name == "RATE":
@@ -153,18 +145,19 @@ class AcutrolAxis:
             raise Refused(PARAMETER_OUT_OF_RANGE)
         self.demands["POSITION"] = angle
         if self.interlock == "Close":
-            self.plant.demand_turn(now_s, by_deg, *self._limits_of("POSITION"))
+            self.plant.demand_turn(now_s, by_deg, *self._limits["POSITION"].values())
             self.moving = True
 
     def _apply(self, now_s: float) -> None:
         if self.interlock != "Close":
             return
+        limits = self._limits["POSITION"].values()
         if self.mode == "POSITION" and None not in self._angle_limits:
-            self.plant.demand_turn(now_s, self._way(now_s), *self._limits_of("POSITION"))
+            self.plant.demand_turn(now_s, self._way(now_s), *limits)
         elif self.mode == "POSITION":
-            self.plant.demand_angle(now_s, self.demands["POSITION"], *self._limits_of("POSITION"))
+            self.plant.demand_angle(now_s, self.demands["POSITION"], *limits)
         elif self.mode == "RATE":
-            self.plant.demand_rate(now_s, self.demands["RATE"], self._acceleration_limits["RATE"])
+            self.plant.demand_rate(now_s, self.demands["RATE"], self._limits["RATE"]["ACCELERATION"])
         else:
             self.plant.demand_rate(now_s, 0.0)
         self.moving = True
@@ -173,9 +166,6 @@ class AcutrolAxis:
         """Return the turn to the position demand that stays between the stops of a limited axis."""
         middle = sum(limit or 0.0 for limit in self._angle_limits) / 2.0
         return self.demands["POSITION"] - middle - math.remainder(self.plant.angle_deg(now_s) - middle, 360.0)
-
-    def _limits_of(self, mode: str) -> tuple[float, float]:
-        return self._rate_limits[mode], self._acceleration_limits[mode]
 
 
 FAULT_NAMES = (

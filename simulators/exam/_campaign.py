@@ -147,27 +147,13 @@ def _truth(
 ) -> RunTruth:
     n = profile.duration_s
     time_s = np.arange(1.0, n + 1.0)
-    angle, edge_rate, azimuth, elevation = _table(condition, n, float(rng.uniform(0.0, 360.0)))
+    motion = _table(condition, n, float(rng.uniform(0.0, 360.0)))
     starts = np.array([start for start, _, _ in profile.points[:-1]])
     names = np.array([name for _, _, name in profile.points[:-1]])
     phase = names[np.searchsorted(starts, time_s - 1.0, side="right") - 1]
-    return RunTruth(
-        profile.name,
-        condition,
-        repeat,
-        time_s,
-        air,
-        out[:, 0],
-        out[:, 1],
-        out[:, 2],
-        out[:, 3 : 3 + LAYERS],
-        out[:, 3 + LAYERS],
-        angle,
-        edge_rate,
-        azimuth,
-        elevation,
-        phase,
-    )
+    t_in, t_out, board = out.T[:3]
+    heat = air, t_in, t_out, board, out[:, 3:-1], out[:, -1]
+    return RunTruth(profile.name, condition, repeat, time_s, *heat, *motion, phase)
 
 
 def _table(condition: str, n: int, start_deg: float) -> tuple[Array, Array, Array, Array]:

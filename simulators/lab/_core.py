@@ -146,10 +146,7 @@ class Lab:
         for index in self._to_unplug:
             self.ports[index].unplug()
         self._to_unplug.clear()
-        for index, back_ns in list(self._gone.items()):
-            if back_ns <= self.now_ns:
-                del self._gone[index]
-                self.ports[index].plug()
+        self._plug_again()
         return hung_up
 
     def _active_lines(self) -> dict[int, Line]:
@@ -180,11 +177,14 @@ class Lab:
                 self._gone[index] = self.now_ns + round(gone_s * 1e9)
                 self._to_unplug.append(index)
                 vanished = True
+        self._plug_again()
+        return vanished
+
+    def _plug_again(self) -> None:
         for index, back_ns in list(self._gone.items()):
             if back_ns <= self.now_ns and index not in self._to_unplug:
                 del self._gone[index]
                 self.ports[index].plug()
-        return vanished
 
     def _deliver(self, index: int, emulator: StreamingEmulator, marks: list[Mark]) -> bool:
         """Write what a device has streamed to its port; say whether anything came."""

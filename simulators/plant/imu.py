@@ -130,8 +130,8 @@ class ImuUnit:
         self._earth = earth_rate_rad_s(latitude_deg)
         self._gravity = np.array([0.0, 0.0, gravity_mps2(latitude_deg)])
         askew = source.substream(_MOUNT).generator(0).standard_normal(3) * math.radians(_MOUNT_DEG)
-        size = np.array([float(np.linalg.norm(askew))])
-        self._askew = about_up(azimuth_error_deg) @ turned_about(_unit(askew), size)[0]
+        size = float(np.linalg.norm(askew))
+        self._askew = about_up(azimuth_error_deg) @ turned_about(askew / size, np.array([size]))[0]
         self._mounts: list[tuple[float, Array]] = [(0.0, self._askew)]
         self._white = [SampleNoise(source.substream(_WHITE + at), "normal") for at in range(6)]
         self._shaken = [SampleNoise(source.substream(_VIBRATION + at), "normal") for at in range(3)]
@@ -241,7 +241,3 @@ def with_errors(
         r = errors.lever_m[i]
         f[:, i] += (np.cross(speeding, r) + np.cross(spin, np.cross(spin, r)))[:, i]
     return w, f + errors.lag_s * np.cross(spin, force)
-
-
-def _unit(vector: Array) -> Array:
-    return np.asarray(vector / np.linalg.norm(vector))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from drivers.weiss import WeissConfig
 from drivers.weiss.ascii2 import encode_values
 from drivers.weiss.configuration import Configuration, Setting, encode_configuration
 from drivers.weiss.simserv import (
@@ -17,9 +18,9 @@ from drivers.weiss.simserv import (
     Number,
     encode_simserv_reply,
 )
-from simulators.emulators.weiss._controller import MESSAGE_READS, OUTPUT_NAMES, VARIABLE_READS, Controller
+from simulators.emulators._weiss_controller import MESSAGE_READS, OUTPUT_NAMES, VARIABLE_READS, Controller
 from simulators.faults import DeviceFault, Fault
-from simulators.interfaces import Reply
+from simulators.interfaces import Installation, Reply
 from simulators.plant.lab_chamber import LabChamber
 
 _INDEXED_READS = (
@@ -208,3 +209,13 @@ def _finite(text: str) -> float:
     except ValueError:
         return math.nan
     return value if math.isfinite(value) else math.nan
+
+
+def emulator(config: WeissConfig, plant: LabChamber, installed: Installation) -> WeissEmulator:
+    """Make the emulator of a bench file's chamber."""
+    return WeissEmulator(
+        plant,
+        address=config.bus_address,
+        auxiliary=tuple(config.auxiliary),
+        start_channel=config.start_channel,
+    )
