@@ -99,6 +99,7 @@ class Curve:
     of_rate: bool = False
 
 
+@dataclass(frozen=True, eq=False)
 class SlowRates:
     """Means over blocks at one rate: input and output rate in deg/h, run number, each (m,).
 
@@ -106,14 +107,10 @@ class SlowRates:
     it is missing.
     """
 
-    def __init__(
-        self,
-        rate: Array,
-        output: Array,
-        run: NDArray[np.int64],
-        records: Sequence[tuple[Stimulus, Array]] = (),
-    ) -> None:
-        self.rate, self.output, self.run, self.records = rate, output, run, records
+    rate: Array
+    output: Array
+    run: NDArray[np.int64]
+    records: Sequence[tuple[Stimulus, Array]] = ()
 
     def apart(self, values: Array, use: NDArray[np.bool_]) -> Array:
         """Return values less the mean over their run of those in `use`; of a run without any they stay."""

@@ -19,8 +19,9 @@ _BITS = 10  # A byte on a line set to 8N1.
 _REPLY_DELAY_S = 1e-3
 _LINE_LIMIT = 80
 _HOLD_S = 3.0
-_UNKNOWN, _COUNT, _INVALID = "UNKNOWN COMMAND", "INCORRECT NUMBER OF PARAMETERS", "INVALID PARAMETER"
-_ERRORS = {_UNKNOWN: 1, _COUNT: 2, _INVALID: 3}
+_UNKNOWN = "E001 UNKNOWN COMMAND"
+_COUNT = "E002 INCORRECT NUMBER OF PARAMETERS"
+_INVALID = "E003 INVALID PARAMETER"
 _TOO_LONG = "E007 DATAGRAM WILL BE TOO LONG TO TRANSMIT"
 _NOT_SAVED = "CURRENT SYSTEM PARAMETERS DO NOT MATCH FLASH CONTENT. CONFIRM EXIT"
 _DELAYED = {"8": "0", "9": "1", "a": "2", "b": "3"}
@@ -121,7 +122,7 @@ class Stim300Emulator:
         if tail is not None:
             self._free_s = int(tail.marks[-1, 1]) * 1e-9
             replies.append(Reply(self._free_s, tail.data))
-        return [*replies, self._reply("\r".join(self._listing()) + "\r\r>", now_s)]
+        return [*replies, self._reply(self._listing() + "\r\r>", now_s)]
 
     def _command(self, line: str, now_s: float) -> list[Reply]:
         if self._awaiting:
@@ -148,23 +149,22 @@ class Stim300Emulator:
             "d": {code: message for message, code in DATAGRAMS.items()},
         }
         if name == "i" and len(values) < 2:
-            told = {"": self._listing(), **{key: [self._told()[key]] for key in self._told()}}
-            return "\r".join(told.get(values[0] if values else "", [])) or _error(_INVALID)
+            return self._told().get(values[0], _INVALID) if values else self._listing()
         counts = {"m": 1, "d": 2, "u": 2}
         if name not in counts:
-            return _error(_UNKNOWN)
+            return _UNKNOWN
         if len(values) != counts[name]:
-            return _error(_COUNT)
+            return _COUNT
         if name == "u":
             if f"u {values[0]}" not in self._settings:
-                return _error(_INVALID)
+                return _INVALID
             was, self._settings[f"u {values[0]}"] = self._settings[f"u {values[0]}"], values[1]
             if len(self._outputs()) < len(OUTPUTS):
                 self._settings[f"u {values[0]}"] = was
-                return _error(_INVALID)
+                return _INVALID
             return self._told()[f"u {values[0]}"]
         if values[0] not in listed[name] or (name == "d" and values[1] != "0"):
-            return _error(_INVALID)
+            return _INVALID
         before = dict(self._settings)
         self._settings[name] = values[0]
         length = family().form(self._message()).shortest
@@ -241,12 +241,8 @@ class Stim300Emulator:
             "t": f"BIT-RATE [bits/s] = {self._baudrate}\rDATA LENGTH = 8\rSTOP BITS = 1\rPARITY = NONE",
         }
 
-    def _listing(self) -> list[str]:
-        return list(self._told().values())
-
-
-def _error(text: str) -> str:
-    return f"E{_ERRORS[text]:03d} {text}"
+    def _listing(self) -> str:
+        return "\r".join(self._told().values())
 
 
 def emulator(config: Stim300Config, plant: GyroPlant, installed: Installation) -> Stim300Emulator:

@@ -14,7 +14,6 @@ import socket
 import struct
 import sys
 from contextlib import suppress
-from typing import Any
 
 from drivers.base.errors import BenchError
 from simulators.config import LabConfig
@@ -34,12 +33,12 @@ def main() -> int:
         return 2
     channel = ControlChannel(acts)
     ports = {port.name: port.url for port in lab.ports}
-    if config.clock == "virtual":
-        service = VirtualService(lab, channel, config.cpu, config.emulated)
-        channel.say(_ready(ports, service.url))
+    virtual = config.clock == "virtual"
+    service = VirtualService(lab, channel, config.cpu, config.emulated) if virtual else None
+    channel.say({"ports": ports, "clock": service.url if service else None})
+    if service:
         service.run()
     else:
-        channel.say(_ready(ports, None))
         run_on_wall_clock(lab, channel)
     for port in lab.ports:
         port.close()
@@ -74,10 +73,6 @@ def serve_forks(descriptor: int) -> int:
             for given in descriptors:
                 os.close(given)
             door.sendall(struct.pack("!i", pid))
-
-
-def _ready(ports: dict[str, str], clock_url: str | None) -> dict[str, Any]:
-    return {"ports": ports, "clock": clock_url}
 
 
 def _first_line() -> bytes:

@@ -372,12 +372,3 @@ def _body_axes(angle: Array, heading: Array, latitude: float) -> Array:
     right, front = east * straight - north * turn, east * turn + north * straight
     axes: Array = np.stack([right, front, vertical], axis=2)
     return axes
-
-
-__all__ = [
-    "PlatformParameters",
-    "PlatformSamples",
-    "SpaceStablePlatform",
-    "draw_platform",
-    "with_heading_effect",
-]
