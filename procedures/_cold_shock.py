@@ -52,12 +52,6 @@ class ColdShockParameters(Parameters):
         )
 
 
-def go_to_room(bench: Bench, p: ColdShockParameters) -> None:
-    """Bring the chamber to room temperature and start it."""
-    bench.chamber.go_to(p.room_c)
-    bench.chamber.start()
-
-
 def wait_for_equilibrium(bench: Bench, p: ColdShockParameters, *, phase: str) -> None:
     """Wait for thermal equilibrium by a stated criterion.
 

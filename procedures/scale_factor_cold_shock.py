@@ -11,7 +11,6 @@ from bench.control.session import Bench
 from bench.record.events.run import Section
 from procedures._cold_shock import (
     ColdShockParameters,
-    go_to_room,
     reference_window,
     return_to_room,
     shock,
@@ -40,7 +39,8 @@ def run(bench: Bench, p: ScaleFactorParameters) -> None:
             mounting="axis_up",
         )
         bench.table.engage()
-        go_to_room(bench, p)
+        bench.chamber.go_to(p.room_c)
+        bench.chamber.start()
 
     for repeat in range(1, p.repeats + 1):
         for code, sense in _SECTIONS:

@@ -16,7 +16,6 @@ from bench.control.session import Bench
 from bench.control.stream_stations import GyroStation
 from procedures._cold_shock import (
     ColdShockParameters,
-    go_to_room,
     reference_window,
     return_to_room,
     shock,
@@ -52,7 +51,8 @@ def run(bench: Bench, p: ZeroBiasParameters) -> None:
         )
         bench.table.engage()
         bench.table.point(p.azimuth_deg)
-        go_to_room(bench, p)
+        bench.chamber.go_to(p.room_c)
+        bench.chamber.start()
         bench.wait(60.0 * p.east_after_min - bench.now_s, "warming up")
         find_east(bench, p)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -175,15 +174,6 @@ def _body(effects: Sequence[ChannelEffect], values: Values) -> tuple[float, ...]
     return tuple(value for effect in effects for value in effect.of(values))
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What a sensor makes of a temperature: (1 + part) times it, late by `gain` a second, and an offset in K."""
-
-    gain: float
-    part: float
-    offset_k: float
-
-
 def heat_of(effects: Sequence[ChannelEffect], values: Values) -> tuple[float, ...] | None:
     """Return a body's heat as `_body` does, None where the values say nothing of it.
 
@@ -201,8 +191,8 @@ def heat_of(effects: Sequence[ChannelEffect], values: Values) -> tuple[float, ..
     return _body(effects, values) if some else None
 
 
-def reading_of(values: Values) -> Reading:
-    """Return the gyro's temperature sensor as values have it."""
+def reading_of(values: Values) -> tuple[float, float, float]:
+    """Return what the gyro's sensor makes of a temperature: its gain a second, 1 + part times it, an offset in K."""
     (gain_percent,), (offset_k,) = TEMPERATURE_SENSOR_GAIN.of(values), TEMPERATURE_SENSOR_OFFSET.of(values)
     part = 0.01 * gain_percent
-    return Reading(gain(*TEMPERATURE_SENSOR_LAG.of(values)), part, offset_k - part * REFERENCE_C)
+    return gain(*TEMPERATURE_SENSOR_LAG.of(values)), part, offset_k - part * REFERENCE_C

@@ -66,14 +66,10 @@ class PowerCycled:
             parts.append(self._before.stream(min(until_s, self._off_s)))
             if until_s >= self._off_s:
                 self._before = None
-        if until_s > self._on_s:
-            parts.append(self._moved(self.after.stream(until_s - self._on_s)))
+        if until_s > self._on_s and (block := self.after.stream(until_s - self._on_s)) is not None:
+            later = np.array([0, round(self._on_s * 1e9)], np.int64)
+            parts.append(StreamBlock(block.data, block.marks + later))
         return StreamBlock.joined([part for part in parts if part is not None])
-
-    def _moved(self, block: StreamBlock | None) -> StreamBlock | None:
-        if block is None:
-            return None
-        return StreamBlock(block.data, block.marks + np.array([0, round(self._on_s * 1e9)], np.int64))
 
     def _later(self, strike: DeviceFault) -> DeviceFault:
         def struck(fault: Fault, now_s: float) -> None:

@@ -29,7 +29,6 @@ from simulators.plant.modelled_channels import (
     ModelledTable,
     lab_channels,
     says_of,
-    says_of_table,
 )
 from simulators.plant.modelled_unit import ModelledErrors, modelled
 from simulators.plant.mounting import MOUNTINGS, Mount, Mounting
@@ -114,7 +113,7 @@ class LabPlant:
         for name, _ in config.axes:
             owner = "encoder" if name == carrier else f"encoder {name}"
             parts = (config.table, NoiseSource(config.seed, owner))
-            wanted = name == carrier and says_of_table(shared)
+            wanted = name == carrier and says_of(shared, "table_angle", "table_rate")
             self.tables[name] = ModelledTable(*parts, shared) if wanted else TableAxis(*parts)
         self._units: dict[str, Unit] = {}
         self._power_ons: dict[str, int] = {}
@@ -130,12 +129,8 @@ class LabPlant:
         if says_of(shared, "chamber_air"):
             air = ModelledAir(chamber, config.room_temp_c, source).follow(shared)
         glued = {unit.aux_sensor: self._units[unit.name] for unit in config.units if unit.aux_sensor}
-        self._chamber = LabChamber(air, self.advance, glued)
-
-    @property
-    def chamber(self) -> LabChamber:
-        """The chamber; a question to it advances the lab to the question's time."""
-        return self._chamber
+        self.chamber = LabChamber(air, self.advance, glued)
+        """A question to it advances the lab to the question's time."""
 
     @property
     def table(self) -> TableAxis:
@@ -251,7 +246,7 @@ class LabPlant:
         self._units[config.name] = unit
 
     def _tick(self) -> None:
-        air_temp_c = self._chamber.tick()
+        air_temp_c = self.chamber.tick()
         for unit in self._units.values():
             unit.tick(air_temp_c)
         self._ticks += 1

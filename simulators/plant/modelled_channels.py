@@ -34,8 +34,7 @@ from simulators.plant.noise import NoiseSource
 from simulators.plant.table import TableAxis, TableParameters
 from simulators.plant.thermal import AIR, Link, build_network, tick_matrix
 
-_TABLE: tuple[Channel, ...] = ("table_angle", "table_rate")
-_LAB: tuple[Channel, ...] = ("chamber_air", *_TABLE)
+_LAB: tuple[Channel, ...] = ("chamber_air", "table_angle", "table_rate")
 """Those that are the lab's and not one unit's."""
 _APPLIED: tuple[Channel, ...] = ("chamber_air", "case_temperature", "gyro_temperature", "table_angle")
 """Those that an effect of another package can change by its `apply`.
@@ -58,11 +57,6 @@ def _emulated() -> dict[str, ChannelEffect]:
 def says_of(values: Values, *channels: Channel) -> bool:
     """Return whether a model says anything of some channels."""
     return bool(values) and any(_emulated()[name].channel in channels for name in values)
-
-
-def says_of_table(values: Values) -> bool:
-    """Return whether a model says anything of the table."""
-    return says_of(values, *_TABLE)
 
 
 def check_channels(values: Values) -> None:
@@ -164,11 +158,11 @@ def with_heat(unit: UnitModel, values: Values) -> UnitModel:
         rows = _body(unity, states + len(added), case, of_gyro)
         added += rows
         inside = rows[0]
-    reading = reading_of(values)
-    inside = reading.gain * inside + (1.0 - reading.gain) * unity[states + len(added)]
+    gain, part, offset_k = reading_of(values)
+    inside = gain * inside + (1.0 - gain) * unity[states + len(added)]
     added.append(inside)
     outputs["case_temp_c"] = case
-    outputs["sensor_temp_c"] = (1.0 + reading.part) * inside + reading.offset_k * unity[total + 1]
+    outputs["sensor_temp_c"] = (1.0 + part) * inside + offset_k * unity[total + 1]
     step = np.vstack((wide[:states], *added, *(outputs[name] for name in unit.outputs)))
     return replace(unit, step=np.ascontiguousarray(step), readings=_readings(values))
 

@@ -29,9 +29,9 @@ class PlatformNavigator:
         self._step_s = step_s / self._parts
         self._damping = damping
         latitude = math.radians(latitude_deg)
-        self._geocentric = math.atan2(math.sin(latitude), math.cos(latitude))  # -90 to 90 deg
+        geocentric = math.atan2(math.sin(latitude), math.cos(latitude))  # -90 to 90 deg
+        self._level, self._up = EARTH_AXIS_M * math.cos(geocentric), EARTH_AXIS_M * math.sin(geocentric)
         self._angle = angle_rad
-        self._radius = EARTH_AXIS_M
         self._phi = np.zeros(3)
         self._state = np.zeros(6)
 
@@ -60,36 +60,22 @@ class PlatformNavigator:
         self._phi = phi
 
     def _rate(self, state: Array, angle: float, turn: Array) -> Array:
-        place = self._true(angle)
+        place = np.array([self._level * math.cos(angle), self._level * math.sin(angle), self._up])
         deviation, velocity = state[:3], state[3:]
         turning = np.array([-(EARTH_RATE_RAD_S**2) * place[0], -(EARTH_RATE_RAD_S**2) * place[1], 0.0])
-        force = turning - self._gravity(place)
-        pull = self._pull(place, deviation)
+        # Altitude is given from outside: the spring holds the computed radius to the true one.
+        force = turning + SCHULER_RAD_S**2 * place
         damp = 2.0 * self._damping * SCHULER_RAD_S
         against = velocity - EARTH_RATE_RAD_S * np.array([-deviation[1], deviation[0], 0.0])
-        return np.concatenate([velocity, turn @ force + pull - damp * against])
-
-    def _gravity(self, place: Array) -> Array:
-        """Gravitation with the altitude given from outside: the spring holds the computed radius to it."""
-        return -(SCHULER_RAD_S**2) * place
-
-    def _pull(self, place: Array, deviation: Array) -> Array:
-        """Gravitation at the computed place less that at the true one, without the rounding of a difference."""
-        return -(SCHULER_RAD_S**2) * deviation
-
-    def _true(self, angle: float) -> Array:
-        level = self._radius * math.cos(self._geocentric)
-        up = self._radius * math.sin(self._geocentric)
-        return np.array([level * math.cos(angle), level * math.sin(angle), up])
+        return np.concatenate([velocity, turn @ force - SCHULER_RAD_S**2 * deviation - damp * against])
 
     def _errors(self) -> tuple[float, float]:
         # In local axes of the true place, where small differences keep their digits.
         sine, cosine = math.sin(self._angle), math.cos(self._angle)
         x, y, z = self._state[:3].tolist()
         outward, side = x * cosine + y * sine, -x * sine + y * cosine
-        level = self._radius * math.cos(self._geocentric)
+        level, up = self._level, self._up
         longitude = math.atan2(side, level + outward)
-        up = self._radius * math.sin(self._geocentric)
         computed_level = math.hypot(level + outward, side)
         # tan(a - b) of the geocentric latitudes; level' - level by its own small terms.
         gained = (2.0 * level * outward + outward**2 + side**2) / (computed_level + level)

@@ -137,7 +137,6 @@ class WhirlingUnit(GyroUnit):
     ) -> None:
         super().__init__(model, mount, table, latitude_deg, source)
         self._wobble = wobble
-        self._axis = table
         self._earth = _earth_in_body(mount, latitude_deg)
         self._slack = 0.0
 
@@ -151,7 +150,7 @@ class WhirlingUnit(GyroUnit):
 
     def _turned(self, edges_s: Array, middle_s: Array, period_s: float) -> Array:
         """Return the true angle each axis turned through in each interval, rad, float64 (3, n)."""
-        angles = np.radians(self._axis.total_angles_deg(edges_s))
+        angles = np.radians(self._table.total_angles_deg(edges_s))
         if len(angles) != len(edges_s):  # a table at rest answers with two equal angles
             angles = np.full(len(edges_s), angles[0])
         slack = play(angles, math.radians(self._wobble.play_travel_deg), self._slack)
