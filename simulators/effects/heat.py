@@ -192,7 +192,7 @@ def heat_of(effects: Sequence[ChannelEffect], values: Values) -> tuple[float, ..
 
 
 def reading_of(values: Values) -> tuple[float, float, float]:
-    """Return what the gyro's sensor makes of a temperature: its gain a second, 1 + part times it, an offset in K."""
+    """Return what the gyro's sensor makes of a temperature: gain a second, 1 + part times it, offset in K."""
     (gain_percent,), (offset_k,) = TEMPERATURE_SENSOR_GAIN.of(values), TEMPERATURE_SENSOR_OFFSET.of(values)
     part = 0.01 * gain_percent
     return gain(*TEMPERATURE_SENSOR_LAG.of(values)), part, offset_k - part * REFERENCE_C

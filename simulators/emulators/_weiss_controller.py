@@ -138,43 +138,34 @@ class Controller:
         return None
 
     def _read_temperature(self, number: int, now_s: float) -> object:
-        match number:
-            case Number.GET_ACTUAL:
-                return f"{self.plant.air_temp_c(now_s):.4f}"
-            case Number.GET_SET_POINT:
-                return f"{self.plant.set_point_c(now_s):.4f}"
-            case Number.GET_INPUT_MINIMUM:
-                return self.limits_c[0]
-            case Number.GET_INPUT_MAXIMUM:
-                return self.limits_c[1]
-            case Number.GET_GRADIENT_UP:
-                return self._gradients["up"]
-            case Number.GET_GRADIENT_DOWN:
-                return self._gradients["down"]
-            case Number.GET_UNIT:
-                return "°C"
-        return "Temperature"
+        values: Mapping[int, object] = {
+            Number.GET_ACTUAL: f"{self.plant.air_temp_c(now_s):.4f}",
+            Number.GET_SET_POINT: f"{self.plant.set_point_c(now_s):.4f}",
+            Number.GET_INPUT_MINIMUM: self.limits_c[0],
+            Number.GET_INPUT_MAXIMUM: self.limits_c[1],
+            Number.GET_GRADIENT_UP: self._gradients["up"],
+            Number.GET_GRADIENT_DOWN: self._gradients["down"],
+            Number.GET_UNIT: "°C",
+            Number.GET_NAME: "Temperature",
+        }
+        return values[number]
 
     def _status(self) -> ChamberStatus:
         status = ChamberStatus.AVAILABLE
         if self._running:
             status |= ChamberStatus.RUNNING
-        if self._alarm:
+        if self._active(_ALARM):
             status |= ChamberStatus.ALARM
         if self._active(_WARNING):
             status |= ChamberStatus.WARNING
         return status
-
-    @property
-    def _alarm(self) -> bool:
-        return self._active(_ALARM)
 
     def _active(self, kind: int) -> bool:
         return any(message.active and message.kind == kind for message in self._messages)
 
     @property
     def _running(self) -> bool:
-        return self.digital[_START_BIT] == "1" and not self._alarm
+        return self.digital[_START_BIT] == "1" and not self._active(_ALARM)
 
     def _demand(self, now_s: float) -> None:
         if self._set_point_c is None:

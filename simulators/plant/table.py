@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.base.arrays import Array
+from simulators.config import Rotation
 from simulators.plant.noise import NoiseSource
 
 _RAD = math.pi / 180.0
@@ -25,25 +26,17 @@ _READINGS = 4096
 _QUIET = NoiseSource(0, "encoder")
 
 
-@dataclass(frozen=True)
-class TableParameters:
+class TableParameters(Rotation):
     """A precision single-axis table; limits after the BD125 data sheet (1000 deg/s, 4200 deg/s2, 1 arcsec).
 
-    Ripple is the peak rate variation as a fraction of rate, 1e-6, at one and two periods a turn. The encoder's
-    error is its peak over a turn, of an eccentric disc; beside it come white noise and a ripple of so many lines
-    a turn.
+    The encoder's error is its peak over a turn, of an eccentric disc.
     """
 
     max_rate_dps: float = 1000.0
     max_acceleration_dps2: float = 200.0
     coast_deceleration_dps2: float = 20.0
     servo_bandwidth_hz: float = 5.0
-    ripple_once_ppm: float = 5.0
-    ripple_twice_ppm: float = 2.0
     encoder_error_arcsec: float = 0.5
-    encoder_noise_arcsec: float = 0.0
-    encoder_ripple_arcsec: float = 0.0
-    encoder_ripple_lines: int = 36
 
 
 @dataclass(frozen=True)
