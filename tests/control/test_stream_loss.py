@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.control.stream_loss import StreamLoss
+from bench.control.stream_stations import StreamLoss
 
 
 def blocks(first_s: float, last_s: float, every_s: float = 0.5, hz: float = 100.0):

@@ -37,17 +37,12 @@ class Answer:
     utc: str
 
 
-def live_folder(session: Path) -> Path:
-    """Return the folder of the live files of a session folder."""
-    return session / LIVE_FOLDER
-
-
 def read_now(session: Path) -> dict[str, Any] | None:
     """Return now.json of a session folder with `alive` (whether its process still runs), None if there is none.
 
     Raises RecordError for a file that is not one.
     """
-    path = live_folder(session) / NOW_FILE
+    path = session / LIVE_FOLDER / NOW_FILE
     try:
         found = parse_json(read_bounded(path, SETTINGS_BYTES))
         if not isinstance(found, dict) or found.get("format") != 1:
@@ -126,7 +121,7 @@ def drop_request(session: Path, action: Action, by: str) -> Requested:
     request = Requested(action, by.strip()[:200] or "unknown", utc_now())
     # the name sorts by time, then by the order in this process, so that requests are taken in order
     name = f"{epoch_seconds() * 1e3:.0f}-{next(_order):06d}-{secrets.token_hex(4)}.json"
-    path = live_folder(session) / "requests" / name
+    path = session / LIVE_FOLDER / "requests" / name
     try:
         replace_file(path, json.dumps(request.fields(), ensure_ascii=False), sync=False)
     except OSError as error:
@@ -136,7 +131,7 @@ def drop_request(session: Path, action: Action, by: str) -> Requested:
 
 def take_requests(session: Path) -> Iterator[Requested | Note]:
     """Yield the requests there are, oldest first, deleting each; a note says what is wrong with a file."""
-    folder = live_folder(session) / "requests"
+    folder = session / LIVE_FOLDER / "requests"
     with suppress(OSError):
         for name in sorted(entry.name for entry in os.scandir(folder) if entry.name.endswith(".json")):
             path = folder / name
@@ -155,14 +150,14 @@ def take_requests(session: Path) -> Iterator[Requested | Note]:
 def clear(session: Path) -> None:
     """Remove answers and requests that an earlier session left: they were for other questions."""
     for name in ("answers", "requests"):
-        folder = live_folder(session) / name
+        folder = session / LIVE_FOLDER / name
         folder.mkdir(parents=True, exist_ok=True)
         for path in folder.iterdir():
             path.unlink(missing_ok=True)
 
 
 def _answer_path(session: Path, prompt_id: int) -> Path:
-    return live_folder(session) / "answers" / f"{int(prompt_id)}.json"
+    return session / LIVE_FOLDER / "answers" / f"{int(prompt_id)}.json"
 
 
 def _read_small(path: Path) -> dict[str, Any] | None:

@@ -14,10 +14,10 @@ from typing import Any
 
 from bench.control.live._files import (
     HISTORY_FILE,
+    LIVE_FOLDER,
     NOW_FILE,
     clear,
     drop_answer,
-    live_folder,
     read_answer,
     take_requests,
 )
@@ -174,7 +174,7 @@ class Live:
                 found = read_answer(self._session, number)
             except BenchError as error:
                 self._taken.append(Note(str(error)))
-                (live_folder(self._session) / "answers" / f"{number}.json").unlink(missing_ok=True)
+                (self._session / LIVE_FOLDER / "answers" / f"{number}.json").unlink(missing_ok=True)
                 return None
             if found is None:
                 self.wait()
@@ -246,7 +246,7 @@ class Live:
             return
         try:
             text = json.dumps(plain(self._now()), ensure_ascii=False, allow_nan=False)
-            replace_file(live_folder(self._session) / NOW_FILE, text, sync=False)
+            replace_file(self._session / LIVE_FOLDER / NOW_FILE, text, sync=False)
             self._write_history()
             self.problem = ""
         except OSError as error:
@@ -262,7 +262,7 @@ class Live:
             **{name: getattr(progress, name) for name in _HISTORY_COLUMNS},
             "gyros": {name: [gyro.latest_dps, gyro.temp_c] for name, gyro in progress.gyros.items()},
         }
-        folder = live_folder(self._run_folder)
+        folder = self._run_folder / LIVE_FOLDER
         folder.mkdir(exist_ok=True)
         with (folder / HISTORY_FILE).open("a", encoding="utf-8") as file:
             file.write(json.dumps(plain(row), ensure_ascii=False, allow_nan=False) + "\n")

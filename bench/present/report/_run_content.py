@@ -132,7 +132,7 @@ def _warnings(run: Run, missing: list[str]) -> tuple[str, ...]:
     streams = [
         f"{name}: {text}" for name, row in run.manifest.stream.items() for text in row.get("warnings") or ()
     ]
-    torn = ["the last line of the event log is incomplete"] if run.torn_event else []
+    torn = ["the last line of the event log is incomplete"] if run.event_log.torn else []
     return tuple(dict.fromkeys([*alarms, *streams, *missing, *torn]))
 
 

@@ -86,27 +86,23 @@ class Run:
         return checksum(self._folder / MANIFEST_FILE).sha256
 
     @cached_property
-    def _event_log(self) -> Events:
+    def event_log(self) -> Events:
+        """What happened, as it was read: rows, typed lines, and an incomplete last line."""
         return read_events(self._folder)
 
     @property
     def events(self) -> tuple[Row, ...]:
         """The event log, one dictionary a line."""
-        return self._event_log.rows
+        return self.event_log.rows
 
     @property
     def lines(self) -> tuple[Line, ...]:
         """The event log as typed events, each with its bench time."""
-        return self._event_log.lines
+        return self.event_log.lines
 
     def of(self, kind: type[_E]) -> list[tuple[float, _E]]:
         """Return the events of a class, each with its bench time in s; see `bench.record.events`."""
-        return self._event_log.of(kind)
-
-    @property
-    def torn_event(self) -> str:
-        """An incomplete last line of the event log, empty if there is none."""
-        return self._event_log.torn
+        return self.event_log.of(kind)
 
     def phases(self) -> tuple[Phase, ...]:
         """Return the phases in order; a phase that was entered twice is there twice."""
