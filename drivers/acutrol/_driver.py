@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import math
 
-from drivers.acutrol._exchange import Exchanges
+from drivers.acutrol._exchange import AcutrolExchanges
 from drivers.acutrol.codec import (
     DIAGNOSTIC_BITS,
     ERROR_BITS,
@@ -20,8 +19,7 @@ from drivers.base.errors import DeviceRefused, ProtocolError, WrongDevice
 from drivers.kit.config import TableConfig
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
 from drivers.kit.kinds import Connection
-from drivers.kit.polled import TROUBLES, PolledTable
-from drivers.kit.retry import command_once, query_with_retry
+from drivers.kit.polled import REST_DPS, TROUBLES
 
 SERVO_TIMEOUT_S = 10.0
 """Drive enable delay (parameter x029) and fail-safe test delays run before the interlock reports Close."""
@@ -29,16 +27,10 @@ SERVO_TIMEOUT_S = 10.0
 SERVO_PAUSE_S = 0.25
 """Between interlock commands; public drivers wait 0.2 to 0.5 s."""
 
-_REST_DPS = 0.01
-"""Below this an axis stands still; its rate estimate has noise of some 1e-4 deg/s."""
-
-_TAKEN_DEG = 1e-3
-"""A turn that was begun shows by more than this."""
-
 _FAULT_STATES = ("software abort", "hardware abort")
 
 
-class AcutrolTable(PolledTable):
+class AcutrolTable(AcutrolExchanges):
     """A table behind an ACUTROL3000, over RS-232 or TCP alike (`drivers.kit.instruments.Turntable`)."""
 
     _product = "an ACUTROL3000"
@@ -50,11 +42,10 @@ class AcutrolTable(PolledTable):
         self._numbers_by_name = {axis.name: axis.number for axis in config.all_axes}
         self.axes = tuple(self._numbers_by_name)
         self._closed_by_us = False
-        self._exchanges = Exchanges(self.link, self._where)
 
     def _introduction(self) -> Identity:
         """Ask `*IDN?`: maker, model, serial number, firmware; the model is to be an Acutrol3000."""
-        text = self._exchanges.query(str, "*IDN?")
+        text = self._query(str, "*IDN?")
         fields = [field.strip() for field in text.split(",", 3)]
         if len(fields) != 4 or not fields[1].lower().startswith("acutrol3000"):
             raise self._wrong_device(repr(text))
@@ -68,9 +59,9 @@ class AcutrolTable(PolledTable):
         that; a limited rotary axis spans less than a turn, a continuous one keeps the default of a whole turn.
         """
         number = self._number(axis)
-        rate = self._exchanges.number(":limit:rate?", "rate", number)
-        acceleration = self._exchanges.number(":limit:acceleration?", "rate", number)
-        low, high = self._exchanges.query(self._position_limits, ":limit:absolute?", number)
+        rate = self._ask_number(":limit:rate?", "rate", number)
+        acceleration = self._ask_number(":limit:acceleration?", "rate", number)
+        low, high = self._query(self._position_limits, ":limit:absolute?", number)
         continuous = high - low >= 360.0
         return TableLimits(rate, acceleration, None if continuous else low, None if continuous else high)
 
@@ -79,9 +70,9 @@ class AcutrolTable(PolledTable):
     ) -> None:
         """Set the limits of position mode; those of rate mode, which `limits` reads, stay as they are."""
         number = self._number(axis)
-        self._exchanges.command(":limit:rate", "position", number, float(max_rate_dps))
+        self._command(":limit:rate", "position", number, float(max_rate_dps))
         if max_acceleration_dps2 is not None:
-            self._exchanges.command(":limit:acceleration", "position", number, float(max_acceleration_dps2))
+            self._command(":limit:acceleration", "position", number, float(max_acceleration_dps2))
 
     def servo_on(self) -> None:
         """Reset and close the interlock and wait until the controller reports Close, else DeviceRefused.
@@ -89,10 +80,10 @@ class AcutrolTable(PolledTable):
         The mode is set to Off (zero rate) first, so that closing never starts an old demand.
         """
         for number in self._numbers_by_name.values():
-            self._exchanges.command(":mode:off", number)
-            self._exchanges.command(":interlock:reset", number)
+            self._command(":mode:off", number)
+            self._command(":interlock:reset", number)
             self.link.clock.sleep(SERVO_PAUSE_S)
-            self._exchanges.command(":interlock:close", number)
+            self._command(":interlock:close", number)
             deadline = self.link.clock.now() + SERVO_TIMEOUT_S
             while (state := self._interlock(number)) != "close":
                 if state == "fault" or self.link.clock.now() >= deadline:
@@ -112,45 +103,32 @@ class AcutrolTable(PolledTable):
         """Demand a relative position (`:Demand:DeltaPosition`), in position mode at the present angle first."""
         self._require_finite(by_deg)
         number = self._number(axis)
-        before_deg = self._exchanges.number(":read:position?", number)
+        before_deg = self._ask_number(":read:position?", number)
         if not self._mode(number).startswith("p"):
             self._demand("position", before_deg, number)
-
-        def begun() -> bool:
-            """A turn must not be told twice: it is known by the axis having moved."""
-            moved_deg = math.remainder(self._exchanges.number(":read:position?", number) - before_deg, 360.0)
-            return (
-                abs(moved_deg) > _TAKEN_DEG or abs(self._exchanges.number(":read:rate?", number)) > _REST_DPS
-            )
-
-        command_once(
-            self.link, lambda: self._exchanges.tell(":demand:deltaposition", number, float(by_deg)), begun
+        self._turn_once(
+            lambda: self._tell(":demand:deltaposition", number, float(by_deg)),
+            before_deg,
+            lambda: self._ask_number(":read:position?", number),
+            lambda: self._ask_number(":read:rate?", number),
         )
 
     def spin(self, rate_dps: float, axis: str = "", acceleration_dps2: float | None = None) -> None:
         """Demand a rate in rate mode, within an acceleration limit of that mode if one is given."""
         number = self._number(axis)
         if acceleration_dps2 is not None:
-            self._exchanges.command(":limit:acceleration", "rate", number, float(acceleration_dps2))
+            self._command(":limit:acceleration", "rate", number, float(acceleration_dps2))
         self._demand("rate", rate_dps, number)
-
-    def state(self) -> TableState:
-        """Read angle and rate in one exchange."""
-        self.request_state()
-        return self.read_state()
 
     def request_state(self) -> None:
         """Ask for angle and rate without waiting; `read_state` must follow before any other exchange."""
-        self._exchanges.send(encode_state_query(*self._numbers_by_name.values()))
+        self._settle_input()
+        self.link.write(encode_state_query(*self._numbers_by_name.values()))
+        self._state_asked = True
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state`."""
-        return query_with_retry(self.link, self._collect_state)
-
-    def _collect_state(self) -> TableState:
-        if not self._exchanges.unread:
-            self.request_state()
-        numbers = self._exchanges.take(2 * len(self.axes))
+        numbers = self._collected(self.request_state, lambda: self._take(2 * len(self.axes)))
         outer = {
             name: TableState(numbers[2 * at], numbers[2 * at + 1]) for at, name in enumerate(self.axes[:-1])
         }
@@ -190,7 +168,6 @@ class AcutrolTable(PolledTable):
 
         Starts with a line end, which closes a command that was cut off halfway.
         """
-        self._exchanges.unread = False
         self.link.write(b"\r")
         self.link.write(encode_command(":mode:off", self._all))
 
@@ -202,24 +179,24 @@ class AcutrolTable(PolledTable):
         """
         self._once_halted()
         try:
-            self._exchanges.await_confirmation(":mode:off")
+            self._await_confirmation(":mode:off")
         except TROUBLES:
             self._closed_by_us = False
-            self._exchanges.insist(":interlock:open", self._all)
+            self._insist(":interlock:open", self._all)
 
     def read_rest(self) -> Rest:
         """Read the rates: at rest when that of every axis is below 0.01 deg/s."""
         state = self.state()
         rates = {**{name: axis.rate_dps for name, axis in state.outer.items()}, self.axes[-1]: state.rate_dps}
-        return Rest(all(abs(rate) < _REST_DPS for rate in rates.values()), rates)
+        return Rest(all(abs(rate) < REST_DPS for rate in rates.values()), rates)
 
     def _demand(self, mode: str, value: float, number: int) -> None:
         """Demand before and after a change of mode: an old demand never runs, whichever the device keeps."""
         self._require_finite(value)
         if not self._mode(number).startswith(mode[0]):
-            self._exchanges.command(f":demand:{mode}", number, float(value))
-            self._exchanges.command(f":mode:{mode}", number)
-        self._exchanges.command(f":demand:{mode}", number, float(value))
+            self._command(f":demand:{mode}", number, float(value))
+            self._command(f":mode:{mode}", number)
+        self._command(f":demand:{mode}", number, float(value))
 
     def _number(self, axis: str) -> int:
         """Return the controller's number of an axis; "" is the last one, which carries the unit."""
@@ -231,24 +208,24 @@ class AcutrolTable(PolledTable):
         return self._number("") if len(self.axes) == 1 else "ALL"
 
     def _mode(self, number: int) -> str:
-        return self._exchanges.word(":mode?", number)
+        return self._ask_word(":mode?", number)
 
     def _interlock(self, number: int) -> str:
-        return self._exchanges.word(":interlock?", number)
+        return self._ask_word(":interlock?", number)
 
     def _position_limits(self, text: str) -> tuple[float, ...]:
         count = text.replace(";", ",").count(",") + 1
         if count < 5:
-            raise self._exchanges.misfit(text, "rate, acceleration, jerk, low and high position limits")
-        return self._exchanges.numbers(text, count)[3:5]
+            raise self._misfit(text, "rate, acceleration, jerk, low and high position limits")
+        return self._numbers(text, count)[3:5]
 
     def _register(self, number: int, name: str) -> int:
         def word(text: str) -> int:
             if not text.isdecimal():
-                raise self._exchanges.misfit(text, f"status word A{number}{name} as an integer")
+                raise self._misfit(text, f"status word A{number}{name} as an integer")
             return int(text)
 
-        return self._exchanges.query(word, ":status:csr?", f"A{number}{name}")
+        return self._query(word, ":status:csr?", f"A{number}{name}")
 
     @property
     def _where(self) -> str:

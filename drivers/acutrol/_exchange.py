@@ -16,7 +16,7 @@ from drivers.acutrol.codec import (
     encode_command,
 )
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
-from drivers.kit.link import Link
+from drivers.kit.polled import PolledTable
 from drivers.kit.retry import await_confirmation, command_with_retry, misfit, query_with_retry
 
 REPLY_TIMEOUT_S = 2.0
@@ -26,71 +26,58 @@ Argument = int | float | str
 _T = TypeVar("_T")
 
 
-class Exchanges:
+class AcutrolExchanges(PolledTable):
     """Every exchange has a deadline (DeviceSilent), a reply that is not one raises ProtocolError, and an error
     code raises DeviceRefused with the controller's own text and the top of its error queue: for good when the
-    exchange has been tried again (`drivers.kit.retry`). `where`: the controller, in words.
+    exchange has been tried again (`drivers.kit.retry`).
     """
 
-    def __init__(self, link: Link, where: str) -> None:
-        self._link = link
-        self._where = where
-        self.unread = False
-        """Whether a question has been sent whose answer nobody has read yet."""
-
-    def send(self, line: bytes) -> None:
-        """Drop late answers and write a question whose answer `take` is to read."""
-        self._settle_input()
-        self._link.write(line)
-        self.unread = True
-
-    def take(self, count: int) -> tuple[float, ...]:
+    def _take(self, count: int) -> tuple[float, ...]:
         """Return the `count` numbers that answer what was sent last."""
-        self.unread = False
-        return self.numbers(self._accepted(self._read_reply(REPLY_TIMEOUT_S), "state poll"), count)
+        return self._numbers(self._accepted(self._read_reply(REPLY_TIMEOUT_S), "state poll"), count)
 
-    def query(self, read: Callable[[str], _T], header: str, *arguments: Argument) -> _T:
+    def _query(self, read: Callable[[str], _T], header: str, *arguments: Argument) -> _T:
         """Ask and return what `read` makes of the answer; ProtocolError from there has it asked again."""
-        return query_with_retry(self._link, lambda: read(self._ask(header, *arguments)))
+        return query_with_retry(self.link, lambda: read(self._ask(header, *arguments)))
 
-    def number(self, header: str, *arguments: Argument) -> float:
+    def _ask_number(self, header: str, *arguments: Argument) -> float:
         """Ask for a number."""
-        return self.query(lambda text: self.numbers(text, 1)[0], header, *arguments)
+        return self._query(lambda text: self._numbers(text, 1)[0], header, *arguments)
 
-    def word(self, header: str, *arguments: Argument) -> str:
+    def _ask_word(self, header: str, *arguments: Argument) -> str:
         """Ask for a word; return it in small letters."""
 
         def read(text: str) -> str:
             if not (text.isascii() and text.isalpha()):
-                raise self.misfit(text, "one word")
+                raise self._misfit(text, "one word")
             return text.lower()
 
-        return self.query(read, header, *arguments)
+        return self._query(read, header, *arguments)
 
-    def numbers(self, text: str, count: int) -> tuple[float, ...]:
+    def _numbers(self, text: str, count: int) -> tuple[float, ...]:
         """Return the `count` numbers of an answer; raises ProtocolError."""
         try:
             return decode_numbers(text, count)
         except ProtocolError as problem:
-            raise self.misfit(text, problem.expected) from problem
+            raise self._misfit(text, problem.expected) from problem
 
-    def command(self, header: str, *arguments: Argument) -> None:
+    def _command(self, header: str, *arguments: Argument) -> None:
         """Tell what does the same when it is told twice."""
         in_force = self._reading_back(header, *arguments)
-        command_with_retry(self._link, lambda: self.tell(header, *arguments), in_force, doubt_refusal=True)
+        command_with_retry(self.link, lambda: self._tell(header, *arguments), in_force, doubt_refusal=True)
 
-    def tell(self, header: str, *arguments: Argument) -> None:
+    def _tell(self, header: str, *arguments: Argument) -> None:
         """Send a command once and take its confirmation."""
         text = self._ask(header, *arguments)
         if text.upper() not in ("", "OK"):
-            raise self.misfit(text, f"OK or an empty answer to {header}")
+            raise self._misfit(text, f"OK or an empty answer to {header}")
 
-    def insist(self, header: str, axis: int | str) -> None:
+    def _insist(self, header: str, axis: int | str) -> None:
         """Send a command and wait until it is confirmed."""
-        self._link.write(encode_command(header, axis))
-        self.await_confirmation(header)
+        self.link.write(encode_command(header, axis))
+        self._await_confirmation(header)
 
-    def await_confirmation(self, header: str) -> None:
+    def _await_confirmation(self, header: str) -> None:
         """Pass over replies to older commands until the last one sent is confirmed."""
 
         def confirmed(timeout_s: float) -> bool:
@@ -99,9 +86,9 @@ class Exchanges:
                 return True
             raise self._refused(header, reply, "")
 
-        await_confirmation(self._link, REPLY_TIMEOUT_S, confirmed)
+        await_confirmation(self.link, REPLY_TIMEOUT_S, confirmed)
 
-    def misfit(self, found: str, expected: str) -> ProtocolError:
+    def _misfit(self, found: str, expected: str) -> ProtocolError:
         """Return the error for an answer that is none to the question."""
         return misfit("table", self._where, repr(found), expected)
 
@@ -110,11 +97,11 @@ class Exchanges:
         if header.startswith((":demand:", ":limit:")):
             *which, value = arguments
             return lambda: math.isclose(
-                self.number(f"{header}?", *which), float(value), rel_tol=1e-6, abs_tol=1e-5
+                self._ask_number(f"{header}?", *which), float(value), rel_tol=1e-6, abs_tol=1e-5
             )
         if header.startswith(":mode:") and isinstance(axis := arguments[0], int):
             wanted = header.removeprefix(":mode:")
-            return lambda: self.word(":mode?", axis).startswith(wanted[0])
+            return lambda: self._ask_word(":mode?", axis).startswith(wanted[0])
         return None
 
     def _ask(self, header: str, *arguments: Argument) -> str:
@@ -123,26 +110,26 @@ class Exchanges:
 
     def _exchange(self, header: str, *arguments: Argument) -> Reply:
         self._settle_input()
-        self._link.write(encode_command(header, *arguments))
+        self.link.write(encode_command(header, *arguments))
         return self._read_reply(REPLY_TIMEOUT_S)
 
     def _settle_input(self) -> None:
         """Take the answer to a state poll nobody read, then drop late answers."""
-        if self.unread:
-            self.unread = False
+        if self._state_asked:
+            self._state_asked = False
             with contextlib.suppress(DeviceSilent, ProtocolError):
                 self._read_reply(REPLY_TIMEOUT_S)
-        self._link.discard()
+        self.link.discard()
 
     def _read_reply(self, timeout_s: float) -> Reply:
-        deadline = self._link.clock.now() + timeout_s
-        header = self._link.read_exactly(HEADER_BYTES, timeout_s)
+        deadline = self.link.clock.now() + timeout_s
+        header = self.link.read_exactly(HEADER_BYTES, timeout_s)
         try:
             error, length = decode_header(header)
         except ProtocolError as problem:
-            rest = self._link.discard()
-            raise self.misfit((header + rest[:60]).decode("latin-1"), problem.expected) from problem
-        text = self._link.read_exactly(length, max(0.0, deadline - self._link.clock.now()))
+            rest = self.link.discard()
+            raise self._misfit((header + rest[:60]).decode("latin-1"), problem.expected) from problem
+        text = self.link.read_exactly(length, max(0.0, deadline - self.link.clock.now()))
         return Reply(error, decode_text(text))
 
     def _accepted(self, reply: Reply, request: str) -> str:

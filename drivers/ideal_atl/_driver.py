@@ -11,15 +11,12 @@ from drivers.ideal_atl._codec import END, POSITION, PROMPT, RATE, STATUS, decode
 from drivers.kit.config import Mistake, TableConfig
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
 from drivers.kit.kinds import Connection
-from drivers.kit.polled import TROUBLES, PolledTable
-from drivers.kit.retry import command_once, command_with_retry, query_with_retry
+from drivers.kit.polled import REST_DPS, TROUBLES, PolledTable
+from drivers.kit.retry import command_with_retry, query_with_retry
 
 REPLY_TIMEOUT_S = 2.0
 STANDSTILL_TIMEOUT_S = 120.0
 _PAUSE_S = 0.2
-_REST_DPS = 0.01
-_TAKEN_DEG = 1e-3
-"""A turn that was begun shows by more than this."""
 _QUIET_S = 0.3
 
 
@@ -119,11 +116,6 @@ class AtlTable(PolledTable):
 
         command_with_retry(self.link, jog)
 
-    def state(self) -> TableState:
-        """Read angle and rate."""
-        self.request_state()
-        return self.read_state()
-
     def request_state(self) -> None:
         """Ask for the rate without waiting; `read_state` must follow before anything else."""
         self._settle_input()
@@ -157,7 +149,7 @@ class AtlTable(PolledTable):
     def read_rest(self) -> Rest:
         """Read the rate: at rest below 0.01 deg/s."""
         rate_dps = self._number(RATE)
-        return Rest(abs(rate_dps) < _REST_DPS, {self.axes[-1]: rate_dps})
+        return Rest(abs(rate_dps) < REST_DPS, {self.axes[-1]: rate_dps})
 
     def _set_turn_limits(self) -> None:
         if self._turn_dps is not None:
@@ -168,11 +160,11 @@ class AtlTable(PolledTable):
     def _come_to_rest(self, axis: str) -> None:
         """A relative move counts from a standstill only."""
         self._require_axis(axis)
-        if abs(self._number(RATE)) < _REST_DPS:
+        if abs(self._number(RATE)) < REST_DPS:
             return
         self._command("STO")
         deadline = self.link.clock.now() + STANDSTILL_TIMEOUT_S
-        while abs(rate_dps := self._number(RATE)) >= _REST_DPS:
+        while abs(rate_dps := self._number(RATE)) >= REST_DPS:
             if self.link.clock.now() >= deadline:
                 raise DeviceRefused(
                     "the table does not come to rest",
@@ -184,13 +176,12 @@ class AtlTable(PolledTable):
             self.link.clock.sleep(_PAUSE_S)
 
     def _move(self, by_deg: float, before_deg: float) -> None:
-        """Tell a turn that must not be told twice: it was begun if the axis has moved."""
-
-        def begun() -> bool:
-            moved_deg = math.remainder(self._number(POSITION) - before_deg, 360.0)
-            return abs(moved_deg) > _TAKEN_DEG or abs(self._number(RATE)) >= _REST_DPS
-
-        command_once(self.link, lambda: self._tell("RMO", by_deg), begun)
+        self._turn_once(
+            lambda: self._tell("RMO", by_deg),
+            before_deg,
+            lambda: self._number(POSITION),
+            lambda: self._number(RATE),
+        )
 
     def _number(self, query: bytes) -> float:
         return query_with_retry(self.link, lambda: self._ask(query))

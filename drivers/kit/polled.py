@@ -9,12 +9,16 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.kit.instruments import Identity
+from drivers.kit.instruments import Identity, TableState
 from drivers.kit.link import Link
-from drivers.kit.retry import query_with_retry
+from drivers.kit.retry import command_once, query_with_retry
 
 TROUBLES = (DeviceRefused, DeviceSilent, ProtocolError)
 """What one command of several may meet without keeping the others from being sent."""
+REST_DPS = 0.01
+"""Below this an axis stands still; a rate estimate has noise of some 1e-4 deg/s."""
+_TAKEN_DEG = 1e-3
+"""A turn that was begun shows by more than this."""
 _T = TypeVar("_T")
 
 
@@ -113,6 +117,34 @@ class PolledTable(PolledInstrument):
     """The part of a rate table (`drivers.kit.instruments.Turntable`) that is the same for every controller."""
 
     axes: tuple[str, ...]
+
+    @abstractmethod
+    def request_state(self) -> None:
+        """Ask for telemetry without waiting; `read_state` must follow before anything else."""
+
+    @abstractmethod
+    def read_state(self) -> TableState:
+        """Take the answer to `request_state`, and ask the rest."""
+
+    def state(self) -> TableState:
+        """Read angle and rate."""
+        self.request_state()
+        return self.read_state()
+
+    def _turn_once(
+        self,
+        tell: Callable[[], None],
+        before_deg: float,
+        angle_deg: Callable[[], float],
+        rate_dps: Callable[[], float],
+    ) -> None:
+        """Tell a turn that must not be told twice: it was begun if the axis has moved or moves."""
+
+        def begun() -> bool:
+            moved_deg = math.remainder(angle_deg() - before_deg, 360.0)
+            return abs(moved_deg) > _TAKEN_DEG or abs(rate_dps()) >= REST_DPS
+
+        command_once(self.link, tell, begun)
 
     def _require_axis(self, axis: str) -> str:
         """Return the name of an axis; "" is the last one, which carries the unit."""

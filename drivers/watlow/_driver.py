@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Literal
 
@@ -16,14 +16,15 @@ from drivers.kit.modbus import Framing, ModbusMaster, float_words, words_float
 from drivers.kit.polled import TROUBLES
 from drivers.kit.retry import query_with_retry
 from drivers.watlow.registers import (
+    AIR_C,
     F4,
     F4_WORDS,
     F4T,
     F4T_WORDS,
+    SET_POINT_C,
     F4Readings,
     F4TReadings,
     Readings,
-    chamber_state,
     scaled,
     unscaled,
 )
@@ -60,13 +61,29 @@ class F4TConfig(_WatlowConfig):
 
 
 class WatlowChamber(PolledChamber):
-    """One chamber (`drivers.kit.instruments.Chamber`) at a serial port or a socket."""
+    """One chamber (`drivers.kit.instruments.Chamber`) at a serial port or a socket.
+
+    Registers by what they hold; a temperature or ramp takes `_width` of them.
+    """
 
     model: str
     _questions: tuple[tuple[int, int], ...]
     """(first register, count) of the reads that make up a state, in order."""
-    _stop_write: tuple[int, int]
-    """(register, word) that stops conditioning."""
+    _width: int
+    _set_point_register: int
+    _limits_register: int
+    _ramp_registers: tuple[int, int, int]
+    """Of the ramp's rate, its unit, its mode."""
+    _ramp_words: tuple[int, int, int]
+    """The unit K/min; the modes without and with a ramp."""
+    _switch_register: int
+    _switched_register: int
+    """Whether it conditions, read back."""
+    _off: int
+    _on: int
+    _alarm_registers: Mapping[int, int]
+    _alarm_words: Mapping[int, str]
+    """Of each state, empty for none; a state that is not here is told by its number."""
     _known_by = "registers of this model with plausible contents"
     _check = "check which device the bench file names for this port, its Modbus address, and its unit"
     _switched_by = "check door, alarms, and start_channel: the controller's output that starts this chamber"
@@ -90,16 +107,21 @@ class WatlowChamber(PolledChamber):
         """Read what a controller of this kind must have; ProtocolError if this one has not."""
 
     @abstractmethod
-    def _ramp(self, k_per_min: float | None) -> None:
-        """Limit the set point's rate of change, or not."""
+    def _encoded(self, value: float) -> Sequence[int]:
+        """Return the words of a temperature or a ramp."""
 
     @abstractmethod
-    def _set_point(self, temp_c: float) -> None:
-        """Write the set point."""
+    def _decoded(self, words: Sequence[int]) -> float:
+        """Return the temperature in words."""
 
     def _introduction(self) -> Identity:
         """Read registers that make sense in this model only; it has none for a serial number."""
         return Identity("Watlow", self.model, details=self._introduce())
+
+    def limits(self) -> ChamberLimits:
+        """Read the set point's limits."""
+        words = self._modbus.read(self._limits_register, 2 * self._width)
+        return ChamberLimits(self._decoded(words[: self._width]), self._decoded(words[self._width :]))
 
     def set_temperature(self, set_point_c: float, ramp_k_per_min: float | None = None) -> None:
         """Demand a set point; a ramp limits both directions, None takes the limit away."""
@@ -121,10 +143,41 @@ class WatlowChamber(PolledChamber):
             raise ProtocolError(
                 "the controller's registers hold no temperatures", where=self._where, expected="numbers"
             )
-        return chamber_state(row, self.auxiliary)
+        auxiliary_c = {number: row[f"aux_{number}_temp_c"] for number in self.auxiliary}
+        return ChamberState(row[AIR_C], row[SET_POINT_C], auxiliary_c)
+
+    def alarms(self) -> list[str]:
+        """Read the state of every alarm."""
+        found = []
+        for number, register in self._alarm_registers.items():
+            (state,) = self._modbus.read(register, 1)
+            if words := self._alarm_words.get(state, f"state {state}"):
+                found.append(f"alarm {number}: {words}")
+        return found
+
+    def _ramp(self, k_per_min: float | None) -> None:
+        """Rate first, mode last: no ramp ever begins at an old rate."""
+        rate_register, unit_register, mode_register = self._ramp_registers
+        per_minute, off, on = self._ramp_words
+        if k_per_min is not None:
+            self._modbus.write(rate_register, self._encoded(k_per_min))
+            self._modbus.write(unit_register, [per_minute])
+        self._modbus.write(mode_register, [off if k_per_min is None else on])
+
+    def _set_point(self, temp_c: float) -> None:
+        self._modbus.write(self._set_point_register, self._encoded(temp_c))
+
+    def _demanded_c(self) -> float:
+        return self._decoded(self._modbus.read(self._set_point_register, self._width))
+
+    def _switch(self, on: bool) -> None:
+        self._modbus.write(self._switch_register, [self._on if on else self._off])
+
+    def _is_running(self) -> bool:
+        return self._modbus.read(self._switched_register, 1)[0] != self._off
 
     def _send_stop(self) -> None:
-        self._modbus.send_write(*self._stop_write)
+        self._modbus.send_write(self._switch_register, self._off)
 
     def _way_to_rest(self) -> Iterable[Callable[[], None]]:
         return (
@@ -149,6 +202,11 @@ class F4Chamber(WatlowChamber):
     """Chamber with an F4: conditioning is switched by a digital output, as chamber makers wire it."""
 
     model = "F4"
+    _width = 1
+    _set_point_register, _limits_register = F4.SET_POINT, F4.SET_POINT_LOW
+    _ramp_registers, _ramp_words = (F4.RAMP_RATE, F4.RAMP_UNIT, F4.RAMP_MODE), (0, 0, 2)
+    _off, _on = 0, 1
+    _alarm_registers, _alarm_words = F4.ALARMS, {0: "", 1: "high", 2: "low"}
 
     def __init__(self, config: F4Config, connection: Connection) -> None:
         readings = F4Readings()
@@ -159,8 +217,8 @@ class F4Chamber(WatlowChamber):
             *((F4.INPUTS[number], 1) for number in inputs),
             (F4.SET_POINT, 1),
         )
-        self._output = F4.OUTPUT_1 + F4.OUTPUT_STEP * (config.start_channel - 1)
-        self._stop_write = (self._output, 0)
+        self._switch_register = F4.OUTPUT_1 + F4.OUTPUT_STEP * (config.start_channel - 1)
+        self._switched_register = self._switch_register
 
     def _introduce(self) -> dict[str, str]:
         """Read decimal places and unit; ProtocolError if they make no sense or it works in Fahrenheit."""
@@ -188,46 +246,11 @@ class F4Chamber(WatlowChamber):
         step, most = scaled(1, places), scaled(0x7FFF, places)
         return ChamberCapabilities(step, (step, most), tuple(number for number in F4.INPUTS if number > 1))
 
-    def limits(self) -> ChamberLimits:
-        """Read the set point's limits."""
-        low, high = self._modbus.read(F4.SET_POINT_LOW, 2)
-        return ChamberLimits(self._number(low), self._number(high))
+    def _encoded(self, value: float) -> Sequence[int]:
+        return [unscaled(value, self._decimals[1])]
 
-    def _ramp(self, k_per_min: float | None) -> None:
-        """Rate first, mode last: no ramp ever begins at an old rate."""
-        if k_per_min is not None:
-            self._modbus.write(F4.RAMP_RATE, [unscaled(k_per_min, self._decimals[1])])
-            self._modbus.write(F4.RAMP_UNIT, [0])
-        self._modbus.write(F4.RAMP_MODE, [0 if k_per_min is None else 2])
-
-    def _set_point(self, temp_c: float) -> None:
-        """Write the set point."""
-        self._modbus.write(F4.SET_POINT, [unscaled(temp_c, self._decimals[1])])
-
-    def _demanded_c(self) -> float:
-        """Read the set point back."""
-        return self._number(self._modbus.read(F4.SET_POINT, 1)[0])
-
-    def _switch(self, on: bool) -> None:
-        """Set or clear the output."""
-        self._modbus.write(self._output, [int(on)])
-
-    def _is_running(self) -> bool:
-        """Read the output."""
-        return bool(self._modbus.read(self._output, 1)[0])
-
-    def alarms(self) -> list[str]:
-        """Read alarms 1 and 2."""
-        words = {0: "", 1: "high", 2: "low"}
-        found = {number: self._modbus.read(register, 1)[0] for number, register in F4.ALARMS.items()}
-        return [
-            f"alarm {number}: {words.get(state, f'state {state}')}"
-            for number, state in found.items()
-            if state
-        ]
-
-    def _number(self, word: int) -> float:
-        return scaled(word, self._decimals[1])
+    def _decoded(self, words: Sequence[int]) -> float:
+        return scaled(words[0], self._decimals[1])
 
 
 class F4TChamber(WatlowChamber):
@@ -235,7 +258,13 @@ class F4TChamber(WatlowChamber):
 
     model = "F4T"
     _questions = ((F4T.AIR, 2), (F4T.ACTIVE_SET_POINT, 2))
-    _stop_write = (F4T.MODE, F4T.OFF)
+    _width = 2
+    _set_point_register, _limits_register = F4T.SET_POINT, F4T.SET_POINT_LOW
+    _ramp_registers = (F4T.RAMP_RATE, F4T.RAMP_SCALE, F4T.RAMP_ACTION)
+    _ramp_words = (F4T.PER_MINUTE, F4T.RAMP_OFF, F4T.RAMP_BOTH)
+    _switch_register, _switched_register = F4T.MODE, F4T.ACTIVE_MODE
+    _off, _on = F4T.OFF, F4T.AUTO
+    _alarm_registers, _alarm_words = F4T.ALARM_REGISTERS, F4T.ALARM_WORDS
 
     def __init__(self, config: F4TConfig, connection: Connection) -> None:
         super().__init__(config, connection, config.framing, F4T_WORDS, F4TReadings())
@@ -256,40 +285,8 @@ class F4TChamber(WatlowChamber):
         """Values are float32; the thermometer behind them resolves about 0.01 K."""
         return ChamberCapabilities(0.01, (0.001, 99_999.0), ())
 
-    def limits(self) -> ChamberLimits:
-        """Read the set point's limits."""
-        words = self._modbus.read(F4T.SET_POINT_LOW, 4)
-        return ChamberLimits(words_float(words[:2]), words_float(words[2:]))
+    def _encoded(self, value: float) -> Sequence[int]:
+        return float_words(value)
 
-    def _ramp(self, k_per_min: float | None) -> None:
-        """Rate first, action last: no ramp ever begins at an old rate."""
-        if k_per_min is not None:
-            self._modbus.write(F4T.RAMP_RATE, float_words(k_per_min))
-            self._modbus.write(F4T.RAMP_SCALE, [F4T.PER_MINUTE])
-        self._modbus.write(F4T.RAMP_ACTION, [F4T.RAMP_OFF if k_per_min is None else F4T.RAMP_BOTH])
-
-    def _set_point(self, temp_c: float) -> None:
-        """Write the set point."""
-        self._modbus.write(F4T.SET_POINT, float_words(temp_c))
-
-    def _demanded_c(self) -> float:
-        """Read the set point back."""
-        return words_float(self._modbus.read(F4T.SET_POINT, 2))
-
-    def _switch(self, on: bool) -> None:
-        """Set the loop to auto or off."""
-        self._modbus.write(F4T.MODE, [F4T.AUTO if on else F4T.OFF])
-
-    def _is_running(self) -> bool:
-        """Read the mode in force."""
-        return self._modbus.read(F4T.ACTIVE_MODE, 1)[0] != F4T.OFF
-
-    def alarms(self) -> list[str]:
-        """Read the state of alarms 1 to 6; a state without a name is told by its number."""
-        found = []
-        for number in range(F4T.ALARMS):
-            (state,) = self._modbus.read(F4T.ALARM_1 + F4T.ALARM_STEP * number, 1)
-            words = F4T.ALARM_WORDS.get(state, f"state {state}")
-            if words:
-                found.append(f"alarm {number + 1}: {words}")
-        return found
+    def _decoded(self, words: Sequence[int]) -> float:
+        return words_float(words)

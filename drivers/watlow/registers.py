@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from drivers.base.errors import ProtocolError
-from drivers.kit.instruments import ChamberState
 from drivers.kit.modbus import to_signed, words_float
 
 AIR_C, SET_POINT_C = "air_temp_c", "set_point_c"
@@ -43,9 +42,7 @@ class F4T:
     ACTIVE_SET_POINT = 2810
     ACTIVE_MODE = 2814
     AIR = 2820
-    ALARM_1 = 1356
-    ALARM_STEP = 100
-    ALARMS = 6
+    ALARM_REGISTERS: ClassVar[Mapping[int, int]] = {n + 1: 1356 + 100 * n for n in range(6)}
     AUTO, MANUAL, OFF = 10, 54, 62
     RAMP_OFF, RAMP_BOTH, PER_MINUTE = 62, 13, 57
     ALARM_WORDS: ClassVar[Mapping[int, str]] = {
@@ -82,7 +79,7 @@ F4T_WORDS: Mapping[int, str] = {
     F4T.ACTIVE_SET_POINT: "set point in force",
     F4T.ACTIVE_MODE: "control mode in force",
     F4T.AIR: "air temperature",
-    **{F4T.ALARM_1 + F4T.ALARM_STEP * n: f"state of alarm {n + 1}" for n in range(F4T.ALARMS)},
+    **{register: f"state of alarm {number}" for number, register in F4T.ALARM_REGISTERS.items()},
 }
 """What is in the registers that the bench reads and writes, by the first one's number."""
 
@@ -149,10 +146,3 @@ class F4TReadings:
 
 
 Readings = F4Readings | F4TReadings
-
-
-def chamber_state(row: dict[str, float], auxiliary: Sequence[int]) -> ChamberState:
-    """Return a row of telemetry as the bench takes it, with the sensors it names."""
-    return ChamberState(
-        row[AIR_C], row[SET_POINT_C], {number: row[f"aux_{number}_temp_c"] for number in auxiliary}
-    )

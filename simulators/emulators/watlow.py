@@ -238,9 +238,8 @@ class F4TEmulator(WatlowEmulator):
         if register in (F4T.MODE, F4T.ACTIVE_MODE):
             off = register == F4T.ACTIVE_MODE and self._alarm
             return F4T.AUTO if self._running and not off else F4T.OFF
-        alarm, rest = divmod(register - F4T.ALARM_1, F4T.ALARM_STEP)
-        if rest == 0 and 0 <= alarm < F4T.ALARMS:
-            return 37 if self._alarm and alarm == 0 else 61
+        if register in F4T.ALARM_REGISTERS.values():
+            return 37 if self._alarm and register == F4T.ALARM_REGISTERS[1] else 61
         return self._words.get(register)
 
     def write(self, register: int, words: Sequence[int], now_s: float) -> int:

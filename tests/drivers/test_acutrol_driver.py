@@ -112,7 +112,7 @@ def test_state_is_one_joined_query(order):
 def test_refusal_carries_the_devices_text_and_its_error_queue():
     table, wire = scripted(frame("", 215), frame("215: XML Path Not Found"))
     with pytest.raises(DeviceRefused) as caught:
-        table._exchanges.command(":interlock:open", "1")
+        table._command(":interlock:open", "1")
     assert wire.sent == b":interlock:open 1\r\n:Status:MSG? QERROR\r\n"
     assert "XML Path Not Found" in str(caught.value) and "215" in str(caught.value)
 
@@ -179,7 +179,7 @@ def test_servo_point_spin_on_the_emulated_table(bench):
     table.point(370.25)
     assert table.state().angle_deg == 10.25
     assert table.alarms() == []
-    table._exchanges.command(":interlock:open", "1")
+    table._command(":interlock:open", "1")
     assert not plant.on and table.alarms() != []
 
 
@@ -187,7 +187,7 @@ def test_closing_the_interlock_never_runs_an_old_demand(bench):
     table, _, plant, _ = bench
     table.servo_on()
     table.spin(100.0)
-    table._exchanges.command(":interlock:open", "1")
+    table._command(":interlock:open", "1")
     table.servo_on()
     assert plant.rate == 0.0
 
