@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bench.campaign._file import Campaign, CampaignRun, bench_of
+from bench.campaign._file import Campaign, CampaignRun, bench_of, load_campaign
 from bench.campaign._rehearse import rehearse_run
-from bench.control.disk import estimated_bytes
+from bench.control.disk import check_disk, estimated_bytes
 from bench.control.procedure import Demands
 from bench.lab.emulated import Plant
 from bench.record.benchfile import BenchFile
 from bench.record.events.run import ConditioningDemand, Prompt, Step
 from bench.record.figure_limits import OVER_RUNS
 from bench.record.recording import read_events
-from drivers.base.errors import LimitExceeded
+from drivers.base.errors import ConfigurationError, LimitExceeded
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,22 @@ def check_limits(campaign: Campaign, file: BenchFile) -> None:
             f"at most {limits.max_ramp_k_per_min:g} K/min and {limits.max_rate_dps:g} deg/s ([limits])",
             remedy="change the parameters of these runs, or the limits if bench and units really allow it",
         )
+
+
+def campaign_to_rehearse(campaign_file: Path, file: BenchFile, out: Path) -> tuple[Campaign, Path]:
+    """Return a campaign and the folder in `out` for its runs; refused beyond limits, over runs, without room."""
+    campaign = load_campaign(campaign_file, file)
+    check_limits(campaign, bench_of(campaign, file))
+    runs_folder = out / "runs"
+    if runs_folder.exists() and any(runs_folder.iterdir()):
+        raise ConfigurationError(
+            "the folder already holds runs",
+            where=str(runs_folder),
+            expected="a new or empty folder: runs are never overwritten",
+            remedy="name another one with --out, or remove this one",
+        )
+    check_disk(estimated_bytes(campaign.expected_duration_s(), file), out, "the campaign", "--out")
+    return campaign, runs_folder
 
 
 def not_measured(campaign: Campaign) -> list[str]:

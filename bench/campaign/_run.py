@@ -1,24 +1,29 @@
-"""A campaign being run: what is left of it, in order, each run recorded whole before the next begins."""
+"""A campaign begun, being run or resumed: what is left of it, in order, each run recorded whole before the next.
+
+What can be refused is refused before anything is written.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from bench.campaign._file import CampaignRun, bench_of
+from bench.campaign._file import CampaignRun, bench_of, load_campaign
 from bench.campaign._folder import CampaignFolder, RunState
 from bench.campaign._notify import Announcing, Notifier
 from bench.campaign._plan import check_limits
+from bench.control.disk import check_disk, estimated_bytes
 from bench.control.lease import Lease, take_lease
 from bench.control.live import Live
 from bench.control.procedure import Procedure, find_procedure
 from bench.control.progress import Progress
 from bench.control.questions import Assisted, AssumeYes, EmulatedOperator, Operator, Prepared
-from bench.control.runner import RunRequest, RunResult, run_procedure
-from bench.lab.emulated import EmulatedLab
+from bench.control.runner import RunRequest, RunResult
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.lab.rehearsal import run_in_lab
 from bench.record.benchfile import BenchFile
 from bench.record.events.campaign import Checked, Continued, RunEnded, RunStarted, SetAside, Started, Stopped
 from bench.record.events.run import Paused, Requested, Resumed
@@ -26,6 +31,32 @@ from drivers.base.errors import BenchError, RunAborted
 
 KNOWN_STATE = "known-state"
 """The procedure that brings the bench to a known state and says whether it got there."""
+
+
+def begin_campaign(
+    campaign_file: Path, file: BenchFile, out: Path, *, plant: Plant | None = None, ask: bool = False
+) -> CampaignFolder:
+    """Begin a campaign on the bench, or with `plant` on emulated labs; nothing has moved yet.
+
+    Refused: a demand beyond the limits, a disk without room, a bench in use, a folder that is not empty.
+    """
+    campaign = load_campaign(campaign_file, file)
+    bench = bench_of(campaign, file)
+    check_limits(campaign, bench)
+    check_disk(estimated_bytes(campaign.expected_duration_s(), bench), out, "the campaign", "--out")
+    if plant is None:
+        take_lease(bench, f"campaign {campaign.title}").release()  # only to see that the bench is free
+    return CampaignFolder.create(out, campaign_file, campaign, file, plant, ask)
+
+
+def resume_campaign(path: Path) -> CampaignFolder:
+    """Open a campaign that was begun, to go on with it; refused if the disk has no room for the runs left."""
+    folder = CampaignFolder(path)
+    open_runs = [state.run for state in folder.states() if state.state == "open"]
+    left_s = sum(run.test.expected_duration_s(run.values) for run in open_runs)
+    needed = estimated_bytes(left_s, bench_of(folder.campaign, folder.file))
+    check_disk(needed, path, "what is left of the campaign", "--out of a new campaign")
+    return folder
 
 
 @dataclass(frozen=True)
@@ -44,6 +75,10 @@ class CampaignEnding:
         }
 
 
+def _shows_nothing(name: str, expected_s: float) -> AbstractContextManager[None]:
+    return nullcontext()
+
+
 @dataclass
 class CampaignRunner:
     """Runs what is left of the campaign in `folder`.
@@ -56,8 +91,10 @@ class CampaignRunner:
     folder: CampaignFolder
     operator: Operator | None = None
     yes: bool = False
-    display: Callable[[str, float], AbstractContextManager[Callable[[Progress], None]]] | None = None
-    say: Callable[[RunResult], None] | None = None
+    display: Callable[[str, float], AbstractContextManager[Callable[[Progress], None] | None]] = (
+        _shows_nothing
+    )
+    say: Callable[[RunResult], None] = lambda result: None
     _file: BenchFile = field(init=False, repr=False)
     _notifier: Notifier = field(init=False, repr=False)
     _lease: Lease | None = field(init=False, repr=False, default=None)
@@ -126,10 +163,10 @@ class CampaignRunner:
             result = self._run_one(run, number)
             if result.outcome == "aborted":
                 return "aborted" if isinstance(result.error, RunAborted) else "failed", result.reason
-        if wrong := [
-            f"{state.run.name} ({state.reason})" for state in folder.states() if state.state == "open"
-        ]:
-            return "failed", f"not recorded: {'; '.join(wrong)}"
+        still_open = [state for state in folder.states() if state.state == "open"]
+        if still_open:
+            names = "; ".join(f"{state.run.name} ({state.reason})" for state in still_open)
+            return "failed", f"not recorded: {names}"
         return "completed", ""
 
     def _note_sent(self) -> None:
@@ -137,28 +174,16 @@ class CampaignRunner:
         while self._notifier.sent:
             self.folder.event(self._notifier.sent.popleft())
 
-    @contextmanager
-    def _lab(self, number: int) -> Iterator[EmulatedLab | None]:
-        """Give a fresh emulated lab for run `number`, None where the bench is a real one."""
-        plant = self.folder.plant
-        if plant is None:
-            yield None
-            return
-        with EmulatedLab(self._file, plant.for_run(number)) as lab:
-            yield lab
-
     def _run_one(self, run: CampaignRun, number: int) -> RunResult:
         run_id = self.folder.next_id(run)
         self.folder.event(RunStarted(run.name, f"runs/{run_id}"))
-        with self._lab(number) as lab:
-            result = self._procedure(run.test, run.values, lab, self.folder.runs, run_id)
+        result = self._perform(run.test, run.values, number, self.folder.runs, run_id)
         damage, _ = self.folder.judge(run, result.folder)
         if damage and result.outcome != "aborted":
             result.outcome, result.reason = "aborted", f"the record is not sound: {damage}"
         where = f"runs/{result.folder.name}"
         self.folder.event(RunEnded(run.name, where, result.outcome, result.reason))
-        if self.say is not None:
-            self.say(result)
+        self.say(result)
         self._notifier.tell("run_ended", f"{run.name}: {result.outcome}", reason=result.reason)
         self._note_sent()
         return result
@@ -168,15 +193,13 @@ class CampaignRunner:
         procedure = find_procedure(KNOWN_STATE)
         file = self.folder.file
         checks = self.folder.path / "checks"
-        with self._lab(0) as lab:
-            values = procedure.parse({"air_c": file.safe.chamber_set_point_c})
-            ramp = min(values.model_dump()["ramp_k_per_min"], file.limits.max_ramp_k_per_min)
-            values = values.model_copy(update={"ramp_k_per_min": ramp})
-            result = self._procedure(procedure, values, lab, checks, f"{KNOWN_STATE}-{attempt}")
+        values = procedure.parse({"air_c": file.safe.chamber_set_point_c})
+        ramp = min(values.model_dump()["ramp_k_per_min"], file.limits.max_ramp_k_per_min)
+        values = values.model_copy(update={"ramp_k_per_min": ramp})
+        result = self._perform(procedure, values, 0, checks, f"{KNOWN_STATE}-{attempt}")
         where = result.folder.relative_to(self.folder.path).as_posix()
         self.folder.event(Checked(where, result.outcome, result.reason))
-        if self.say is not None:
-            self.say(result)
+        self.say(result)
         if result.outcome != "completed":
             raise RunAborted(
                 "the bench is not in a known state, so the campaign does not go on",
@@ -186,28 +209,16 @@ class CampaignRunner:
                 remedy="put right what it found, then resume again",
             )
 
-    def _procedure(
-        self, procedure: Procedure, values: Any, lab: EmulatedLab | None, runs: Path, run_id: str
-    ) -> RunResult:
-        view: AbstractContextManager[Callable[[Progress], None] | None] = nullcontext()
-        if self.display is not None:
-            view = self.display(run_id, procedure.expected_duration_s(values))
-        with view as show:
-            return run_procedure(
-                RunRequest(
-                    procedure,
-                    values,
-                    self._file if lab is None else lab.file,
-                    runs,
-                    self._operator(lab),
-                    show,
-                    run_id=run_id,
-                    emulated=None if lab is None else lab.emulated,
-                    before_close=None if lab is None else lab.save_truth,
-                    lease=self._lease,
-                    live=self._live,
-                )
+    def _perform(self, procedure: Procedure, values: Any, number: int, runs: Path, run_id: str) -> RunResult:
+        """Run a procedure on the bench; on emulated ones on a fresh lab, the one of run `number`."""
+        plant = self.folder.plant
+        with ExitStack() as stack:
+            lab = (
+                None if plant is None else stack.enter_context(EmulatedLab(self._file, plant.for_run(number)))
             )
+            show = stack.enter_context(self.display(run_id, procedure.expected_duration_s(values)))
+            request = RunRequest(procedure, values, self._file, runs, self._operator(lab), show, run_id)
+            return run_in_lab(replace(request, lease=self._lease, live=self._live), lab)
 
     def _operator(self, lab: EmulatedLab | None) -> Operator:
         if lab is not None and not self.folder.ask:

@@ -10,7 +10,7 @@ import struct
 import subprocess
 import sys
 from contextlib import suppress
-from typing import IO, Protocol
+from typing import IO, Protocol, Self
 
 from drivers.base.errors import BenchError
 from simulators.config import LabConfig
@@ -62,7 +62,7 @@ class PreforkServer:
         with suppress(BrokenPipeError), self._process.stdin as stdin:
             stdin.write(b"" if like is None else like.to_line() + b"\n")
 
-    def __enter__(self) -> PreforkServer:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -9,10 +9,11 @@ from typing import Any
 
 from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
 from bench.control.questions import AssumeYes, EmulatedOperator, Operator, Question, Reply
-from bench.control.runner import RunRequest, run_procedure
+from bench.control.runner import RunRequest
 from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant, lab_config
 from bench.lab.prefork import PreforkServer
+from bench.lab.rehearsal import run_in_lab
 from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.recording import Run
 from drivers.base.errors import BenchError, RunAborted
@@ -140,21 +141,11 @@ class TestBench:
                 remedy="use one test a run, or measure both in one procedure: its clock does not start anew",
             )
         self._used = True
-        result = run_procedure(
-            RunRequest(
-                procedure,
-                parameters,
-                self.file,
-                self.runs,
-                self._operator(),
-                emulated=None if self._lab is None else self._lab.emulated,
-                before_close=None if self._lab is None else self._lab.save_truth,
-            )
-        )
-        recorded = Run.open(result.folder).manifest.measurements
+        request = RunRequest(procedure, parameters, self.file, self.runs, self._operator())
+        result = run_in_lab(request, self._lab)
         measurements = tuple(
             Measurement(row["name"], _number(row["value"]), row["unit"], row["low"], row["high"])
-            for row in recorded
+            for row in Run.open(result.folder).manifest.measurements
         )
         self._report("run_folder", str(result.folder))
         self._report("run_outcome", result.outcome)
@@ -185,22 +176,16 @@ class TestBench:
             self._report(f"{measured.name}.passed", measured.passed)
 
 
-class LabPool:
+class LabPool(PreforkServer):
     """Emulated labs of one bench, one after the other; a context manager."""
 
     def __init__(self, file: BenchFile) -> None:
+        super().__init__(lab_config(file, Plant()))
         self._file = file
-        self._prefork = PreforkServer(lab_config(file, Plant()))
-
-    def __enter__(self) -> LabPool:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._prefork.__exit__(*error)
 
     def lab(self, plant: Plant) -> EmulatedLab:
         """Return a fresh lab with that physics."""
-        return EmulatedLab(self._file, plant, start=self._prefork.start_lab)
+        return EmulatedLab(self._file, plant, start=self.start_lab)
 
 
 class _Nobody:
