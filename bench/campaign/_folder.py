@@ -21,7 +21,7 @@ from bench.record.events.run import Demand
 from bench.record.recording import Manifest, checksum, read_events, read_manifest
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import BenchInUse, ConfigurationError, RecordError
-from drivers.base.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded
+from drivers.base.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded, replace_file
 
 CAMPAIGN_FILE, BENCH_FILE, JOURNAL_FILE, LOCK_FILE = "campaign.toml", "bench.json", "events.jsonl", ".lock"
 
@@ -58,13 +58,7 @@ class CampaignFolder:
 
     @classmethod
     def create(
-        cls,
-        path: Path,
-        campaign_file: Path,
-        campaign: Campaign,
-        file: BenchFile,
-        plant: Plant | None,
-        ask: bool,
+        cls, path: Path, campaign_file: Path, file: BenchFile, plant: Plant | None, ask: bool
     ) -> CampaignFolder:
         """Begin a campaign in a new or empty folder; ConfigurationError if there is something in it."""
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
@@ -84,13 +78,14 @@ class CampaignFolder:
         }
         try:
             (path / "runs").mkdir(parents=True)
-            _write_synced(path / CAMPAIGN_FILE, campaign_file.read_bytes())
-            _write_synced(path / BENCH_FILE, json.dumps(about, indent=1).encode())
+            replace_file(path / CAMPAIGN_FILE, campaign_file.read_bytes())
+            replace_file(path / BENCH_FILE, json.dumps(about, indent=1))
         except OSError as error:
             raise RecordError(
                 "the campaign folder cannot be written", where=str(path), found=str(error)
             ) from error
         folder = cls(path)
+        campaign = folder.campaign
         names = [run.name for run in campaign.runs]
         folder.event(CampaignBegun(campaign.title, campaign.sha256, file.sha256, names))
         return folder
@@ -225,17 +220,15 @@ def _damage(folder: Path, manifest: Manifest, thorough: bool) -> str:
     """Return what of the sealed files is missing or not what was sealed, empty if nothing."""
     if not manifest.files:
         return "it was sealed without files"
-    wrong = [name for name, entry in manifest.files.items() if _size(folder / name) != entry.bytes]
+    paths = {name: folder / name for name in manifest.files}
+    wrong = [
+        name
+        for name, path in paths.items()
+        if not path.is_file() or path.stat().st_size != manifest.files[name].bytes
+    ]
     if thorough and not wrong:
-        wrong = [name for name, entry in manifest.files.items() if checksum(folder / name) != entry]
+        wrong = [name for name, path in paths.items() if checksum(path) != manifest.files[name]]
     return f"not what was sealed: {', '.join(wrong)}" if wrong else ""
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return -1
 
 
 def _read_about(path: Path) -> dict[str, Any]:
@@ -250,10 +243,3 @@ def _read_about(path: Path) -> dict[str, Any]:
             expected=f"{CAMPAIGN_FILE}, {BENCH_FILE} and runs/ as `gyrobench campaign run` makes them",
         ) from error
     return about
-
-
-def _write_synced(path: Path, content: bytes) -> None:
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())

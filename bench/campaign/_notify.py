@@ -50,7 +50,9 @@ class Notifier:
             if notice.command is not None:
                 problem = _run(notice.command, body)
             elif notice.webhook is not None:
-                _post(notice.webhook, body)
+                headers = {"Content-Type": "application/json"}
+                request = urllib.request.Request(notice.webhook, body, headers)
+                urllib.request.urlopen(request, timeout=_TIMEOUT_S).close()
             elif notice.file is not None:
                 with notice.file.open("ab") as file:
                     file.write(body)
@@ -77,9 +79,3 @@ def _run(command: tuple[str, ...], body: bytes) -> str:
     done = subprocess.run(command, input=body, capture_output=True, timeout=_TIMEOUT_S, check=False)
     said = done.stderr.decode("utf-8", "replace").strip()[-200:]
     return f"ended with {done.returncode}: {said}" if done.returncode else ""
-
-
-def _post(address: str, body: bytes) -> None:
-    request = urllib.request.Request(address, body, {"Content-Type": "application/json"})
-    with urllib.request.urlopen(request, timeout=_TIMEOUT_S):
-        pass

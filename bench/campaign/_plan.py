@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.campaign._file import Campaign, CampaignRun, bench_of, load_campaign
-from bench.campaign._rehearse import rehearse_run
 from bench.control.disk import check_disk, estimated_bytes
 from bench.control.procedure import Demands
 from bench.lab.emulated import Plant
+from bench.lab.rehearsal import rehearse_procedure
 from bench.record.benchfile import BenchFile
 from bench.record.events.run import ConditioningDemand, Prompt, Step
 from bench.record.figure_limits import OVER_RUNS
@@ -149,7 +149,7 @@ def _estimated(run: CampaignRun, file: BenchFile) -> PlannedRun:
 
 def _rehearsed(run: CampaignRun, file: BenchFile, plant: Plant) -> PlannedRun:
     with tempfile.TemporaryDirectory(prefix="gyrobench-plan-") as scratch:
-        result = rehearse_run(run, file, plant, 0, Path(scratch))
+        result = rehearse_procedure(run.test, run.values, file, plant, Path(scratch), run_id=run.name)
         events = read_events(result.folder)
         size = sum(
             path.stat().st_size

@@ -91,16 +91,10 @@ def _end_with_parent() -> None:
 def _work(
     run: CampaignRun, file: BenchFile, plant: Plant, number: int, runs_folder: Path, lane: int | None
 ) -> RunResult:
-    result = rehearse_run(run, file, plant, number, runs_folder, lane)
+    """Rehearse run `number` of a campaign, counted from 0, on an emulated lab of its own."""
+    numbered = plant.for_run(number)
+    result = rehearse_procedure(run.test, run.values, file, numbered, runs_folder, run_id=run.name, lane=lane)
     parent = parent_process()
     if parent is not None and not parent.is_alive():
         os._exit(3)  # nobody will ever ask for the result
     return result
-
-
-def rehearse_run(
-    run: CampaignRun, file: BenchFile, plant: Plant, number: int, runs_folder: Path, lane: int | None = None
-) -> RunResult:
-    """Run one run of a campaign, `number` counted from 0, on an emulated lab of its own."""
-    numbered = plant.for_run(number)
-    return rehearse_procedure(run.test, run.values, file, numbered, runs_folder, run_id=run.name, lane=lane)

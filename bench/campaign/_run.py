@@ -46,7 +46,7 @@ def begin_campaign(
     check_disk(estimated_bytes(campaign.expected_duration_s(), bench), out, "the campaign", "--out")
     if plant is None:
         take_lease(bench, f"campaign {campaign.title}").release()  # only to see that the bench is free
-    return CampaignFolder.create(out, campaign_file, campaign, file, plant, ask)
+    return CampaignFolder.create(out, campaign_file, file, plant, ask)
 
 
 def resume_campaign(path: Path) -> CampaignFolder:

@@ -151,7 +151,10 @@ def unit_seed(unit: str) -> int:
 
 
 class EmulatedLab:
-    """A running lab; use as a context manager. `file` is the bench file that reaches it."""
+    """A running lab; use as a context manager. `file` is the bench file that reaches it.
+
+    Lab and bench share a processor; labs that run side by side have different lanes.
+    """
 
     def __init__(
         self,
@@ -163,8 +166,8 @@ class EmulatedLab:
         start: Callable[[], LabProcess] = start_lab,
     ) -> None:
         self._process = start()
-        self._answers = self._process.stdout
-        cpu = _cpu_of(os.getpid() if lane is None else lane)
+        allowed = sorted(os.sched_getaffinity(0))
+        cpu = allowed[(os.getpid() if lane is None else lane) % len(allowed)]
         try:
             self._write(lab_config(file, plant, clock, cpu).to_line())
             ready = self._read()
@@ -212,8 +215,8 @@ class EmulatedLab:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        if self._answers is not None:
-            self._answers.close()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
 
     def save_truth(self, folder: Path) -> None:
         """Keep the true drift of every emulated unit, and the faults, beside the run: for judging only."""
@@ -231,7 +234,7 @@ class EmulatedLab:
         self.close()
 
     def _read(self) -> dict[str, Any]:
-        line = self._answers.readline() if self._answers is not None else b""
+        line = self._process.stdout.readline() if self._process.stdout is not None else b""
         if not line:
             raise _ended()
         answer: dict[str, Any] = json.loads(line)
@@ -258,14 +261,6 @@ def load_plant(path: Path | None, seed: int | None = None) -> Plant:
         ) from error
     models = {unit: path.parent / file for unit, file in plant.gap_model.items()}
     return plant.model_copy(update={"gap_model": models, **seeded})
-
-
-def _cpu_of(lane: int) -> int | None:
-    """Return the processor that lab and bench share; labs that run side by side have different lanes."""
-    if not hasattr(os, "sched_getaffinity"):
-        return None
-    allowed = sorted(os.sched_getaffinity(0))
-    return allowed[lane % len(allowed)]
 
 
 def lab_config(

@@ -15,31 +15,9 @@ from bench.lab.emulated import EmulatedLab, Plant, lab_config
 from bench.lab.prefork import PreforkServer
 from bench.lab.rehearsal import run_in_lab
 from bench.record.benchfile import BenchFile, load_bench_file
+from bench.record.events.run import Measured
 from bench.record.recording import Run
 from drivers.base.errors import BenchError, RunAborted
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """A measured value against its limits."""
-
-    name: str
-    value: float
-    unit: str
-    low: float | None = None
-    high: float | None = None
-
-    @property
-    def passed(self) -> bool | None:
-        """Whether it is inside, NaN never is; None without limits, when there is nothing to judge."""
-        if self.low is None and self.high is None:
-            return None
-        return (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high)
-
-    def __str__(self) -> str:
-        low = "" if self.low is None else f"{self.low:g} <= "
-        high = "" if self.high is None else f" <= {self.high:g}"
-        return f"{self.name}: {low}{self.value:.6g}{high} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -50,7 +28,7 @@ class TestRun:
     folder: Path
     outcome: str
     reason: str
-    measurements: tuple[Measurement, ...]
+    measurements: tuple[Measured, ...]
 
     @property
     def record(self) -> Run:
@@ -59,10 +37,10 @@ class TestRun:
 
     def value(self, name: str) -> float:
         """Return a measured value, the last one of that name; KeyError with the names there are."""
-        found = {measurement.name: measurement.value for measurement in self.measurements}
-        if name not in found:
-            raise KeyError(f"{name} was not measured; measured were {', '.join(found) or 'none'}")
-        return found[name]
+        values = {measurement.name: _number(measurement.value) for measurement in self.measurements}
+        if name not in values:
+            raise KeyError(f"{name} was not measured; measured were {', '.join(values) or 'none'}")
+        return values[name]
 
 
 class TestBench:
@@ -129,10 +107,12 @@ class TestBench:
         self, name: str, value: float, unit: str, *, low: float | None = None, high: float | None = None
     ) -> float:
         """Put a value that the test computed into the report; AssertionError if it is outside its limits."""
-        measured = Measurement(name, float(value), unit, low, high)
+        inside = (low is None or value >= low) and (high is None or value <= high)
+        judged = None if low is None and high is None else inside
+        measured = Measured(name, float(value), unit, low, high, judged)
         self._tell(measured)
-        assert measured.passed is not False, str(measured)
-        return measured.value
+        assert inside, _text(measured)
+        return float(value)
 
     def _run(self, procedure: Procedure, parameters: Parameters, judge: bool) -> TestRun:
         if self._used and self._lab is not None:
@@ -144,7 +124,7 @@ class TestBench:
         request = RunRequest(procedure, parameters, self.file, self.runs, self._operator())
         result = run_in_lab(request, self._lab)
         measurements = tuple(
-            Measurement(row["name"], _number(row["value"]), row["unit"], row["low"], row["high"])
+            Measured(**(row | {"value": _number(row["value"])}))
             for row in Run.open(result.folder).manifest.measurements
         )
         self._report("run_folder", str(result.folder))
@@ -156,7 +136,7 @@ class TestBench:
         assert result.outcome != "aborted", result.reason
         run = TestRun(result.folder, result.outcome, result.reason, measurements)
         if judge:
-            failed = [str(measurement) for measurement in measurements if measurement.passed is False]
+            failed = [_text(measurement) for measurement in measurements if measurement.passed is False]
             assert not failed, "outside its limits: " + "; ".join(failed)
             assert result.outcome == "completed", f"{result.outcome}: {result.reason}"
         return run
@@ -166,7 +146,7 @@ class TestBench:
             return EmulatedOperator(self._lab.perform)
         return AssumeYes() if self._yes else _Nobody()
 
-    def _tell(self, measured: Measurement) -> None:
+    def _tell(self, measured: Measured) -> None:
         self._report(measured.name, measured.value)
         self._report(f"{measured.name}.unit", measured.unit)
         for side in ("low", "high"):
@@ -205,5 +185,11 @@ def usual_bench(path: Path | None) -> BenchFile:
     return load_bench_file(Path(__file__).with_name("usual_bench.toml") if path is None else path)
 
 
-def _number(value: Any) -> float:
+def _text(measured: Measured) -> str:
+    low = "" if measured.low is None else f"{measured.low:g} <= "
+    high = "" if measured.high is None else f" <= {measured.high:g}"
+    return f"{measured.name}: {low}{measured.value:.6g}{high} {measured.unit}".rstrip()
+
+
+def _number(value: float | None) -> float:
     return float("nan") if value is None else float(value)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.campaign import CampaignFolder, CampaignRunner, load_campaign, plan_campaign
+from bench.campaign import CampaignFolder, CampaignRunner, plan_campaign
 from bench.control.lease import take_lease
 from bench.control.live import drop_answer, drop_request, read_now
 from bench.lab.emulated import Plant
@@ -51,9 +51,8 @@ def done(tmp_path_factory, texts):
     (root / "bench.toml").write_text(texts[0])
     (root / "campaign.toml").write_text(texts[1])
     file = load_bench_file(root / "bench.toml")
-    campaign = load_campaign(root / "campaign.toml", file)
     path = root / "out"
-    folder = CampaignFolder.create(path, root / "campaign.toml", campaign, file, Plant(seed=5), False)
+    folder = CampaignFolder.create(path, root / "campaign.toml", file, Plant(seed=5), False)
     ending = CampaignRunner(folder).run()
     assert ending.outcome == "completed", ending.reason
     return path
@@ -201,9 +200,8 @@ def test_two_campaigns_on_one_bench(campaign_path, bench_path, bench_file, gyrob
 
 
 def test_a_folder_that_holds_anything_is_not_begun_in(campaign_path, bench_file, done, tmp_path):
-    campaign = load_campaign(campaign_path, bench_file)
     with pytest.raises(ConfigurationError, match="campaign resume"):
-        CampaignFolder.create(done, campaign_path, campaign, bench_file, None, False)
+        CampaignFolder.create(done, campaign_path, bench_file, None, False)
     with pytest.raises(ConfigurationError, match="not the folder of a campaign"):
         CampaignFolder(tmp_path)
 
@@ -232,8 +230,7 @@ def test_a_campaign_whose_devices_did_not_answer_goes_on_without_a_check(campaig
     bench_path.write_text(bench_path.read_text().replace("/dev/tty", str(tmp_path / "no-such-port-")))
     campaign_path.write_text(campaign_path.read_text().replace("/dev/tty", str(tmp_path / "no-such-port-")))
     file = load_bench_file(bench_path)
-    campaign = load_campaign(campaign_path, file)
-    folder = CampaignFolder.create(tmp_path / "out", campaign_path, campaign, file, None, False)
+    folder = CampaignFolder.create(tmp_path / "out", campaign_path, file, None, False)
     for attempt in (1, 2):
         ending = CampaignRunner(folder).run()
         assert ending.outcome == "failed" and "no-such-port" in ending.reason

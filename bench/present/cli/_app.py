@@ -15,14 +15,14 @@ from bench.present.cli._options import TextGroup
 from drivers.base.errors import BenchError, RunAborted, RunUnsealed
 
 COMMANDS = {
-    "procedures": "_procedures",
+    "procedures": "_lists",
     "run": "_run",
     "rehearse": "_run",
-    "steer": "_steer",
+    "steer": "_sessions",
     "lab": "_run",
     "report": "_report",
-    "panel": "_panel",
-    "ports": "_ports",
+    "panel": "_sessions",
+    "ports": "_lists",
     "import": "_import",
     "runs": "_runs",
     "campaign": "campaign",

@@ -37,12 +37,10 @@ Vrw = Annotated[float, Option(help="velocity random walk, ug/sqrt(Hz)")]
 VelocityNoise = Annotated[float, Option(help="noise of the zero-velocity measurement")]
 Gravity = Annotated[float | None, Option(help="gravity; default by latitude")]
 Jobs = Annotated[
-    int | None,
-    Option("--jobs", help="processes at work; default 1, with --cluster local one a processor"),
+    int | None, Option(help="processes at work; default 1, with --cluster local one a processor")
 ]
 Cluster = Annotated[
-    str | None,
-    Option("--cluster", help="Dask cluster to work on: local, or a scheduler's tcp://host:port"),
+    str | None, Option(help="Dask cluster to work on: local, or a scheduler's tcp://host:port")
 ]
 
 

@@ -46,23 +46,23 @@ def report(
 
     console = Terminal()
     judged = load_limits(limits) if limits else None
-    certificate = None
-    if len(run) == 1 and (run[0] / CAMPAIGN_FILE).exists():
-        path = out or run[0] / CERTIFICATE_FILE
-        with console.status("verifying records"):
-            certificate = certify_campaign(CampaignFolder(run[0]), path, judged)
-    elif len(run) == 1 and judged is None:
+    of_campaign = len(run) == 1 and (run[0] / CAMPAIGN_FILE).exists()
+    verdict = ""
+    if len(run) == 1 and not of_campaign and judged is None:
         path = report_run(run[0], out)
     else:
-        path = out or run[0].parent / CERTIFICATE_FILE
+        path = out or (run[0] if of_campaign else run[0].parent) / CERTIFICATE_FILE
         with console.status("verifying records"):
-            certificate = certify(run, path, judged or NO_LIMITS)
-    if certificate is not None:
+            if of_campaign:
+                certificate = certify_campaign(CampaignFolder(run[0]), path, judged)
+            else:
+                certificate = certify(run, path, judged or NO_LIMITS)
         say_certificate(console, certificate)
+        verdict = certificate.verdict
     console.say(f"{path}", soft_wrap=True)
     if pdf:
         console.say(f"{write_pdf(path)}", soft_wrap=True)
-    sys.exit(NOT_PASSED if certificate is not None and certificate.verdict == "not passed" else 0)
+    sys.exit(NOT_PASSED if verdict == "not passed" else 0)
 
 
 def say_certificate(console: Terminal, content: CertificateContent) -> None:

@@ -17,7 +17,7 @@ from bench.present.cli._texts import duration, printable, size
 from drivers.base.errors import BenchError, ConfigurationError
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.progress import Progress
 
     from bench.record.catalogue import CatalogueRow
 
@@ -231,17 +231,17 @@ def _print_table(rows: Sequence[CatalogueRow]) -> None:
 @contextmanager
 def _bar() -> Iterator[Callable[[int, int], None]]:
     """Give what is to be told of the manifests read: a bar is shown once there are many."""
-    bars: list[tuple[Progress, TaskID]] = []
+    bars: list[Progress] = []
     with ExitStack() as stack:
 
         def show(done: int, total: int) -> None:
             if total > _MANY and not bars:
                 from rich.progress import Progress
 
-                bar = stack.enter_context(Progress(transient=True))
-                bars.append((bar, bar.add_task("reading run folders", total=total)))
-            for bar, task in bars:
-                bar.update(task, completed=done)
+                bars.append(stack.enter_context(Progress(transient=True)))
+                bars[0].add_task("reading run folders", total=total)
+            for bar in bars:
+                bar.update(bar.task_ids[0], completed=done)
 
         yield show
 

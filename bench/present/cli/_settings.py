@@ -27,15 +27,18 @@ def settings_of(procedure: Procedure, pairs: Iterable[str], options: Sequence[st
     return settings
 
 
-def parse_settings(pairs: Iterable[str]) -> dict[str, str]:
-    """Return name -> value of `name=value` texts; ConfigurationError for anything else."""
+def parse_settings(
+    pairs: Iterable[str],
+    option: str = "--set",
+    refusal: str = "a parameter that is not name=value",
+    example: str = "soak_min=60",
+) -> dict[str, str]:
+    """Return name -> value of `name=value` texts of an option; ConfigurationError for anything else."""
     settings = {}
     for pair in pairs:
         name, equals, value = pair.partition("=")
         if not equals or not name.strip():
-            raise ConfigurationError(
-                "a parameter that is not name=value", where="--set", found=pair, expected="e.g. soak_min=60"
-            )
+            raise ConfigurationError(refusal, where=option, found=pair, expected=f"e.g. {example}")
         settings[name.strip()] = value.strip()
     return settings
 

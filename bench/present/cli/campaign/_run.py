@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -142,16 +143,20 @@ def _work(folder: CampaignFolder, console: Terminal, *, yes: bool) -> int:
         console.say_json("warning", text=text)
         console.say(f"warning: {text}", style="yellow")
 
-    def display(name: str, expected_s: float) -> RunDisplay:
-        return RunDisplay(console, name, expected_s)
-
     def say(result: RunResult) -> None:
+        """Print how a run ended and write its report; one that cannot be made is said and stops nothing."""
+        from bench.present.report import report_run
+
         reasons.append(result.reason)
         say_result(console, result)
-        _report_run(result, console)
+        try:
+            if result.outcome != "aborted":
+                report_run(result.folder)
+        except BenchError as error:
+            console.say(f"no report of this run: {error}", style="yellow")
 
     operator = None if console.as_json else console_operator(console)
-    ending = CampaignRunner(folder, operator, yes, display, say).run()
+    ending = CampaignRunner(folder, operator, yes, partial(RunDisplay, console), say).run()
     if ending.outcome == "completed" and campaign.gyro is not None:
         folder.event(Fitting(campaign.gyro))
         _fit_campaign(campaign, ending.folders, folder.path, ALONE, console)
@@ -163,18 +168,6 @@ def _work(folder: CampaignFolder, console: Terminal, *, yes: bool) -> int:
 def _extent(campaign: Campaign) -> str:
     expected = duration(campaign.expected_duration_s())
     return f"{campaign.title}: {len(campaign.runs)} runs, about {expected} of bench time"
-
-
-def _report_run(result: RunResult, console: Terminal) -> None:
-    """Write a run's report beside it; a report that cannot be made is said and stops nothing."""
-    if result.outcome == "aborted":
-        return
-    from bench.present.report import report_run
-
-    try:
-        report_run(result.folder)
-    except BenchError as error:
-        console.say(f"no report of this run: {error}", style="yellow")
 
 
 def _certify(folder: CampaignFolder, console: Terminal, *, quiet: bool) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -103,11 +102,14 @@ def heading_effect(
     """
     from bench.analysis.common.state_file import saved_together
     from bench.analysis.heading import HeadingCompensation, checksum_of_log, study_heading_logs, unit_of_log
+    from bench.present.cli._settings import parse_settings
     from bench.present.report import heading_page, mixed_text, write_report
 
     console = Terminal()
     if form not in ("lag9", "lag15"):
         raise ConfigurationError(f"there is no model {form!r}", where="--form", expected="lag9 or lag15")
+    refusal = "a column that is not quantity=column"
+    columns = parse_settings(column or [], "--column", refusal, "temp_c=coil_temp")
     study, checksums = study_heading_logs(
         log,
         test or [],
@@ -115,7 +117,7 @@ def heading_effect(
         longitude_deg=longitude_deg,
         epoch_s=epoch_s,
         damping=damping,
-        columns=_columns(column or []),
+        columns=columns,
         form=cast("Form", form),
         window_s=3600.0 * window_h,
     )
@@ -147,22 +149,6 @@ def heading_effect(
     ]
     console.table(("log", "model", "before arcmin", "after arcmin", "reduction %"), rows)
     console.say(f"time constant {study.model.tau_s / 3600.0:.2f} h; files in {out}")
-
-
-def _columns(pairs: Sequence[str]) -> dict[str, str]:
-    """Return quantity -> column of `quantity=column` texts; ConfigurationError for anything else."""
-    named = {}
-    for pair in pairs:
-        quantity, equals, column = pair.partition("=")
-        if not equals or not quantity or not column:
-            raise ConfigurationError(
-                "a column that is not quantity=column",
-                where="--column",
-                found=pair,
-                expected="e.g. temp_c=coil_temp",
-            )
-        named[quantity.strip()] = column.strip()
-    return named
 
 
 def _not_temperature(study: HeadingStudy) -> str:
