@@ -193,18 +193,18 @@ class CampaignFolder:
 
     def _state(self, run: CampaignRun, names: list[str], thorough: bool) -> RunState:
         attempts = self._attempts(run, names)
-        state = RunState(run, "open")
+        newest = None
         for number in sorted(attempts, reverse=True):
             folder = self.runs / attempts[number]
             reason, manifest = self.judge(run, folder, thorough=thorough)
-            outcome = manifest.outcome if manifest is not None else "unreadable"
-            duration_s = manifest.duration_s if manifest is not None else None
+            facts: tuple[str, str, float | None] = ("unreadable", reason, None)
+            if manifest is not None:
+                facts = (manifest.outcome, reason or manifest.reason, manifest.duration_s)
+            state = RunState(run, "open" if reason else "done", len(attempts), folder, *facts)
             if not reason:
-                said = manifest.reason if manifest is not None else ""
-                return RunState(run, "done", len(attempts), folder, outcome, said, duration_s)
-            if state.folder is None:
-                state = RunState(run, "open", len(attempts), folder, outcome, reason, duration_s)
-        return state
+                return state
+            newest = newest or state
+        return newest or RunState(run, "open")
 
 
 def _moved(folder: Path) -> bool:

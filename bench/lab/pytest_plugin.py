@@ -5,7 +5,7 @@ Nothing of the bench is imported before a test asks for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ import pytest
 if TYPE_CHECKING:
     from bench.lab.emulated import Plant
     from bench.lab.testing import LabPool, TestBench
+    from bench.record.benchfile import BenchFile
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -57,37 +58,27 @@ def emulated_bench(
     request: pytest.FixtureRequest,
 ) -> Iterator[TestBench]:
     """A bench on an emulated lab in virtual time, fresh for every test."""
-    from bench.lab.testing import TestBench
-
     with _bench_labs.lab(bench_plant) as lab:
-        yield TestBench(lab.file, _runs_folder(request), _report(request), lab=lab)
+        yield _test_bench(request, lab.file, lab=lab)
 
 
 @pytest.fixture
 def bench(request: pytest.FixtureRequest) -> TestBench:
     """The bench of `--bench FILE`, or an emulated one."""
-    from bench.lab.testing import TestBench
     from bench.record.benchfile import load_bench_file
 
     path = request.config.getoption("--bench")
     if path is None:
-        found: TestBench = request.getfixturevalue("emulated_bench")
-        return found
+        emulated: TestBench = request.getfixturevalue("emulated_bench")
+        return emulated
     yes = bool(request.config.getoption("--bench-yes"))
-    return TestBench(load_bench_file(path), _runs_folder(request), _report(request), yes=yes)
+    return _test_bench(request, load_bench_file(path), yes=yes)
 
 
-def _report(request: pytest.FixtureRequest) -> Callable[[str, object], None]:
-    """Return what `record_property` is, without its warning about the xunit2 schema."""
-    properties = request.node.user_properties
+def _test_bench(request: pytest.FixtureRequest, file: BenchFile, **how: Any) -> TestBench:
+    from bench.lab.testing import TestBench
 
-    def report(name: str, value: object) -> None:
-        properties.append((name, value))
-
-    return report
-
-
-def _runs_folder(request: pytest.FixtureRequest) -> Path:
-    given: Any = request.config.getoption("--bench-runs")
-    folder: Path = Path(given) if given else request.getfixturevalue("tmp_path") / "runs"
-    return folder
+    given = request.config.getoption("--bench-runs")
+    runs = Path(given) if given else request.getfixturevalue("tmp_path") / "runs"
+    properties = request.node.user_properties  # what `record_property` adds to, with a warning about xunit2
+    return TestBench(file, runs, lambda name, value: properties.append((name, value)), **how)

@@ -86,43 +86,37 @@ def _line(case: Marked) -> str:
 def exam_text(exam: Exam, note: str = "") -> str:
     """Return the exam's result as Markdown: counts, table with Wilson intervals, reliability, time."""
     marked, planned = exam.marked, exam.cases
-    kinds = Counter(case.kind for case in marked)
-    lines = [
-        f"`gyrobench gap exam --cases {planned} --seed {exam.seed}`{f', {note}' if note else ''}.",
-        "",
-        f"{_extent(len(marked), planned)}: "
-        + ", ".join(f"{n} {kind}" for kind, n in kinds.most_common())
-        + ".",
-        "",
-        "| | SNR | right | % | 95 % interval |",
-        "|---|---|---|---|---|",
-    ]
-    for line in exam.lines:
-        low, high = line.interval
-        lines.append(
-            f"| {line.what} | {line.snr} | {line.right}/{line.of} | {100 * line.right / line.of:.1f} "
-            f"| {100 * low:.0f}..{100 * high:.0f} |"
-        )
+    kinds = ", ".join(f"{n} {kind}" for kind, n in Counter(case.kind for case in marked).most_common())
     median, tenth = exam.shrinkage_quantiles
     bins, error = exam.reliability
-    lines += [
-        "",
-        f"Shrinkage over the oracle's, SNR 1 and up: median {median:.3f}, 10th percentile {tenth:.3f}",
-        "",
-        f"Reliability (expected calibration error {error:.3f}): stated probability, came true, of how many",
-        "",
-        "```",
+    times = sorted(case.seconds for case in marked)
+    rows = [
+        f"| {line.what} | {line.snr} | {line.right}/{line.of} | {100 * line.right / line.of:.1f} "
+        f"| {100 * line.interval[0]:.0f}..{100 * line.interval[1]:.0f} |"
+        for line in exam.lines
     ]
+    bars = []
     for group in bins:
         came = group.true / group.count
         bar = "".join(
             "|" if k == round(group.stated * _BAR) else "#" if k < round(came * _BAR) else "."
             for k in range(_BAR + 1)
         )
-        lines.append(f"stated {100 * group.stated:5.1f} %  true {100 * came:5.1f} %  {bar}  {group.count}")
-    times = sorted(case.seconds for case in marked)
-    lines += ["```", "", f"Seconds a case: median {times[len(times) // 2]:.1f}, longest {times[-1]:.1f}"]
-    return "\n".join(lines) + "\n"
+        bars.append(f"stated {100 * group.stated:5.1f} %  true {100 * came:5.1f} %  {bar}  {group.count}")
+    lines = [
+        f"`gyrobench gap exam --cases {planned} --seed {exam.seed}`{f', {note}' if note else ''}.\n",
+        f"{_extent(len(marked), planned)}: {kinds}.\n",
+        "| | SNR | right | % | 95 % interval |",
+        "|---|---|---|---|---|",
+        *rows,
+        f"\nShrinkage over the oracle's, SNR 1 and up: median {median:.3f}, 10th percentile {tenth:.3f}\n",
+        f"Reliability (expected calibration error {error:.3f}): stated probability, came true, of how many\n",
+        "```",
+        *bars,
+        "```\n",
+        f"Seconds a case: median {times[len(times) // 2]:.1f}, longest {times[-1]:.1f}\n",
+    ]
+    return "\n".join(lines)
 
 
 def _extent(held: int, planned: int) -> str:
