@@ -42,44 +42,37 @@ def event_of(row: Mapping[str, Any]) -> Event:
         return Other(str(row.get("kind", "")), fields)
 
 
+_SENTENCES: dict[type[Event], str] = {
+    Step: "{code} {title}",
+    PhaseBegun: "phase {phase}",
+    Note: "{text}",
+    Alarm: "{device}: {text}",
+    Repeat: "{device}: {text}",
+    Invalid: "run invalid: {text}",
+    Prompt: "asks: {question}",
+    Answer: "{by} answered {answer}",
+    Requested: "{by} asks for {action}",
+    Paused: "paused by {by}",
+    Resumed: "resumed by {by}",
+    UnitsOff: "units to be switched off and on",
+    UnitsOn: "units are on again",
+    Outcome: "{outcome} {reason}",
+}
+
+
 def sentence(event: Event) -> str:
     """Return an event as a line of a log: one sentence, without its time."""
+    if type(event) in _SENTENCES:
+        return _SENTENCES[type(event)].format_map(vars(event)).strip()
     match event:
-        case Step():
-            return f"{event.code} {event.title}".strip()
-        case PhaseBegun():
-            return f"phase {event.phase}"
-        case Note():
-            return event.text
-        case Alarm() | Repeat():
-            return f"{event.device}: {event.text}"
-        case Invalid():
-            return f"run invalid: {event.text}"
-        case Prompt():
-            return f"asks: {event.question}"
-        case Answer():
-            return f"{event.by} answered {event.answer}"
-        case Requested():
-            return f"{event.by} asks for {event.action}"
-        case Paused():
-            return f"paused by {event.by}"
-        case Resumed():
-            return f"resumed by {event.by}"
-        case UnitsOff():
-            return "units to be switched off and on"
-        case UnitsOn():
-            return "units are on again"
-        case Outcome():
-            return f"{event.outcome} {event.reason}".strip()
         case Measured():
             return _measured(event)
         case SafeState():
             return safe_sentence(event)
-        case Other():
-            return ", ".join(f"{key} {value}" for key, value in event.details.items() if key != "utc")
         case Demand():
             return f"{event.device}{_axis(event)}: {demand_words(event)}"
-    return ", ".join(f"{key} {value}" for key, value in event.fields().items() if key != "utc")
+    details = event.details if isinstance(event, Other) else event.fields()
+    return ", ".join(f"{key} {value}" for key, value in details.items() if key != "utc")
 
 
 def demand_words(event: Event) -> str:

@@ -216,16 +216,12 @@ class Hub:
             self._pages.pop(page, None)
 
     def _begin(self, page: WebSocket) -> None:
-        queue: asyncio.Queue[str] = asyncio.Queue(_WAITING)
+        """Send everything, in place of what still waits."""
+        queue = self._pages.setdefault(page, asyncio.Queue(_WAITING))
+        while not queue.empty():
+            queue.get_nowait()
         everything = {"values": self._values, "news": self._news, "curves": self.watch.snapshot()}
         queue.put_nowait(_encoded({"panel": self._name} | everything))
-        old = self._pages.get(page)
-        if old is None:
-            self._pages[page] = queue
-            return
-        while not old.empty():
-            old.get_nowait()
-        old.put_nowait(queue.get_nowait())
 
 
 class Reports:

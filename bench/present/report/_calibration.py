@@ -170,10 +170,9 @@ def calibration_page(content: CalibrationContent) -> Page:
     if run is not None:
         facts += [Fact("Unit", run.unit_id), Fact("Record", run.run_id)]
         facts.append(Fact("Latitude", f"{run.latitude_deg:.4f} deg"))
-        facts += [Fact("Mounted with all axes at 0", run.mounting)] if run.mounting else []
-        if run.turn_s:
-            turned = f"{min(run.turn_s):.1f} to {max(run.turn_s):.1f} s"
-            facts.append(Fact("Turns as the table made them, settling included", turned))
+        facts.append(Fact("Mounted with all axes at 0", run.mounting))
+        turned = f"{min(run.turn_s):.1f} to {max(run.turn_s):.1f} s" if run.turn_s else ""
+        facts.append(Fact("Turns as the table made them, settling included", turned))
     return Page(
         title=f"{'Scheme' if predicted else 'Calibration by'} {schedule.name}",
         kind="System-level calibration" + (", prediction" if predicted else ""),
@@ -185,7 +184,7 @@ def calibration_page(content: CalibrationContent) -> Page:
             Section("States", [_states(content)]),
             Section("Degrees as turns are added", [_degrees(_first_turns(content.evaluation))]),
             Section("Beside the classical schemes", [_degrees(_others(content.evaluation))]),
-            Section("Poorly seen combinations", [Notes(content.poorly_seen)] if content.poorly_seen else []),
+            Section("Poorly seen combinations", [Notes(content.poorly_seen)]),
             Section("Convergence", [_convergence(content)]),
             Section("State by position", [_heat_map(content)]),
             Section("Definitions", [Definitions(_DEFINITIONS)]),

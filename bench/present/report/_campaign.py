@@ -178,14 +178,6 @@ def campaign_page(
 def _header(study: Study, runs: Sequence[RunContent], created_utc: str) -> list[Fact]:
     started = sorted(run.manifest.started_utc for run in runs)
     period = " to ".join(dict.fromkeys(moment(utc) for utc in (started[0], started[-1])))
-    facts = [
-        Fact("Unit under test", f"Unit {study.compensation.unit_id}"),
-        Fact("Procedures", ", ".join(dict.fromkeys(run.manifest.procedure for run in runs))),
-        Fact("Bench", runs[0].manifest.bench_name),
-        Fact("Runs started", period),
-        Fact("Report made", moment(created_utc)),
-    ]
-    operators = ", ".join(dict.fromkeys(run.operator for run in runs if run.operator))
     seeds: dict[str, list[int]] = {}
     for lab in (run.manifest.emulated for run in runs):
         if lab is not None:
@@ -194,8 +186,15 @@ def _header(study: Study, runs: Sequence[RunContent], created_utc: str) -> list[
         f"{model}, seed {those[0]}" + (f" to {those[-1]}" if those[-1] != those[0] else "")
         for model, those in seeds.items()
     )
-    optional = (("Operator", operators), ("Emulated devices", emulated))
-    return facts + [Fact(label, text) for label, text in optional if text]
+    return [
+        Fact("Unit under test", f"Unit {study.compensation.unit_id}"),
+        Fact("Procedures", ", ".join(dict.fromkeys(run.manifest.procedure for run in runs))),
+        Fact("Bench", runs[0].manifest.bench_name),
+        Fact("Runs started", period),
+        Fact("Report made", moment(created_utc)),
+        Fact("Operator", ", ".join(dict.fromkeys(run.operator for run in runs if run.operator))),
+        Fact("Emulated devices", emulated),
+    ]
 
 
 def _verdict(study: Study, runs: Sequence[RunContent], floor_dph: float | None) -> Verdict:

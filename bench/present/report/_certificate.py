@@ -28,7 +28,6 @@ from bench.present.report._page import (
     Verdict,
     named,
     numbers,
-    table,
     texts,
 )
 from bench.present.report._run_content import RunContent
@@ -78,7 +77,6 @@ class CertifiedFigure:
     upper_limit: float | None = None
     low: float | None = None
     high: float | None = None
-    source: str = ""
 
     @property
     def limited(self) -> bool:
@@ -213,11 +211,13 @@ def _verdict(content: CertificateContent) -> Verdict:
 
 
 def _unit(unit: UnitCertificate) -> list[Block]:
-    blocks: list[Block] = [Notes(list(unit.against), "bad")] if unit.against else []
     heads = texts("Figure") + numbers("Value") + texts("Unit")
     heads += numbers("95 % interval", "Over runs", "Limits") + texts("Verdict")
     caption = f"Test summary of unit {unit.unit_id}."
-    return [*blocks, Table(heads, [named(f.name, *_cells(f)) for f in unit.figures], caption)]
+    return [
+        Notes(unit.against, "bad"),
+        Table(heads, [named(f.name, *_cells(f)) for f in unit.figures], caption),
+    ]
 
 
 def _cells(figure: CertifiedFigure) -> list[Cell]:
@@ -244,7 +244,7 @@ def _checks(content: CertificateContent) -> list[Block]:
         for run, text in content.checks.items()
     ]
     caption = "Each record as it was when the certificate was made."
-    return table(texts("Run", "Record"), rows, caption)
+    return [Table(texts("Run", "Record"), rows, caption)]
 
 
 def _provenance(content: CertificateContent) -> list[Block]:

@@ -88,7 +88,6 @@ def certificate_content(
     *,
     title: str = "",
     expected_units: Iterable[str] = (),
-    warnings: Iterable[str] = (),
     check: Callable[[Path], str] = check_record,
 ) -> CertificateContent:
     """Return the certificate of planned run folders; one that is missing or cannot be read counts against.
@@ -141,7 +140,7 @@ def certificate_content(
         runs=list(contents.values()),
         checks=checks,
         figures=drawn,
-        warnings=[*warnings, *missing, *left_out],
+        warnings=[*missing, *left_out],
         limits_from=limits.source,
         limits_sha256=limits.sha256,
     )
@@ -181,6 +180,4 @@ def _figure(name: str, rows: Sequence[tuple[str, Figure]], limit: Limit | None) 
     low, high = (None, None) if limit is None else (limit.low, limit.high)
     shown = CertifiedFigure(name, units.pop(), {run: figure.value for run, figure in rows}, low, high)
     of_value = next((figure for _, figure in rows if figure.value == shown.value), None)
-    if of_value is None:
-        return shown
-    return replace(shown, low=of_value.low, high=of_value.high, source=of_value.source)
+    return shown if of_value is None else replace(shown, low=of_value.low, high=of_value.high)

@@ -9,7 +9,6 @@ import numpy as np
 from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import fixed, moment, significant
 from bench.present.report._page import (
-    Block,
     Cell,
     Definitions,
     Fact,
@@ -76,11 +75,7 @@ def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created
         named(axis.axis, ", ".join(axis.terms_static) or "none", ", ".join(axis.terms_dynamic) or "none")
         for axis in study.axes
     ]
-    blocks: list[Block] = [
-        Table(heads, rows, "1σ on the held-out leg, in the table's unit."),
-        _courses(study),
-    ]
-    remarks: list[Block] = [Notes(study.remarks)] if study.remarks else []
+    judged = Table(heads, rows, "1σ on the held-out leg, in the table's unit.")
     return Page(
         title="Chamber cycle",
         kind="Regression over temperature, one recording",
@@ -93,8 +88,8 @@ def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created
             [Headline(f"axis {axis.axis}", fixed(axis.best_pct, 1), "%") for axis in study.axes],
         ),
         sections=[
-            Section("Held-out leg", blocks),
-            *([Section("Left out of the recording", remarks)] if remarks else []),
+            Section("Held-out leg", [judged, _courses(study)]),
+            Section("Left out of the recording", [Notes(study.remarks)]),
             Section(
                 "Terms",
                 [Table(texts("Axis", "Temperature only", "Rate and past"), terms)],

@@ -31,11 +31,11 @@ from bench.present.report._page import (
     Page,
     Row,
     Section,
+    Table,
     Tone,
     Verdict,
     named,
     numbers,
-    table,
     texts,
 )
 from bench.present.report._palette import PURPLE
@@ -53,19 +53,12 @@ if TYPE_CHECKING:
         Term,
     )
 
-_TONES: dict[str, Tone] = {
-    "no gap": "good",
-    "explained": "good",
-    "explained in part": "doubt",
-    "unknown": "bad",
-    "nothing to identify": "doubt",
-}
-_WORDS = {
-    "no gap": "No gap beyond noise",
-    "explained": "Gap explained",
-    "explained in part": "Gap explained in part",
-    "unknown": "Cause not in the catalogue",
-    "nothing to identify": "Nothing to identify",
+_VERDICTS: dict[str, tuple[str, Tone]] = {
+    "no gap": ("No gap beyond noise", "good"),
+    "explained": ("Gap explained", "good"),
+    "explained in part": ("Gap explained in part", "doubt"),
+    "unknown": ("Cause not in the catalogue", "bad"),
+    "nothing to identify": ("Nothing to identify", "doubt"),
 }
 _TERMS = [
     (
@@ -118,7 +111,7 @@ def gap_page(
             Section("What is left", _left(found)),
             Section("Other channels", channel_blocks(diagnosis.channels)),
             Section("What next", _next(suggestions)),
-            Section("Not to be seen in these runs", [Notes(hidden)] if hidden else []),
+            Section("Not to be seen in these runs", [Notes(hidden)]),
             Section("Provenance", checksum_table(diagnosis.run_checksums, "Runs diagnosed, by checksum.")),
             Section("Definitions", [Definitions(_TERMS)]),
         ],
@@ -159,9 +152,9 @@ def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
                 f"({fixed(100 * shrunk.low, 1)} to {fixed(100 * shrunk.high, 1)} %)",
             )
         )
+    word, tone = _VERDICTS[found.verdict]
     doubtful = shrunk is not None and shrunk.caution and found.causes
-    tone = "doubt" if doubtful else _TONES[found.verdict]
-    return Verdict(_WORDS[found.verdict], tone, sentences, headlines)
+    return Verdict(word, "doubt" if doubtful else tone, sentences, headlines)
 
 
 def _rivals(cause: Cause[Term]) -> str:
@@ -178,7 +171,7 @@ def _causes(found: RateFinding) -> list[Block]:
     ]
     heads = texts("Effect") + numbers("Probability [%]")
     heads += texts("Status", "Fitted parameters, 1σ", "In its place could stand")
-    return table(heads, rows, "Effects that explain the gap.")
+    return [Table(heads, rows, "Effects that explain the gap.")]
 
 
 def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
@@ -234,7 +227,7 @@ def _how_far(shrunk: Shrinkage | None) -> list[Block]:
         if math.isfinite(value)
     ]
     caption = "Held-out runs, nothing fitted to them but each run's bias."
-    return table(texts("By", "Part") + numbers("Reducible gap gone [%]"), rows, caption)
+    return [Table(texts("By", "Part") + numbers("Reducible gap gone [%]"), rows, caption)]
 
 
 def _difference_panels(found: RateFinding, differences: Sequence[Difference]) -> list[Block]:
@@ -267,4 +260,4 @@ def _next(suggestions: Sequence[Suggestion]) -> list[Block]:
     heads = (
         texts("Procedure", "Parameters") + numbers("Bench time [h]", "Expected log odds") + texts("Decides")
     )
-    return table(heads, rows, "What would separate the candidates best, most log odds an hour first.")
+    return [Table(heads, rows, "What would separate the candidates best, most log odds an hour first.")]

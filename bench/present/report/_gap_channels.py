@@ -15,9 +15,9 @@ from bench.present.report._page import (
     Block,
     Notes,
     Row,
+    Table,
     named,
     numbers,
-    table,
     texts,
 )
 
@@ -33,7 +33,7 @@ def channel_blocks(channels: Sequence[ChannelFinding]) -> list[Block]:
     heads = texts("Channel") + numbers("Gap, rms", "Floor, rms") + texts("Unit", "Verdict")
     heads += numbers("Explained [%]", "Gone on held-out runs [%]")
     rows = [_row(channel) for channel in seen]
-    blocks = table(heads, rows, "Each channel against its own model and its own noise floor.")
+    blocks: list[Block] = [Table(heads, rows, "Each channel against its own model and its own noise floor.")]
     for channel in seen:
         if channel.verdict not in ("no gap", "within the model's accuracy"):
             blocks += _of_channel(channel)

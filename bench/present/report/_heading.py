@@ -25,7 +25,6 @@ from bench.present.report._page import (
     Verdict,
     named,
     numbers,
-    table,
     texts,
 )
 from bench.present.report._palette import MUTED, PURPLE
@@ -163,7 +162,7 @@ def _reductions(judgements: Sequence[Judgement]) -> list[Block]:
         for judged in judgements
     ]
     heads = texts("Log", "Role", "Model") + numbers("Before [′]", "After [′]", "Reduction [%]")
-    return table(heads, rows, "Rms position error after the first turn, both channels together.")
+    return [Table(heads, rows, "Rms position error after the first turn, both channels together.")]
 
 
 def _temperature(study: HeadingStudy) -> list[Block]:
@@ -211,7 +210,7 @@ def _lagged(model: LaggedModel, model_file: str) -> list[Block]:
 
 def _nine(nine: NineCoefficients | None, refused: str) -> list[Block]:
     if nine is None:
-        return [Notes([refused])] if refused else []
+        return [Notes([refused] if refused else [])]
     heads = texts("Coefficient") + numbers("Value [10⁻³ °/h/K]", "σ [10⁻³ °/h/K]", "p")
     heads += texts("Significant at 5 %")
     rows = []

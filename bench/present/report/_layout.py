@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,12 @@ _FOLDER = Path(__file__).parent
 
 
 def render_page(page: Page) -> str:
-    """Return the page as HTML 5. All text is escaped; sections without blocks are left out."""
-    sections = [section for section in page.sections if section.blocks]
+    """Return the page as HTML 5. All text is escaped; empty blocks and sections without blocks are left out."""
+    sections = [
+        replace(section, blocks=blocks)
+        for section in page.sections
+        if (blocks := [block for block in section.blocks if not block.empty])
+    ]
     return _environment().get_template("page.html.j2").render(page=page, sections=sections)
 
 

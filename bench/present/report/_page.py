@@ -22,8 +22,17 @@ class Fact:
     code: bool = False
 
 
+class _Block:
+    """Part of a section; one that holds nothing is not printed."""
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to print."""
+        return not any(getattr(self, name, ()) for name in ("facts", "rows", "svgs", "texts", "terms"))
+
+
 @dataclass(frozen=True)
-class Facts:
+class Facts(_Block):
     """A list of labelled values."""
 
     facts: Sequence[Fact]
@@ -80,7 +89,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class Table(_Block):
     """A table with a caption that says what it shows."""
 
     columns: Sequence[Column]
@@ -98,7 +107,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Figures:
+class Figures(_Block):
     """One figure or small multiples on common axes; `columns` is how many stand side by side when wide."""
 
     svgs: Sequence[Markup]
@@ -108,7 +117,7 @@ class Figures:
 
 
 @dataclass(frozen=True)
-class Notes:
+class Notes(_Block):
     """Remarks; a warning in tone 'doubt'."""
 
     texts: Sequence[str]
@@ -116,7 +125,7 @@ class Notes:
 
 
 @dataclass(frozen=True)
-class Definitions:
+class Definitions(_Block):
     """Terms and what they mean, set small."""
 
     terms: Sequence[tuple[str, str]]
@@ -145,11 +154,6 @@ def _column(head: str, *, number: bool) -> Column:
 Block = Facts | Table | Figures | Notes | Definitions
 
 
-def table(columns: Sequence[Column], rows: Sequence[Row], caption: str = "") -> list[Block]:
-    """Return a table, nothing without rows."""
-    return [Table(columns, rows, caption)] if rows else []
-
-
 @dataclass(frozen=True)
 class Section:
     """A titled group of blocks; without blocks it is not printed."""
@@ -161,7 +165,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole report."""
+    """A whole report; facts without a value are not printed."""
 
     title: str
     kind: str

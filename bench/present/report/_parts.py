@@ -18,7 +18,7 @@ OF_RUNS = "Figures are computed from the runs' records; times are UTC."
 
 def warnings(texts: Sequence[str]) -> Section:
     """Return the section of warnings, each text once; it is not printed when there are none."""
-    return Section("Warnings", [Notes(list(dict.fromkeys(texts)), "doubt")] if texts else [])
+    return Section("Warnings", [Notes(list(dict.fromkeys(texts)), "doubt")])
 
 
 def made(created_utc: str, remark: str = "") -> str:

@@ -63,7 +63,7 @@ def report_run(folder: Path, out: Path | None = None) -> Path:
 
 def _header(run: RunContent) -> list[Fact]:
     manifest = run.manifest
-    facts = [
+    return [
         Fact("Procedure", manifest.procedure),
         Fact(
             "Unit under test", ", ".join(f"{unit} ({name})" for name, unit in manifest.units.items()) or DASH
@@ -71,13 +71,10 @@ def _header(run: RunContent) -> list[Fact]:
         Fact("Bench", manifest.bench_name or DASH),
         Fact("Started", moment(manifest.started_utc)),
         Fact("Duration", duration(manifest.duration_s)),
+        Fact("Mounting", manifest.mounting.replace("_", " ")),
+        Fact("Operator", run.operator),
+        Fact("Emulated devices", run.emulated),
     ]
-    optional = (
-        ("Mounting", manifest.mounting.replace("_", " ")),
-        ("Operator", run.operator),
-        ("Emulated devices", run.emulated),
-    )
-    return facts + [Fact(label, text) for label, text in optional if text]
 
 
 def _verdict(run: RunContent) -> Verdict:

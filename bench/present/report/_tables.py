@@ -29,7 +29,6 @@ from bench.present.report._page import (
     Tone,
     named,
     numbers,
-    table,
     texts,
 )
 from bench.present.report._run_content import RunContent
@@ -70,8 +69,6 @@ def outcome(run: RunContent) -> tuple[str, Tone]:
 
 def runs_table(runs: Sequence[RunContent]) -> list[Block]:
     """Return the table of runs; the reasons stand beneath a run that is not valid."""
-    if not runs:
-        return []
     roles = any(run.role for run in runs)
     common = _common_parameters(runs)
     rows = []
@@ -101,8 +98,6 @@ def checks_table(runs: Sequence[RunContent]) -> list[Block]:
         for item in run.measurements:
             if limited(item):
                 names.setdefault(item.name, item)
-    if not names:
-        return []
     heads = [Column("Run")] + [
         Column(
             measured(name), f"{unit_text(item.unit)} {limits_text(item.low, item.high)}".strip(), number=True
@@ -137,14 +132,12 @@ def measurements_table(measurements: Sequence[Measured]) -> list[Block]:
         for item in measurements
     ]
     heads = texts("Measured") + numbers("Value") + texts("Unit", "Limits", "Result")
-    return table(heads, rows, "Measurements of the procedure and their limits.")
+    return [Table(heads, rows, "Measurements of the procedure and their limits.")]
 
 
-def streams_table(runs: Sequence[RunContent]) -> list[Block]:
+def streams_table(runs: Sequence[RunContent]) -> Table:
     """Return what came of the gyros' streams, a row for each run and gyro."""
     streams = [(run, gyro, stream) for run in runs for gyro, stream in run.manifest.stream.items()]
-    if not streams:
-        return []
     rates = column((stream.get("sample_rate_hz") for *_, stream in streams), 6, 3)
     rows = []
     for (run, gyro, stream), rate in zip(streams, rates, strict=True):
@@ -166,7 +159,7 @@ def streams_table(runs: Sequence[RunContent]) -> list[Block]:
     caption = "Streams as recorded. A frame that was lost or rejected is marked in the record."
     if off := [f"{gyro} {count(stream['off'])}" for _, gyro, stream in streams if stream.get("off")]:
         caption += f" Not sent while switched off by the procedure, and not lost: {', '.join(off)} frames."
-    return [Table(heads, rows, caption)]
+    return Table(heads, rows, caption)
 
 
 def devices_table(runs: Sequence[RunContent]) -> list[Block]:
@@ -178,13 +171,13 @@ def devices_table(runs: Sequence[RunContent]) -> list[Block]:
     )
     rows = [named(name, *(text or DASH for text in facts)) for name, *facts in devices]
     heads = texts("Device", "Role", "Maker", "Model", "Serial number", "Firmware")
-    return table(heads, rows, "Devices as they identified themselves when the run began.")
+    return [Table(heads, rows, "Devices as they identified themselves when the run began.")]
 
 
 def checksum_table(checksums: Mapping[str, str], caption: str) -> list[Block]:
     """Return names with their SHA-256 checksums."""
     rows = [named(name, Cell(value or DASH, code=True)) for name, value in checksums.items()]
-    return table(texts("Run", "SHA-256"), rows, caption)
+    return [Table(texts("Run", "SHA-256"), rows, caption)]
 
 
 def software_facts(software: Mapping[str, str], bench_file_sha256: str) -> list[Block]:
@@ -192,7 +185,7 @@ def software_facts(software: Mapping[str, str], bench_file_sha256: str) -> list[
     facts = [Fact(name, version) for name, version in software.items()]
     if bench_file_sha256:
         facts.append(Fact("Bench file, SHA-256", bench_file_sha256, code=True))
-    return [Facts(facts)] if facts else []
+    return [Facts(facts)]
 
 
 def record_sections(
@@ -201,7 +194,7 @@ def record_sections(
     """Return what every report says of its runs' records: streams (with `terms`), devices, `provenance`."""
     streams = streams_table(runs)
     return [
-        Section("Streams", [*streams, *terms] if streams else []),
+        Section("Streams", [streams, *(terms if streams.rows else [])]),
         Section("Devices", devices_table(runs)),
         Section("Provenance", provenance),
     ]
@@ -210,7 +203,7 @@ def record_sections(
 def parameter_facts(run: RunContent) -> list[Block]:
     """Return a run's parameters with their units."""
     facts = [Fact(*parameter(name, value)) for name, value in run.manifest.parameters.items()]
-    return [Facts(facts)] if facts else []
+    return [Facts(facts)]
 
 
 def _parameters_text(run: RunContent, common: Mapping[str, Any]) -> str:

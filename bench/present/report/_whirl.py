@@ -75,9 +75,8 @@ def whirl_page(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path) 
         Fact("Bench", first.manifest.bench_name or DASH),
         Fact("Runs", ", ".join(run.run_id for run in contents)),
         Fact("Rotation", duration(sum(run.manifest.duration_s or 0.0 for run in contents))),
+        Fact("Emulated devices", first.emulated),
     ]
-    if first.emulated:
-        facts.append(Fact("Emulated devices", first.emulated))
     courses = [_course(judged) for judged in study.judgements]
     sections = [
         warnings([finding.text for finding in study.findings]),
