@@ -1,9 +1,9 @@
-"""Events in words: the one place where what happened becomes a sentence, for terminal, panel and report alike."""
+"""What happened and what was found, in words: the same for terminal, panel and report."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.record.events import Event, Other, read_event
 from bench.record.events.run import (
@@ -31,6 +31,9 @@ from bench.record.events.run import (
     UnitsOn,
 )
 from bench.record.events.safe import SafeState
+
+if TYPE_CHECKING:
+    from bench.analysis.gap import Learned
 
 
 def event_of(row: Mapping[str, Any]) -> Event:
@@ -123,6 +126,21 @@ def safe_sentence(state: SafeState) -> str:
 def safe_sentences(states: Sequence[SafeState]) -> list[str]:
     """Return what became of the bench: first what is in danger."""
     return [safe_sentence(state) for state in sorted(states, key=lambda state: state.confirmed)]
+
+
+def learned_sentences(learned: Learned | None) -> list[str]:
+    """Return what closes the gap without a name, how far on other profiles and where it may be used."""
+    if learned is None:
+        return []
+    if not learned.terms:
+        return [f"Nothing is offered to close it: {learned.reason}."]
+    forms = " and ".join(term.name for term in learned.terms)
+    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in learned.by_profile.items())
+    ranges = ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in learned.valid.items())
+    return [
+        f"It can be closed without a name ({forms}): {100 * learned.share:.0f} % of it is gone in profiles that "
+        f"were left out of the fit ({shares}). Use it only within {ranges}."
+    ]
 
 
 def _measured(event: Measured) -> str:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
 from urllib.parse import quote
 
+from jinja2 import Environment, StrictUndefined, Template
 from nicegui import ui
 
 from bench.control.live import Action, drop_answer, drop_request
 from bench.present.panel._folders import Entry
-from bench.present.panel._static import first_paint, style_sheet
 from bench.present.panel._texts import duration
 from bench.present.panel._watch import LEVELS, Session, Watch
 from drivers.base.errors import BenchError
 
+_HERE = Path(__file__).parent
 _CONTROL_S = 0.25
 _HISTORY_S = 2.0
 _NAME_TIMEOUT_S = 20.0
@@ -24,8 +27,8 @@ _WORDS = {"completed": "✓ completed", "invalid": "! invalid", "aborted": "✕ 
 def build_page(watch: Watch) -> None:
     """Build the page of one browser: what it shows is plain HTML and there at once, its controls follow."""
     dark = ui.dark_mode(value=None)
-    ui.add_head_html(f"<style>{style_sheet()}</style>")
-    ui.add_body_html(first_paint(watch.values(), watch.news()["banner"]))
+    ui.add_head_html(f"<style>{_style_sheet()}</style>")
+    ui.add_body_html(_first_paint(watch.values(), watch.news()["banner"]))
     ui.add_body_html('<script src="/panel/assets/panel.js"></script>')
     ui.query(".nicegui-content").classes("panel")
     ui.colors(primary="#005f96", negative="#b3261e", dark="#161d25", dark_page="#0d1116")
@@ -249,3 +252,25 @@ def _history_row(entry: Entry) -> dict[str, str]:
         "kind": manifest.outcome,
         "link": f"/report/{quote(entry.name)}" if manifest.complete else "",
     }
+
+
+@cache
+def _style_sheet() -> str:
+    """Return the style sheet; dark by the page's own switch, or by the browser's wish until that is there."""
+    dark = (_HERE / "assets" / "dark.css").read_text(encoding="utf-8")
+    return (
+        (_HERE / "assets" / "panel.css").read_text(encoding="utf-8")
+        + f"body.body--dark {{ {dark} }}\n"
+        + f"@media (prefers-color-scheme: dark) {{ body:not(.body--light) {{ {dark} }} }}\n"
+    )
+
+
+def _first_paint(values: Mapping[str, str], banner: Mapping[str, str]) -> str:
+    """Return names, banner, cards and lists with the values there are; panel.js moves them to their places."""
+    return _template().render(values=values, banner=banner)
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    return environment.from_string((_HERE / "first_paint.html.j2").read_text(encoding="utf-8"))

@@ -16,7 +16,6 @@ from bench.present.report._numbers import DASH, duration, significant
 from bench.present.report._page import (
     Block,
     Cell,
-    Definitions,
     Fact,
     Facts,
     Figures,
@@ -28,8 +27,6 @@ from bench.present.report._page import (
     Table,
     Verdict,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, SAND
 from bench.present.report._parts import made, warnings
@@ -187,8 +184,8 @@ def calibration_page(content: CalibrationContent) -> Page:
             Section("Poorly seen combinations", [Notes(content.poorly_seen)]),
             Section("Convergence", [_convergence(content)]),
             Section("State by position", [_heat_map(content)]),
-            Section("Definitions", [Definitions(_DEFINITIONS)]),
         ],
+        terms=_DEFINITIONS,
         colophon=made(content.created_utc),
     )
 
@@ -224,9 +221,8 @@ def _verdict(content: CalibrationContent) -> Verdict:
 
 
 def _states(content: CalibrationContent) -> Table:
-    heads = texts("State", "Unit")
-    heads += numbers("Prior σ", "σ", "Target", "σ / target", "Gain ratio", "Degree", *content.values)
-    heads += numbers("Error / σ") if content.z is not None else []
+    heads = ["State", "Unit", ">Prior σ", ">σ", ">Target", ">σ / target", ">Gain ratio", ">Degree"]
+    heads += [f">{name}" for name in content.values] + ([] if content.z is None else [">Error / σ"])
     rows = [_state(content, number) for number in range(len(content.sigma))]
     return Table(heads, rows, "Prior and reached sigma by state; φ and δv have no target.")
 
@@ -255,9 +251,7 @@ def _state(content: CalibrationContent, number: int) -> Row:
 
 def _degrees(schemes: Mapping[str, Evaluation]) -> Table:
     names = _model().STATE_NAMES
-    heads = texts("State")
-    for title in schemes:
-        heads += numbers(f"{title}: degree", "gain")
+    heads = ["State", *(head for title in schemes for head in (f">{title}: degree", ">gain"))]
     rows = [
         named(name, *(cell for scheme in schemes.values() for cell in _seen(scheme, number)))
         for number, name in enumerate(names)

@@ -14,7 +14,6 @@ from bench.present.report._file import REPORT_FILE, write_report
 from bench.present.report._numbers import known, moment, significant, with_unit
 from bench.present.report._page import (
     Block,
-    Definitions,
     Fact,
     Facts,
     Headline,
@@ -23,8 +22,6 @@ from bench.present.report._page import (
     Table,
     Verdict,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._parts import made, warnings
 from bench.present.report._plots import (
@@ -123,7 +120,6 @@ def campaign_page(
         remarks.append(
             "No test runs were given: the figures are on the runs that chose the model and flatter it."
         )
-    bias, scale_factor = ([item for item in compared if item.unit == unit] for unit in ("°/h", "ppm"))
     intro = (
         f"What model {study.chosen} leaves on runs that had no part in fitting or choosing it. The model is "
         "causal: at every moment it knows the temperatures up to then and nothing else."
@@ -140,25 +136,8 @@ def campaign_page(
             warnings(remarks),
             Section("Runs", [*runs_table(runs), *checks_table(runs)]),
             Section("Temperature and output", _course(study, runs)),
-            Section(
-                "Bias before and after",
-                before_after_panels(
-                    "bias",
-                    bias,
-                    "Bias, °/h",
-                    "Bias drift before and after compensation on held-out runs, 100 s means on common axes.",
-                ),
-                intro,
-            ),
-            Section(
-                "Scale factor before and after",
-                before_after_panels(
-                    "scale-factor",
-                    scale_factor,
-                    "SF error, ppm",
-                    "Scale-factor error before and after compensation on held-out groups, on common axes.",
-                ),
-            ),
+            Section("Bias before and after", before_after_panels(compared, "°/h"), intro),
+            Section("Scale factor before and after", before_after_panels(compared, "ppm")),
             Section(
                 "Models",
                 [
@@ -169,8 +148,8 @@ def campaign_page(
             ),
             Section("Compensation", _compensation(study, compensation_file)),
             *record_sections(runs, provenance),
-            Section("Definitions", [Definitions(_terms(study, runs, floor_dph))]),
         ],
+        terms=_terms(study, runs, floor_dph),
         colophon=made(created_utc, "Times are UTC; 1σ is a sample standard deviation."),
     )
 
@@ -244,7 +223,7 @@ def _compensation(study: Study, path: Path) -> list[Block]:
     )
     return [
         Facts(facts),
-        Table(texts("Input") + numbers("From", "To"), rows, caption),
+        Table(["Input", ">From", ">To"], rows, caption),
         *checksum_table(training, "Runs the model was fitted on."),
         *checksum_table(validation, "Runs the model was chosen on."),
     ]

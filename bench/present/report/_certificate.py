@@ -17,7 +17,6 @@ from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import (
     Block,
     Cell,
-    Definitions,
     Fact,
     Headline,
     Notes,
@@ -27,8 +26,6 @@ from bench.present.report._page import (
     Tone,
     Verdict,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._run_content import RunContent
 from bench.present.report._tables import (
@@ -185,8 +182,8 @@ def certificate_page(content: CertificateContent) -> Page:
             Section("Records", _checks(content)),
             Section("Figures", content.figures),
             *record_sections(content.runs, _provenance(content)),
-            Section("Definitions", [Definitions(_TERMS)]),
         ],
+        terms=_TERMS,
         colophon=parts.made(content.created_utc, parts.OF_RUNS),
     )
 
@@ -211,8 +208,7 @@ def _verdict(content: CertificateContent) -> Verdict:
 
 
 def _unit(unit: UnitCertificate) -> list[Block]:
-    heads = texts("Figure") + numbers("Value") + texts("Unit")
-    heads += numbers("95 % interval", "Over runs", "Limits") + texts("Verdict")
+    heads = ["Figure", ">Value", "Unit", ">95 % interval", ">Over runs", ">Limits", "Verdict"]
     caption = f"Test summary of unit {unit.unit_id}."
     return [
         Notes(unit.against, "bad"),
@@ -244,7 +240,7 @@ def _checks(content: CertificateContent) -> list[Block]:
         for run, text in content.checks.items()
     ]
     caption = "Each record as it was when the certificate was made."
-    return [Table(texts("Run", "Record"), rows, caption)]
+    return [Table(["Run", "Record"], rows, caption)]
 
 
 def _provenance(content: CertificateContent) -> list[Block]:

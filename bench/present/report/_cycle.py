@@ -10,7 +10,6 @@ from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import fixed, moment, significant
 from bench.present.report._page import (
     Cell,
-    Definitions,
     Fact,
     Figures,
     Headline,
@@ -20,8 +19,6 @@ from bench.present.report._page import (
     Table,
     Verdict,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._palette import AFTER, BEFORE, GREEN, SAND
 
@@ -69,8 +66,7 @@ def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created
         )
         for axis in study.axes
     ]
-    heads = numbers("Before", "Temperature only", "Gain [%]", "Rate and past", "Gain [%]")
-    heads = texts("Axis") + heads + texts("Verdict")
+    heads = ["Axis", ">Before", ">Temperature only", ">Gain [%]", ">Rate and past", ">Gain [%]", "Verdict"]
     terms = [
         named(axis.axis, ", ".join(axis.terms_static) or "none", ", ".join(axis.terms_dynamic) or "none")
         for axis in study.axes
@@ -92,11 +88,11 @@ def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created
             Section("Left out of the recording", [Notes(study.remarks)]),
             Section(
                 "Terms",
-                [Table(texts("Axis", "Temperature only", "Rate and past"), terms)],
+                [Table(["Axis", "Temperature only", "Rate and past"], terms)],
                 "Chosen on the fitted legs, autocorrelation of the residuals taken off first.",
             ),
-            Section("Definitions", [Definitions(_TERMS)]),
         ],
+        terms=_TERMS,
     )  # fmt: skip
 
 

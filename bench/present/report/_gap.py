@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.present.learned import learned_sentences
 from bench.present.report._figures import Curve, Lane, Panel, lanes
 from bench.present.report._gap_channels import channel_blocks
 from bench.present.report._gap_where import (
@@ -24,7 +23,6 @@ from bench.present.report._numbers import DASH, fixed, moment, plain_name, signi
 from bench.present.report._page import (
     Block,
     Cell,
-    Definitions,
     Fact,
     Headline,
     Notes,
@@ -35,12 +33,11 @@ from bench.present.report._page import (
     Tone,
     Verdict,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._palette import PURPLE
 from bench.present.report._parts import warnings
 from bench.present.report._tables import checksum_table
+from bench.present.sentences import learned_sentences
 
 if TYPE_CHECKING:
     from bench.analysis.gap import (
@@ -113,8 +110,8 @@ def gap_page(
             Section("What next", _next(suggestions)),
             Section("Not to be seen in these runs", [Notes(hidden)]),
             Section("Provenance", checksum_table(diagnosis.run_checksums, "Runs diagnosed, by checksum.")),
-            Section("Definitions", [Definitions(_TERMS)]),
         ],
+        terms=_TERMS,
         colophon="All figures are computed from the runs and the model named above; times are UTC.",
     )
 
@@ -169,8 +166,7 @@ def _causes(found: RateFinding) -> list[Block]:
         named(plain_name(name), f"{100 * p:.0f}", "noise", found.size_of(name) or DASH, DASH)
         for name, p in found.stochastic.items()
     ]
-    heads = texts("Effect") + numbers("Probability [%]")
-    heads += texts("Status", "Fitted parameters, 1σ", "In its place could stand")
+    heads = ["Effect", ">Probability [%]", "Status", "Fitted parameters, 1σ", "In its place could stand"]
     return [Table(heads, rows, "Effects that explain the gap.")]
 
 
@@ -227,7 +223,7 @@ def _how_far(shrunk: Shrinkage | None) -> list[Block]:
         if math.isfinite(value)
     ]
     caption = "Held-out runs, nothing fitted to them but each run's bias."
-    return [Table(texts("By", "Part") + numbers("Reducible gap gone [%]"), rows, caption)]
+    return [Table(["By", "Part", ">Reducible gap gone [%]"], rows, caption)]
 
 
 def _difference_panels(found: RateFinding, differences: Sequence[Difference]) -> list[Block]:
@@ -257,7 +253,5 @@ def _next(suggestions: Sequence[Suggestion]) -> list[Block]:
     for number, plan in enumerate(suggestions):
         cells = (plan.parameters, fixed(plan.hours, 1), significant(plan.log_odds), plan.decides)
         rows.append(replace(named(plan.procedure, *cells), emphasis=number == 0))
-    heads = (
-        texts("Procedure", "Parameters") + numbers("Bench time [h]", "Expected log odds") + texts("Decides")
-    )
+    heads = ["Procedure", "Parameters", ">Bench time [h]", ">Expected log odds", "Decides"]
     return [Table(heads, rows, "What would separate the candidates best, most log odds an hour first.")]

@@ -17,8 +17,6 @@ from bench.present.report._page import (
     Row,
     Table,
     named,
-    numbers,
-    texts,
 )
 
 if TYPE_CHECKING:
@@ -30,8 +28,8 @@ def channel_blocks(channels: Sequence[ChannelFinding]) -> list[Block]:
     seen = [channel for channel in channels if not channel.reason]
     if not seen:
         return []
-    heads = texts("Channel") + numbers("Gap, rms", "Floor, rms") + texts("Unit", "Verdict")
-    heads += numbers("Explained [%]", "Gone on held-out runs [%]")
+    heads = ["Channel", ">Gap, rms", ">Floor, rms", "Unit", "Verdict"]
+    heads += [">Explained [%]", ">Gone on held-out runs [%]"]
     rows = [_row(channel) for channel in seen]
     blocks: list[Block] = [Table(heads, rows, "Each channel against its own model and its own noise floor.")]
     for channel in seen:

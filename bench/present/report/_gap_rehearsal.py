@@ -19,8 +19,6 @@ from bench.present.report._page import (
     Section,
     Table,
     Verdict,
-    numbers,
-    texts,
 )
 
 if TYPE_CHECKING:
@@ -79,10 +77,8 @@ def log_gaps_page(
 def _table(gaps: Sequence[LogGap], caption: str, unit: str = "") -> Table:
     """Return a table of gaps of one unit, all of them first, or of a channel each in its own."""
     size = f"{unit} rms".strip()
-    heads = texts("Phase") if unit else texts("Channel", "Unit")
-    heads += numbers(
-        *(f"{model} [{size}]" for model in ("Nominal", "Closed", "Floor")), "Reducible gap gone [%]"
-    )
+    heads = ["Phase"] if unit else ["Channel", "Unit"]
+    heads += [f">{model} [{size}]" for model in ("Nominal", "Closed", "Floor")] + [">Reducible gap gone [%]"]
     rows = []
     for number, gap in enumerate(gaps):
         whole = bool(unit) and number == 0

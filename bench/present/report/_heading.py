@@ -12,7 +12,6 @@ from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
     Block,
     Cell,
-    Definitions,
     Fact,
     Facts,
     Headline,
@@ -24,8 +23,6 @@ from bench.present.report._page import (
     Tone,
     Verdict,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._palette import MUTED, PURPLE
 from bench.present.report._parts import BEFORE_AFTER, before_after, made, warnings
@@ -63,8 +60,8 @@ def heading_page(
             Section("Nine coefficients", _nine(study.nine, study.nine_refused)),
             Section("Where the drift comes from", _evidence(study)),
             Section("Provenance", checksum_table(checksums, "Logs and their checksums.")),
-            Section("Definitions", [Definitions(_TERMS)]),
         ],
+        terms=_TERMS,
         colophon=made(created_utc, "Errors are computed minus true position."),
     )
 
@@ -161,7 +158,7 @@ def _reductions(judgements: Sequence[Judgement]) -> list[Block]:
         )
         for judged in judgements
     ]
-    heads = texts("Log", "Role", "Model") + numbers("Before [′]", "After [′]", "Reduction [%]")
+    heads = ["Log", "Role", "Model", ">Before [′]", ">After [′]", ">Reduction [%]"]
     return [Table(heads, rows, "Rms position error after the first turn, both channels together.")]
 
 
@@ -194,7 +191,7 @@ def _temperature(study: HeadingStudy) -> list[Block]:
 
 
 def _lagged(model: LaggedModel, model_file: str) -> list[Block]:
-    heads = texts("Term") + numbers(*(f"{name} {axis} [10⁻³ °/h/K]" for axis in _AXES for name in ("k", "σ")))
+    heads = ["Term", *(f">{name} {axis} [10⁻³ °/h/K]" for axis in _AXES for name in ("k", "σ"))]
     pairs = np.stack((model.gain, model.sigma), axis=1).reshape(6, -1)
     rows = [
         named(term, *(fixed(1e3 * value, 3) for value in values))
@@ -211,8 +208,7 @@ def _lagged(model: LaggedModel, model_file: str) -> list[Block]:
 def _nine(nine: NineCoefficients | None, refused: str) -> list[Block]:
     if nine is None:
         return [Notes([refused] if refused else [])]
-    heads = texts("Coefficient") + numbers("Value [10⁻³ °/h/K]", "σ [10⁻³ °/h/K]", "p")
-    heads += texts("Significant at 5 %")
+    heads = ["Coefficient", ">Value [10⁻³ °/h/K]", ">σ [10⁻³ °/h/K]", ">p", "Significant at 5 %"]
     rows = []
     for axis in range(3):
         for at, term in enumerate(("b0", "ac", "as")):

@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from bench.present.report._page import Block, Page
+from bench.present.report._page import Block, Definitions, Page, Section
 from bench.present.report._palette import PAINTS
 from bench.present.report._plotting import printable
 
@@ -21,7 +21,7 @@ def render_page(page: Page) -> str:
     """Return the page as HTML 5. All text is escaped; empty blocks and sections without blocks are left out."""
     sections = [
         replace(section, blocks=blocks)
-        for section in page.sections
+        for section in (*page.sections, Section("Definitions", [Definitions(page.terms)]))
         if (blocks := [block for block in section.blocks if not block.empty])
     ]
     return _environment().get_template("page.html.j2").render(page=page, sections=sections)

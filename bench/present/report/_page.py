@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from markupsafe import Markup
@@ -70,15 +70,6 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Column:
-    """A column head. Numbers are right-aligned."""
-
-    title: str
-    unit: str = ""
-    number: bool = False
-
-
-@dataclass(frozen=True)
 class Row:
     """A table row; `emphasis` marks the chosen one, `note` is printed across the table beneath it."""
 
@@ -90,11 +81,22 @@ class Row:
 
 @dataclass(frozen=True)
 class Table(_Block):
-    """A table with a caption that says what it shows."""
+    """A table with a caption that says what it shows.
 
-    columns: Sequence[Column]
+    ">Gap [°/h]" is a head with its unit over a column that is right-aligned, as numbers are.
+    """
+
+    heads: Sequence[str]
     rows: Sequence[Row]
     caption: str = ""
+
+    @property
+    def columns(self) -> list[tuple[str, str, bool]]:
+        """Title, unit and whether it is right-aligned, of every column."""
+        return [
+            (*head.removeprefix(">").removesuffix("]").partition(" [")[::2], head.startswith(">"))
+            for head in self.heads
+        ]
 
 
 @dataclass(frozen=True)
@@ -136,21 +138,6 @@ def named(name: str, *cells: str | Cell) -> Row:
     return Row([Cell(name, strong=True), *(c if isinstance(c, Cell) else Cell(c) for c in cells)])
 
 
-def texts(*heads: str) -> list[Column]:
-    """Return columns of texts by their heads; "Gap [°/h]" is a title with a unit."""
-    return [_column(head, number=False) for head in heads]
-
-
-def numbers(*heads: str) -> list[Column]:
-    """Return right-aligned columns by their heads; "Gap [°/h]" is a title with a unit."""
-    return [_column(head, number=True) for head in heads]
-
-
-def _column(head: str, *, number: bool) -> Column:
-    title, _, unit = head.removesuffix("]").partition(" [")
-    return Column(title, unit, number)
-
-
 Block = Facts | Table | Figures | Notes | Definitions
 
 
@@ -165,11 +152,12 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole report; facts without a value are not printed."""
+    """A whole report, ending with its `terms` and what they mean; facts without a value are not printed."""
 
     title: str
     kind: str
     facts: Sequence[Fact]
     verdict: Verdict
-    sections: Sequence[Section] = field(default=())
+    sections: Sequence[Section] = ()
+    terms: Sequence[tuple[str, str]] = ()
     colophon: str = ""

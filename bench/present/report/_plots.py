@@ -82,14 +82,29 @@ def trace_panels(figure_id: str, traces: Sequence[Trace]) -> list[Block]:
     return [panels(figure_id, plots, caption, keys, x_label="Time, h", y_label="°C")]
 
 
-def before_after_panels(
-    figure_id: str, comparisons: Sequence[Comparison], y_label: str, caption: str
-) -> list[Block]:
-    """Return held-out runs before and after compensation on common axes."""
-    if not comparisons:
+_COMPARED = {
+    "°/h": (
+        "bias",
+        "Bias, °/h",
+        "Bias drift before and after compensation on held-out runs, 100 s means on common axes.",
+    ),
+    "ppm": (
+        "scale-factor",
+        "SF error, ppm",
+        "Scale-factor error before and after compensation on held-out groups, on common axes.",
+    ),
+}
+"""Id, label and caption by the unit of what is compared."""
+
+
+def before_after_panels(comparisons: Sequence[Comparison], unit: str) -> list[Block]:
+    """Return held-out runs before and after compensation on common axes: what is compared in that unit."""
+    figure_id, y_label, caption = _COMPARED[unit]
+    shown = [item for item in comparisons if item.unit == unit]
+    if not shown:
         return []
     plots = []
-    for item in comparisons:
+    for item in shown:
         curves = [
             Curve(label, item.time_s / _HOUR, values, paint, width=1.25)
             for label, values, paint in (("before", item.before, BEFORE), ("after", item.after, AFTER))
@@ -97,7 +112,7 @@ def before_after_panels(
         description = f"{item.run_id}: {y_label} before and after compensation. {item.note}"
         plots.append(Panel(curves, item.run_id, item.note, item.floor, description))
     keys = [*BEFORE_AFTER]
-    if any(known(item.floor) for item in comparisons):
+    if any(known(item.floor) for item in shown):
         keys.append(Key("noise floor, ± 1σ", FLOOR, "band"))
     return [panels(figure_id, plots, caption, keys, x_label="Time, h", y_label=y_label, y_margin=0.06)]
 

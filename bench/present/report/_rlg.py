@@ -14,9 +14,9 @@ from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
     Block,
     Cell,
-    Definitions,
     Fact,
     Facts,
+    Figures,
     Headline,
     Page,
     Row,
@@ -24,8 +24,6 @@ from bench.present.report._page import (
     Table,
     Verdict,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._palette import BLUE, ORANGE
 from bench.present.report._rlg_judged import judged_blocks
@@ -83,7 +81,7 @@ def stepwise_page(
         sections=[
             parts.warnings([*warnings, *remarks]),
             Section("Bias before and after", judged_blocks(study)),
-            Section("Held-out runs", _courses(study, best)),
+            Section("Held-out runs", [_course(n, run, best) for n, run in enumerate(study.tests, start=1)]),
             Section("Final equations", [_statistics(study), *_equations(study)]),
             Section("Tests of the variables", [*_left_out(study), _tests(study)]),
             *(Section(f"Steps: {variant.name}", [_steps(variant)]) for variant in study.variants[:2]),
@@ -94,8 +92,8 @@ def stepwise_page(
                     "Checksums of the runs.",
                 ),
             ),
-            Section("Definitions", [Definitions(_TERMS)]),
         ],
+        terms=_TERMS,
         colophon=parts.OF_RUNS,
     )
 
@@ -131,11 +129,7 @@ def _runs(number: int) -> str:
     return "one run" if number == 1 else f"{number} runs"
 
 
-def _courses(study: RlgStudy, best: StepwiseVariant) -> list[Block]:
-    return [block for number, run in enumerate(study.tests, start=1) for block in _course(number, run, best)]
-
-
-def _course(number: int, run: RampRun, best: StepwiseVariant) -> list[Block]:
+def _course(number: int, run: RampRun, best: StepwiseVariant) -> Figures:
     hours = run.time_s / 3600.0
     left = run.bias_dph - best.compensation.drift_dph(run)
     plots = [
@@ -149,11 +143,11 @@ def _course(number: int, run: RampRun, best: StepwiseVariant) -> list[Block]:
         ),
     ]
     caption = f"Run {run.run_id}: temperatures and bias before and after {best.name}."
-    return [lanes(f"held-out-{number}", plots, "Time, h", caption)]
+    return lanes(f"held-out-{number}", plots, "Time, h", caption)
 
 
 def _statistics(study: RlgStudy) -> Table:
-    heads = texts("Figure") + numbers(*(variant.name for variant in study.variants))
+    heads = ["Figure", *(f">{variant.name}" for variant in study.variants)]
     figures: list[tuple[str, list[float]]] = [
         ("Terms", [len(v.result.selected) for v in study.variants]),
         ("Rows", [v.result.n for v in study.variants]),
@@ -191,7 +185,7 @@ def _equations(study: RlgStudy) -> list[Block]:
                     fixed(float(variant.result.vif[index]), 1),
                 )
             )
-        heads = texts("Term") + numbers("Coefficient", "Standard error", "F", "p", "VIF")
+        heads = ["Term", ">Coefficient", ">Standard error", ">F", ">p", ">VIF"]
         blocks += [
             Facts([Fact(variant.name, variant.compensation.equation(), code=True)]),
             Table(heads, rows, f"{variant.name}: coefficients in °/h per unit of the term (°C, °C/min)."),
@@ -212,8 +206,8 @@ def _steps(variant: StepwiseVariant) -> Table:
             fixed(step.r2, 6),
             significant(step.rmse, 4),
         ]
-        rows.append(Row([Cell(text) for text in cells] + [Cell(", ".join(inside) or DASH)]))
-    heads = numbers("Step") + texts("Moved") + numbers("F", "p", "R²", "RMSE [°/h]") + texts("Terms in")
+        rows.append(Row([*map(Cell, cells), Cell(", ".join(inside) or DASH)]))
+    heads = [">Step", "Moved", ">F", ">p", ">R²", ">RMSE [°/h]", "Terms in"]
     return Table(heads, rows, f"Every step of {variant.name}.")
 
 
@@ -231,9 +225,7 @@ def _tests(study: RlgStudy) -> Table:
             cells += [Cell("in" if inside else "out", strong=inside), Cell(_figure(f))]
             cells.append(Cell(_figure(float(final.p_value[number]))))
         rows.append(named(name, *cells))
-    heads = texts("Variable")
-    for variant in (plain, corrected):
-        heads += texts(variant.name) + numbers("F", "p")
+    heads = ["Variable", plain.name, ">F", ">p", corrected.name, ">F", ">p"]
     caption = (
         "The plain tests take the rows for independent; the corrected ones take off the lag-1 correlation first. "
         "F and p of a variable that is out are what it would have if added alone."

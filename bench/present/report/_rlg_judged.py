@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.present.report._numbers import DASH, fixed
-from bench.present.report._page import Block, Cell, Row, Table, named, numbers, texts
+from bench.present.report._page import Block, Cell, Row, Table, named
 
 if TYPE_CHECKING:
     from bench.analysis.rlg import BeforeAfter, RlgStudy
@@ -35,8 +35,7 @@ def _improvement(study: RlgStudy) -> Table:
             rows.append(_shares(study, of_kind, "", "mean"))
     if len(study.tests) > 1:
         rows.append(_shares(study, range(len(study.tests)), "All", "mean", emphasis=True))
-    heads = texts("Differs by", "Run")
-    heads += numbers(*(f"{variant.name} [%]" for variant in study.variants), "Attained [%]")
+    heads = ["Differs by", "Run", *(f">{variant.name} [%]" for variant in study.variants), ">Attained [%]"]
     caption = (
         "Improvement of the stability of 100 s means on runs that had no part in the fit, by how these differ "
         f"from those that had. Attained: by {study.chosen.name}."
@@ -61,9 +60,8 @@ def _stability(study: RlgStudy) -> Table:
         outside = Cell(str(row.outside_rows), "doubt" if row.outside_rows else "plain")
         cells = [row.kind or DASH, fixed(row.before_dph, 5), *after, fixed(row.oracle_dph, 5)]
         rows.append(named(row.run_id, *cells, outside))
-    after = [f"{variant.name} [°/h]" for variant in study.variants]
-    heads = texts("Run", "Profile")
-    heads += numbers("Before [°/h]", *after, "True drift off [°/h]", "Rows outside")
+    after = [f">{variant.name} [°/h]" for variant in study.variants]
+    heads = ["Run", "Profile", ">Before [°/h]", *after, ">True drift off [°/h]", ">Rows outside"]
     caption = (
         "Stability, 1σ of 100 s means, before and after each equation. Rows outside lie beyond the temperatures "
         "or rates of the training runs."
@@ -76,8 +74,7 @@ def _hysteresis(study: RlgStudy) -> Table:
         after = [fixed(variant.judged[n].hysteresis_after_dph, 5) for variant in study.variants]
         return named(of.run_id, of.differs, fixed(of.hysteresis_before_dph, 5), *after)
 
-    heads = texts("Run", "Differs by")
-    heads += numbers("Before [°/h]", *(f"{variant.name} [°/h]" for variant in study.variants))
+    heads = ["Run", "Differs by", ">Before [°/h]", *(f">{variant.name} [°/h]" for variant in study.variants)]
     rows = [row(n, of) for n, of in enumerate(study.chosen.judged)]
     caption = (
         "Hysteresis: rms difference between warming and cooling at the same temperature, before and after each "

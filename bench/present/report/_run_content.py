@@ -147,7 +147,8 @@ def _table(name: str, read: Callable[[], Table], missing: list[str]) -> Table | 
 def _trace(run: Run, gyro: str, chamber: Table | None, turntable: Table | None) -> Trace:
     output = run.gyro(gyro, ("time_ns", "rate_dps", "valid", "temp_c")) if gyro else None
     output_time_s = _seconds(output) if output is not None else np.empty(0)
-    time_s = _seconds(chamber) if chamber is not None else np.arange(0.0, _end(output_time_s) + 1.0)
+    end_s = max(output_time_s[-1:], default=0.0)
+    time_s = np.arange(0.0, end_s + 1.0) if chamber is None else _seconds(chamber)
     device = run.manifest.devices.get(gyro)
     case_column = f"aux_{device.case_sensor}_temp_c" if device is not None else ""
     trace = Trace(
@@ -227,7 +228,3 @@ def _column(table: Table | None, name: str) -> Array | None:
 
 def _seconds(table: Table) -> Array:
     return np.asarray(table["time_ns"], dtype=np.float64) * 1e-9
-
-
-def _end(time_s: Array) -> float:
-    return float(time_s[-1]) if len(time_s) else 0.0

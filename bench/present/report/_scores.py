@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bench.present.report._numbers import column, fixed, known, mean, significant
-from bench.present.report._page import Block, Cell, Headline, Row, Table, Tone, named, numbers, texts
+from bench.present.report._page import Block, Cell, Headline, Row, Table, Tone, named
 
 if TYPE_CHECKING:
     from bench.analysis.thermal import Scores, Study
@@ -52,14 +52,14 @@ def model_table(models: Models, chosen: str) -> list[Block]:
     after = [mean(score.stability_dph for score in scores) for scores in by_model]
     sf_rms = [mean(map(sf_rms_ppm, scores)) for scores in by_model]
     columns = [
-        ("Bias stability before [°/h]", column(before)),
-        ("after [°/h]", column(after)),
-        ("Improvement [%]", [fixed(mean(values), 1) for values in improvements]),
-        ("least [%]", [fixed(_most(values, min), 1) for values in improvements]),
-        ("of attainable [%]", [fixed(attained(scores)[1], 1) for scores in by_model]),
-        ("Largest peak [°/h]", column(_most(s.true_max_dph for s in scores) for scores in by_model)),
-        ("Scale-factor error, rms [ppm]", column(sf_rms, 2, 2)),
-        ("largest [ppm]", column((_most(map(_sf_max_ppm, scores)) for scores in by_model), 2, 1)),
+        (">Bias stability before [°/h]", column(before)),
+        (">after [°/h]", column(after)),
+        (">Improvement [%]", [fixed(mean(values), 1) for values in improvements]),
+        (">least [%]", [fixed(_most(values, min), 1) for values in improvements]),
+        (">of attainable [%]", [fixed(attained(scores)[1], 1) for scores in by_model]),
+        (">Largest peak [°/h]", column(_most(s.true_max_dph for s in scores) for scores in by_model)),
+        (">Scale-factor error, rms [ppm]", column(sf_rms, 2, 2)),
+        (">largest [ppm]", column((_most(map(_sf_max_ppm, scores)) for scores in by_model), 2, 1)),
     ]
     filled = [(head, cells) for head, cells in columns if any(cell != fixed(None, 0) for cell in cells)]
     rows = [
@@ -69,7 +69,7 @@ def model_table(models: Models, chosen: str) -> list[Block]:
     caption = (
         "Models on held-out runs, means over the runs unless a head says otherwise. Shaded: the chosen one."
     )
-    return [Table(texts("Model") + numbers(*(head for head, _ in filled)), rows, caption)]
+    return [Table(["Model", *(head for head, _ in filled)], rows, caption)]
 
 
 def run_matrix(models: Models, chosen: str) -> list[Block]:
@@ -92,7 +92,7 @@ def run_matrix(models: Models, chosen: str) -> list[Block]:
             cells = [fixed(value, 1) for value in (*values, mean(values))]
             rows.append(replace(named(model, *cells), emphasis=model == chosen))
     caption = "Improvement of bias stability on every held-out run, %."
-    return [Table(texts("Model") + numbers(*runs, "Mean"), rows, caption)]
+    return [Table(["Model", *(f">{run}" for run in runs), ">Mean"], rows, caption)]
 
 
 def judged(scores: Sequence[Scores]) -> Tone:

@@ -13,7 +13,6 @@ from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import (
     Block,
-    Definitions,
     Fact,
     Headline,
     Page,
@@ -21,8 +20,6 @@ from bench.present.report._page import (
     Table,
     Verdict,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._palette import BLUE, MUTED, ORANGE
 
@@ -78,8 +75,8 @@ def standard_test_page(
                 "Allan deviation",
                 [block for n, result in enumerate(results) for block in allan_figure(n, result)],
             ),
-            Section("Definitions", [Definitions(_TERMS)]),
         ],
+        terms=_TERMS,
         colophon=parts.OF_RUNS,
     )
 
@@ -107,9 +104,7 @@ def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
         )
         for figure in figures
     ]
-    heads = (
-        texts("Figure") + numbers("Value") + texts("Unit") + numbers("95 % interval") + texts("Definition")
-    )
+    heads = ["Figure", ">Value", "Unit", ">95 % interval", "Definition"]
     return Table(heads, rows, f"Figures of {run_id}.")
 
 

@@ -20,7 +20,6 @@ from bench.present.report._numbers import (
 from bench.present.report._page import (
     Block,
     Cell,
-    Column,
     Fact,
     Facts,
     Row,
@@ -28,8 +27,6 @@ from bench.present.report._page import (
     Table,
     Tone,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._run_content import RunContent
 from bench.record.events.run import Measured
@@ -84,8 +81,9 @@ def runs_table(runs: Sequence[RunContent]) -> list[Block]:
         ]
         plain_tone: Tone = "plain" if run.valid else tone
         rows.append(Row(cells, tone=plain_tone, note="; ".join(run.reasons)))
-    heads = texts("Run", "Procedure", *(["Used for"] if roles else []), "Parameters", "Started")
-    heads += numbers("Duration") + texts("Outcome")
+    heads = ["Run", "Procedure", "Parameters", "Started", ">Duration", "Outcome"]
+    if roles:
+        heads.insert(2, "Used for")
     shared = ", ".join(" ".join(parameter(name, value)) for name, value in common.items())
     caption = "Runs of this report." + (f" Parameters that all of them share: {shared}." if shared else "")
     return [Table(heads, rows, caption)]
@@ -98,12 +96,10 @@ def checks_table(runs: Sequence[RunContent]) -> list[Block]:
         for item in run.measurements:
             if limited(item):
                 names.setdefault(item.name, item)
-    heads = [Column("Run")] + [
-        Column(
-            measured(name), f"{unit_text(item.unit)} {limits_text(item.low, item.high)}".strip(), number=True
-        )
-        for name, item in names.items()
-    ]
+    heads = ["Run"]
+    for name, item in names.items():
+        unit = f"{unit_text(item.unit)} {limits_text(item.low, item.high)}".strip()
+        heads.append(f">{measured(name)} [{unit}]")
     rows = []
     for run in runs:
         found = {item.name: item for item in run.measurements}
@@ -131,7 +127,7 @@ def measurements_table(measurements: Sequence[Measured]) -> list[Block]:
         )
         for item in measurements
     ]
-    heads = texts("Measured") + numbers("Value") + texts("Unit", "Limits", "Result")
+    heads = ["Measured", ">Value", "Unit", "Limits", "Result"]
     return [Table(heads, rows, "Measurements of the procedure and their limits.")]
 
 
@@ -154,8 +150,8 @@ def streams_table(runs: Sequence[RunContent]) -> Table:
             fixed(stream.get("clock_error_ppm"), 1),
         )
         rows.append(row)
-    heads = texts("Run", "Gyro (unit)")
-    heads += numbers("Frames", "Lost", "Lost [ppm]", "Rejected", "Sample rate [Hz]", "Clock error [ppm]")
+    heads = ["Run", "Gyro (unit)", ">Frames", ">Lost", ">Lost [ppm]", ">Rejected"]
+    heads += [">Sample rate [Hz]", ">Clock error [ppm]"]
     caption = "Streams as recorded. A frame that was lost or rejected is marked in the record."
     if off := [f"{gyro} {count(stream['off'])}" for _, gyro, stream in streams if stream.get("off")]:
         caption += f" Not sent while switched off by the procedure, and not lost: {', '.join(off)} frames."
@@ -170,14 +166,14 @@ def devices_table(runs: Sequence[RunContent]) -> list[Block]:
         for name, device in run.manifest.devices.items()
     )
     rows = [named(name, *(text or DASH for text in facts)) for name, *facts in devices]
-    heads = texts("Device", "Role", "Maker", "Model", "Serial number", "Firmware")
+    heads = ["Device", "Role", "Maker", "Model", "Serial number", "Firmware"]
     return [Table(heads, rows, "Devices as they identified themselves when the run began.")]
 
 
 def checksum_table(checksums: Mapping[str, str], caption: str) -> list[Block]:
     """Return names with their SHA-256 checksums."""
     rows = [named(name, Cell(value or DASH, code=True)) for name, value in checksums.items()]
-    return [Table(texts("Run", "SHA-256"), rows, caption)]
+    return [Table(["Run", "SHA-256"], rows, caption)]
 
 
 def software_facts(software: Mapping[str, str], bench_file_sha256: str) -> list[Block]:

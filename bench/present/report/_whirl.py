@@ -28,8 +28,6 @@ from bench.present.report._page import (
     Table,
     Verdict,
     named,
-    numbers,
-    texts,
 )
 from bench.present.report._palette import AFTER, BEFORE, GREEN, MUTED, PURPLE, Paint
 from bench.present.report._parts import BEFORE_AFTER, before_after, made, warnings
@@ -159,9 +157,8 @@ def _judgement_table(judgements: Sequence[Judgement]) -> list[Block]:
         values = [before.locked_arcsec, patent, after.locked_arcsec, _factor(judged)]
         values += [before.locked_arcsec / patent if patent else None, before.total_arcsec, after.total_arcsec]
         rows.append(named(judged.record.run_id, *(significant(value) for value in values)))
-    heads = texts("Run") + numbers("Locked, before [arcsec]", "second-order integral fit [arcsec]")
-    heads += numbers("direct fit [arcsec]", "times less, direct", "integral")
-    heads += numbers("All, before [arcsec]", "after [arcsec]")
+    heads = ["Run", ">Locked, before [arcsec]", ">second-order integral fit [arcsec]", ">direct fit [arcsec]"]
+    heads += [">times less, direct", ">integral", ">All, before [arcsec]", ">after [arcsec]"]
     caption = (
         "Rms an axis of the carrier's tilt about its mean over two turns; locked: what repeats with the rotation "
         "angle, lines −6 to 6. The second-order integral fit is the patent's own form; it cannot hold lines +1 "
@@ -274,8 +271,8 @@ def _line_table(study: WhirlStudy) -> list[Block]:
             fit.lines, fit.amplitudes_arcsec.tolist(), sd, fit.statistic, strict=True
         )
     ]
-    heads = texts("Line m") + numbers("About x [arcsec]", "About y [arcsec]", "Amplitude [arcsec]")
-    heads += numbers("sd an axis [arcsec]", "Evidence")
+    heads = ["Line m", ">About x [arcsec]", ">About y [arcsec]", ">Amplitude [arcsec]"]
+    heads += [">sd an axis [arcsec]", ">Evidence"]
     caption = "Body tilt = Σ a exp(j m ψ). Evidence is |a|² / (2 sd²), Exp(1) where there is no line."
     meaning = Definitions(
         [

@@ -139,7 +139,7 @@ def close(
     """Write the nominal model with the missing effects in it, and what was learned for those without a name."""
     from bench.analysis import gap
     from bench.analysis.common.state_file import save_file
-    from bench.present.learned import learned_sentences
+    from bench.present.sentences import learned_sentences
 
     console = Terminal()
     given = gap.read_recordings(runs, gyro=gyro)

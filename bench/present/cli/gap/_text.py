@@ -7,7 +7,7 @@ from typing import Any
 
 from bench.analysis.gap import Cause, ChannelFinding, Diagnosis, Place, PositionFinding, Shrinkage, Suggestion
 from bench.present.cli._console import Terminal
-from bench.present.learned import learned_sentences
+from bench.present.sentences import learned_sentences
 
 _SHOWN = 8
 
