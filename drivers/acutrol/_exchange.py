@@ -41,7 +41,6 @@ class AcutrolExchanges(PolledTable):
         return query_with_retry(self.link, lambda: read(self._ask(header, *arguments)))
 
     def _ask_number(self, header: str, *arguments: Argument) -> float:
-        """Ask for a number."""
         return self._query(lambda text: self._numbers(text, 1)[0], header, *arguments)
 
     def _ask_word(self, header: str, *arguments: Argument) -> str:
@@ -73,7 +72,6 @@ class AcutrolExchanges(PolledTable):
             raise self._misfit(text, f"OK or an empty answer to {header}")
 
     def _insist(self, header: str, axis: int | str) -> None:
-        """Send a command and wait until it is confirmed."""
         self.link.write(encode_command(header, axis))
         self._await_confirmation(header)
 
@@ -89,7 +87,6 @@ class AcutrolExchanges(PolledTable):
         await_confirmation(self.link, REPLY_TIMEOUT_S, confirmed)
 
     def _misfit(self, found: str, expected: str) -> ProtocolError:
-        """Return the error for an answer that is none to the question."""
         return misfit("table", self._where, repr(found), expected)
 
     def _reading_back(self, header: str, *arguments: Argument) -> Callable[[], bool] | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.base.errors import ConfigurationError
 from drivers.can_dbc._layout import CanLayout, SignalUse, ValidRule, outer_multiplexer
 from drivers.can_dbc._signals import MessageLayout, SignalLayout
-from drivers.can_dbc._values import Source, Values, columns_of, merged
+from drivers.can_dbc._values import Block, Source, Values, columns_of, merged
 from drivers.kit.instruments import FrameBatch, LossSide, StreamCounts
 from drivers.kit.slcan_codec import FRAME_DTYPE, SlcanParser
 
@@ -128,7 +127,7 @@ class CanDecoder:
         parts = [payloads[at] for at in rows]
         end_offset = offsets[rows[-1]]
         with np.errstate(over="ignore", invalid="ignore"):  # floating-point signals may hold anything
-            columns = self._columns(parts, end_offset, held)
+            columns = self._columns(Block(parts, end_offset, held))
         self.counts.frames += len(end_offset)
         self.counts.rejected = dict(self._own_rejected)
         return FrameBatch(columns, end_offset.copy())
@@ -223,34 +222,29 @@ class CanDecoder:
                 keep = tail + at
         self._waiting, self._waiting_kind = frames[keep:].copy(), kind[keep:].copy()
 
-    def _columns(
-        self,
-        parts: list[NDArray[np.uint8]],
-        end_offset: NDArray[np.int64],
-        held: Mapping[str, NDArray[np.void]],
-    ) -> dict[str, NDArray[Any]]:
-        rows = len(end_offset)
+    def _columns(self, block: Block) -> dict[str, NDArray[Any]]:
+        rows = len(block)
         columns: dict[str, NDArray[Any]] = {}
         valid = np.ones(rows, np.bool_)
         if self._count is None:
             columns["counter"] = self.counts.frames + np.arange(rows)
         else:
-            raw = self._count.raw(parts, end_offset, held)[0]
+            raw = self._count.raw(block)[0]
             columns["counter"] = raw & (1 << self._count.signal.bits) - 1
         columns["status"] = np.zeros(rows, np.uint8)
         if self._status is not None:
-            raw, known = self._status.raw(parts, end_offset, held)
+            raw, known = self._status.raw(block)
             columns["status"] = raw.astype(np.min_scalar_type((1 << self._status.signal.bits) - 1))
             valid &= known
         for name, values in self._values:
             if values is None:
                 columns[name] = np.full(rows, np.nan, np.float32)
                 continue
-            columns[name] = values.physical(parts, end_offset, held)
+            columns[name] = values.physical(block)
             if values.must_be_finite:
                 valid &= np.isfinite(columns[name])
         for rule, mask, equals in self._rules:
-            raw, known = rule.raw(parts, end_offset, held)
+            raw, known = rule.raw(block)
             valid &= known
             valid &= (raw & mask) == equals
         columns["valid"] = valid

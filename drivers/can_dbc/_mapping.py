@@ -23,6 +23,7 @@ SHIPPED = Path(__file__).parent
 _RATES = {"deg/s": 1.0, "rad/s": math.degrees(1.0), "deg/h": 1.0 / 3600.0, "mrad/s": math.degrees(1e-3)}
 _ANGLES = {"deg": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3), "urad": math.degrees(1e-6)}
 _ACCELERATIONS = {"m/s2": 1.0, "m/s^2": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 * 1e-3}
+_UNITS = {"rate": _RATES, "delta_angle": _ANGLES, "accel": _ACCELERATIONS}
 _TIMES = {"s": 1.0, "ms": 1e-3, "100us": 1e-4, "us": 1e-6, "ns": 1e-9}
 _TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -ZERO_CELSIUS_K), "degF": (5.0 / 9.0, -160.0 / 9.0)}
 _SLOT = re.compile(r"^([A-Za-z_]\w*)(?:\[(\d+)\])?$")
@@ -155,12 +156,8 @@ class _Compiler:
         factor, zero, modulo = 1.0, 0.0, 0
         if each.role in ("rate", "delta_angle", "accel") and not each.axis:
             raise self._refuse(f"{key}.axis", "nothing", "x, y or z")
-        if each.role == "rate":
-            factor = self._unit(_RATES, each, signal, key)
-        elif each.role == "delta_angle":
-            factor = self._unit(_ANGLES, each, signal, key)
-        elif each.role == "accel":
-            factor = self._unit(_ACCELERATIONS, each, signal, key)
+        if each.role in _UNITS:
+            factor = self._unit(_UNITS[each.role], each, signal, key)
         elif each.role in ("temperature", "case_temperature"):
             factor, zero = self._unit(_TEMPERATURES, each, signal, key)
         elif signal.is_float or signal.bits > 62:
@@ -172,18 +169,8 @@ class _Compiler:
             if modulo > 1 << signal.bits or each.step >= modulo:
                 limit = f"modulo to {1 << signal.bits}, step below it"
                 raise self._refuse(key, f"modulo {modulo}, step {each.step}", limit)
-        return SignalUse(
-            role=each.role,
-            message=each.message,
-            signal=each.signal,
-            axis=each.axis,
-            factor=factor,
-            zero=zero,
-            raw_range=each.raw_range,
-            modulo=modulo,
-            step=each.step,
-            healthy=each.healthy,
-        )
+        as_given = each.model_dump(exclude={"unit", "modulo"})
+        return SignalUse(**as_given, factor=factor, zero=zero, modulo=modulo)
 
     def _unit(self, known: Mapping[str, Any], each: _Signal, signal: SignalLayout, key: str) -> Any:
         unit = each.unit or signal.unit

@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.can_dbc._layout import CanLayout, SignalUse, ValidRule
+
+
+@dataclass
+class Block:
+    """Samples: payloads (n, 8) by slot, offsets just past each (n,), and the frames that values are held from."""
+
+    parts: list[NDArray[np.uint8]]
+    end_offset: NDArray[np.int64]
+    held: Mapping[str, NDArray[np.void]]
+
+    def __len__(self) -> int:
+        return len(self.end_offset)
 
 
 class Source:
@@ -19,33 +32,23 @@ class Source:
         self._slot = layout.slot_of(use)
         self._message = use.message
 
-    def _payload(
-        self,
-        parts: list[NDArray[np.uint8]],
-        end_offset: NDArray[np.int64],
-        held: Mapping[str, NDArray[np.void]],
-    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | bool]:
+    def _payload(self, block: Block) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | bool]:
         """Return the payload that has the signal for each row, and whether there is one."""
         signal = self.signal
         if self._slot is not None:
-            part = parts[self._slot]
+            part = block.parts[self._slot]
             return part, signal.present(part) if signal.selectors else True
-        source = held[self._message]
+        source = block.held[self._message]
         if signal.selectors:
             source = source[signal.present(source["data"])]
-        at = np.searchsorted(source["end_offset"], end_offset) - 1
         if not len(source):
-            return np.zeros((len(end_offset), 8), np.uint8), np.zeros(len(end_offset), np.bool_)
+            return np.zeros((len(block), 8), np.uint8), np.zeros(len(block), np.bool_)
+        at = np.searchsorted(source["end_offset"], block.end_offset) - 1
         return source["data"][np.maximum(at, 0)], at >= 0
 
-    def raw(
-        self,
-        parts: list[NDArray[np.uint8]],
-        end_offset: NDArray[np.int64],
-        held: Mapping[str, NDArray[np.void]],
-    ) -> tuple[NDArray[Any], NDArray[np.bool_] | bool]:
+    def raw(self, block: Block) -> tuple[NDArray[Any], NDArray[np.bool_] | bool]:
         """Return the raw values, and which of them are known."""
-        payload, known = self._payload(parts, end_offset, held)
+        payload, known = self._payload(block)
         return self.signal.raw(payload), known
 
 
@@ -58,15 +61,10 @@ class Values(Source):
         turned = use.role in ("rate", "delta_angle")
         self.must_be_finite = turned and (use.raw_range is not None or self.signal.is_float)
 
-    def physical(
-        self,
-        parts: list[NDArray[np.uint8]],
-        end_offset: NDArray[np.int64],
-        held: Mapping[str, NDArray[np.void]],
-    ) -> NDArray[np.float32]:
+    def physical(self, block: Block) -> NDArray[np.float32]:
         """Return the values in the unit of the use, NaN where unknown."""
         use = self._use
-        payload, known = self._payload(parts, end_offset, held)
+        payload, known = self._payload(block)
         values = self.signal.physical(payload)
         if use.factor != 1.0:
             values *= use.factor

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 from drivers.frames._checks import check_bytes, places
 from drivers.frames._form import Form
-from drivers.frames._model import GYRO_ROLES, Description, FieldSection
+from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, Description, FieldSection
 from drivers.frames._units import UNITS
 from drivers.kit.config import Mistake
 
@@ -163,10 +163,7 @@ def _fields(form: Form) -> Iterator[Mistake]:
         if spec.quantity is not None and UNITS[spec.unit][0] != spec.quantity:
             known = ", ".join(unit for unit, parts in UNITS.items() if parts[0] == spec.quantity)
             yield Mistake(f"{key}.unit", repr(spec.unit), f"a unit of {spec.quantity}: {known}")
-        if (
-            spec.role in ("rate", "delta_angle", "cumulative_angle", "accel", "delta_velocity")
-            and not spec.axis
-        ):
+        if spec.role in (*GYRO_ROLES, *ACCEL_ROLES) and not spec.axis:
             yield Mistake(f"{key}.axis", "nothing", f"'x', 'y' or 'z' for the role {spec.role}")
         if spec.bits is not None:
             first, count = spec.bits
@@ -225,10 +222,7 @@ def _gyro(forms: list[Form]) -> Iterator[Mistake]:
     for form in forms:
         seen: dict[tuple[str, str | None], str] = {}
         for spec in form.fields:
-            if (
-                spec.role in ("rate", "delta_angle", "cumulative_angle", "accel", "delta_velocity")
-                and spec.when is None
-            ):
+            if spec.role in (*GYRO_ROLES, *ACCEL_ROLES) and spec.when is None:
                 what = (spec.role, spec.axis)
                 if what in seen:
                     yield Mistake(
@@ -298,11 +292,8 @@ def _message(description: Description, measuring: dict[str, Form]) -> Iterator[M
 
 
 def _channels_of(form: Form) -> list[FieldSection]:
-    return [spec for spec in form.fields if spec.role in GYRO_ROLES and spec.role == _first_role(form)]
-
-
-def _first_role(form: Form) -> str:
-    return next(spec.role for spec in form.fields if spec.role in GYRO_ROLES)
+    gyros = [spec for spec in form.fields if spec.role in GYRO_ROLES]
+    return [spec for spec in gyros if spec.role == gyros[0].role]
 
 
 def _told_apart(forms: list[Form]) -> Iterator[Mistake]:

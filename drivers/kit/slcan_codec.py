@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ConfigurationError, LimitExceeded
+from drivers.kit.framing import windows
 from drivers.kit.instruments import StreamCounts
 
 OPEN = b"O\r"
@@ -162,12 +163,6 @@ def _steps(numbers: NDArray[np.int64], before: int) -> NDArray[np.int64]:
     return steps
 
 
-def _windows(array: NDArray[np.uint8], at: NDArray[np.int64], width: int) -> NDArray[np.uint8]:
-    """Return `array[at[i] : at[i] + width]` as rows, shape (n, width): a row is moved as one item."""
-    items = np.ndarray((len(array) - width + 1,), f"V{width}", buffer=array, strides=(1,))
-    return items[at].view(np.uint8).reshape(-1, width)
-
-
 def _pairs(digits: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the bytes that hexadecimal digits spell, shape (n, 2 m) to (n, m)."""
     return (digits[:, 0::2] << np.uint8(4)) | digits[:, 1::2]
@@ -184,9 +179,9 @@ def _parse(
     command = text[starts]
     id_digits = _ID_DIGITS[command]
     remote = _IS_REMOTE[command]
-    identifier = _pairs(_windows(digits, starts + 1, 8)).view(">u4")[:, 0].astype(np.int64)
+    identifier = _pairs(windows(digits, starts + 1, 8)).view(">u4")[:, 0].astype(np.int64)
     identifier >>= 32 - 4 * id_digits
-    payload = _windows(digits, starts + 1 + id_digits, 17)
+    payload = windows(digits, starts + 1 + id_digits, 17)
     dlc = payload[:, 0]
     length = np.where(remote, 0, np.minimum(dlc, 8))
     left_over = lengths - (2 + id_digits + 2 * length)

@@ -4,7 +4,7 @@ Loads python-can; the bytes alone are in `drivers.kit.slcan_codec`.
 """
 
 from drivers.slcan._bus import BufferedSlcanBus
-from drivers.slcan._open import open_can
+from drivers.slcan._messages import open_can
 from drivers.slcan._python_can import from_messages, to_messages
 
 __all__ = ["BufferedSlcanBus", "from_messages", "open_can", "to_messages"]

@@ -121,27 +121,22 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
 
         python-can's own `recv` measures the time-out on the host's clock, which stands still in an emulated lab.
         """
-        while self._messages:
-            waiting = self._messages.popleft()
-            if self._matches_filters(waiting):
-                return waiting
         deadline_s = None if timeout is None else self._clock.now() + timeout
         while True:
-            left_s = None if deadline_s is None else max(0.0, deadline_s - self._clock.now())
-            message, filtered = self._recv_internal(left_s)
-            if message is None:
-                if deadline_s is not None and self._clock.now() >= deadline_s:
-                    return None
-            elif filtered or self._matches_filters(message):
-                return message
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if not self._messages:
-            self._parse()  # bytes that came while somebody else waited on the clock
-        if not self._messages:
-            self._clock.wait_for(self.link, self._clock.now() + (_FOREVER_S if timeout is None else timeout))
-            self._parse()
-        return (self._messages.popleft() if self._messages else None), False
+            if not self._messages:
+                self._parse()  # bytes that came while somebody else waited on the clock
+            if not self._messages:
+                now_s = self._clock.now()
+                self._clock.wait_for(
+                    self.link, now_s + _FOREVER_S if deadline_s is None else max(now_s, deadline_s)
+                )
+                self._parse()
+            while self._messages:
+                message = self._messages.popleft()
+                if self._matches_filters(message):
+                    return message
+            if deadline_s is not None and self._clock.now() >= deadline_s:
+                return None
 
     def _parse(self) -> None:
         data, block_ends, arrivals_s = self.link.take()

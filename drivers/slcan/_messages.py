@@ -1,4 +1,4 @@
-"""Any python-can bus as a link whose bytes are the received messages as slcan lines."""
+"""CAN buses by the names of a bench file, each with a link whose bytes are the messages as slcan lines."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import contextlib
 import os
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from drivers.base.clock import Clock
-from drivers.base.errors import ProtocolError
+from drivers.base.errors import ConfigurationError, ProtocolError
 from drivers.kit.link import Link, Opening, Tap
 from drivers.kit.python_can import can
 from drivers.kit.slcan_codec import SlcanParser
+from drivers.slcan._bus import INTERFACE, BufferedSlcanBus
 from drivers.slcan._python_can import encode_message, to_messages, unsupported_kind
 
 BUS_ERRORS = (can.CanError, NotImplementedError, OSError, ValueError, TypeError)
@@ -22,6 +24,43 @@ _AT_ONCE = 1000
 """Messages taken from a bus in one go."""
 _POLL_S = 0.1
 """How long the reading thread may take to notice that it should stop."""
+
+
+def open_can(
+    interface: str,
+    channel: str,
+    bitrate: int,
+    clock: Clock,
+    name: str,
+    *,
+    tap: Tap | None = None,
+    **options: Any,
+) -> tuple[can.BusABC, Link]:
+    """Return an open bus and the link that its messages can be recorded from.
+
+    `interface` and `channel` are python-can's (`gyrobench_slcan`: an slcan adapter on a serial port or URL);
+    `bitrate` in bit/s; `name` names the port, `tap` gets its bytes; `options` go to the interface. Closing the
+    link closes the bus.
+    Raises ConfigurationError when the interface is unknown or the bus cannot be opened.
+    """
+
+    def opened() -> can.BusABC:
+        return can.Bus(interface=interface, channel=channel, bitrate=bitrate, ignore_config=True, **options)
+
+    try:
+        if interface == INTERFACE:
+            adapter = BufferedSlcanBus(channel, bitrate, clock, name, tap=tap, **options)
+            return adapter, adapter.link
+        bus = opened()
+    except BUS_ERRORS as error:
+        raise ConfigurationError(
+            "the CAN bus cannot be opened",
+            where=f"{name} ({interface}, {channel})",
+            found=str(error),
+            expected=f"{INTERFACE}, or another interface that python-can knows, and its channel",
+            remedy="check interface, channel and options in the bench file, and that the adapter is plugged in",
+        ) from error
+    return bus, MessageLink(bus, clock, name=name, tap=tap, opener=opened)
 
 
 class MessageLink(Link):
