@@ -1,8 +1,8 @@
 """Gyros on a serial port described by a TOML file: decoder, encoder and driver made from the description."""
 
-from drivers.frames._decode import FrameDecoder, MessageReader, Messages, channels, messages_of, reader_of
+from drivers.frames._decode import FrameDecoder, MessageReader, channels, messages_of, reader_of
 from drivers.frames._encode import FrameEncoder
-from drivers.frames._form import Form
+from drivers.frames._form import Form, Messages
 from drivers.frames._kind import Frames, FramesConfig, bits_a_byte, kind_as_described
 from drivers.frames._line_encode import LineEncoder
 from drivers.frames._lines import LineDescription, LineSection

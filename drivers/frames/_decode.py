@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ConfigurationError
-from drivers.frames._form import Form, Layout
+from drivers.frames._form import Form, Layout, Messages
 from drivers.frames._line_read import LineReader
-from drivers.frames._lines import LineDescription, LineForm
+from drivers.frames._lines import LineDescription
 from drivers.frames._load import FrameFamily
 from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, Counter, FieldSection
 from drivers.frames._read import bit_of, record_of
@@ -24,46 +23,11 @@ Array = NDArray[Any]
 _NO_WRAP = 1 << 62
 
 
-@dataclass
-class Messages:
-    """Sound messages of one form and length, in order: rows uint8 (n, length), ends of them in the stream."""
-
-    layout: Layout
-    rows: NDArray[np.uint8]
-    end_offset: NDArray[np.int64]
-    numbers: NDArray[np.int64] | None = None
-    """Which message of the stream each is, damaged ones counted, where that is known."""
-
-    @property
-    def form(self) -> Form:
-        """Which message it is."""
-        return self.layout.form
-
-    def columns(self) -> dict[str, Array]:
-        """Return every field in its own unit, (n,) each."""
-        return self.layout.physical(self.layout.raw(self.rows))
-
-
-def reader_of(family: FrameFamily, forms: list[Form] | None = None) -> MessageReader | LineMessages:
+def reader_of(family: FrameFamily, forms: list[Form] | None = None) -> MessageReader | LineReader:
     """Return what reads the messages of a description from bytes, default all of them."""
     if isinstance(family.description, LineDescription):
-        return LineMessages(family)
+        return LineReader(family.description, family.forms[0])
     return MessageReader(family, forms)
-
-
-class LineMessages(LineReader):
-    """As MessageReader, of a description of ASCII lines."""
-
-    def __init__(self, family: FrameFamily) -> None:
-        form = family.forms[0]
-        assert isinstance(family.description, LineDescription) and isinstance(form, LineForm)
-        super().__init__(family.description, form)
-
-    def feed(self, data: bytes) -> list[Messages]:
-        """Return the lines completed by `data`."""
-        rows, ends, numbers = self.read(data)
-        form = self.forms[0]
-        return [Messages(form.layout(form.shortest), rows, ends, numbers)] if len(rows) else []
 
 
 class MessageReader:

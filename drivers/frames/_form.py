@@ -160,6 +160,26 @@ class Layout:
             check.write(rows)
 
 
+@dataclass
+class Messages:
+    """Sound messages of one form and length, in order: rows uint8 (n, length), ends of them in the stream."""
+
+    layout: Layout
+    rows: NDArray[np.uint8]
+    end_offset: NDArray[np.int64]
+    numbers: NDArray[np.int64] | None = None
+    """Which message of the stream each is, damaged ones counted, where that is known."""
+
+    @property
+    def form(self) -> Form:
+        """Which message it is."""
+        return self.layout.form
+
+    def columns(self) -> dict[str, Array]:
+        """Return every field in its own unit, (n,) each."""
+        return self.layout.physical(self.layout.raw(self.rows))
+
+
 def forms_of(description: Description) -> list[Form]:
     """Return the description's messages: its variants, or the one that [frame] describes."""
     if not description.variant:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames._find import Bytes, Ints
-from drivers.frames._form import Form
-from drivers.frames._lines import CELL, LINE_CRC, LineCheck, LineDescription, LineForm, number_parts
+from drivers.frames._form import Form, Messages
+from drivers.frames._lines import CELL, LINE_CRC, LineCheck, LineDescription, number_parts
 from drivers.kit.framing import PositionalCrc, find_sync, windows
 from drivers.kit.instruments import StreamCounts
 
@@ -55,7 +55,7 @@ class LineReader:
     in front of the last start in a line is passed over.
     """
 
-    def __init__(self, description: LineDescription, form: LineForm) -> None:
+    def __init__(self, description: LineDescription, form: Form) -> None:
         self.forms: list[Form] = [form]
         self.counts = StreamCounts()
         self._line = description.line
@@ -80,14 +80,14 @@ class LineReader:
         """Bytes that wait for more."""
         return len(self._pending)
 
-    def read(self, data: bytes) -> tuple[Bytes, Ints, Ints]:
-        """Return rows (n, 8 x columns), the offsets just past the lines, and the lines' numbers in the stream."""
+    def feed(self, data: bytes) -> list[Messages]:
+        """Return the lines completed by `data`, as one entry; none if there is none."""
         text = np.frombuffer(b"".join((_BEFORE, self._pending, data)), np.uint8)
         base = self._offset - len(_BEFORE)
         stops = np.flatnonzero(text[len(_BEFORE) :] == ord("\n")) + len(_BEFORE)
         if not len(stops):
             self._keep(text, len(_BEFORE))
-            return np.empty((0, CELL * self._line.columns), np.uint8), stops, stops
+            return []
         begin = np.empty_like(stops)
         begin[0], begin[1:] = len(_BEFORE), stops[:-1] + 1
         rows, lines, heads = self._rows(text, begin, stops)
@@ -102,7 +102,8 @@ class LineReader:
         self._offset = base + int(stops[-1]) + 1
         self._cut = False
         self._keep(text, int(stops[-1]) + 1)
-        return rows, ends, numbers[sound] - 1
+        form = self.forms[0]
+        return [Messages(form.layout(form.shortest), rows, ends, numbers[sound] - 1)] if len(rows) else []
 
     def _keep(self, text: Bytes, at: int) -> None:
         """Keep the unfinished line from `at` on, of a very long one the last bytes."""

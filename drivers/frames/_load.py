@@ -195,8 +195,10 @@ def _mistake(model: type[BaseModel], details: ErrorDetails, data: Any) -> Mistak
         else:
             key += f".{part}" if key else str(part)
     if details["type"] == "extra_forbidden":
-        return Mistake(key, "an unknown key", one_of(str(details["loc"][-1]), _keys(model, details["loc"])))
-    expected = _text(model, details["loc"]) or details["msg"]
+        section = _walk(model, details["loc"][:-1])[0]
+        keys = [info.alias or name for name, info in section.model_fields.items()]
+        return Mistake(key, "an unknown key", one_of(str(details["loc"][-1]), keys))
+    expected = _walk(model, details["loc"])[1] or details["msg"]
     if details["type"] == "missing":
         return Mistake(key, "nothing", expected)
     found = details["input"]
@@ -233,12 +235,3 @@ def _walk(model: type[BaseModel], location: tuple[Any, ...]) -> tuple[type[BaseM
                 model = inner[0] if inner else model
                 break
     return model, text
-
-
-def _text(model: type[BaseModel], location: tuple[Any, ...]) -> str:
-    return _walk(model, location)[1]
-
-
-def _keys(model: type[BaseModel], location: tuple[Any, ...]) -> list[str]:
-    inner = _walk(model, location[:-1])[0]
-    return [info.alias or name for name, info in inner.model_fields.items()]

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.frames._decode import LineMessages, MessageReader, reader_of
+from drivers.frames._decode import MessageReader, reader_of
+from drivers.frames._line_read import LineReader
 from drivers.frames._lines import LineDescription, LineVector
 from drivers.frames._load import FrameFamily
 from drivers.frames._model import Vector
@@ -52,7 +53,7 @@ def _mistakes(family: FrameFamily, vector: Vector | LineVector, key: str) -> Ite
         yield Mistake(key_of_data, missed, "a check that sees it")
 
 
-def _why(reader: MessageReader | LineMessages, size: int, is_line: bool) -> str:
+def _why(reader: MessageReader | LineReader, size: int, is_line: bool) -> str:
     """Return why what was read is not one message."""
     reasons = ", ".join(reader.counts.rejected)
     if is_line:

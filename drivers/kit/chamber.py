@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable
 
 from drivers.base.errors import BenchError, DeviceRefused
-from drivers.kit.instruments import ChamberCapabilities, ChamberState, Rest
+from drivers.kit.instruments import Chamber, ChamberState, Rest
 from drivers.kit.link import Link
 from drivers.kit.polled import TROUBLES, PolledInstrument
 
@@ -17,7 +17,7 @@ _STEP_C = 0.1
 """A set point that reads back so near is the one that was told."""
 
 
-class PolledChamber(PolledInstrument):
+class PolledChamber(PolledInstrument, Chamber):
     """The part of a chamber (`drivers.kit.instruments.Chamber`) that is the same for every controller.
 
     `safe_set_point_c`: what `make_safe` leaves behind. `_switched_by`, in words: what to check when a chamber
@@ -30,22 +30,6 @@ class PolledChamber(PolledInstrument):
     def __init__(self, link: Link, safe_set_point_c: float) -> None:
         super().__init__(link)
         self.safe_set_point_c = safe_set_point_c
-
-    @abstractmethod
-    def capabilities(self) -> ChamberCapabilities:
-        """Return what this chamber can do."""
-
-    @abstractmethod
-    def alarms(self) -> list[str]:
-        """Return the alarms in force, in words."""
-
-    @abstractmethod
-    def request_state(self) -> None:
-        """Send the first question of a state without waiting; `read_state` must follow before anything else."""
-
-    @abstractmethod
-    def read_state(self) -> ChamberState:
-        """Take the answer to `request_state`, and ask the rest."""
 
     @abstractmethod
     def _switch(self, on: bool) -> None:

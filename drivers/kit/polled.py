@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
-from drivers.kit.instruments import Identity, TableState
+from drivers.kit.instruments import Identity, TableState, Turntable
 from drivers.kit.link import Link
 from drivers.kit.retry import command_once, query_with_retry
 
@@ -113,18 +113,8 @@ class PolledInstrument(ABC):
         )
 
 
-class PolledTable(PolledInstrument):
+class PolledTable(PolledInstrument, Turntable):
     """The part of a rate table (`drivers.kit.instruments.Turntable`) that is the same for every controller."""
-
-    axes: tuple[str, ...]
-
-    @abstractmethod
-    def request_state(self) -> None:
-        """Ask for telemetry without waiting; `read_state` must follow before anything else."""
-
-    @abstractmethod
-    def read_state(self) -> TableState:
-        """Take the answer to `request_state`, and ask the rest."""
 
     def state(self) -> TableState:
         """Read angle and rate."""

@@ -126,10 +126,8 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
             if not self._messages:
                 self._parse()  # bytes that came while somebody else waited on the clock
             if not self._messages:
-                now_s = self._clock.now()
-                self._clock.wait_for(
-                    self.link, now_s + _FOREVER_S if deadline_s is None else max(now_s, deadline_s)
-                )
+                until_s = self._clock.now() + _FOREVER_S if deadline_s is None else deadline_s
+                self._clock.wait_for(self.link, until_s)
                 self._parse()
             while self._messages:
                 message = self._messages.popleft()

@@ -21,7 +21,7 @@ from drivers.base.clock import WallClock
 from drivers.base.errors import ConfigurationError, DeviceSilent, WrongDevice
 from drivers.can_dbc import CanConfig, CanDecoder, MessageLayout
 from drivers.can_dbc._dbc import compile_message, find_message
-from drivers.can_dbc._driver import CanGyro
+from drivers.can_dbc._kind import CanGyro
 from drivers.kit.kinds import Connection
 from drivers.sbg import ALL_GOOD, ELLIPSE_DBC, SbgEllipse, ellipse_layout
 from drivers.slcan import BufferedSlcanBus
