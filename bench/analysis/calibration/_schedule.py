@@ -78,12 +78,11 @@ class Schedule:
         return bool(np.allclose(self.attitudes()[-1], self.home, atol=1e-9))
 
     @property
-    def net_turns(self) -> tuple[float, float, float]:
+    def net_turns(self) -> tuple[float, ...]:
         """Whole turns about body x, y, z that are left at the end."""
-        net = [0, 0, 0]
-        for move in self.moves:
-            net[move.axis] += move.angle_deg
-        return (net[0] / 360.0, net[1] / 360.0, net[2] / 360.0)
+        return tuple(
+            sum(move.angle_deg for move in self.moves if move.axis == axis) / 360.0 for axis in range(3)
+        )
 
     def turn_s(self, move: Move) -> float:
         """Duration of a move: its angle at the mean rate."""

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Self, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.common.state_file import JSON_ENTRY, read_state, write_state
+from bench.analysis.common.state_file import read_state, unreadable, write_state
 from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError, RecordError
@@ -115,7 +115,7 @@ class FittedCompensation:
             named = {name: dict(state.get(name, {})) for name in ("runs", "software")}
             made = cls._restored(state, {**named, "created_utc": str(state.get("created_utc", ""))})
         except (LookupError, TypeError, ValueError, AttributeError) as error:
-            raise _unreadable(path, f"{type(error).__name__}: {error}") from error
+            raise unreadable(path, f"{type(error).__name__}: {error}") from error
         made.check(state, path)
         return made
 
@@ -123,7 +123,7 @@ class FittedCompensation:
         """Raise RecordError for arrays that are no finite numbers or of another shape than `SHAPES` says."""
         for place, array in _arrays_in(state):
             if array.dtype.kind not in "fciub" or not np.isfinite(array).all():
-                raise _unreadable(path, f"{place}: not all of it numbers")
+                raise unreadable(path, f"{place}: not all of it numbers")
         lengths: dict[str, int] = {}
         for name, shape in self.SHAPES.items():
             found = np.shape(attrgetter(name)(self))
@@ -132,7 +132,7 @@ class FittedCompensation:
                 for length, size in zip(shape, found, strict=False)
             )
             if len(found) != len(shape) or found != wanted:
-                raise _unreadable(path, f"{name} of shape {found}, not {shape}")
+                raise unreadable(path, f"{name} of shape {found}, not {shape}")
 
 
 def _plain(value: Any) -> Any:
@@ -175,13 +175,3 @@ def _arrays_in(value: Any, place: str = "") -> Iterator[tuple[str, NDArray[Any]]
     elif isinstance(value, list | tuple):
         for index, part in enumerate(value):
             yield from _arrays_in(part, f"{place}/{index}")
-
-
-def _unreadable(path: Path, found: str) -> RecordError:
-    return RecordError(
-        "this is not a readable compensation file",
-        where=str(path),
-        found=found,
-        expected=f"a zip with {JSON_ENTRY} and its arrays, finite and of the shapes of its kind",
-        remedy="copy the file again, or fit the compensation again",
-    )

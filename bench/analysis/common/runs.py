@@ -12,27 +12,20 @@ from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 
-class UnitRun(Protocol):
-    """What a run says of itself."""
-
+class _UnitRun(Protocol):
     @property
-    def run_id(self) -> str:
-        """Name of the run."""
-        ...
-
+    def run_id(self) -> str: ...
     @property
-    def unit_id(self) -> str:
-        """Unit that was recorded."""
-        ...
-
+    def unit_id(self) -> str: ...
     @property
-    def checksum(self) -> str:
-        """SHA-256 of the recording, empty if it has none."""
-        ...
+    def checksum(self) -> str: ...
 
 
-def require_separate(training: Sequence[UnitRun], judging: Sequence[UnitRun]) -> None:
-    """Raise ConfigurationError for no training run, runs of several units, or a run both fitted and judged."""
+def require_separate(training: Sequence[_UnitRun], judging: Sequence[_UnitRun]) -> None:
+    """Raise ConfigurationError for no training run, runs of several units, or a run both fitted and judged.
+
+    The same run is told by its checksum; a run without one is never taken for another.
+    """
     units = {run.unit_id for run in (*training, *judging)}
     if not training or len(units) > 1:
         raise ConfigurationError(

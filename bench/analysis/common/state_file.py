@@ -94,14 +94,19 @@ def read_state(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise
     except ARCHIVE_DAMAGE as error:
-        raise RecordError(
-            "this is not a readable compensation file",
-            where=str(path),
-            found=f"{type(error).__name__}: {error}",
-            expected=f"a zip with {JSON_ENTRY} and its arrays",
-            remedy="copy the file again, or fit the compensation again",
-        ) from error
+        raise unreadable(path, f"{type(error).__name__}: {error}") from error
     return restored
+
+
+def unreadable(path: Path, found: str) -> RecordError:
+    """Return the refusal of a file that holds no compensation, or a damaged one."""
+    return RecordError(
+        "this is not a readable compensation file",
+        where=str(path),
+        found=found,
+        expected=f"a zip with {JSON_ENTRY} and its arrays, finite and of the shapes of its kind",
+        remedy="copy the file again, or fit the compensation again",
+    )
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

@@ -10,7 +10,6 @@ import math
 import re
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
@@ -26,15 +25,6 @@ from drivers.base.errors import ConfigurationError
 
 SELF_TEST_STEPS = 32
 _PREFIX = "gyrocomp"
-
-
-@dataclass(frozen=True)
-class _Printed:
-    """A constant with its full C name and its values as C literals."""
-
-    name: str
-    real: Real
-    values: tuple[str, ...]
 
 
 def c_header(compensation: Compensation) -> str:
@@ -62,7 +52,7 @@ def c_header(compensation: Compensation) -> str:
         t_range=t_range,
         training_runs=[_quotable(run.run_id) for run in compensation.training_runs],
         flags=[(flag.name, flag.value) for flag in Flag],
-        constants=[_printed(constant) for constant in constants],
+        constants=constants,
         doubles=any(constant.real == "double" for constant in constants),
         crc=_crc(constants),
         programs=parts,
@@ -83,6 +73,9 @@ def _environment() -> jinja2.Environment:
         autoescape=False,
     )
     environment.filters["c_float"] = lambda value: _literal(float(value), "float")
+    environment.filters["literals"] = lambda constant: [
+        _literal(float(value), constant.real) for value in np.ravel(constant.values)
+    ]
     return environment
 
 
@@ -126,13 +119,6 @@ def _crc(constants: Sequence[CConstant]) -> int:
     for constant in constants:
         crc = zlib.crc32(constant.values.astype("<f4" if constant.real == "float" else "<f8").tobytes(), crc)
     return crc
-
-
-def _printed(constant: CConstant) -> _Printed:
-    flat = np.ravel(constant.values)
-    return _Printed(
-        constant.name, constant.real, tuple(_literal(float(value), constant.real) for value in flat)
-    )
 
 
 def _literal(value: float, real: Real) -> str:

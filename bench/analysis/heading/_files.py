@@ -47,30 +47,25 @@ def study_heading_logs(
     `epoch_s`: s since 1970 (UTC) at time 0 of the logs; place and time that are not given are a run folder's.
     """
 
+    zero_deg = None if epoch_s is None else earth_rotation_deg(epoch_s)
+    given = {"latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "sidereal_zero_deg": zero_deg}
+
     def site(path: Path) -> Site:
-        return _site(path, latitude_deg, longitude_deg, epoch_s, damping)
+        if latitude_deg is not None and longitude_deg is not None:
+            return Site(latitude_deg, longitude_deg, zero_deg, damping)
+        if not (path.is_dir() or url_of(path)):
+            raise ConfigurationError(
+                "where the platform stood is not known",
+                where=str(path),
+                expected="--latitude-deg and --longitude-deg, or a run folder, whose manifest has them",
+            )
+        known = {name: value for name, value in given.items() if value is not None}
+        return replace(site_of_run(path, damping), **known)
 
     calibration, other_temp_c = load_log(log, site(log), columns)
     held_out = {path.stem: load_log(path, site(path), columns)[0] for path in tests}
     study = study_heading(calibration, held_out, form=form, window_s=window_s, other_temp_c=other_temp_c)
     return study, dict(checksum_of_log(path) for path in (log, *tests))
-
-
-def _site(
-    log: Path, latitude_deg: float | None, longitude_deg: float | None, epoch_s: float | None, damping: float
-) -> Site:
-    """Return where a log was made: as told, or as a run folder's manifest has it."""
-    zero_deg = None if epoch_s is None else earth_rotation_deg(epoch_s)
-    if latitude_deg is not None and longitude_deg is not None:
-        return Site(latitude_deg, longitude_deg, zero_deg, damping)
-    if not (log.is_dir() or url_of(log)):
-        raise ConfigurationError(
-            "where the platform stood is not known",
-            where=str(log),
-            expected="--latitude-deg and --longitude-deg, or a run folder, whose manifest has them",
-        )
-    given = {"latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "sidereal_zero_deg": zero_deg}
-    return replace(site_of_run(log, damping), **{name: at for name, at in given.items() if at is not None})
 
 
 def site_of_run(place: Path, damping: float = 0.0) -> Site:
