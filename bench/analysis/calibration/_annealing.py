@@ -24,7 +24,10 @@ def anneal(
     for step in range(steps):
         heat = _START_HEAT * (_END_HEAT / _START_HEAT) ** (step / max(1, steps - 1))
         if rng.random() < 0.3:
-            path = _shifted(graph, path, int(rng.integers(len(path.moves))))
+            # A closed path may begin at any of its positions.
+            by = int(rng.integers(len(path.moves)))
+            home = graph.walk(path.home, path.moves)[by]
+            path = Path(home, (*path.moves[by:], *path.moves[:by]))
         options = _rerouted(graph, path, rng)
         cost = _cost(graph, path, options, weight)
         evaluated += len(options.moves)
@@ -86,8 +89,3 @@ def _cost(graph: Graph, path: Path, options: _Options, weight: Array) -> Array:
         stretch = compose(stretch, stretch_of(graph, nodes[options.start + length], rest, rest=False))
     ratio = scaled_variances(stretch.information) * weight
     return np.asarray(np.sqrt(ratio.max(axis=1)) + 0.1 * np.sqrt(ratio.mean(axis=1)))
-
-
-def _shifted(graph: Graph, path: Path, by: int) -> Path:
-    """Return the closed path begun at its position number `by`."""
-    return Path(graph.walk(path.home, path.moves)[by], (*path.moves[by:], *path.moves[:by]))

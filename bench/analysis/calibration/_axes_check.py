@@ -48,8 +48,10 @@ def require_axis_order(
         first = int(np.argmin(resting)) * round(track.interval_s / data.period_s)
         vertical = float(data.angle_rad[:first].mean(axis=0) @ (matrix @ ups[0]))
         matrix = matrix if vertical * latitude_deg > 0.0 else -matrix
+    kind = "reversed" if np.count_nonzero(np.diag(matrix)) == 3 else "exchanged"
+    hand = " (left-handed)" if np.linalg.det(matrix) < 0 else ""
     raise RecordError(
-        f"the axes of the {where} are {_kind(matrix)}",
+        f"the axes of the {where} are {kind}{hand}",
         where="first turns of the record",
         found=", ".join(_described(matrix, at) for at in range(3)),
         expected="x, y, z of gyros and accelerometers right-handed and the same",
@@ -136,11 +138,6 @@ def _wanted(schedule: Schedule) -> Array:
 
 def _like(turns: Array, schedule: Schedule) -> bool:
     return bool(np.degrees(np.linalg.norm(turns - _wanted(schedule), axis=1).max()) < _ANGLE_DEG)
-
-
-def _kind(matrix: Array) -> str:
-    kind = "reversed" if np.count_nonzero(np.diag(matrix)) == 3 else "exchanged"
-    return kind + (" (left-handed)" if np.linalg.det(matrix) < 0 else "")
 
 
 def _described(matrix: Array, row: int) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.analysis.calibration._graph import Graph, Integers, Path, cuts
-from bench.analysis.calibration._segments import Segment, compose, join, scaled_variances
+from bench.analysis.calibration._segments import compose, join, scaled_variances
 from drivers.base.arrays import Array
 
 _POWER = 6.0
@@ -26,8 +26,12 @@ def grow_beam(graph: Graph, weight: Array, turns: int, width: int) -> tuple[list
         row, move, to = row[kept], move[kept], to[kept]
         if not len(row):
             return [], evaluated
-        stretch = _extended(graph, stretch, node, row, move)
-        guide = _guide(stretch, weight)
+        attitude = graph.node_attitude[node[row]]
+        stretch = join(
+            [compose(stretch[row[cut]], graph.segments[attitude[cut], move[cut]]) for cut in cuts(len(row))]
+        )
+        parts = [scaled_variances(stretch.information[cut]) for cut in cuts(len(row))]
+        guide = np.mean((np.concatenate(parts) * weight) ** (_POWER / 2.0), axis=1) ** (1.0 / _POWER)
         evaluated += len(row)
         chosen = _best_each(guide, graph.node_attitude[to] * len(graph.edges) + home[row], width)
         stretch, guide = stretch[chosen], guide[chosen]
@@ -48,19 +52,6 @@ def _homes(graph: Graph) -> Integers:
         )
         seen.setdefault((up, possible), node)
     return np.array(list(seen.values()))
-
-
-def _extended(graph: Graph, stretch: Segment, node: Integers, row: Integers, move: Integers) -> Segment:
-    parts = [
-        compose(stretch[row[cut]], graph.segments[graph.node_attitude[node[row[cut]]], move[cut]])
-        for cut in cuts(len(row))
-    ]
-    return join(parts)
-
-
-def _guide(stretch: Segment, weight: Array) -> Array:
-    ratio = np.concatenate([scaled_variances(stretch.information[cut]) for cut in cuts(len(stretch.noise))])
-    return np.asarray(np.mean((ratio * weight) ** (_POWER / 2.0), axis=1) ** (1.0 / _POWER))
 
 
 def _best_each(score: Array, group: Integers, count: int) -> Integers:

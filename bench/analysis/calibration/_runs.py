@@ -68,7 +68,11 @@ def load_calibration_run(folder: Path | str, gyro: str | None = None) -> Calibra
     rate_hz = manifest.stream.get(name, {}).get("sample_rate_hz")
     if not rate_hz:
         raise RecordError("the unit's stream has no sample rate", where=str(folder), found=name)
-    entry = manifest.files.get(f"raw/{name}.bin")
+    entry, truth = manifest.files.get(f"raw/{name}.bin"), run.truth(name)
+    # An emulated unit's K_a is lower triangular, as the gauge has it.
+    parts = (
+        [truth[key] for key in ("eps_rad_s", "nabla_mps2", "kg", "ka", "k2_s2pm")] if "kg" in truth else []
+    )
     return CalibrationRun(
         run_id=manifest.run_id,
         checksum=entry.sha256 if entry else "",
@@ -80,7 +84,7 @@ def load_calibration_run(folder: Path | str, gyro: str | None = None) -> Calibra
         table=table_type(table_axes(file.table)),
         mounting=manifest.mounting,
         turn_s=turn_s,
-        truth=_truth(run, name),
+        truth=pack(*parts) if parts else None,
     )
 
 
@@ -148,12 +152,3 @@ def _increments(table: Mapping[str, Any], name: str, axis: str, rate_hz: float) 
     values = np.column_stack([np.asarray(table[column], dtype=np.float64) for column in columns])
     period = 1.0 / rate_hz
     return Increments(period, np.radians(values[:, :3]) * period, values[:, 3:] * period)
-
-
-def _truth(run: Run, gyro: str) -> Array | None:
-    """Return the emulated unit's parameters in state order; its K_a is lower triangular."""
-    saved = run.truth(gyro)
-    if "kg" not in saved:
-        return None
-    parts = (saved[key] for key in ("eps_rad_s", "nabla_mps2", "kg", "ka", "k2_s2pm"))
-    return pack(*parts)

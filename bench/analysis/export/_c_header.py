@@ -10,13 +10,13 @@ import math
 import re
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
-from typing import Any
 
 import jinja2
 import numpy as np
 
-from bench.analysis.export._c_program import TEMPLATES, CConstant, CProgram, Real, c_programs
+from bench.analysis.export._c_program import TEMPLATES, CConstant, Real, c_programs
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._regression import TARGETS
 from bench.analysis.thermal._stream import CHANGE_S, FEATURES, LONGEST_GAP_S, WINDOW_S, Flag
@@ -33,9 +33,13 @@ def c_header(compensation: Compensation) -> str:
     ConfigurationError if the model has no C form or a constant is beyond the range of its C type.
     """
     programs = c_programs(compensation.model)
-    constants = [*_own_constants(compensation), *_program_constants(programs)]
+    constants, parts = _own_constants(compensation), []
     environment = _environment()
-    parts = [_part(environment, program) for program in programs]
+    for program in programs:
+        prefix = f"{_PREFIX}_{program.tag}_"
+        constants += [replace(constant, name=prefix + constant.name) for constant in program.constants]
+        names = {"k": prefix, "s": f"{program.tag}_", **program.sizes}
+        parts.append(environment.from_string(program.source).make_module(names))
     t_range = compensation.limits.inputs["t_in"]
     return environment.get_template("header.h.j2").render(
         p=_PREFIX,
@@ -77,19 +81,6 @@ def _environment() -> jinja2.Environment:
         _literal(float(value), constant.real) for value in np.ravel(constant.values)
     ]
     return environment
-
-
-def _part(environment: jinja2.Environment, program: CProgram) -> Any:
-    names = {"k": f"{_PREFIX}_{program.tag}_", "s": f"{program.tag}_"}
-    return environment.from_string(program.source).make_module({**names, **program.sizes})
-
-
-def _program_constants(programs: Sequence[CProgram]) -> list[CConstant]:
-    return [
-        CConstant(f"{_PREFIX}_{program.tag}_{constant.name}", constant.values, constant.real)
-        for program in programs
-        for constant in program.constants
-    ]
 
 
 def _own_constants(compensation: Compensation) -> list[CConstant]:

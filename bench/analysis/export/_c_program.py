@@ -126,10 +126,6 @@ def _grey_box(state: Mapping[str, Any]) -> Sequence[CProgram]:
     return [CProgram("grey", _source("grey_box.c.j2"), (*constants, *_linear_map(state)), {"nodes": NODES})]
 
 
-def _hybrid(state: Mapping[str, Any]) -> Sequence[CProgram]:
-    return [*_lag_ridge(state["linear"]), *_lstm(state["network"])]
-
-
 _PROGRAMS: Mapping[str, Callable[[Mapping[str, Any]], Sequence[CProgram]]] = {
     "poly3": _terms("t_in", "t_in * t_in", "t_in * t_in * t_in"),
     "multilinear": _terms("t_in", "t_in * t_in", "t_in * t_in * t_in", "dt_60", "gradient"),
@@ -150,5 +146,5 @@ _PROGRAMS: Mapping[str, Callable[[Mapping[str, Any]], Sequence[CProgram]]] = {
     "lag_ridge_x_temp": _lag_ridge,
     "grey_box": _grey_box,
     "lstm": _lstm,
-    "hybrid": _hybrid,
+    "hybrid": lambda state: [*_lag_ridge(state["linear"]), *_lstm(state["network"])],
 }

@@ -188,9 +188,19 @@ def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
             missing.append((what, str(error)))
     allan = noise = None
     try:
-        allan = allan_deviation(record.seconds_dph(record.needed("noise")[0]), 1.0)
-        noise = fit_noise(allan)
-        figures += _noise_figures(noise)
+        deviation = allan_deviation(record.seconds_dph(record.needed("noise")[0]), 1.0)
+        allan, noise = deviation, fit_noise(deviation)
+        figures += [
+            Figure(
+                name.rsplit("_d", 1)[0].replace("_", " "),
+                getattr(noise.coefficients, name),
+                unit,
+                "IEEE Std 952, Allan variance; 95 % interval",
+                getattr(noise.low, name),
+                getattr(noise.high, name),
+            )
+            for name, unit in zip(NOISE_NAMES, NOISE_UNITS, strict=True)
+        ]
     except BenchError as error:
         missing.append(("noise", str(error)))
     return StandardFigures(
@@ -306,18 +316,4 @@ def _over_temperature(record: _Record) -> list[Figure]:
     return [
         Figure("bias temperature sensitivity", of_bias, "deg/h/degC", "GJB 2426A"),
         Figure("scale-factor temperature sensitivity", 1e6 * of_scale, "ppm/degC", "GJB 2426A"),
-    ]
-
-
-def _noise_figures(noise: NoiseFit) -> list[Figure]:
-    return [
-        Figure(
-            name.rsplit("_d", 1)[0].replace("_", " "),
-            getattr(noise.coefficients, name),
-            unit,
-            "IEEE Std 952, Allan variance; 95 % interval",
-            getattr(noise.low, name),
-            getattr(noise.high, name),
-        )
-        for name, unit in zip(NOISE_NAMES, NOISE_UNITS, strict=True)
     ]

@@ -82,8 +82,7 @@ class Calibration:
         for channel in self._channels:
             product = channel[:, :, None] * drivers[:, None, :]
             rows.append(self._mean(product.reshape(len(product), -1)))
-        scaled: Array = np.concatenate(rows) * self._scale[:, None]
-        return scaled
+        return np.asarray(np.concatenate(rows) * self._scale[:, None])
 
     def drifts(self, drivers: Array) -> Array:
         """Return scaled columns, (rows, 3 k), of drifts that run as `drivers` (n, k) on each axis."""
@@ -129,13 +128,11 @@ class Calibration:
 
     def _mean(self, columns: Array) -> Array:
         weighted = self._sum(columns * self._weight[:, None])
-        mean: Array = weighted / np.maximum(self._count, 1.0)[:, None]
-        return mean
+        return np.asarray(weighted / np.maximum(self._count, 1.0)[:, None])
 
     def _sum(self, columns: Array) -> Array:
         starts = np.arange(0, len(columns), self._block)
-        total: Array = np.add.reduceat(columns, starts, axis=0)
-        return total
+        return np.asarray(np.add.reduceat(columns, starts, axis=0))
 
 
 def swings(angle_rad: Array) -> Array:

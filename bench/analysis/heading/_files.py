@@ -19,7 +19,7 @@ from bench.analysis.heading._lagged import Form
 from bench.analysis.heading._log import PlatformLog, Site, log_from_positions
 from bench.analysis.heading._study import HeadingStudy, study_heading
 from bench.record.benchfile import bench_file_from
-from bench.record.recording import Run, Table, checksum, read_table, table_name
+from bench.record.recording import Run, checksum, read_table, table_name
 from bench.record.run_folder import url_of
 from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
@@ -147,7 +147,9 @@ def load_log(
     if "time_ns" in table and wanted["time_s"] not in table:
         table = {**table, wanted["time_s"]: table["time_ns"] * 1e-9}
     if wanted["heading_deg"] not in table and "time_ns" in table and turned:
-        table = {**table, wanted["heading_deg"]: _table_angle(turned, table["time_ns"])}
+        # The table's angle at the last telemetry before each row.
+        row = np.searchsorted(turned["time_ns"], table["time_ns"], side="right") - 1
+        table = {**table, wanted["heading_deg"]: turned["angle_deg"][np.clip(row, 0, None)]}
     if missing := [name for name in wanted.values() if name not in table]:
         raise RecordError(
             "the log lacks columns",
@@ -178,12 +180,6 @@ def _navigating(values: Mapping[str, Array], valid: NDArray[np.bool_]) -> dict[s
         start = int(np.searchsorted(values["time_s"], begin_s))
         kept = {name: column[start:] for name, column in kept.items()}
     return kept
-
-
-def _table_angle(turntable: Table, time_ns: NDArray[Any]) -> Array:
-    """Return the table's angle at the last telemetry before each time, deg."""
-    at = np.searchsorted(turntable["time_ns"], time_ns, side="right") - 1
-    return np.asarray(turntable["angle_deg"][np.clip(at, 0, None)], dtype=np.float64)
 
 
 def _parquet(path: Path) -> dict[str, Array]:

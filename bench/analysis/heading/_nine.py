@@ -132,8 +132,7 @@ def compensate_nine(model: NineCoefficients, log: PlatformLog) -> Array:
 def integrate(time_s: Array, rate: Array) -> Array:
     """Return the running integral (trapezoids) over time of columns (n, k), zero at the first sample."""
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s)[:, None]
-    total: Array = np.concatenate([np.zeros((1, rate.shape[1])), np.cumsum(steps, axis=0)])
-    return total
+    return np.asarray(np.concatenate([np.zeros((1, rate.shape[1])), np.cumsum(steps, axis=0)]))
 
 
 def too_few_headings(found: int, stay_s: float) -> RecordError:

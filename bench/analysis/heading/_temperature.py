@@ -31,8 +31,9 @@ class ReferenceTemperature:
 
     def at(self, angle_rad: Array) -> Array:
         """Return T_ref in degC, shape of `angle_rad`."""
-        value: Array = harmonics(np.asarray(angle_rad), (len(self.coefficients) - 1) // 2) @ self.coefficients
-        return value
+        return np.asarray(
+            harmonics(np.asarray(angle_rad), (len(self.coefficients) - 1) // 2) @ self.coefficients
+        )
 
 
 def harmonics(angle_rad: Array, number: int) -> Array:
@@ -103,8 +104,7 @@ def lagged(value: Array, ratio: float, start: float | None = None) -> Array:
     state = np.atleast_1d(before * value[0] + decay * first)
     state = state[None, :] if value.ndim == 2 else state
     rest = lfilter([now, before], [1.0, -decay], value[1:], axis=0, zi=state)[0]
-    result: Array = np.concatenate([np.asarray(first)[None], rest])
-    return result
+    return np.asarray(np.concatenate([np.asarray(first)[None], rest]))
 
 
 @lru_cache(maxsize=64)
@@ -117,5 +117,4 @@ def lag_weights(ratio: float) -> tuple[float, float, float]:
 
 def _between(values: Array, begin: Array, end: Array) -> Array:
     total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
-    difference: Array = total[end] - total[begin]
-    return difference
+    return np.asarray(total[end] - total[begin])

@@ -123,10 +123,19 @@ def study_chamber_cycle(temp_c: Array, rates: dict[str, Array]) -> CycleStudy:
         remarks.append(
             f"{beyond} of {int((~fitted).sum())} means of the held-out leg are beyond the fitted range"
         )
-    gains = [
-        _axis(axis, block_means(values[use], _BLOCK), static, dynamic, fitted, held_out)
-        for axis, values in rates.items()
-    ]
+    gains = []
+    for axis, values in rates.items():
+        means = block_means(values[use], _BLOCK)
+        terms, left = [], []
+        for x, names in ((static, _STATIC), (dynamic, _DYNAMIC)):
+            result = stepwise(x[fitted], means[fitted], names=names, prewhiten=True)
+            terms.append(result.selected)
+            left.append(means - result.predict(x))
+        before, after_static, after_dynamic = (
+            float(np.std(series[held_out], ddof=1)) for series in (means, *left)
+        )
+        figures = (before, after_static, after_dynamic, terms[0], terms[1], means, left[0], left[1])
+        gains.append(AxisGain(axis, *figures))
     return CycleStudy(tuple(gains), tuple(remarks), temp, turn)
 
 
@@ -189,21 +198,3 @@ def _terms(temp: Array) -> tuple[Array, Array]:
         lagged[index] = lag
     static = np.column_stack([temp, temp**2, temp**3])
     return static, np.column_stack([static, rate, temp * rate, temp - lagged])
-
-
-def _axis(
-    axis: str,
-    bias: Array,
-    static: Array,
-    dynamic: Array,
-    fitted: NDArray[np.bool_],
-    held_out: NDArray[np.bool_],
-) -> AxisGain:
-    before = float(np.std(bias[held_out], ddof=1))
-    left, terms = [], []
-    for x, names in ((static, _STATIC), (dynamic, _DYNAMIC)):
-        result = stepwise(x[fitted], bias[fitted], names=names, prewhiten=True)
-        left.append(bias - result.predict(x))
-        terms.append(result.selected)
-    after = [float(np.std(values[held_out], ddof=1)) for values in left]
-    return AxisGain(axis, before, *after, *terms, bias, *left)

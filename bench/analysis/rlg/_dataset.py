@@ -89,7 +89,9 @@ def _ramp_run(run: Run, gyro: str, start: int, end: int, ramps: list[tuple[float
         run.manifest.run_id,
         run.manifest.unit(gyro),
         np.arange(start + 1.0, end + 1.0),
-        _case(run, gyro, table, start, end),
+        _second_means(table, "case_temp_c", start, end)
+        if "case_temp_c" in table
+        else case_temp_c(run, gyro, start, end),
         _second_means(table, "temp_c", start, end),
         DPH_PER_DPS * _second_means(table, "rate_dps", start, end)
         - run.earth_rate_dph(np.arange(start + 0.5, end)),
@@ -121,9 +123,3 @@ def _second_means(table: Table, column: str, start: int, end: int) -> Array:
     """Return 1 s means of a column, (end - start,), NaN where a second has no valid sample."""
     row = second_rows(table, start)
     return row_means(table[column], row, end - start, table["valid"].astype(np.bool_))
-
-
-def _case(run: Run, gyro: str, table: Table, start: int, end: int) -> Array:
-    if "case_temp_c" in table:
-        return _second_means(table, "case_temp_c", start, end)
-    return case_temp_c(run, gyro, start, end)

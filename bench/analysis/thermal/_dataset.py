@@ -29,9 +29,21 @@ def load_thermal_runs(folder: Path, gyro: str | None = None) -> list[ThermalRun]
     """
     run = Run.open(folder)
     name = gyros_of(run, (gyro,) if gyro else ())[0]
-    if run.of(Section):
-        return _scale_factor_runs(run, name)
-    return [_bias_run(run, name)]
+    sections = run.of(Section)
+    if not sections:
+        return [_bias_run(run, name)]
+    ends = [start_s for start_s, _ in sections[1:]] + [_end_s(run.phases())]
+    groups: dict[int, list[RateRun]] = {}
+    for (start_s, section), end_s in zip(sections, ends, strict=True):
+        rate_run = _rate_run(run, name, section.rate_dps, start_s, end_s)
+        groups.setdefault(section.group, []).append(rate_run)
+    thermal_runs = []
+    for number, rows in groups.items():
+        # Under the name and checksum of the folder that the sections share.
+        run_id = run.manifest.run_id if len(groups) == 1 else f"{run.manifest.run_id} group {number}"
+        group = replace(scale_factor_group(rows), run_id=run_id, checksum=run.checksum, meta={"gyro": name})
+        thermal_runs.append(group)
+    return thermal_runs
 
 
 def _bias_run(run: Run, gyro: str) -> ThermalRun:
@@ -62,22 +74,6 @@ def _measured(run: Run, gyro: str, start: int, end: int) -> tuple[Array, dict[st
         "checksum": run.checksum,
         "meta": {"gyro": gyro},
     }
-
-
-def _scale_factor_runs(run: Run, gyro: str) -> list[ThermalRun]:
-    sections = run.of(Section)
-    ends = [start_s for start_s, _ in sections[1:]] + [_end_s(run.phases())]
-    groups: dict[int, list[RateRun]] = {}
-    for (start_s, section), end_s in zip(sections, ends, strict=True):
-        rate_run = _rate_run(run, gyro, section.rate_dps, start_s, end_s)
-        groups.setdefault(section.group, []).append(rate_run)
-    thermal_runs = []
-    for number, rows in groups.items():
-        # Under the name and checksum of the folder that the sections share.
-        name = run.manifest.run_id if len(groups) == 1 else f"{run.manifest.run_id} group {number}"
-        group = replace(scale_factor_group(rows), run_id=name, checksum=run.checksum, meta={"gyro": gyro})
-        thermal_runs.append(group)
-    return thermal_runs
 
 
 def _rate_run(run: Run, gyro: str, rate_dps: float, start_s: float, end_s: float) -> RateRun:

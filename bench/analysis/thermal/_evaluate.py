@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.analysis.common.statistics import BLOCK_S, bias_stability, block_means
 from bench.analysis.thermal._features import prepare, window_mean
+from bench.analysis.thermal._regression import TARGETS
 from bench.analysis.thermal._types import Prediction, ThermalModel, ThermalRun
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
@@ -77,21 +78,23 @@ def evaluate(model_or_prediction: ThermalModel | Prediction, run: ThermalRun, *,
             remedy="predict from prepare(run) with the same step",
         )
     used = run.time_s >= run.reference[0]
+
+    def from_reference(values: Array) -> Array:
+        mean = window_mean(run.time_s, values, run.reference, where=f"run {run.run_id}")
+        return np.asarray(values - mean)[used]
+
     figures: dict[str, float | None] = {}
-    if run.bias_dph is not None:
-        drift = _from_reference(np.repeat(prediction.bias_dph, step_s)[: len(run.time_s)], run)
-        truth = None if run.true_bias_dph is None else _from_reference(run.true_bias_dph, run)
-        figures |= _bias_figures(run.bias_dph[used], drift[used], None if truth is None else truth[used])
-    if run.sf_error_ppm is not None:
-        drift = _from_reference(np.repeat(prediction.sf_error_ppm, step_s)[: len(run.time_s)], run)
-        truth = None if run.true_sf_error_ppm is None else _from_reference(run.true_sf_error_ppm, run)
-        measured = _from_reference(run.sf_error_ppm, run)
-        figures |= _sf_figures(measured[used], drift[used], None if truth is None else truth[used])
+    for target in TARGETS:
+        measured, truth = getattr(run, target), getattr(run, f"true_{target}")
+        if measured is None:
+            continue
+        drift = from_reference(np.repeat(getattr(prediction, target), step_s)[: len(run.time_s)])
+        true_drift = None if truth is None else from_reference(truth)
+        if target == "bias_dph":
+            figures |= _bias_figures(measured[used], drift, true_drift)
+        else:
+            figures |= _sf_figures(from_reference(measured), drift, true_drift)
     return Scores(run.run_id, **figures)
-
-
-def _from_reference(values: Array, run: ThermalRun) -> Array:
-    return values - window_mean(run.time_s, values, run.reference, where=f"run {run.run_id}")
 
 
 def _bias_figures(bias: Array, drift: Array, truth: Array | None) -> dict[str, float | None]:

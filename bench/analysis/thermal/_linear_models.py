@@ -204,7 +204,16 @@ class LaggedRidgeModel(_LinearModel):
         checks = [self.run_terms(run) for run in validation]
         maps = fit_ridge(terms, train, RIDGES)
         scores = np.array([_scores(fitted, checks, validation) for fitted in maps])
-        self._require(scores.min(axis=0), train)
+        carried = {target for target in TARGETS for run in train if getattr(run, target) is not None}
+        best = dict(zip(TARGETS, scores.min(axis=0), strict=True))
+        if missing := [target for target in TARGETS if target in carried and best[target] == np.inf]:
+            raise ConfigurationError(
+                "no validation run to choose the ridge penalty by",
+                where=f"model {self.name}",
+                found=f"no validation run with {' and '.join(missing)}",
+                expected="a validation run for each target that is trained",
+                remedy="keep one run of each kind out of the training",
+            )
         first, second = (int(index) for index in np.argmin(scores, axis=0))
         self.ridge = (RIDGES[first], RIDGES[second])
         columns = ((maps[first], 0), (maps[second], 1))
@@ -214,18 +223,6 @@ class LaggedRidgeModel(_LinearModel):
             np.column_stack([fitted.coefficients[:, column] for fitted, column in columns]),
             np.array([fitted.intercept[column] for fitted, column in columns]),
         )
-
-    def _require(self, best: Array, train: Sequence[FeatureRun]) -> None:
-        carried = {target for target in TARGETS for run in train if getattr(run, target) is not None}
-        missing = [t for t, score in zip(TARGETS, best, strict=True) if t in carried and score == np.inf]
-        if missing:
-            raise ConfigurationError(
-                "no validation run to choose the ridge penalty by",
-                where=f"model {self.name}",
-                found=f"no validation run with {' and '.join(missing)}",
-                expected="a validation run for each target that is trained",
-                remedy="keep one run of each kind out of the training",
-            )
 
 
 def _scores(fitted: LinearMap, checks: Sequence[Array], runs: Sequence[FeatureRun]) -> list[float]:

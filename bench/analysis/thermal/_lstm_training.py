@@ -251,7 +251,8 @@ def _loss_of(network: torch.nn.LSTM, head: torch.nn.Linear, batch: _Batch) -> fl
 @contextmanager
 def _quiet_torch() -> Iterator[None]:
     """One thread (two spin against each other on a small net), denormals flushed; both restored."""
-    threads, flushing = torch.get_num_threads(), _flushes_denormals()
+    threads = torch.get_num_threads()
+    flushing = bool((torch.full((1,), 2e-38) * 0.25).item() == 0.0)
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     try:
@@ -259,7 +260,3 @@ def _quiet_torch() -> Iterator[None]:
     finally:
         torch.set_flush_denormal(flushing)
         torch.set_num_threads(threads)
-
-
-def _flushes_denormals() -> bool:
-    return bool((torch.full((1,), 2e-38) * 0.25).item() == 0.0)

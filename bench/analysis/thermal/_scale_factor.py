@@ -76,7 +76,9 @@ def scale_factor_group(
     time_s = first.time_s[start:count]
     outputs, inner = stacked("output_dps"), stacked("gyro_temp_c")
     where = f"scale-factor group of {', '.join(run.run_id for run in runs)}"
-    spread = _spread(inner)
+    smooth = np.array([trailing_mean(row, _SMOOTH_S) for row in inner])
+    difference = smooth.max(axis=0) - smooth.min(axis=0)
+    spread = float(np.nanmax(difference)) if np.isfinite(difference).any() else float("inf")
     if spread > max_spread_c:
         raise LimitExceeded(
             "the gyro temperature differs between the runs of the group",
@@ -105,12 +107,6 @@ def scale_factor_group(
         true_sf_error_ppm=truth,
         meta={"rates_dps": rates, "shifts_s": list(shifts), "temp_spread_c": spread},
     )
-
-
-def _spread(temps_c: Array) -> float:
-    smooth = np.array([trailing_mean(row, _SMOOTH_S) for row in temps_c])
-    difference = smooth.max(axis=0) - smooth.min(axis=0)
-    return float(np.nanmax(difference)) if np.isfinite(difference).any() else float("inf")
 
 
 def find_shift(reference_c: Array, other_c: Array, *, max_shift_s: int = 600, smooth_s: int = 30) -> int:

@@ -80,11 +80,6 @@ class CorrectedSample:
     flags: Flag
 
 
-def corrected_rate_dps(output: float, k_ref: float, bias_dph: float, sf_error_ppm: float) -> float:
-    """Return W = (F/K_ref - b) / (1 + dK 1e-6) in deg/s for an output F in units of K_ref per deg/s."""
-    return (output / k_ref - bias_dph / 3600.0) / (1.0 + sf_error_ppm * 1e-6)
-
-
 class FeatureStream:
     """The features of `prepare`, from temperatures that arrive second by second; NaN is a missing second."""
 
@@ -167,7 +162,7 @@ class CompensationStream:
                 self._second(*self._running, math.nan, math.nan)
             self._second(*self._running, gyro_temp_c, case_temp_c)
         bias_dph, sf_error_ppm = self._drift
-        corrected = corrected_rate_dps(rate, self._k_ref, bias_dph, sf_error_ppm)
+        corrected = (rate / self._k_ref - bias_dph / 3600.0) / (1.0 + sf_error_ppm * 1e-6)
         return CorrectedSample(time_s, corrected, bias_dph, sf_error_ppm, flags | self._model_flags)
 
     def _second(

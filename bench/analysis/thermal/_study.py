@@ -50,7 +50,15 @@ def run_study(
     fan: FanOut = ALONE,
 ) -> Study:
     """Fit where `fan` says, choose, judge; ConfigurationError for no validation run or runs of several units."""
-    _check(train, validation, tests)
+    if not validation:
+        raise ConfigurationError(
+            "no validation run",
+            where="fit",
+            found="training runs only",
+            expected="at least one run that takes no part in the fit, to choose between models",
+            remedy="name one with --validate",
+        )
+    require_separate(train, (*validation, *tests))
     prepared, checks = [prepare(run) for run in train], [prepare(run) for run in validation]
     models = fit_models(prepared, checks, names, fan=fan)
     selection = score_models(models, checks)
@@ -77,17 +85,3 @@ def load_runs(
         for folder in folders:
             require_completed(Run.open(folder))
     return [run for folder in folders for run in load_thermal_runs(folder, gyro)]
-
-
-def _check(
-    train: Sequence[ThermalRun], validation: Sequence[ThermalRun], tests: Sequence[ThermalRun]
-) -> None:
-    if not validation:
-        raise ConfigurationError(
-            "no validation run",
-            where="fit",
-            found="training runs only",
-            expected="at least one run that takes no part in the fit, to choose between models",
-            remedy="name one with --validate",
-        )
-    require_separate(train, (*validation, *tests))

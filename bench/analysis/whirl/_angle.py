@@ -60,7 +60,10 @@ def align_angle(edges_s: Array, rate_z_dps: Array, poll_s: Array, poll_deg: Arra
         )
     at_polls = np.interp(poll_s, edges_s, turned)
     _check_sign(poll_deg, at_polls)
-    encoder = _unwrapped(poll_deg, at_polls)
+    # The encoder's turns are counted by the gyro, which is right to half a turn between polls.
+    expected = np.diff(at_polls)
+    step = expected + (np.diff(poll_deg) - expected + 180.0) % 360.0 - 180.0
+    encoder = poll_deg[0] + np.concatenate(([0.0], np.cumsum(step)))
     rate = np.interp(poll_s, 0.5 * (edges_s[1:] + edges_s[:-1]), rate_z_dps)
     steady = _steady(edges_s, turned, poll_s)
     if int(steady.sum()) < _LEAST_POLLS:
@@ -92,13 +95,6 @@ def align_angle(edges_s: Array, rate_z_dps: Array, poll_s: Array, poll_deg: Arra
         residual_arcsec=float(residual[steady].std() * 3600.0),
         polls=len(poll_s),
     )
-
-
-def _unwrapped(poll_deg: Array, guess_deg: Array) -> Array:
-    """Return encoder angles with their turns counted by a guess right to half a turn between polls."""
-    expected = np.diff(guess_deg)
-    step = expected + (np.diff(poll_deg) - expected + 180.0) % 360.0 - 180.0
-    return np.asarray(poll_deg[0] + np.concatenate(([0.0], np.cumsum(step))))
 
 
 def _columns(poll_s: Array, turned: Array, rate: Array, steady: NDArray[np.bool_]) -> dict[str, Array]:

@@ -20,7 +20,7 @@ from bench.analysis.whirl._direct import DEFAULT_LINES, DirectFit, fit_direct
 from bench.analysis.whirl._gauge import Gauge
 from bench.analysis.whirl._integral import FourierFit, body_lines, fit_integral, match_coefficients
 from bench.analysis.whirl._kinematics import body_tilt
-from bench.analysis.whirl._lines import CANDIDATES, Line, choose_lines, scan_lines
+from bench.analysis.whirl._lines import CANDIDATES, choose_lines, scan_lines
 from bench.analysis.whirl._residual import heading_from_body_rate
 from bench.analysis.whirl._runs import Turns
 from bench.analysis.whirl._types import Complex, Finding, TurnRecord
@@ -85,7 +85,16 @@ def study_whirl(
     )
     for turns in test:
         compensation.require_unit(turns.record.unit_id)
-    findings += [_cage_finding(line) for line in scan_lines(fit)]
+    findings += [
+        Finding(
+            "line",
+            f"a line off the whole numbers, {line.line:.4f} times the table's turn, "
+            f"{abs(line.amplitude_arcsec):.2f} arcsec (statistic {line.statistic:.0f}, threshold "
+            f"{line.threshold:.1f}): a bearing's cage or rollers. It is not in the compensation, since its phase "
+            "is not kept from run to run",
+        )
+        for line in scan_lines(fit)
+    ]
     fourier = None
     if records[0].usable.all():
         fourier = fit_integral(records[0], 2, body_rate_dph=fit.body_rate_dph[0].value)
@@ -133,13 +142,3 @@ def integrated_residual(fit: DirectFit, at: int = 0) -> tuple[Array, Complex, Co
         model += fit.play_arcsec.value * (blocks.last_slack - blocks.first_slack)
     time_s = blocks.duration_s * np.arange(1, len(model) + 1, dtype=np.float64)
     return np.asarray(time_s), np.cumsum(model + residual), np.cumsum(model)
-
-
-def _cage_finding(line: Line) -> Finding:
-    return Finding(
-        "line",
-        f"a line off the whole numbers, {line.line:.4f} times the table's turn, "
-        f"{abs(line.amplitude_arcsec):.2f} arcsec (statistic {line.statistic:.0f}, threshold "
-        f"{line.threshold:.1f}): a bearing's cage or rollers. It is not in the compensation, since its phase "
-        "is not kept from run to run",
-    )
