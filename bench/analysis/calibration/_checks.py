@@ -116,9 +116,7 @@ def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_],
 
 def require_axes(data: Increments, track: Track, resting: NDArray[np.bool_]) -> None:
     """Raise RecordError unless gyros and accelerometers agree at every rest about which way is up."""
-    a_second = round(track.interval_s / data.period_s)
-    count = len(resting)
-    force = data.velocity_mps[: count * a_second].reshape(count, a_second, 3).sum(axis=1)
+    _, force = data.sums(round(track.interval_s / data.period_s), len(resting))
     up = np.einsum("ni,ni->n", track.attitude[:, 2], force) / np.linalg.norm(force, axis=1)
     tilt = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
     bad = np.flatnonzero(resting & (tilt > _TILT_TOLERANCE_DEG))

@@ -32,16 +32,12 @@ def bias_figures(output_dph: Array, earth_rate_dph: float) -> BiasFigures:
     Bias B0 = mean output less the Earth rate along the axis (IEEE Std 952, bias test; GJB 2426A, zero bias).
     ConfigurationError for less than 200 s.
     """
+    output = np.asarray(output_dph, dtype=np.float64)
     return BiasFigures(
         bias_dph=float(np.nanmean(output_dph)) - earth_rate_dph,
-        stability_10s_dph=averaged_stability(output_dph, 10.0),
-        stability_100s_dph=averaged_stability(output_dph, 100.0),
+        stability_10s_dph=bias_stability(output, 10),
+        stability_100s_dph=bias_stability(output),
     )
-
-
-def averaged_stability(output_dph: Array, average_s: float, rate_hz: float = 1.0) -> float:
-    """Return sqrt(sum (F_i - mean F)^2 / (n - 1)) of `average_s` means (GJB 2426A, zero-bias stability)."""
-    return bias_stability(np.asarray(output_dph, dtype=np.float64), round(average_s * rate_hz))
 
 
 def repeatability(values: ArrayLike) -> float:

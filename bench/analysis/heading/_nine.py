@@ -11,7 +11,7 @@ from scipy import stats
 from bench.analysis.heading._frames import wrap_deg
 from bench.analysis.heading._log import PlatformLog, Stay, stays
 from bench.analysis.heading._temperature import ReferenceTemperature, fit_reference, fourier_terms
-from bench.analysis.heading._window import WindowEstimate, extract
+from bench.analysis.heading._window import DEFAULT_WINDOW_S, WindowEstimate, extract
 from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
@@ -48,9 +48,7 @@ class NineCoefficients:
     points: tuple[HeadingPoint, ...]
 
 
-def fit_nine(
-    log: PlatformLog, *, window_s: float = 1.5 * SIDEREAL_DAY_S, periodic: bool = False
-) -> NineCoefficients:
+def fit_nine(log: PlatformLog, *, window_s: float = DEFAULT_WINDOW_S) -> NineCoefficients:
     """Fit the nine coefficients to a log that begins at the reference heading.
 
     The end of every stay longer than window and a sidereal day gives three equations, except at the reference
@@ -63,14 +61,14 @@ def fit_nine(
         raise too_few_headings(0, window_s)
     first = every[0]
     reference = fit_reference(log.sidereal_rad[: first.stop], log.temp_c[: first.stop])
-    base = _estimate(log, first, window_s, periodic)
+    base = _estimate(log, first, window_s)
     terms = fourier_terms(log.sidereal_rad, log.temp_c - reference.at(log.sidereal_rad))
     points = []
     for stay in every[1:]:
         away = abs(float(wrap_deg(stay.heading_deg - first.heading_deg))) > _SAME_HEADING_DEG
         if not away or stay.duration_s < max(window_s, SIDEREAL_DAY_S) * 0.98:
             continue
-        found = _estimate(log, stay, window_s, periodic)
+        found = _estimate(log, stay, window_s)
         at_end = terms[stay.stop - 1]
         if found is None or not np.isfinite(at_end).all():
             continue
@@ -145,7 +143,6 @@ def too_few_headings(found: int, stay_s: float) -> RecordError:
     )
 
 
-def _estimate(log: PlatformLog, stay: Stay, window_s: float, periodic: bool) -> WindowEstimate | None:
-    part = log.part(stay.start, stay.stop)
-    found = extract(part, window_s=window_s, periodic=periodic)
+def _estimate(log: PlatformLog, stay: Stay, window_s: float) -> WindowEstimate | None:
+    found = extract(log.part(stay.start, stay.stop), window_s=window_s)
     return found if found is not None and found.published else None

@@ -108,14 +108,14 @@ class MultilinearModel(_LinearModel):
 class StepwiseModel(_LinearModel):
     """Terms of `STEPWISE_TERMS` chosen by stepwise regression on 100 s rows, then fitted on all rows.
 
-    With pre-whitening off, a drift's autocorrelated rows keep nearly every term; it is then a full regression.
+    Without pre-whitening, a drift's autocorrelated rows keep nearly every term: it is then a full regression.
     """
 
     name = "stepwise"
 
-    def __init__(self, *, p_enter: float = 0.05, prewhiten: bool = False) -> None:
+    def __init__(self, *, p_enter: float = 0.05) -> None:
         super().__init__()
-        self.p_enter, self.prewhiten = p_enter, prewhiten
+        self.p_enter = p_enter
 
     def terms(self, inputs: Signals) -> Array:
         """Return the terms in the order of `STEPWISE_TERMS`."""
@@ -146,7 +146,6 @@ class StepwiseModel(_LinearModel):
                 rows.target[::every],
                 names=STEPWISE_TERMS,
                 p_enter=self.p_enter,
-                prewhiten=self.prewhiten,
                 segments=rows.run[::every],
             )
             # A term left out gets no scale: its standardised column is zero, and so is its coefficient.

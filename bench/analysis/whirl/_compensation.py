@@ -48,7 +48,6 @@ class WhirlCompensation(FittedCompensation):
         *,
         gauge: Gauge,
         external_arcsec: complex | None = None,
-        travel_deg: float = 0.5,
     ) -> Self:
         """Make a compensation of a fit. The gauge has no default: what is free must be chosen (see `MEANING`)."""
         return cls(
@@ -59,7 +58,6 @@ class WhirlCompensation(FittedCompensation):
             gauge=gauge,
             gauge_arcsec=gauge_tilt(gauge, fit.lines, fit.amplitudes_arcsec, external_arcsec),
             play_arcsec=0j if fit.play_arcsec is None else fit.play_arcsec.value,
-            travel_deg=travel_deg,
             declared=(FREE_PART, f"gauge {gauge}: {MEANING[gauge]}", *fit.declared),
             **provenance(runs),
         )

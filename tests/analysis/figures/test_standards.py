@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench.analysis.common.statistics import bias_stability
 from bench.analysis.figures._bias import (
     RateStep,
-    averaged_stability,
     bias_figures,
     repeatability,
     temperature_sensitivity,
@@ -37,9 +37,7 @@ def test_stability_counts_time_not_samples() -> None:
     rng = np.random.default_rng(1)
     fast = rng.standard_normal(100_000)
     slow = fast.reshape(-1, 10).mean(axis=1)
-    assert averaged_stability(fast, 10.0, 10.0) == pytest.approx(
-        averaged_stability(slow, 10.0, 1.0), rel=1e-12
-    )
+    assert bias_stability(fast, 100) == pytest.approx(bias_stability(slow, 10), rel=1e-12)
 
 
 def test_repeatability_and_temperature_sensitivity_by_hand() -> None:
