@@ -194,7 +194,6 @@ class EmulatedLab:
 
     def _write(self, line: bytes) -> None:
         """Write one line to the control channel."""
-        assert self._process.stdin is not None
         try:
             self._process.stdin.write(line + b"\n")
             self._process.stdin.flush()
@@ -207,16 +206,14 @@ class EmulatedLab:
 
     def close(self) -> None:
         """Close the control channel: the lab's process ends."""
-        if self._process.stdin is not None:
-            with suppress(BrokenPipeError):
-                self._process.stdin.close()
+        with suppress(BrokenPipeError):
+            self._process.stdin.close()
         try:
             self._process.wait(timeout=10.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        self._process.stdout.close()
 
     def save_truth(self, folder: Path) -> None:
         """Keep the true drift of every emulated unit, and the faults, beside the run: for judging only."""
@@ -234,7 +231,7 @@ class EmulatedLab:
         self.close()
 
     def _read(self) -> dict[str, Any]:
-        line = self._process.stdout.readline() if self._process.stdout is not None else b""
+        line = self._process.stdout.readline()
         if not line:
             raise _ended()
         answer: dict[str, Any] = json.loads(line)

@@ -10,7 +10,8 @@ import struct
 import subprocess
 import sys
 from contextlib import suppress
-from typing import IO, Protocol, Self
+from dataclasses import dataclass
+from typing import IO, Self
 
 from drivers.base.errors import BenchError
 from simulators.config import LabConfig
@@ -18,27 +19,44 @@ from simulators.config import LabConfig
 _PID = struct.Struct("!i")
 
 
-class LabProcess(Protocol):
-    """A lab's process as whoever started it sees it; `subprocess.Popen` is one."""
+@dataclass
+class LabProcess:
+    """A lab's process as whoever started it sees it: it has ended when its standard output has.
 
-    stdin: IO[bytes] | None
-    stdout: IO[bytes] | None
+    `popen` is how a process of its own was started, None for a child of the prefork server.
+    """
 
-    def wait(self, timeout: float | None = None) -> int:
+    pid: int
+    stdin: IO[bytes]
+    stdout: IO[bytes]
+    popen: subprocess.Popen[bytes] | None = None
+
+    def wait(self, timeout: float | None = None) -> None:
         """Wait until it has ended; subprocess.TimeoutExpired if it has not within `timeout` s."""
+        if self.popen is not None:
+            self.popen.wait(timeout)
+            return
+        while select.select([self.stdout], [], [], timeout)[0]:
+            if not os.read(self.stdout.fileno(), 65536):
+                return
+        raise subprocess.TimeoutExpired("simulators.lab", timeout or 0.0)
 
     def kill(self) -> None:
         """End it at once."""
+        with suppress(ProcessLookupError):
+            os.kill(self.pid, signal.SIGKILL)
 
 
 def start_lab() -> LabProcess:
     """Start a lab's process."""
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-P", "-m", "simulators.lab"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,  # Ctrl-C is for the bench: the lab lives until the bench lets go of it
     )
+    assert process.stdin is not None and process.stdout is not None
+    return LabProcess(process.pid, process.stdin, process.stdout, process)
 
 
 class PreforkServer:
@@ -87,27 +105,5 @@ class PreforkServer:
             raise BenchError(
                 "the prefork server of emulated labs has ended", remedy="its own output says why"
             )
-        return _Forked(_PID.unpack(pid)[0], os.fdopen(channel_write, "wb"), os.fdopen(answer_read, "rb"))
-
-
-class _Forked:
-    """A lab that is the prefork server's child: it has ended when its standard output has."""
-
-    def __init__(self, pid: int, stdin: IO[bytes], stdout: IO[bytes]) -> None:
-        self.stdin: IO[bytes] | None = stdin
-        self.stdout: IO[bytes] | None = stdout
-        self._output = stdout
-        self._pid = pid
-
-    def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end of its output."""
-        while True:
-            if not select.select([self._output], [], [], timeout)[0]:
-                raise subprocess.TimeoutExpired("simulators.lab", timeout or 0.0)
-            if not os.read(self._output.fileno(), 65536):
-                return 0
-
-    def kill(self) -> None:
-        """End it at once."""
-        with suppress(ProcessLookupError):
-            os.kill(self._pid, signal.SIGKILL)
+        number = _PID.unpack(pid)[0]
+        return LabProcess(number, os.fdopen(channel_write, "wb"), os.fdopen(answer_read, "rb"))

@@ -32,7 +32,7 @@ def test_forked_labs_are_labs_of_their_own():
             EmulatedLab(file, Plant(), start=prefork.start_lab) as one,
             EmulatedLab(file, Plant(), start=prefork.start_lab) as two,
         ):
-            labs = [os.pidfd_open(lab._process._pid) for lab in (one, two)]
+            labs = [os.pidfd_open(lab._process.pid) for lab in (one, two)]
             assert not select.select(labs, [], [], 0)[0] and one.clock_url != two.clock_url
             assert not set(one.ports.values()) & set(two.ports.values())
             one.perform({"act": "mount", "unit": "fog_1", "mounting": "axis_up"})
@@ -54,7 +54,7 @@ def test_what_a_lab_needs_is_loaded_before_the_first_fork():
         PreforkServer(lab_config(file, Plant())) as prefork,
         EmulatedLab(file, Plant(), start=prefork.start_lab) as lab,
     ):
-        own, parent = (loaded(pid) for pid in (lab._process._pid, prefork._process.pid))
+        own, parent = (loaded(pid) for pid in (lab._process.pid, prefork._process.pid))
     assert own == parent and len(own) > 10
 
 

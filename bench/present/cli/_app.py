@@ -24,25 +24,21 @@ COMMANDS = {
     "panel": "_sessions",
     "ports": "_lists",
     "import": "_import",
-    "runs": "_runs",
-    "campaign": "campaign",
-    "fit": "fit",
-    "scheme": "_scheme",
-    "gap": "gap",
-    "frames": "_frames",
-    "can": "_can",
 }
-"""Command or group -> the file here that holds it, in `app`."""
+"""Command -> the file here that holds it, in `app`."""
 GROUPS = {
-    "runs": "Look at recorded runs.",
-    "campaign": "Many runs from one file: plan, run, resume, watch, rehearse, fit.",
-    "fit": "Fit compensations to recorded runs.",
-    "scheme": "Rotation schemes of the system-level calibration.",
-    "gap": "Where simulation and bench part, and which effect is missing.",
-    "frames": "Gyros described by a TOML file: what there is, and whether a description is right.",
-    "can": "Gyros on CAN: the layouts there are, and whether a DBC file and its mapping are right.",
+    "runs": ("_runs", "Look at recorded runs."),
+    "campaign": ("campaign", "Many runs from one file: plan, run, resume, watch, rehearse, fit."),
+    "fit": ("fit", "Fit compensations to recorded runs."),
+    "scheme": ("_scheme", "Rotation schemes of the system-level calibration."),
+    "gap": ("gap", "Where simulation and bench part, and which effect is missing."),
+    "frames": (
+        "_frames",
+        "Gyros described by a TOML file: what there is, and whether a description is right.",
+    ),
+    "can": ("_can", "Gyros on CAN: the layouts there are, and whether a DBC file and its mapping are right."),
 }
-"""Help of the groups: their files are not loaded for `gyrobench --help`."""
+"""Group -> its file or package, with an `app`, and its help: for `gyrobench --help` it is not loaded."""
 ENTRY_POINTS = "gyrobench.commands"
 """Entry points of other packages: command or group -> a `typer.Typer` that holds it."""
 
@@ -52,14 +48,14 @@ class Commands(TextGroup):
 
     def list_commands(self, context: Any) -> list[str]:
         """Return the names, ours first."""
-        return list(dict.fromkeys([*COMMANDS, *_brought()]))
+        return list(dict.fromkeys([*COMMANDS, *GROUPS, *_brought()]))
 
     def get_command(self, context: Any, name: str) -> Any:
         """Return a command or group, None if there is none of this name; one of ours cannot be replaced."""
         holder = _holder(name)
         if holder is None:
             return None
-        about = GROUPS.get(name) or holder.info.help
+        about = GROUPS[name][1] if name in GROUPS else holder.info.help
         group = get_group_from_info(
             TyperInfo(holder, help=about),
             pretty_exceptions_short=True,
@@ -93,8 +89,9 @@ def _brought() -> dict[str, Any]:
 
 
 def _holder(name: str) -> typer.Typer | None:
-    if name in COMMANDS:
-        holder: typer.Typer = import_module(f"bench.present.cli.{COMMANDS[name]}").app
+    file = GROUPS[name][0] if name in GROUPS else COMMANDS.get(name)
+    if file is not None:
+        holder: typer.Typer = import_module(f"bench.present.cli.{file}").app
         return holder
     point = _brought().get(name)
     return None if point is None else point.load()
@@ -102,7 +99,7 @@ def _holder(name: str) -> typer.Typer | None:
 
 def _help(name: str) -> str:
     if name in GROUPS:
-        return GROUPS[name]
+        return GROUPS[name][1]
     holder = _holder(name)
     assert holder is not None
     if holder.info.name == name:

@@ -91,12 +91,12 @@ class RunDisplay:
         view = Table(title=self._title, show_header=False, min_width=78)
         view.add_column(style="bold", no_wrap=True)
         view.add_column()
-        for name, text, style in rows(progress, self._left(progress)):
+        for name, text, style in _rows(progress, self._left(progress)):
             view.add_row(name, Text(text, style=style))
         return view
 
 
-def rows(progress: Progress, left: str) -> Iterable[tuple[str, str, str]]:
+def _rows(progress: Progress, left: str) -> Iterable[tuple[str, str, str]]:
     """Yield (name, text, style) of everything that is shown of a run, top to bottom."""
     yield "bench time", f"{duration(progress.time_s)}, {left}", ""
     yield "step", progress.step, ""
@@ -104,11 +104,8 @@ def rows(progress: Progress, left: str) -> Iterable[tuple[str, str, str]]:
     yield "phase", progress.phase, ""
     rate = progress.air_rate_k_per_min
     moving = "" if math.isnan(rate) else f", {rate:+.2f} K/min"
-    yield (
-        "chamber",
-        f"{progress.air_temp_c:7.2f} degC, set point {progress.set_point_c:.2f} degC{moving}",
-        "",
-    )
+    air = f"{progress.air_temp_c:7.2f} degC, set point {progress.set_point_c:.2f} degC{moving}"
+    yield "chamber", air, ""
     table = f"{progress.angle_deg:8.3f} deg, {progress.rate_dps:+.4f} deg/s"
     yield "table", f"{table}, demand {demands_words(progress.demands)}", ""
     for name, gyro in progress.gyros.items():

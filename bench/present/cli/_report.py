@@ -33,35 +33,28 @@ def report(
     Exit code 4 if the certificate says "not passed".
     """
     from bench.campaign import CampaignFolder
+    from bench.present import report as reports
     from bench.present.cli._console import Terminal
-    from bench.present.report import (
-        CAMPAIGN_FILE,
-        CERTIFICATE_FILE,
-        certify,
-        certify_campaign,
-        report_run,
-        write_pdf,
-    )
     from bench.record.figure_limits import NO_LIMITS, load_limits
 
     console = Terminal()
     judged = load_limits(limits) if limits else None
-    of_campaign = len(run) == 1 and (run[0] / CAMPAIGN_FILE).exists()
+    of_campaign = len(run) == 1 and (run[0] / reports.CAMPAIGN_FILE).exists()
     verdict = ""
     if len(run) == 1 and not of_campaign and judged is None:
-        path = report_run(run[0], out)
+        path = reports.report_run(run[0], out)
     else:
-        path = out or (run[0] if of_campaign else run[0].parent) / CERTIFICATE_FILE
+        path = out or (run[0] if of_campaign else run[0].parent) / reports.CERTIFICATE_FILE
         with console.status("verifying records"):
             if of_campaign:
-                certificate = certify_campaign(CampaignFolder(run[0]), path, judged)
+                certificate = reports.certify_campaign(CampaignFolder(run[0]), path, judged)
             else:
-                certificate = certify(run, path, judged or NO_LIMITS)
+                certificate = reports.certify(run, path, judged or NO_LIMITS)
         say_certificate(console, certificate)
         verdict = certificate.verdict
     console.say(f"{path}", soft_wrap=True)
     if pdf:
-        console.say(f"{write_pdf(path)}", soft_wrap=True)
+        console.say(f"{reports.write_pdf(path)}", soft_wrap=True)
     sys.exit(NOT_PASSED if verdict == "not passed" else 0)
 
 

@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Context, Option, Typer
 
-from bench.present.cli._options import (
-    DEFAULT_BENCH,
-    DEFAULT_RUNS,
-    Bench,
-    JsonLines,
-    PlantFile,
-    RunsFolder,
-    Seed,
-    Yes,
-)
+from bench.present.cli import _options as options
 from bench.present.cli._texts import duration, size
 
 if TYPE_CHECKING:
@@ -34,11 +25,11 @@ PARAMETERS_TOO = {"allow_extra_args": True, "ignore_unknown_options": True}
 def run(
     context: Context,
     procedure: str,
-    bench: Bench = DEFAULT_BENCH,
-    runs: RunsFolder = DEFAULT_RUNS,
+    bench: options.Bench = options.DEFAULT_BENCH,
+    runs: options.RunsFolder = options.DEFAULT_RUNS,
     set_: Set = None,
-    yes: Yes = False,
-    json: JsonLines = False,
+    yes: options.Yes = False,
+    json: options.JsonLines = False,
 ) -> None:
     """Run a procedure on the bench that the bench file describes.
 
@@ -58,12 +49,12 @@ def run(
 def rehearse(
     context: Context,
     procedure: str,
-    bench: Bench = DEFAULT_BENCH,
-    runs: RunsFolder = DEFAULT_RUNS,
+    bench: options.Bench = options.DEFAULT_BENCH,
+    runs: options.RunsFolder = options.DEFAULT_RUNS,
     set_: Set = None,
-    plant: PlantFile = None,
-    seed: Seed = None,
-    json: JsonLines = False,
+    plant: options.PlantFile = None,
+    seed: options.Seed = None,
+    json: options.JsonLines = False,
 ) -> None:
     """Run a procedure on an emulated lab that matches the bench file: time plan, log size and plots.
 
@@ -105,9 +96,9 @@ def rehearse(
 
 @app.command()
 def lab(
-    bench: Bench = DEFAULT_BENCH,
-    plant: PlantFile = None,
-    seed: Seed = None,
+    bench: options.Bench = options.DEFAULT_BENCH,
+    plant: options.PlantFile = None,
+    seed: options.Seed = None,
     virtual: Annotated[
         bool, Option("--virtual", help="serve a virtual clock instead of following the wall clock")
     ] = False,

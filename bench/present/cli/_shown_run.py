@@ -80,22 +80,19 @@ def say_result(console: Terminal, result: RunResult, *, kind: str = "run", **fie
     if result.reason:
         console.say(result.reason, style=style)
     if result.outcome == "aborted":
-        for line in _aftermath(result, alone=kind == "result"):
-            console.say(line)
+        _say_aftermath(console, result, alone=kind == "result")
     for warning in result.warnings:
         console.say(f"warning: {warning}", style="yellow")
 
 
-def _aftermath(result: RunResult, *, alone: bool) -> list[str]:
+def _say_aftermath(console: Terminal, result: RunResult, *, alone: bool) -> None:
     """Say what the bench has done after a run that ended early, what is kept, and (`alone`) what is next."""
     confirmed = [safe_sentence(state) for state in result.safe if state.confirmed]
     bench = "; ".join(confirmed) or "nothing was told to move or to heat"
     if len(confirmed) < len(result.safe):
         bench = "; ".join([*confirmed, "the rest NOT CONFIRMED: go and look, stop it by hand"])
-    said = [
-        f"bench: {bench}",
-        f"kept: all that came in {duration(result.duration_s)}; `gyrobench report {result.folder}` shows it",
-    ]
+    console.say(f"bench: {bench}")
+    length = duration(result.duration_s)
+    console.say(f"kept: all that came in {length}; `gyrobench report {result.folder}` shows it")
     if alone:  # a campaign says itself how it goes on
-        said.append("next: clear the cause, then give the same command again: it begins a new run folder")
-    return said
+        console.say("next: clear the cause, then give the same command again: it begins a new run folder")

@@ -68,12 +68,9 @@ def plan_warnings(campaign: Campaign) -> list[str]:
     from bench.campaign import not_measured
 
     missing = not_measured(campaign)
-    if not missing:
-        return []
-    return [
-        f"no run of this campaign measures {', '.join(missing)}: with limits on "
-        f"{'it' if len(missing) == 1 else 'them'} no unit can pass ([limits] in the campaign file)"
-    ]
+    them = "it" if len(missing) == 1 else "them"
+    text = f"with limits on {them} no unit can pass ([limits] in the campaign file)"
+    return [f"no run of this campaign measures {', '.join(missing)}: {text}"] if missing else []
 
 
 @contextmanager

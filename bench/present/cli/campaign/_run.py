@@ -11,17 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from bench.present.cli import _options as options
 from bench.present.cli._console import Terminal
-from bench.present.cli._options import (
-    DEFAULT_BENCH,
-    Bench,
-    CampaignFile,
-    Cluster,
-    JsonLines,
-    PlantFile,
-    Seed,
-    Yes,
-)
 from bench.present.cli._texts import duration
 from bench.present.cli.campaign._plan import plan_warnings, run_counter
 from drivers.base.clock import host_seconds
@@ -38,19 +29,19 @@ Folder = Annotated[Path, Argument(help="the campaign's folder", metavar="folder"
 
 
 def run(
-    campaign_file: CampaignFile,
-    bench: Bench = DEFAULT_BENCH,
+    campaign_file: options.CampaignFile,
+    bench: options.Bench = options.DEFAULT_BENCH,
     out: Annotated[Path, Option(help="new folder for the campaign")] = Path("campaign"),
     emulated: Annotated[
         bool, Option("--emulated", help="on emulated labs that match the bench file")
     ] = False,
-    plant_file: PlantFile = None,
-    seed: Seed = None,
+    plant_file: options.PlantFile = None,
+    seed: options.Seed = None,
     ask: Annotated[
         bool, Option("--ask", help="with --emulated: put the questions to a human all the same")
     ] = False,
-    yes: Yes = False,
-    as_json: JsonLines = False,
+    yes: options.Yes = False,
+    as_json: options.JsonLines = False,
 ) -> None:
     """Run a campaign on the bench, one run after the other; `resume` goes on after a stop."""
     from bench.campaign import begin_campaign
@@ -67,14 +58,14 @@ def run(
     sys.exit(_work(folder, Terminal(as_json=as_json), yes=yes))
 
 
-def resume(path: Folder, yes: Yes = False, as_json: JsonLines = False) -> None:
+def resume(path: Folder, yes: options.Yes = False, as_json: options.JsonLines = False) -> None:
     """Go on at the first run that is not complete, after a check that the bench is in a known state."""
     from bench.campaign import resume_campaign
 
     sys.exit(_work(resume_campaign(path), Terminal(as_json=as_json), yes=yes))
 
 
-def status(path: Folder, as_json: JsonLines = False) -> None:
+def status(path: Folder, as_json: options.JsonLines = False) -> None:
     """Show how far a campaign is, from any shell; reads files only."""
     from bench.campaign import CampaignFolder
     from bench.control.live import read_now
@@ -217,14 +208,14 @@ def _say_ending(
 
 
 def rehearse(
-    campaign_file: CampaignFile,
-    bench: Bench = DEFAULT_BENCH,
+    campaign_file: options.CampaignFile,
+    bench: options.Bench = options.DEFAULT_BENCH,
     out: Annotated[Path, Option(help="new folder for runs, compensation and report")] = Path("campaign"),
-    plant_file: PlantFile = None,
-    seed: Seed = None,
+    plant_file: options.PlantFile = None,
+    seed: options.Seed = None,
     jobs: Annotated[int | None, Option(help="runs at the same time; default one a processor")] = None,
-    cluster: Cluster = None,
-    as_json: JsonLines = False,
+    cluster: options.Cluster = None,
+    as_json: options.JsonLines = False,
 ) -> None:
     """Run a whole campaign on emulated labs, fit the compensation and write the report."""
     from bench.analysis.common.fan_out import fan_out
