@@ -148,6 +148,15 @@ def _nothing() -> None:
     """Nobody listens."""
 
 
+def tell_failures(failures: deque[tuple[BenchError, OnLoss | None]]) -> None:
+    """Tell of ports that failed, first come first: a loss to whoever asked to know, all else is raised."""
+    while failures:
+        failure, lost = failures.popleft()
+        if lost is None or not isinstance(failure, LinkLost):
+            raise failure
+        lost(failure)
+
+
 class Ticker:
     """A thread that makes a call every `period_s` of host time, and soon after `wake`, until `stop`."""
 
@@ -270,11 +279,8 @@ class WallClock:
 
     def _check(self) -> None:
         self.interrupt.check()
-        while self._reader is not None and self._reader.failures:
-            failure, lost = self._reader.failures.popleft()
-            if lost is None or not isinstance(failure, LinkLost):
-                raise failure
-            lost(failure)
+        if self._reader is not None:
+            tell_failures(self._reader.failures)
 
 
 class _StreamReader:

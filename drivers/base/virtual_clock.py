@@ -28,7 +28,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.base.clock import Interrupt, OnLoss, Readable
+from drivers.base.clock import Interrupt, OnLoss, Readable, tell_failures
 from drivers.base.errors import BenchError, ConfigurationError, LinkLost
 
 PROTOCOL = "gyrobench-clock"
@@ -286,11 +286,7 @@ class VirtualClock:
                     raise self._lost(f"it says that port {port.name} is gone, which still reads")
         self._now_ns = self._lab_ns = now_ns - self._origin_ns
         self._hand_over(marks)
-        while self._failures:
-            failure, lost = self._failures.popleft()
-            if lost is None or not isinstance(failure, LinkLost):
-                raise failure
-            lost(failure)
+        tell_failures(self._failures)
 
     def _collect(self) -> tuple[int, list[int], list[tuple[int, int, int]]]:
         """Wait for the lab's reply. The ports are read after it, or meanwhile if the lab finds one full."""

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 
 from drivers.frames._form import Form
-from drivers.frames._model import MOST_PARTS, Description, FieldSection, FrameSection, _listed
+from drivers.frames._model import MOST_PARTS, Description, FieldSection, FrameSection, Known, Part, listed
 from drivers.kit.config import Mistake
 from drivers.kit.framing import Crc
 
@@ -19,11 +19,7 @@ LINE_CRC = Crc(32, 0x04C11DB7, 0, reflected=True)
 _TYPES = {"f64": "<f8", "i32": "<i4", "u32": "<u4"}
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class LineCheck(_Part):
+class LineCheck(Part):
     """`[line.checksum]`: hexadecimal digits behind the columns. crc32: reflected, from 0 (NovAtel)."""
 
     kind: Literal["xor8", "crc32"] = Field(description="'xor8' or 'crc32'")
@@ -33,7 +29,7 @@ class LineCheck(_Part):
     )
 
 
-class LineSection(_Part):
+class LineSection(Part):
     """`[line]`: what makes a line. `start` comes before the first column and belongs to none."""
 
     start: str = Field(default="", max_length=64, description="the text that a line begins with")
@@ -53,15 +49,12 @@ class LineField(FieldSection):
     base: Literal[10, 16] = Field(default=10, description="10 or 16")
 
 
-class LineVector(_Part):
+class LineVector(Known):
     """`[[vector]]`: a line with known content."""
 
     text: str = Field(min_length=1, description="the line without its end")
     expect: dict[str, float | int] = Field(default_factory=dict, description="field = value")
-    tolerance: float = Field(default=1e-6, ge=0, description="relative tolerance of numbers")
-    origin: str = Field(default="", description="who says so")
     variant: None = Field(default=None, description="nothing: there is one kind of line")
-    settings: dict[str, str] = Field(default_factory=dict, description="setting = choice, as the unit had it")
 
 
 class LineDescription(Description):
@@ -70,7 +63,7 @@ class LineDescription(Description):
     frame: FrameSection = FrameSection()
     line: LineSection = Field(description="a [line] section with columns")
     field: tuple[LineField, ...] = Field(default=(), max_length=MOST_PARTS, description="[[field]] entries")
-    vector: Annotated[tuple[LineVector, ...], BeforeValidator(_listed)] = Field(  # type: ignore[assignment]
+    vector: Annotated[tuple[LineVector, ...], BeforeValidator(listed)] = Field(  # type: ignore[assignment]
         default=(), max_length=MOST_PARTS, description="[[vector]] entries"
     )
 
@@ -90,10 +83,9 @@ class LineForm(Form):
 
 def line_form(description: LineDescription) -> LineForm:
     """Return the form that a line's numbers are kept in."""
-    groups = [each for group in description.field for each in group.each()]
     fields = tuple(
-        FieldSection.model_validate({**each.model_dump(exclude={"base", "axes"}), "at": CELL * at})
-        for each, at in zip(groups, _columns(description), strict=True)
+        FieldSection.model_validate({**spec.model_dump(exclude={"base", "axes"}), "at": CELL * at})
+        for spec, at in _columns(description)
     )
     form = LineForm(
         name=description.name,
@@ -114,24 +106,21 @@ def line_form(description: LineDescription) -> LineForm:
     return form
 
 
-def _columns(description: LineDescription) -> list[int]:
-    """Return the column of each field; those of `axes` follow one another."""
-    return [group.at + n for group in description.field for n, _ in enumerate(group.each())]
+def _columns(description: LineDescription) -> list[tuple[FieldSection, int]]:
+    """Return each field with its column; those of `axes` follow one another."""
+    return [(spec, group.at + n) for group in description.field for n, spec in enumerate(group.each())]
 
 
 def number_parts(description: LineDescription) -> list[tuple[int, int, np.dtype[Any]]]:
     """Return column, base and type of each field's number."""
-    groups = [each for group in description.field for each in group.each()]
     return [
-        (at, getattr(spec, "base", 10), np.dtype(_TYPES[spec.type]))
-        for spec, at in zip(groups, _columns(description), strict=True)
+        (at, getattr(spec, "base", 10), np.dtype(_TYPES[spec.type])) for spec, at in _columns(description)
     ]
 
 
 def verify_lines(description: LineDescription) -> Iterator[Mistake]:
     """Yield what the checks of binary frames cannot see."""
-    groups = [each for group in description.field for each in group.each()]
-    for spec, at in zip(groups, _columns(description), strict=True):
+    for spec, at in _columns(description):
         if not 0 <= at < description.line.columns:
             yield Mistake(
                 f"field {spec.name!r}.at", str(at), f"a column from 0 to {description.line.columns - 1}"

@@ -50,7 +50,7 @@ def _hex_number(value: Any) -> Any:
     return value
 
 
-def _listed(value: Any) -> Any:
+def listed(value: Any) -> Any:
     return value if isinstance(value, (list, tuple)) else [value]
 
 
@@ -66,11 +66,13 @@ Unit = Annotated[str, AfterValidator(_known_unit)]
 Endian = Literal["big", "little"]
 
 
-class _Part(BaseModel):
+class Part(BaseModel):
+    """A section: no other keys than its own."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Link(_Part):
+class Link(Part):
     """`[link]`: the line as the maker sets it; a bench file has the last word."""
 
     baud: int = Field(default=115_200, ge=50, le=12_000_000, description="the line's bit/s")
@@ -82,7 +84,7 @@ class Link(_Part):
     )
 
 
-class LengthField(_Part):
+class LengthField(Part):
     """Where a frame says how long it is: total bytes = the number found there + `add`."""
 
     at: int = Field(ge=0, le=65_535, description="offset of the length in the frame")
@@ -97,7 +99,7 @@ class LengthField(_Part):
         return int(self.type[1:]) // 8
 
 
-class Match(_Part):
+class Match(Part):
     """Bytes that a frame must have at a place, besides its sync word."""
 
     at: int = Field(ge=0, le=65_535, description="offset in the frame")
@@ -105,7 +107,7 @@ class Match(_Part):
     mask: HexBytes | None = Field(default=None, description="which bits count, as many bytes as `equals`")
 
 
-class Checksum(_Part):
+class Checksum(Part):
     """One check of a frame: `kind` over `ranges`, found at `at`."""
 
     kind: Literal["sum8", "xor8", "neg8", "sum16", "sum16_words", "crc8", "crc16", "crc32"] = Field(
@@ -129,11 +131,11 @@ class Checksum(_Part):
     pad_to: int = Field(default=1, ge=1, le=64, description="zeros are appended to a multiple of this")
 
 
-class FrameSection(_Part):
+class FrameSection(Part):
     """`[frame]`: what makes a frame; a `[[variant]]` has the same keys and takes the rest from here."""
 
     endian: Endian | None = Field(default=None, description="'big' or 'little', the usual order of fields")
-    sync: Annotated[tuple[HexBytes, ...], BeforeValidator(_listed)] | None = Field(
+    sync: Annotated[tuple[HexBytes, ...], BeforeValidator(listed)] | None = Field(
         default=None,
         max_length=64,
         description="the first bytes of a frame in hexadecimal, or a list of such",
@@ -150,12 +152,12 @@ class FrameSection(_Part):
     length_field: LengthField | None = Field(default=None, description="where the frame says its length")
     max_length: int | None = Field(default=None, ge=2, le=65_535, description="the longest frame there is")
     terminator: HexBytes | None = Field(default=None, description="the last bytes of a frame, in hexadecimal")
-    checksum: Annotated[tuple[Checksum, ...], BeforeValidator(_listed)] | None = Field(
+    checksum: Annotated[tuple[Checksum, ...], BeforeValidator(listed)] | None = Field(
         default=None, max_length=16, description="the check, or a list of checks"
     )
 
 
-class Scale(_Part):
+class Scale(Part):
     """physical = raw * mul / div * 2**pow2 (+ offset)."""
 
     mul: float = Field(default=1.0, allow_inf_nan=False, description="a factor")
@@ -168,7 +170,7 @@ class Scale(_Part):
         return self.mul * 2.0**self.pow2 / self.div
 
 
-class When(_Part):
+class When(Part):
     """A multiplexed field is there when another field of the frame says so: modulo, or under a mask."""
 
     field: str = Field(description="the name of the field that tells")
@@ -177,7 +179,7 @@ class When(_Part):
     equals: int = Field(ge=0, description="what must be left")
 
 
-class ValidRule(_Part):
+class ValidRule(Part):
     """A field counts when bits of another one have a value."""
 
     field: str = Field(description="the name of the field that tells")
@@ -185,7 +187,7 @@ class ValidRule(_Part):
     value: Literal[0, 1] = Field(default=1, description="what the bit is when this field is good")
 
 
-class Transform(_Part):
+class Transform(Part):
     """What a linear scale cannot say: a thermistor behind a divider, a table, a polynomial.
 
     thermistor: R = k raw / (full - raw), T = 1 / (a + b ln R + c ln^2 R + d ln^3 R) in K; the field's unit is
@@ -206,7 +208,7 @@ class Transform(_Part):
     coefficients: tuple[float, ...] = Field(default=(), max_length=32, description="constant first")
 
 
-class FieldSection(_Part):
+class FieldSection(Part):
     """`[[field]]`: a number in the frame."""
 
     name: str = Field(pattern=_NAME, description="lower-case letters, digits and _, a letter first")
@@ -266,7 +268,7 @@ class FieldSection(_Part):
         return QUANTITY_OF_ROLE.get(self.role)
 
 
-class Counter(_Part):
+class Counter(Part):
     """`[counter]`: what shows lost frames. It counts frames (`step`) or time (`ticks_per_s`)."""
 
     field: str = Field(description="the name of the counting field")
@@ -277,7 +279,7 @@ class Counter(_Part):
     )
 
 
-class StatusBit(_Part):
+class StatusBit(Part):
     """`[[status]]`: a bit with a meaning. A bad bit of severity "error" makes the frame's rates invalid."""
 
     field: str = Field(description="the name of the field that has the bit")
@@ -306,7 +308,7 @@ class Variant(FrameSection):
     )
 
 
-class FieldChange(_Part):
+class FieldChange(Part):
     """What a choice makes of a field: the keys given replace the field's own, of a scale each part by itself."""
 
     scale: dict[Literal["mul", "div", "pow2"], float | int] | None = Field(
@@ -319,7 +321,7 @@ class FieldChange(_Part):
     axis: Literal["x", "y", "z"] | None = Field(default=None, description="'x', 'y' or 'z'")
 
 
-class Choice(_Part):
+class Choice(Part):
     """One of the ways in which a unit may be set up or made."""
 
     field: dict[str, FieldChange] = Field(
@@ -330,7 +332,7 @@ class Choice(_Part):
     )
 
 
-class Setting(_Part):
+class Setting(Part):
     """`[setting.<name>]`: what the bytes do not tell, since the unit was ordered or set up so."""
 
     what: str = Field(default="", description="what it is about, in words")
@@ -338,18 +340,23 @@ class Setting(_Part):
     choice: dict[str, Choice] = Field(min_length=1, description="choice = {field = {...}}")
 
 
-class Vector(_Part):
-    """`[[vector]]`: bytes with known content, checked whenever the description is."""
+class Known(Part):
+    """What is known of a vector, of bytes or of a line."""
 
-    hex: HexBytes = Field(description="the frame's bytes in hexadecimal")
-    expect: dict[str, float | int | bool | str] = Field(default_factory=dict, description="field = value")
-    variant: str | None = Field(default=None, description="which variant it is")
     tolerance: float = Field(default=1e-6, ge=0, description="relative tolerance of numbers")
     origin: str = Field(default="", description="who says so")
     settings: dict[str, str] = Field(default_factory=dict, description="setting = choice, as the unit had it")
 
 
-class Description(_Part):
+class Vector(Known):
+    """`[[vector]]`: bytes with known content, checked whenever the description is."""
+
+    hex: HexBytes = Field(description="the frame's bytes in hexadecimal")
+    expect: dict[str, float | int | bool | str] = Field(default_factory=dict, description="field = value")
+    variant: str | None = Field(default=None, description="which variant it is")
+
+
+class Description(Part):
     """A whole file."""
 
     schema_: Literal[1] = Field(alias="schema", description="1")

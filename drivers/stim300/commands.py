@@ -46,16 +46,8 @@ OUTPUTS: dict[str, tuple[str, str, dict[str, tuple[str, str]]]] = {
             "integrated_angle": ("3", "INTEGRATED ANGLE"),
         },
     ),
-    "accelerometer_output": (
-        "a",
-        "ACCELEROMETER",
-        _ACCELERATIONS,
-    ),
-    "inclinometer_output": (
-        "i",
-        "INCLINOMETER",
-        _ACCELERATIONS,
-    ),
+    "accelerometer_output": ("a", "ACCELEROMETER", _ACCELERATIONS),
+    "inclinometer_output": ("i", "INCLINOMETER", _ACCELERATIONS),
 }
 """Setting of the description -> sensor of `u`, its name in replies, choice -> (parameter, words) (table 9-51)."""
 SETTINGS = {"s": "SERIAL NUMBER", "n": "PRODUCT", "x": "PART NUMBER", "p": "FW CONFIG"}

@@ -40,7 +40,7 @@ class Ascii2Control:
         values, configuration = self._read_values(timeout_s), self._configuration()
         return ChamberState(
             values.numbers[configuration.actual_index("CV01")],
-            values.numbers[configuration.read_fields.index("CV01")],
+            self._nominal_c(values),
             {
                 number: values.numbers[configuration.actual_index(f"MV{number:02d}")]
                 for number in self._auxiliary
@@ -50,7 +50,7 @@ class Ascii2Control:
     def set_temperature(self, set_point_c: float, ramp_k_per_min: float) -> None:
         """Demand a set point and a gradient in its direction (0 = as fast as possible)."""
         values = self._values()
-        upwards = set_point_c >= values.numbers[self._configuration().read_fields.index("CV01")]
+        upwards = set_point_c >= self._nominal_c(values)
         up, down = (ramp_k_per_min, 0.0) if upwards else (0.0, ramp_k_per_min)
         self._tell(encode_gradient(self._address, up, down))
         self._target_c = set_point_c
@@ -59,8 +59,8 @@ class Ascii2Control:
     def switch(self, on: bool) -> None:
         """Set or clear the start bit; everything else stays as it is."""
         values = self._values()
-        nominal_c = values.numbers[self._configuration().read_fields.index("CV01")]
-        self._set(values, nominal_c if self._target_c is None else self._target_c, running=on)
+        target_c = self._nominal_c(values) if self._target_c is None else self._target_c
+        self._set(values, target_c, running=on)
 
     def is_running(self) -> bool:
         """Return whether the start bit is set."""
@@ -74,7 +74,7 @@ class Ascii2Control:
 
     def demanded_c(self) -> float:
         """Return the set point in force."""
-        return self._values().numbers[self._configuration().read_fields.index("CV01")]
+        return self._nominal_c(self._values())
 
     def alarms(self) -> list[str]:
         """Return the names of digital outputs that are set and called alarm, error, fault or warning."""
@@ -105,6 +105,9 @@ class Ascii2Control:
             )
         return values
 
+    def _nominal_c(self, values: Values) -> float:
+        return values.numbers[self._configuration().read_fields.index("CV01")]
+
     def _start_bit_set(self, values: Values) -> bool:
         bit = self._configuration().start_bit
         return values.digital[bit : bit + 1] == "1"
@@ -125,7 +128,7 @@ class Ascii2Control:
 
         def in_force() -> bool:
             values = self._values()
-            same = abs(values.numbers[fields.index("CV01")] - set_point_c) < _RESOLUTION_C
+            same = abs(self._nominal_c(values) - set_point_c) < _RESOLUTION_C
             return same and self._start_bit_set(values) is running
 
         self._tell(encode_set(self._address, nominal, "".join(bits)), in_force)
