@@ -20,7 +20,9 @@ class Bench:
             spin=self.spin,
             stop=lambda: self.spin("stop"),
         )
-        self.chamber = SimpleNamespace(stop=lambda: self.order.append("chamber stop"))
+        self.chamber = SimpleNamespace(
+            go_to=lambda temp_c: None, start=lambda: None, stop=lambda: self.order.append("chamber stop")
+        )
 
     def spin(self, rate_dps):
         self.order.append(f"spin {rate_dps}")
@@ -40,7 +42,7 @@ class Bench:
 
 def test_order(monkeypatch):
     bench = Bench()
-    parts = ("go_to_room", "wait_for_equilibrium", "reference_window", "shock", "return_to_room")
+    parts = ("wait_for_equilibrium", "reference_window", "shock", "return_to_room")
     for name in parts:
         monkeypatch.setattr(scale_factor, name, lambda *_, name=name, **__: bench.order.append(name))
     scale_factor.run(bench, scale_factor.ScaleFactorParameters(rate_dps=5.0))
