@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.gap_exam._files import Seal, gap_of, read_arrays, read_seal
 from benchmarks.gap_exam._mechanisms import BESIDE, CHANGING, DISTURBANCES, NAMES
 from benchmarks.gap_exam._separable import indistinct
-from benchmarks.gap_exam._whitening import NoiseLevels, Part, remaining
+from benchmarks.gap_exam._whitening import NoiseLevels, Part, remaining, resampled
 from drivers.base.arrays import Array
 
 _TWO_SIDED = 1.96
@@ -256,20 +256,11 @@ def _part(gap: Array, answered: Mapping[str, Array], key: str) -> Part:
     closing, nominal, seen = (answered[f"{what}|{key}"] for what in ("closed", "nominal", "seen"))
     period_s = float(answered[f"period|{key}"][0])
     apart_s = max(1.0, round(len(closing) * period_s / len(gap)))
-    fine, coarse = sorted((apart_s, period_s))
-    ratio = max(1, round(coarse / fine))
-    mine, theirs = (1, ratio) if apart_s >= period_s else (ratio, 1)
-    gap = _means(gap[None], mine)
-    closing, nominal, known = (
-        _means(closing[None], theirs),
-        _means(nominal, theirs),
-        _means(seen[None], theirs),
-    )
+    coarse = max(apart_s, period_s)
+    gap = resampled(gap[None], apart_s, coarse)
+    closing = resampled(closing[None], period_s, coarse)
+    nominal = resampled(nominal, period_s, coarse)
+    known = resampled(seen[None], period_s, coarse)
     n = min(gap.shape[1], closing.shape[1])
     rows = np.concatenate((gap[:, :n], closing[:, :n]))
     return Part(rows, nominal[:, :n], known[0, :n] > 0.5, coarse)
-
-
-def _means(values: Array, count: int) -> Array:
-    n = values.shape[1] // count * count
-    return np.asarray(values[:, :n].reshape(len(values), -1, count).mean(axis=2))

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.analysis.gap import read_model, read_recordings
 from benchmarks.gap_exam._files import gap_of, held_out_ids, read_arrays, run_keys
-from benchmarks.gap_exam._whitening import NoiseLevels, Part, remaining
+from benchmarks.gap_exam._whitening import NoiseLevels, Part, remaining, resampled
 from simulators.effects import Effect, Variant, catalogue
 
 _TOLD = 9.0
@@ -36,11 +36,12 @@ def indistinct(
             nominal = model.columns(run.stimulus)
             if variant is not None:
                 nominal = np.concatenate((nominal, variant.columns(run.stimulus)))
-            every = max(1, round(len(gap) / nominal.shape[1]))
-            n = min(len(gap) // every, nominal.shape[1])
-            signal = gap[: n * every].reshape(-1, every).mean(axis=1)
+            period_s = run.stimulus.period_s
+            apart_s = max(1.0, round(nominal.shape[1] * period_s / len(gap)))
+            signal = resampled(gap[None], apart_s, period_s)
+            n = min(signal.shape[1], nominal.shape[1])
             seen = np.isfinite(run.output_dph)[:n]
-            parts.append(Part(signal[None], nominal[:, :n], seen, run.stimulus.period_s))
+            parts.append(Part(signal[:, :n], nominal[:, :n], seen, period_s))
         return float(remaining(parts, noise)[0, 0])
 
     def left(names: Iterable[str]) -> list[float]:

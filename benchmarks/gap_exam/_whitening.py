@@ -71,6 +71,14 @@ def remaining(parts: Sequence[Part], noise: NoiseLevels) -> Array:
     return np.asarray(gram[:count, :count] - gram[:count, count:] @ inverse @ gram[count:, :count])
 
 
+def resampled(values: Array, period_s: float, to_s: float) -> Array:
+    """Return the means of rows (p, n) over steps of `to_s`, (p, m): every value holds for its own period."""
+    whole = np.concatenate((np.zeros((len(values), 1)), np.cumsum(values, axis=1)), axis=1)
+    edges = np.arange(math.floor(values.shape[1] * period_s / to_s + 1e-6) + 1) * to_s / period_s
+    index = np.arange(whole.shape[1])
+    return np.stack([np.diff(np.interp(edges, index, row)) for row in whole]) * period_s / to_s
+
+
 def deflection(parts: Sequence[Part], noise: NoiseLevels) -> float:
     """Return the deflection of the first signal; a tenth of it is its signal-to-noise ratio."""
     return math.sqrt(max(float(remaining(parts, noise)[0, 0]), 0.0))

@@ -11,6 +11,7 @@ from benchmarks.gap_exam import _answer, _score
 from benchmarks.gap_exam._files import Seal, read_arrays, read_seal, run_keys, write_seal
 from benchmarks.gap_exam._score import marked_cases, read_answer
 from benchmarks.gap_exam._table import ROWS, share_text, table
+from benchmarks.gap_exam._whitening import resampled
 from drivers.base.errors import ConfigurationError
 
 N = 2000
@@ -273,3 +274,31 @@ def test_the_table_goes_into_its_section_of_the_page(tmp_path):
     command.put_section(page, "## Plant families", ["new"])
     assert page.read_text() == "# A\n\n## Plant families\n\nnew\n\n## B\n\nmore\n"
     assert len({what for what, _, _ in ROWS}) == len(ROWS)
+
+
+@pytest.mark.parametrize(("period_s", "to_s"), [(1.0, 1.6), (0.8, 2.4), (1.6, 1.0), (2.0, 2.0)])
+def test_means_over_other_steps_are_those_of_the_integral(period_s, to_s):
+    # a line, given as its means over steps, has over any whole steps the mean of its middle
+    def line(n, step_s):
+        return 3.0 + 0.5 * (np.arange(n) + 0.5) * step_s
+
+    means = resampled(np.stack((line(60, period_s), np.ones(60))), period_s, to_s)
+    assert means.shape[1] == int(60 * period_s / to_s + 1e-6)
+    assert means[0] == pytest.approx(line(means.shape[1], to_s), abs=0.5 * 0.26 * period_s)
+    assert means[0].mean() == pytest.approx(line(means.shape[1], to_s).mean(), rel=2e-3)
+    assert means[1] == pytest.approx(np.ones(means.shape[1]))
+
+
+def test_closing_in_steps_of_another_length_than_the_seal_counts_whole(folder):
+    folder.add("a", seal("single", {"x": 5.0}), facts([cause("x", 0.9)]), 1.0)
+    path = folder.path / "answers" / "a.npz"
+    arrays = dict(np.load(path))
+    for key in ("A|2", "B|0"):
+        for what in ("closed", "nominal", "seen"):
+            rows = np.atleast_2d(arrays[f"{what}|{key}"])
+            arrays[f"{what}|{key}"] = np.squeeze(resampled(rows, 1.0, 1.6))
+        arrays[f"nominal|{key}"] = np.atleast_2d(arrays[f"nominal|{key}"])
+        arrays[f"period|{key}"] = np.array([1.6])
+    np.savez(path, **arrays)
+    (marked,) = marked_cases(folder.path)
+    assert marked.closed > 0.98

@@ -4,8 +4,9 @@ from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._describe import UnknownPart
 from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
 from bench.analysis.gap._exam_folder import hold_exam, read_exam
-from bench.analysis.gap._facts import diagnosis_facts, log_gap_facts
+from bench.analysis.gap._facts import diagnosis_facts, identifiable_facts, log_gap_facts
 from bench.analysis.gap._findings import Cause, Finding, Place, Shrinkage
+from bench.analysis.gap._identify import Identifiable, identifiable
 from bench.analysis.gap._learn import Learned
 from bench.analysis.gap._model_file import Model, Term, model_text, parse_model, read_model
 from bench.analysis.gap._noise import Noise
@@ -24,6 +25,7 @@ __all__ = [
     "Difference",
     "Exam",
     "Finding",
+    "Identifiable",
     "Learned",
     "LogCurve",
     "LogGap",
@@ -44,6 +46,8 @@ __all__ = [
     "diagnosis_facts",
     "differences",
     "hold_exam",
+    "identifiable",
+    "identifiable_facts",
     "log_gap_facts",
     "log_gaps",
     "model_text",

@@ -21,10 +21,17 @@ FREE_CURVE = -4.0
 
 def candidate_variants(model: Model, runs: Sequence[GapRun]) -> list[Variant]:
     """Return the catalogue's variants that the model does not have as terms, then free curves over the inputs."""
-    names = {term.name for term in model.terms}
-    effects = [each for each in catalogue().values() if isinstance(each, Effect) and each.name not in names]
+    effects = list(effects_beside(model).values())
     usual = [variant for effect in effects if effect.propose is None for variant in effect.variants()]
     return [*usual, *proposed_variants(effects, runs), *free_curves(runs)]
+
+
+def effects_beside(model: Model) -> dict[str, Effect]:
+    """Return the catalogue's effects on the rate that a model does not have, by name."""
+    names = {term.name for term in model.terms}
+    return {
+        name: each for name, each in catalogue().items() if isinstance(each, Effect) and name not in names
+    }
 
 
 def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:

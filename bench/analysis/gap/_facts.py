@@ -9,6 +9,7 @@ from typing import Any
 from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._diagnose import Diagnosis
 from bench.analysis.gap._findings import Cause, Place, Shrinkage
+from bench.analysis.gap._identify import Identifiable
 from bench.analysis.gap._learn import Learned
 from bench.analysis.gap._model_file import AnyTerm, Term, by_parameter
 from bench.analysis.gap._position import PositionFinding
@@ -37,6 +38,11 @@ def diagnosis_facts(found: Diagnosis, following: Sequence[Suggestion] = ()) -> d
         "channels": [_channel(channel) for channel in found.channels],
     }
     return of_unit | _finite(facts)
+
+
+def identifiable_facts(found: Sequence[Identifiable]) -> dict[str, Any]:
+    """Return what runs can show of each effect as JSON values."""
+    return {"effects": [_finite(vars(effect)) for effect in found]}
 
 
 def log_gap_facts(gaps: LogGaps) -> dict[str, Any]:

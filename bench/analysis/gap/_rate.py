@@ -187,9 +187,11 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         terms = [cause.term for cause in finding.causes]
         parts = holding(closed(finding), terms, held_out, finding.floor) if terms else []
         finding = _doubted(finding, parts)
-        return replace(
-            finding, held_out=(shrinkage(finding.model, closed(finding), held_out, finding.floor),)
-        )
+        ready = data.data
+        # what the nominal model's own parameters take away is no part of the gap
+        alone = nominal_solution(ready.cells, data.model.sigmas)
+        before = _corrected(data.model, alone, ready.noise.noise)
+        return replace(finding, held_out=(shrinkage(before, closed(finding), held_out, finding.floor),))
 
 
 def _doubted(finding: RateFinding, parts: Sequence[float]) -> RateFinding:

@@ -2,10 +2,11 @@
 
 from typer import Typer
 
+from bench.present.cli.gap._check import check
 from bench.present.cli.gap._diagnose import close, diagnose
 from bench.present.cli.gap._exam import exam
 from bench.present.cli.gap._rehearse import rehearse
 
 app = Typer(name="gap", no_args_is_help=True)
-for command in (diagnose, close, rehearse, exam):
+for command in (check, diagnose, close, rehearse, exam):
     app.command()(command)
