@@ -16,7 +16,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "misal": ("axis_misalignment",),
     "azim": ("azimuth_error",),
     "wobble": ("table_wobble_once", "table_wobble_twice"),
-    "ripple": ("table_wobble_once", "table_wobble_twice"),
+    "ripple": ("table_wobble_once", "table_wobble_twice", "table_rate_ripple"),
     "latency": ("time_offset",),
     "skew": ("clock_skew",),
     "satur": ("saturation",),

@@ -60,7 +60,7 @@ def read_answer(path: Path) -> Answer:
     causes = [
         Stated(
             frozenset(cause.get("set") or [cause["name"]]),
-            float(cause["probability"]),
+            float(cause["set_probability"] if cause.get("set") else cause["probability"]),
             cause.get("parameters", {}),
             cause.get("sigma", {}),
         )

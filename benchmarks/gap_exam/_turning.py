@@ -79,7 +79,7 @@ def encoder(orders: Sequence[int], overtone: float) -> Effect:
             -3600.0 * size * np.diff(error) / stage.step_s * np.sin(np.radians(stage.elevation_deg))
         )
 
-    return Effect(signal, ("table_wobble_once", "table_wobble_twice"))
+    return Effect(signal, ("table_wobble_once", "table_wobble_twice", "table_rate_ripple"))
 
 
 def _late(stage: Stage, delay_s: Array | float) -> Array:

@@ -24,9 +24,11 @@ Where a free curve stands for the unknown it is that of the cause or of what may
 """
 
 _LEAST_NAMED = 0.5
-"""Probability, of the cause or what may stand in its place, below which nothing is named."""
-_LEAST_OWN = 0.4
-"""Its own probability that a cause needs: where many could stand in a place, none is named."""
+"""Probability that one of a set acts, below which nothing is named."""
+_MOST_ALIKE = 4
+"""Effects of a set that is named as one cause: where more could stand in a place, none is."""
+_SURE_SET = 0.9
+"""Probability from which an effect, or a set of those that these runs cannot tell apart, is left as it is."""
 
 
 def causes_of(
@@ -60,10 +62,15 @@ def causes_of(
         place = cause.probability
         if best.curved and not best.remains:
             place = _of_any(weights, {candidate.effect, *alternatives})
-        stated = replace(cause, probability=(1.0 - _MIMICRY) * cause.probability)
+        one_of = _one_of(candidate.effect, alternatives, weights)
+        stated = replace(
+            cause,
+            probability=(1.0 - _MIMICRY) * cause.probability,
+            one_of=one_of,
+            set_probability=(1.0 - _MIMICRY) * _of_any(weights, set(one_of)),
+        )
         doubt = unknown > 0.5 and (trust < CREDIBLE or place < _SURE)
-        doubt |= _of_any(weights, {candidate.effect, *alternatives}) < _LEAST_NAMED
-        doubt |= cause.probability < _LEAST_OWN
+        doubt |= _of_any(weights, set(one_of)) < _LEAST_NAMED or len(one_of) > _MOST_ALIKE
         if doubt or absorbed(variants[member].effect, curves):
             # fitted beside a curve it would not stand alone
             alone = _fitted(member, best.without_curves, found, variants, q)
@@ -71,6 +78,20 @@ def causes_of(
         else:
             named.append(stated)
     return tuple(named), tuple(doubtful)
+
+
+def _one_of(
+    name: str,
+    alternatives: Mapping[str, float],
+    weights: Mapping[frozenset[str], tuple[float, float]],
+) -> tuple[str, ...]:
+    """Return an effect alone if it is sure, else with its likeliest alternatives until one surely acts."""
+    names = [name]
+    for other in alternatives:
+        if _of_any(weights, set(names)) >= _SURE_SET:
+            break
+        names.append(other)
+    return tuple(names)
 
 
 def _of_any(weights: Mapping[frozenset[str], tuple[float, float]], names: Set[str]) -> float:

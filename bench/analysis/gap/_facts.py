@@ -106,6 +106,8 @@ def _rate_cause(cause: Cause[Term]) -> dict[str, Any]:
     return {
         "name": cause.name,
         "probability": cause.probability,
+        "set": list(cause.one_of),
+        "set_probability": cause.set_probability,
         "alternatives": dict(cause.alternatives),
         **_fitted(cause.term),
         "shape": dict(cause.term.variant.shape),

@@ -48,7 +48,8 @@ class Cause(Generic[TermT]):
 
     `alternatives` maps what could stand in its place to its probability, `rivals` are those fitted there.
     `credibility` is the part of the gap explained where it acts (the rate's causes only). `nominal` are the
-    values that the effect has without being a cause (a channel's only).
+    values that the effect has without being a cause (a channel's only). `one_of` are the effects that these runs
+    cannot tell apart, the named one first, and `set_probability` that one of them acts (the rate's causes only).
     """
 
     name: str
@@ -59,6 +60,8 @@ class Cause(Generic[TermT]):
     rivals: Mapping[str, TermT] = field(default_factory=dict)
     credibility: float = math.nan
     nominal: tuple[float, ...] = ()
+    one_of: tuple[str, ...] = ()
+    set_probability: float = math.nan
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis.gap._cells import Cell
 from bench.analysis.gap._fit import Floor, Solution, counts
@@ -49,14 +50,21 @@ def remainder(cells: Sequence[Cell], variance: Array, gap: Array, left: Array, f
     share = excess / np.maximum(np.maximum(gap - number, excess), 1e-12)
     expected = number * variance * (1.0 + _MISFIT_OF_FLOOR + 2.0 * floor.sigma[band])
     repeatable = np.array([cell.repeatable for cell in cells])
+    clear = active(cells, gap)
     evidence = np.where(repeatable & (share > _LEAST_SHARE), _support(left, expected, number), 0.0)
-    active = repeatable & (gap - number > _ACTIVE * np.sqrt(2.0 * number))
-    own = number[active].sum()
-    ratio = (left[active] / expected[active] * number[active]).sum()
+    own = number[clear].sum()
+    ratio = (left[clear] / expected[clear] * number[clear]).sum()
     pooled = float(_support(np.array([ratio]), np.array([own]), np.array([own]))[0]) if own else 0.0
     deviation = np.sqrt(2.0 * number) + number * floor.sigma[band]
     sure = np.maximum(excess - _BEYOND * deviation, 0.0)
     return Remainder(evidence, pooled, sure / np.maximum(np.maximum(gap - number, excess), 1e-12))
+
+
+def active(cells: Sequence[Cell], gap: Array) -> NDArray[np.bool_]:
+    """Return which cells have a gap that all repeats share, clear of their noise, (cells,)."""
+    number = counts(cells)
+    repeatable = np.array([cell.repeatable for cell in cells])
+    return np.asarray(repeatable & (gap - number > _ACTIVE * np.sqrt(2.0 * number)))
 
 
 def _support(left: Array, expected: Array, number: Array) -> Array:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit
 
 from bench.analysis.gap._candidates import candidates_of, possible_candidates
 from bench.analysis.gap._cells import Cell, group_cells, rescaled
@@ -17,6 +16,7 @@ from bench.analysis.gap._fit import (
     MISFIT,
     TOLERANCE,
     Solution,
+    counts,
     energies,
     left_energies,
     nominal_energies,
@@ -25,58 +25,28 @@ from bench.analysis.gap._fit import (
     weighted_gram,
 )
 from bench.analysis.gap._generic import FreeCurve, absorbed
+from bench.analysis.gap._judged import (
+    Judged,
+    correcting,
+    curves_that_matter,
+    instead_of,
+    less_forms,
+    told_by_form,
+)
 from bench.analysis.gap._lines import SpectralLine, strongest_line
 from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._prepare import Prepared, gathered, narrowed, noise_beside, with_columns
 from bench.analysis.gap._refine import best_of_each, between_grid_points, sets_of_note
-from bench.analysis.gap._unknown import Remainder, remainder
+from bench.analysis.gap._unknown import active, remainder
 from drivers.base.arrays import Array
-from simulators.effects import Effect, Input, Variant
+from simulators.effects import Input, Variant
 
-_UNKNOWN_PRIOR = 5.0
 _UNSEEN = 0.05
 """Probability of something unknown where nothing of it was found: 25 of 448 claims of the exams before."""
 _SHOWN = 12.0
-_TEMPERATURES = Input.T_IN | Input.T_OUT | Input.WARMING | Input.GRADIENT
 _REFINED = 3
 """Sets of catalogue effects whose shapes are looked at between the grid's points."""
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A set of effects, fitted; `left` (cells,) is the energy it leaves, `line` log evidence of a line.
-
-    `without_curves` is the fit of its catalogue effects alone, `in_form` that with the real forms of its effects.
-    """
-
-    names: frozenset[str]
-    members: frozenset[int]
-    log_evidence: float
-    solution: Solution
-    left: Array
-    rest: Remainder
-    without_curves: Solution
-    in_form: Solution
-    curves: frozenset[str] = frozenset()
-    line: float = 0.0
-
-    @property
-    def curved(self) -> bool:
-        """Whether a free curve is a member."""
-        return bool(self.names & self.curves)
-
-    @property
-    def remains(self) -> bool:
-        """Whether something is left that is more probably an effect than not, free curves taken out."""
-        return self.rest.total + self.line > _UNKNOWN_PRIOR
-
-    @property
-    def unknown(self) -> float:
-        """Probability that something is missing beside the effects of this set."""
-        if self.curved:
-            return 1.0
-        return float(expit(self.rest.total + self.line - _UNKNOWN_PRIOR))
 
 
 @dataclass(frozen=True)
@@ -181,14 +151,9 @@ def _judge_sets(
     kept = sorted(kept, key=lambda names: -by_effects[names])[:60]
     effect_of = {candidate.effect: variants[candidate.variant].effect for candidate in posterior.candidates}
     # without them nothing says whether a member only corrects the form of another
-    simpler = (
-        names - {name}
-        for names in kept
-        for name in names
-        if any(_thermal(effect_of[name], effect_of[other]) for other in names - {name})
-    )
+    simpler = (names - gone for names in kept for gone in correcting(names, effect_of))
     kept += [names for names in dict.fromkeys(simpler) if names in by_effects and names not in kept]
-    instead = (_instead_of(curve, names, by_effects, posterior.curves) for names in kept for curve in names)
+    instead = (instead_of(curve, names, by_effects, posterior.curves) for names in kept for curve in names)
     kept = list(dict.fromkeys([*kept, *(names for names in instead if names is not None), frozenset()]))
     strict = tolerated(data.cells, before, MISFIT)
     best = posterior.best_variants()
@@ -237,93 +202,16 @@ def _judge_sets(
         for names, members in best.items()
         if len(names) == 1 and names <= posterior.curves
     ]
-    matter = _curves_that_matter(judged, left_without, effects)
-    matter = [one for one in matter if not _form_of_another(one, matter, left_without, effects)]
+    matter = curves_that_matter(judged, left_without, effects)
+    matter = less_forms(matter, left_without, effects)
+    number = counts(data.cells)
+    clear = active(data.cells, before)
+    deviation = np.hypot(np.sqrt(2.0 * number), number * data.floor.sigma[[cell.band for cell in data.cells]])
+    noise = math.sqrt(float((deviation[clear] ** 2).sum()))
+    matter = told_by_form(
+        matter, [max(float((one.left - number)[clear].sum()), 0.0) for one in matter], noise, effects
+    )
     return [in_form(each) if each.rest.total and not each.curved else each for each in matter]
-
-
-def _instead_of(
-    curve: str,
-    names: frozenset[str],
-    by_effects: Mapping[frozenset[str], float],
-    curves: frozenset[str],
-) -> frozenset[str] | None:
-    """Return the best set with an effect of the catalogue in a curve's place, however improbable; None if none.
-
-    Whether the curve is more than that effect's form is judged by what they take away.
-    """
-    if curve not in curves:
-        return None
-    others = names - {curve}
-    possible = [
-        by_effect
-        for by_effect in by_effects
-        if others < by_effect and len(by_effect) == len(names) and not (by_effect - others) & curves
-    ]
-    return max(possible, key=lambda each: by_effects[each], default=None)
-
-
-def _curves_that_matter(
-    judged: Sequence[Judged],
-    left_without: Callable[[Judged, frozenset[str]], float],
-    effects: Mapping[str, Effect],
-) -> list[Judged]:
-    """Return the sets less those with a free curve that is no better than a formula's misfit lets it be.
-
-    Compared are sets with a catalogue effect in the curve's place, or nothing. What counts is what that effect
-    takes away (with nothing there, all); a curve over its very input may be its real form: more is tolerated.
-    """
-
-    def enough(curved: Judged, curve: str, other: Judged) -> bool:
-        instead = other.names - curved.names
-        theirs = left_without(other, instead or other.names) - float(other.left.sum())
-        same = all(absorbed(effects[name], [effects[curve]]) for name in instead) and bool(instead)
-        gained = float(other.left.sum()) - float(curved.left.sum())
-        return gained > (TOLERANCE if same else MISFIT) ** 2 * theirs
-
-    matter = []
-    for each in judged:
-        curves = each.names & each.curves
-        pairs = [
-            (curve, other)
-            for curve in curves
-            for other in judged
-            if each.names - {curve} <= other.names
-            and len(other.names) <= len(each.names)
-            and not (other.names - each.names) & other.curves
-            and curve not in other.names
-        ]
-        if all(enough(each, *pair) for pair in pairs):
-            matter.append(each)
-    return matter
-
-
-def _form_of_another(
-    one: Judged,
-    judged: Sequence[Judged],
-    left_without: Callable[[Judged, frozenset[str]], float],
-    effects: Mapping[str, Effect],
-) -> bool:
-    """Return whether a member only corrects the form of a stronger one that follows the same temperatures.
-
-    A bench measures temperatures at one or two places; a formula of them is never quite the real effect.
-    """
-    whole = float(one.left.sum())
-    for name in one.names if len(one.names) > 1 else ():
-        without = next((other for other in judged if other.names == one.names - {name}), None)
-        alike = [other for other in one.names - {name} if _thermal(effects[name], effects[other])]
-        if without is None or not alike:
-            continue
-        gained = float(without.left.sum()) - whole
-        theirs = max(left_without(one, frozenset([other])) - whole for other in alike)
-        if gained <= TOLERANCE**2 * theirs:
-            return True
-    return False
-
-
-def _thermal(one: Effect, other: Effect) -> bool:
-    """Return whether two effects add alike, to bias or to scale factor, and follow a common temperature."""
-    return bool(one.unit == other.unit and one.inputs & other.inputs & _TEMPERATURES)
 
 
 def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:

@@ -174,6 +174,8 @@ def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
     fitted = cause.term.fitted(coarseness, "±")
     shape = ", ".join(f"{key} = {value:g}" for key, value in cause.term.variant.shape.items())
     rivals = _rivals(cause)
+    if len(cause.one_of) > 1:
+        status += f", or one of its alternatives: {100 * cause.set_probability:.0f} %"
     effect = cause.term.variant.effect
     note = f"{cause.meaning} Follows {effect.follows}. Source: {effect.source}."
     if rivals:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 
-from rich.table import Table
-
+from bench.present.cli._console import Terminal
 from bench.present.cli._options import DiagnosedGyro, DiagnosedRuns, Json, NominalModel
 
 
@@ -14,7 +13,6 @@ def check(
 ) -> None:
     """Say what these runs can show of every effect: the smallest size, and which effects look the same."""
     from bench.analysis import gap
-    from bench.present.cli._console import Terminal
 
     console = Terminal()
     with console.status("checking"):
@@ -23,12 +21,16 @@ def check(
     if as_json:
         console.print_json(json.dumps(gap.identifiable_facts(found)))
         return
-    table = Table("effect", "found from about", "looks the same in these runs")
-    for effect in found:
-        if not effect.reason:
-            sizes = ", ".join(f"{name} {size:.2g}" for name, size in effect.least.items())
-            table.add_row(effect.effect, sizes, ", ".join(effect.alike) or "nothing")
-    console.print(table)
+    rows = [
+        (
+            effect.effect,
+            ", ".join(f"{name} {size:.2g}" for name, size in effect.least.items()),
+            ", ".join(effect.alike) or "nothing",
+        )
+        for effect in found
+        if not effect.reason
+    ]
+    console.table(("effect", "found from about", "looks the same in these runs"), rows)
     for effect in found:
         if effect.reason:
             console.say(f"  {effect.effect} cannot be seen: {effect.reason}", style="dim")

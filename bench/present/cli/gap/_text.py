@@ -94,6 +94,9 @@ def _said(cause: Cause[Any]) -> str:
 
 
 def _rivals(cause: Cause[Any]) -> str:
+    if len(cause.one_of) > 1:
+        names, chance = ", ".join(cause.one_of[1:]), f"{100 * cause.set_probability:.0f} %"
+        return f"; these runs cannot tell it from {names} (one of them: {chance})"
     rivals = ", ".join(f"{name} {100 * value:.0f} %" for name, value in cause.alternatives.items())
     return f"; in its place could stand {rivals}" if rivals else ""
 

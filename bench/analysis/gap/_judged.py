@@ -1,0 +1,212 @@
+"""Sets of effects as judged, and which of them differ by no more than the form of an effect.
+
+The catalogue's formula of an effect never is quite the real one: what is left of it looks like a further effect,
+or like another one in its place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+from scipy.special import expit
+
+from bench.analysis.gap._fit import MISFIT, TOLERANCE, Solution
+from bench.analysis.gap._generic import FreeCurve, absorbed
+from bench.analysis.gap._unknown import Remainder
+from drivers.base.arrays import Array
+from simulators.effects import Effect, Input
+
+_UNKNOWN_PRIOR = 5.0
+_TEMPERATURES = Input.T_IN | Input.T_OUT | Input.WARMING | Input.GRADIENT
+_PARTS = 10.0
+"""Independent parts in which the misfit of a formula shows, over all runs."""
+_BEHIND = 0.1
+"""Log odds by which the best set stays ahead of what only the form of an effect tells from it."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A set of effects, fitted; `left` (cells,) is the energy it leaves, `line` log evidence of a line.
+
+    `without_curves` is the fit of its catalogue effects alone, `in_form` that with the real forms of its effects.
+    """
+
+    names: frozenset[str]
+    members: frozenset[int]
+    log_evidence: float
+    solution: Solution
+    left: Array
+    rest: Remainder
+    without_curves: Solution
+    in_form: Solution
+    curves: frozenset[str] = frozenset()
+    line: float = 0.0
+
+    @property
+    def curved(self) -> bool:
+        """Whether a free curve is a member."""
+        return bool(self.names & self.curves)
+
+    @property
+    def remains(self) -> bool:
+        """Whether something is left that is more probably an effect than not, free curves taken out."""
+        return self.rest.total + self.line > _UNKNOWN_PRIOR
+
+    @property
+    def unknown(self) -> float:
+        """Probability that something is missing beside the effects of this set."""
+        if self.curved:
+            return 1.0
+        return float(expit(self.rest.total + self.line - _UNKNOWN_PRIOR))
+
+
+def instead_of(
+    curve: str,
+    names: frozenset[str],
+    by_effects: Mapping[frozenset[str], float],
+    curves: frozenset[str],
+) -> frozenset[str] | None:
+    """Return the best set with an effect of the catalogue in a curve's place, however improbable; None if none.
+
+    Whether the curve is more than that effect's form is judged by what they take away.
+    """
+    if curve not in curves:
+        return None
+    others = names - {curve}
+    possible = [
+        by_effect
+        for by_effect in by_effects
+        if others < by_effect and len(by_effect) == len(names) and not (by_effect - others) & curves
+    ]
+    return max(possible, key=lambda each: by_effects[each], default=None)
+
+
+def curves_that_matter(
+    judged: Sequence[Judged],
+    left_without: Callable[[Judged, frozenset[str]], float],
+    effects: Mapping[str, Effect],
+) -> list[Judged]:
+    """Return the sets less those with a free curve that is no better than a formula's misfit lets it be.
+
+    Compared are sets with a catalogue effect in the curve's place, or nothing. What counts is what that effect
+    takes away (with nothing there, all); a curve over its very input may be its real form: more is tolerated.
+    """
+
+    def enough(curved: Judged, curve: str, other: Judged) -> bool:
+        instead = other.names - curved.names
+        theirs = left_without(other, instead or other.names) - float(other.left.sum())
+        same = all(absorbed(effects[name], [effects[curve]]) for name in instead) and bool(instead)
+        gained = float(other.left.sum()) - float(curved.left.sum())
+        return gained > (TOLERANCE if same else MISFIT) ** 2 * theirs
+
+    matter = []
+    for each in judged:
+        curves = each.names & each.curves
+        pairs = [
+            (curve, other)
+            for curve in curves
+            for other in judged
+            if each.names - {curve} <= other.names
+            and len(other.names) <= len(each.names)
+            and not (other.names - each.names) & other.curves
+            and curve not in other.names
+        ]
+        if all(enough(each, *pair) for pair in pairs):
+            matter.append(each)
+    return matter
+
+
+def correcting(names: frozenset[str], effects: Mapping[str, Effect]) -> Iterator[frozenset[str]]:
+    """Yield the members of a set that may only correct the form of those that stay, fewest first."""
+    for count in range(1, len(names)):
+        for gone in combinations(sorted(names), count):
+            stay = names.difference(gone)
+            if all(any(_akin(effects[name], effects[other]) for other in stay) for name in gone):
+                yield frozenset(gone)
+
+
+def less_forms(
+    judged: Sequence[Judged],
+    left_without: Callable[[Judged, frozenset[str]], float],
+    effects: Mapping[str, Effect],
+) -> list[Judged]:
+    """Return the sets less those whose weaker members only correct the form of the others.
+
+    A bench measures temperatures at one or two places; a formula of them is never quite the real effect. The
+    smaller set takes over how probable the larger one is, and what that leaves.
+    """
+    by_names = {one.names: one for one in judged}
+
+    def only_correct(one: Judged, gone: frozenset[str]) -> bool:
+        smaller = by_names.get(one.names - gone)
+        if smaller is None:
+            return False
+        alike = [
+            name for name in smaller.names if any(_akin(effects[name], effects[other]) for other in gone)
+        ]
+        whole = float(smaller.left.sum())
+        theirs = max(left_without(smaller, frozenset([name])) - whole for name in alike)
+        return whole - float(one.left.sum()) <= TOLERANCE**2 * theirs
+
+    heirs: dict[frozenset[str], Judged] = {}
+    for one in sorted(judged, key=lambda each: -len(each.names)):
+        one = heirs.pop(one.names, one)
+        smaller = [one.names - gone for gone in correcting(one.names, effects) if only_correct(one, gone)]
+        if not smaller:
+            heirs[one.names] = one
+            continue
+        least = min(len(names) for names in smaller)
+        heir = min(
+            (by_names[names] for names in smaller if len(names) == least),
+            key=lambda each: float(each.left.sum()),
+        )
+        heir = heirs.get(heir.names, heir)
+        better = one.rest.total < heir.rest.total
+        heirs[heir.names] = replace(
+            heir,
+            log_evidence=max(heir.log_evidence, one.log_evidence),
+            rest=one.rest if better else heir.rest,
+            in_form=one.in_form if better else heir.in_form,
+        )
+    return list(heirs.values())
+
+
+def told_by_form(
+    judged: Sequence[Judged], left: Sequence[float], noise: float, effects: Mapping[str, Effect]
+) -> list[Judged]:
+    """Return the sets, those made more probable that only the form of one effect tells from the best.
+
+    What a formula leaves of the real effect is no noise: it repeats from run to run. Of unknown size and with few
+    independent parts, its log likelihood is Student's, -n/2 ln(energy left), and not -1/2 energy left (Box and
+    Tiao, Bayesian Inference in Statistical Analysis, 1973, section 2.4). `left` (sets,) is the energy above the
+    noise that each leaves where there is a gap, `noise` its standard deviation.
+    """
+    best = max(range(len(judged)), key=lambda index: judged[index].log_evidence)
+    result = []
+    for one, energy in zip(judged, left, strict=True):
+        theirs, ours = one.names - judged[best].names, judged[best].names - one.names
+        if len(theirs) == len(ours) == 1:
+            other, own = effects[next(iter(theirs))], effects[next(iter(ours))]
+            further = len(other.parameters) - len(own.parameters)
+            behind = 0.5 * _PARTS * math.log((_PARTS + noise + energy) / (_PARTS + noise + left[best]))
+            behind = max(behind + 0.5 * further * math.log(1.0 + _PARTS), _BEHIND)
+            if _akin(own, other) and not isinstance(other, FreeCurve):
+                least = judged[best].log_evidence - behind
+                one = replace(one, log_evidence=max(one.log_evidence, least))
+        result.append(one)
+    return result
+
+
+def _akin(one: Effect, other: Effect) -> bool:
+    """Return whether two effects add alike, to bias or to scale factor, and have a common kind of driver.
+
+    All that follows temperature follows its changes and its memory, too; a free curve only what it is over.
+    """
+    common = one.inputs & other.inputs
+    if isinstance(one, FreeCurve) or isinstance(other, FreeCurve):
+        return bool(one.unit == other.unit and common & _TEMPERATURES)
+    thermal = bool(one.inputs & _TEMPERATURES) and bool(other.inputs & _TEMPERATURES)
+    return one.unit == other.unit and (thermal or bool(common & Input.TIME))
