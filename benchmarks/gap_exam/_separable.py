@@ -14,6 +14,9 @@ from simulators.effects import Effect, Variant, catalogue
 
 _TOLD = 9.0
 """Difference in chi-square, twice that of log likelihood, from which one effect is told from another."""
+_TWICE = 2.0
+"""Where the catalogue's own formula of the true effect leaves more than noise, it says that much less: an effect
+that leaves no more than twice as much is not told from it."""
 
 
 def indistinct(
@@ -56,4 +59,4 @@ def indistinct(
 
     effects = catalogue()
     best = min((chi2 for names in true.values() for chi2 in left(names)), default=0.0)
-    return all(chi2 < best + _TOLD for chi2 in left(stated))
+    return all(chi2 < max(best + _TOLD, _TWICE * best) for chi2 in left(stated))

@@ -21,15 +21,11 @@ def check(
     if as_json:
         console.print_json(json.dumps(gap.identifiable_facts(found)))
         return
-    rows = [
-        (
-            effect.effect,
-            ", ".join(f"{name} {size:.2g}" for name, size in effect.least.items()),
-            ", ".join(effect.alike) or "nothing",
-        )
-        for effect in found
-        if not effect.reason
-    ]
+    rows = []
+    for effect in found:
+        sizes = ", ".join(f"{name} {size:.2g}" for name, size in effect.least.items())
+        if not effect.reason:
+            rows.append((effect.effect, sizes, ", ".join(effect.alike) or "nothing"))
     console.table(("effect", "found from about", "looks the same in these runs"), rows)
     for effect in found:
         if effect.reason:
