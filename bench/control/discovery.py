@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,11 +95,11 @@ def _streaming(port: str, heard: bytes, baudrate: int) -> Finding | None:
     return Finding(port, best[1], best[2]) if best[0] >= _COVERED * len(heard) else None
 
 
-def _probes(*roles: str) -> Iterator[tuple[str, Any, Probe]]:
-    """Yield (name of the kind, kind, probe) of all drivers of the roles in order of rank."""
+def _probes(*roles: str) -> list[tuple[str, Any, Probe]]:
+    """Return (name of the kind, kind, probe) of all drivers of the roles in order of rank."""
     kinds = [(name, point.load()) for role in roles for name, point in registered(DRIVERS, role).items()]
     found = [(name, kind, probe) for name, kind in kinds for probe in kind.probes()]
-    yield from sorted(found, key=lambda entry: entry[2].rank)
+    return sorted(found, key=lambda entry: entry[2].rank)
 
 
 def _ask(name_of_kind: str, kind: Any, probe: Probe, port: str, connection: Connection) -> Identity:

@@ -93,10 +93,8 @@ class Demands:
 
 def load_procedures() -> dict[str, Procedure]:
     """Return all installed procedures by name, third-party ones included."""
-    found = entry_points_of(ENTRY_POINT_GROUP)
-    return {
-        point.name: cast(Procedure, point.load()) for point in sorted(found, key=lambda point: point.name)
-    }
+    points = sorted(entry_points_of(ENTRY_POINT_GROUP), key=lambda point: point.name)
+    return {point.name: cast(Procedure, point.load()) for point in points}
 
 
 def find_procedure(name: str) -> Procedure:

@@ -87,9 +87,8 @@ def recover(folder: Path) -> Manifest:
 
 def _cut_events(folder: Path) -> str:
     """Cut an incomplete last line off the event log and return it."""
-    torn = read_events(folder).torn
     path = folder / _EVENTS
-    if torn:
+    if torn := read_events(folder).torn:
         _cut(path, path.read_bytes().rfind(b"\n") + 1)
     return torn
 

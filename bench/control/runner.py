@@ -179,7 +179,11 @@ def _drive(
     tests = request.procedure.tests
     displays = [display for display in (request.display, request.live) if display is not None]
     bench = Bench(file, clock, record, request.operator, displays, request.live, tests)
-    watchdog = _watchdog(request, record, clock, stack)
+    watchdog = None
+    if isinstance(clock, WallClock) and file.safe.watchdog and request.lease is not None:
+        watchdog = Watchdog(file, record.folder, request.lease)  # makes the bench safe if this process dies
+        stack.callback(watchdog.dismiss)
+        clock.pulse = watchdog.beat
     table = open_table(file, clock, record.tap("table"))
     stack.callback(table.link.close)
     chamber = open_chamber(file, clock, record.tap("chamber"))
@@ -191,11 +195,10 @@ def _drive(
     bench.table.check(demands.max_rate_dps)
     bench.chamber.check_sensors()
     bench.chamber.check(demands.min_temp_c, demands.max_temp_c, demands.max_ramp_k_per_min)
-    bench.gyros |= {unit.name: GyroStation(load_kind("gyro", unit.driver), unit) for unit in file.gyro}
-    platforms = {
-        unit.name: PlatformStation(load_kind("platform", unit.driver), unit) for unit in file.platform
-    }
-    bench.platforms |= platforms
+    for gyro in file.gyro:
+        bench.gyros[gyro.name] = GyroStation(load_kind("gyro", gyro.driver), gyro)
+    for platform in file.platform:
+        bench.platforms[platform.name] = PlatformStation(load_kind("platform", platform.driver), platform)
     units = zip((*file.gyro, *file.platform), bench.units, strict=True)
     streams = [_open_unit(record, clock, unit, station, stack) for unit, station in units]
     if watchdog is not None:
@@ -216,27 +219,14 @@ def _drive(
         raise
     bench.make_safe("end of the run", "end_of_run")
     for device, station in streams:
-        if not station.gone:
-            _stop(bench, device, station.name)
+        if station.gone:
+            continue
+        try:
+            device.stop()
+        except (DeviceRefused, DeviceSilent, ProtocolError, WrongDevice) as problem:
+            # a unit that no longer listens changes nothing of what was measured
+            bench.note(f"{station.name} was not stopped: {problem}")
     return bench
-
-
-def _stop(bench: Bench, device: Gyro, name: str) -> None:
-    """Stop a unit at the end of a run; one that no longer listens changes nothing of what was measured."""
-    try:
-        device.stop()
-    except (DeviceRefused, DeviceSilent, ProtocolError, WrongDevice) as problem:
-        bench.note(f"{name} was not stopped: {problem}")
-
-
-def _watchdog(request: RunRequest, record: RunRecord, clock: Clock, stack: ExitStack) -> Watchdog | None:
-    """Start the process that makes a bench on the wall clock safe if this one dies; dismissed with the stack."""
-    if not isinstance(clock, WallClock) or not request.file.safe.watchdog or request.lease is None:
-        return None
-    watchdog = Watchdog(request.file, record.folder, request.lease)
-    stack.callback(watchdog.dismiss)
-    clock.pulse = watchdog.beat
-    return watchdog
 
 
 def _open_unit(
