@@ -234,16 +234,10 @@ def _history_table() -> ui.table:
 
 def _history_row(entry: Entry) -> dict[str, str]:
     manifest = entry.manifest
+    row = {"run": entry.name, "procedure": "", "outcome": "cannot be read", "kind": "aborted", "link": ""}
     if manifest is None:
-        return {
-            "run": entry.name,
-            "outcome": "cannot be read",
-            "kind": "aborted",
-            "procedure": "",
-            "link": "",
-        }
-    return {
-        "run": entry.name,
+        return row
+    return row | {
         "procedure": manifest.procedure,
         "units": ", ".join(manifest.units.values()),
         "started": manifest.started_utc[:19].replace("T", " "),

@@ -121,8 +121,8 @@ def certificate_content(
                 results[unit].append(result)
                 left_out += [f"Run {name}, {unit}: no {what}. {why}" for what, why in result.missing]
     units = [
-        UnitCertificate(unit, _figures(found, limits), [*dict.fromkeys(against[unit]), *missing])
-        for unit, found in results.items()
+        UnitCertificate(unit, _figures(tests, limits), [*dict.fromkeys(against[unit]), *missing])
+        for unit, tests in results.items()
     ]
     units += [
         UnitCertificate(unit, _figures([], limits), ["No run of this unit.", *missing])
@@ -130,7 +130,7 @@ def certificate_content(
     ]
     drawn = [
         block
-        for number, result in enumerate(one for found in results.values() for one in found)
+        for number, result in enumerate(test for tests in results.values() for test in tests)
         for block in allan_figure(number, result)
     ]
     return CertificateContent(

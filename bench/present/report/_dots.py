@@ -43,12 +43,8 @@ def dot_chart(
     `limit` is drawn as a line with its label. What lies below `lowest` is drawn at the edge as an arrow with
     its value, so that one failure does not squeeze the rest.
     """
-    top, pitch, left, right = (
-        LINE + 12.0,
-        25.0,
-        label_room([row.label for row in rows]),
-        label_room([row.note for row in rows]),
-    )
+    top, pitch = LINE + 12.0, 25.0
+    left, right = label_room([row.label for row in rows]), label_room([row.note for row in rows])
     height = top + pitch * len(rows) + BOTTOM
     every = [value for row in rows for value in (*row.values, row.mean)] + ([limit[0]] if limit else [])
     low = min(0.0, max(lowest, math.floor(min(every) / 10.0) * 10.0))

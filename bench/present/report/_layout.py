@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from bench.present.report._page import Block, Definitions, Page, Section
+from bench.present.report._page import Definitions, Page, Section
 from bench.present.report._palette import PAINTS
 from bench.present.report._plotting import printable
 
@@ -37,7 +37,6 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         finalize=_finalize,
     )
-    environment.filters["block_kind"] = _block_kind
     # Ours, not a manifest's: trusted as they are.
     environment.globals["style_sheet"] = Markup((_FOLDER / "report.css").read_text(encoding="utf-8"))
     environment.globals["paints"] = PAINTS
@@ -47,7 +46,3 @@ def _environment() -> Environment:
 
 def _finalize(value: Any) -> Any:
     return value if isinstance(value, Markup) else printable(value) if isinstance(value, str) else value
-
-
-def _block_kind(block: Block) -> str:
-    return type(block).__name__.lower()

@@ -59,11 +59,6 @@ def column(values: Iterable[float | None], digits: int = 3, most: int = 4) -> tu
     return tuple(fixed(value, decimals) for value in cells)
 
 
-def count(value: float | None) -> str:
-    """Return a whole number, thousands apart."""
-    return fixed(value, 0)
-
-
 def duration(seconds: float | None) -> str:
     """Return a duration in h and min (s below two minutes)."""
     if seconds is None or not math.isfinite(seconds):

@@ -26,6 +26,11 @@ class _Block:
     """Part of a section; one that holds nothing is not printed."""
 
     @property
+    def kind(self) -> str:
+        """Name of the template's macro that prints it."""
+        return type(self).__name__.lower()
+
+    @property
     def empty(self) -> bool:
         """Whether there is nothing to print."""
         return not any(getattr(self, name, ()) for name in ("facts", "rows", "svgs", "texts", "terms"))

@@ -112,8 +112,9 @@ def _verdict(study: RlgStudy, best: StepwiseVariant) -> Verdict:
     worst = min(best.judged, key=lambda row: row.improvement_pct)
     good = mean >= _PAPER_PCT
     attained = [row.attained for row in best.judged if row.attained is not None]
+    runs = "one run" if len(best.judged) == 1 else f"{len(best.judged)} runs"
     sentences = [
-        f"On {_runs(len(best.judged))} that had no part in the fit, {best.name} improves the stability of 100 s "
+        f"On {runs} that had no part in the fit, {best.name} improves the stability of 100 s "
         f"means by {mean:.1f} % in the mean; the worst is {worst.run_id} with {worst.improvement_pct:.1f} %."
     ]
     headlines = [
@@ -123,10 +124,6 @@ def _verdict(study: RlgStudy, best: StepwiseVariant) -> Verdict:
     if attained:
         headlines.append(Headline("of what is possible", fixed(100.0 * float(np.mean(attained)), 1), "%"))
     return Verdict("Improved" if good else "Below 65 %", "good" if good else "doubt", sentences, headlines)
-
-
-def _runs(number: int) -> str:
-    return "one run" if number == 1 else f"{number} runs"
 
 
 def _course(number: int, run: RampRun, best: StepwiseVariant) -> Figures:

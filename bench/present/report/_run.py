@@ -6,8 +6,8 @@ from pathlib import Path
 
 from bench.present.report._file import REPORT_FILE, write_report
 from bench.present.report._glossary import CLOCK, LOST
-from bench.present.report._numbers import DASH, duration, moment, significant, unit_text
-from bench.present.report._page import Block, Definitions, Fact, Headline, Page, Section, Verdict
+from bench.present.report._numbers import DASH, duration, moment, parameter, significant, unit_text
+from bench.present.report._page import Block, Definitions, Fact, Facts, Headline, Page, Section, Verdict
 from bench.present.report._parts import made, warnings
 from bench.present.report._plots import trace_figure
 from bench.present.report._run_content import RunContent, run_content
@@ -17,7 +17,6 @@ from bench.present.report._tables import (
     measured,
     measurements_table,
     outcome,
-    parameter_facts,
     record_sections,
     software_facts,
 )
@@ -33,6 +32,9 @@ _SENTENCES = {
     "aborted": "The run was stopped before its end; everything received until then was kept.",
     "running": "The run was never closed; what was written until then is shown.",
 }
+
+
+_NOTES = {None: "", True: "inside its limits", False: "✕ outside its limits"}
 
 
 def run_page(run: RunContent, created_utc: str = "") -> Page:
@@ -81,22 +83,17 @@ def _verdict(run: RunContent) -> Verdict:
     word, tone = outcome(run)
     judged = [item for item in run.measurements if limited(item)]
     headlines = [
-        Headline(
-            measured(item.name), significant(item.value), unit_text(item.unit), note=_limit_note(item.passed)
-        )
+        Headline(measured(item.name), significant(item.value), unit_text(item.unit), "", _NOTES[item.passed])
         for item in judged[:4]
     ]
     return Verdict(f"Run {word}", tone, [_SENTENCES[run.manifest.outcome], *run.reasons], headlines)
-
-
-def _limit_note(passed: bool | None) -> str:
-    return "" if passed is None else "inside its limits" if passed else "✕ outside its limits"
 
 
 def _sections(run: RunContent) -> list[Section]:
     figures: list[Block] = []
     for number, trace in enumerate(run.traces, start=1):
         figures += trace_figure(f"trace-{number}", trace)
+    parameters = [Fact(*parameter(name, value)) for name, value in run.manifest.parameters.items()]
     caption = "Checksum of the run's manifest, which holds those of all its files."
     provenance = software_facts(run.manifest.software, run.manifest.bench_file_sha256)
     provenance += checksum_table({run.run_id: run.checksum} if run.checksum else {}, caption)
@@ -104,6 +101,6 @@ def _sections(run: RunContent) -> list[Section]:
         warnings(run.warnings),
         Section("Course of the run", figures),
         Section("Measurements", measurements_table(run.measurements)),
-        Section("Parameters", parameter_facts(run)),
+        Section("Parameters", [Facts(parameters)]),
         *record_sections([run], provenance, [Definitions([LOST, CLOCK])]),
     ]

@@ -8,7 +8,6 @@ from typing import Any
 from bench.present.report._numbers import (
     DASH,
     column,
-    count,
     duration,
     fixed,
     moment,
@@ -142,7 +141,7 @@ def streams_table(runs: Sequence[RunContent]) -> Table:
         row = named(
             run.run_id,
             f"{gyro} ({run.manifest.units[gyro]})" if gyro in run.manifest.units else gyro,
-            count(frames),
+            fixed(frames, 0),
             _loss_cell(lost),
             significant(1e6 * (lost or 0) / sent, 2) if sent else DASH,
             _loss_cell(None if rejected is None else sum(rejected.values())),
@@ -153,7 +152,7 @@ def streams_table(runs: Sequence[RunContent]) -> Table:
     heads = ["Run", "Gyro (unit)", ">Frames", ">Lost", ">Lost [ppm]", ">Rejected"]
     heads += [">Sample rate [Hz]", ">Clock error [ppm]"]
     caption = "Streams as recorded. A frame that was lost or rejected is marked in the record."
-    if off := [f"{gyro} {count(stream['off'])}" for _, gyro, stream in streams if stream.get("off")]:
+    if off := [f"{gyro} {fixed(stream['off'], 0)}" for _, gyro, stream in streams if stream.get("off")]:
         caption += f" Not sent while switched off by the procedure, and not lost: {', '.join(off)} frames."
     return Table(heads, rows, caption)
 
@@ -196,12 +195,6 @@ def record_sections(
     ]
 
 
-def parameter_facts(run: RunContent) -> list[Block]:
-    """Return a run's parameters with their units."""
-    facts = [Fact(*parameter(name, value)) for name, value in run.manifest.parameters.items()]
-    return [Facts(facts)]
-
-
 def _parameters_text(run: RunContent, common: Mapping[str, Any]) -> str:
     own = {name: value for name, value in run.manifest.parameters.items() if name not in common}
     return ", ".join(" ".join(parameter(name, value)) for name, value in own.items())
@@ -211,12 +204,11 @@ def _common_parameters(runs: Sequence[RunContent]) -> dict[str, Any]:
     """Return what all of several runs were given alike, so that the table shows what differs."""
     if len(runs) < 2:
         return {}
-    absent = object()
-    first, *rest = (run.manifest.parameters for run in runs)
+    first, *others = (run.manifest.parameters for run in runs)
     return {
         name: value
         for name, value in first.items()
-        if all(other.get(name, absent) == value for other in rest)
+        if all(name in other and other[name] == value for other in others)
     }
 
 
@@ -245,4 +237,4 @@ def _check_cell(item: Measured | None, first: Measured) -> Cell:
 
 
 def _loss_cell(number: int | None) -> Cell:
-    return Cell(count(number), "doubt") if number else Cell(count(number))
+    return Cell(fixed(number, 0), "doubt" if number else "plain")

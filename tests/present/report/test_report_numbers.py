@@ -13,7 +13,6 @@ from bench.present.report._decimation import decimate
 from bench.present.report._numbers import (
     DASH,
     column,
-    count,
     duration,
     fixed,
     mean,
@@ -32,7 +31,7 @@ UNKNOWN = [None, math.nan, math.inf, -math.inf]
 
 @pytest.mark.parametrize("value", UNKNOWN)
 def test_unknown_numbers_are_a_dash(value: float | None) -> None:
-    assert {fixed(value, 2), significant(value), count(value), duration(value)} == {DASH}
+    assert {fixed(value, 2), significant(value), duration(value)} == {DASH}
     assert column([value, 1.5], 2) == (DASH, "1.5")
     assert with_unit(significant(value), "ppm") == DASH
 
