@@ -124,7 +124,7 @@ def test_a_set_is_right_if_the_runs_cannot_tell_its_members_apart(folder, monkey
         return name == "single_1"
 
     monkeypatch.setattr(_score, "indistinct", indistinct)
-    pair = {**cause("gradient", 0.95), "set": ["gradient", "shupe"]}
+    pair = {**cause("gradient", 0.5), "set": ["gradient", "shupe"], "set_probability": 0.95}
     folder.add("single_1", seal("single", {"shupe": 5.0}), facts([pair]))
     folder.add("single_2", seal("single", {"shupe": 5.0}), facts([pair]))
     found = rows(folder)
