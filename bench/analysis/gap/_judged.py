@@ -21,6 +21,9 @@ from simulators.effects import Effect, Input
 
 _UNKNOWN_PRIOR = 5.0
 _TEMPERATURES = Input.T_IN | Input.T_OUT | Input.WARMING | Input.GRADIENT
+_DIRECTIONS = Input.ANGLE | Input.ATTITUDE
+_OF_ATTITUDE = 0.15
+"""What the formula of a field or of gravity may miss, as TOLERANCE for temperatures."""
 _PARTS = 10.0
 """Independent parts in which the misfit of a formula shows, over all runs."""
 _BEHIND = 0.1
@@ -124,7 +127,7 @@ def correcting(names: frozenset[str], effects: Mapping[str, Effect]) -> Iterator
     for count in range(1, len(names)):
         for gone in combinations(sorted(names), count):
             stay = names.difference(gone)
-            if all(any(_akin(effects[name], effects[other]) for other in stay) for name in gone):
+            if all(any(_missed(effects[other], effects[name]) for other in stay) for name in gone):
                 yield frozenset(gone)
 
 
@@ -144,12 +147,14 @@ def less_forms(
         smaller = by_names.get(one.names - gone)
         if smaller is None:
             return False
-        alike = [
-            name for name in smaller.names if any(_akin(effects[name], effects[other]) for other in gone)
-        ]
         whole = float(smaller.left.sum())
-        theirs = max(left_without(smaller, frozenset([name])) - whole for name in alike)
-        return whole - float(one.left.sum()) <= TOLERANCE**2 * theirs
+        missed = 0.0
+        for name in smaller.names:
+            part = min(_missed(effects[name], effects[other]) or math.inf for other in gone)
+            if math.isfinite(part):
+                theirs = left_without(smaller, frozenset([name])) - whole
+                missed = max(missed, part**2 * theirs)
+        return whole - float(one.left.sum()) <= missed
 
     heirs: dict[frozenset[str], Judged] = {}
     for one in sorted(judged, key=lambda each: -len(each.names)):
@@ -193,20 +198,24 @@ def told_by_form(
             further = len(other.parameters) - len(own.parameters)
             behind = 0.5 * _PARTS * math.log((_PARTS + noise + energy) / (_PARTS + noise + left[best]))
             behind = max(behind + 0.5 * further * math.log(1.0 + _PARTS), _BEHIND)
-            if _akin(own, other) and not isinstance(other, FreeCurve):
+            if _missed(own, other) and not isinstance(other, FreeCurve):
                 least = judged[best].log_evidence - behind
                 one = replace(one, log_evidence=max(one.log_evidence, least))
         result.append(one)
     return result
 
 
-def _akin(one: Effect, other: Effect) -> bool:
-    """Return whether two effects add alike, to bias or to scale factor, and have a common kind of driver.
+def _missed(one: Effect, other: Effect) -> float:
+    """Return the part of an effect's amplitude that another, added alike, may correct in its formula; 0 for none.
 
-    All that follows temperature follows its changes and its memory, too; a free curve only what it is over.
+    Temperatures are measured at one or two places, and all that follows them follows their changes and their
+    memory, too; a free curve only what it is over. Attitudes are known; what a field does with them less so.
     """
+    if one.unit != other.unit:
+        return 0.0
     common = one.inputs & other.inputs
     if isinstance(one, FreeCurve) or isinstance(other, FreeCurve):
-        return bool(one.unit == other.unit and common & _TEMPERATURES)
-    thermal = bool(one.inputs & _TEMPERATURES) and bool(other.inputs & _TEMPERATURES)
-    return one.unit == other.unit and (thermal or bool(common & Input.TIME))
+        return TOLERANCE if common & _TEMPERATURES else 0.0
+    if (one.inputs & _TEMPERATURES and other.inputs & _TEMPERATURES) or common & Input.TIME:
+        return TOLERANCE
+    return _OF_ATTITUDE if common & _DIRECTIONS else 0.0

@@ -1,0 +1,152 @@
+"""What counts as the form of an effect, on sets whose energies are given by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap._causes import _one_of
+from bench.analysis.gap._fit import Solution
+from bench.analysis.gap._judged import Judged, correcting, less_forms, told_by_form
+from bench.analysis.gap._unknown import Remainder
+from simulators.effects import Effect
+from tests.analysis.gap.conftest import effect
+
+_EFFECTS = {
+    name: effect(name)
+    for name in (
+        "gradient",
+        "shupe",
+        "thermal_lag",
+        "warm_up",
+        "bias_ramp",
+        "scale_factor_temperature",
+        "table_tilt",
+        "heading_sensitivity",
+        "saturation",
+    )
+}
+_NOTHING = Solution(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 0)))
+
+
+def _judged(energy: float, *names: str, evidence: float = 0.0, rest: float = 0.0) -> Judged:
+    left = Remainder(np.array([rest]), 0.0, np.zeros(1))
+    return Judged(
+        frozenset(names), frozenset(), evidence, _NOTHING, np.array([energy]), left, _NOTHING, _NOTHING
+    )
+
+
+def _less(sets: list[Judged], without: Mapping[frozenset[str], float]) -> dict[frozenset[str], Judged]:
+    """Sets less forms; `without` has the energy that is left when a set loses names."""
+
+    def left(one: Judged, gone: frozenset[str]) -> float:
+        return without[one.names - gone]
+
+    return {one.names: one for one in less_forms(sets, left, _EFFECTS)}
+
+
+def _energies(sets: list[Judged]) -> dict[frozenset[str], float]:
+    return {one.names: float(one.left.sum()) for one in sets}
+
+
+def test_two_thermal_names_beside_the_true_one_are_its_form() -> None:
+    sets = [
+        _judged(1000.0, evidence=-500.0),
+        _judged(60.0, "shupe", evidence=-260.0, rest=9.0),
+        _judged(300.0, "gradient", evidence=-300.0),
+        _judged(340.0, "thermal_lag", evidence=-310.0),
+        _judged(50.0, "shupe", "gradient", evidence=-200.0),
+        _judged(10.0, "shupe", "gradient", "thermal_lag"),
+    ]
+    kept = _less(sets, _energies(sets))
+    shupe = kept[frozenset({"shupe"})]
+    assert frozenset({"shupe", "gradient", "thermal_lag"}) not in kept
+    assert frozenset({"shupe", "gradient"}) not in kept
+    # it is as probable as what it stands for, and what that explains is not left without a name
+    assert shupe.log_evidence == 0.0
+    assert shupe.rest.total == 0.0
+    assert not shupe.remains
+
+
+@pytest.mark.parametrize(("alone", "stays"), [(122.0, False), (123.0, True)])
+def test_a_third_of_the_amplitude_is_form_and_more_is_a_cause(alone: float, stays: bool) -> None:
+    # 0.35 squared of what the gradient takes away, 1000 - alone
+    sets = [
+        _judged(1000.0 + alone, evidence=-99.0),
+        _judged(alone, "gradient"),
+        _judged(0.0, "gradient", "shupe"),
+    ]
+    kept = _less(sets, _energies(sets))
+    assert (frozenset({"gradient", "shupe"}) in kept) == stays
+
+
+@pytest.mark.parametrize("names", [("gradient", "scale_factor_temperature"), ("gradient", "bias_ramp")])
+def test_what_adds_otherwise_or_follows_another_driver_is_no_form(names: tuple[str, str]) -> None:
+    sets = [_judged(1000.0), _judged(50.0, names[0]), _judged(960.0, names[1]), _judged(0.0, *names)]
+    assert frozenset(names) in _less(sets, _energies(sets))
+
+
+def test_time_corrects_time() -> None:
+    sets = [_judged(1000.0), _judged(90.0, "warm_up"), _judged(600.0, "bias_ramp")]
+    sets.append(_judged(0.0, "warm_up", "bias_ramp", evidence=9.0))
+    kept = _less(sets, _energies(sets))
+    assert frozenset({"warm_up", "bias_ramp"}) not in kept
+    assert kept[frozenset({"warm_up"})].log_evidence == 9.0
+
+
+def test_a_field_may_miss_less_than_a_temperature() -> None:
+    whole = frozenset({"heading_sensitivity", "table_tilt"})
+    for energy, stays in ((20.0, False), (40.0, True)):
+        sets = [_judged(1000.0), _judged(energy, "heading_sensitivity"), _judged(700.0, "table_tilt")]
+        sets.append(_judged(0.0, *whole))
+        assert (whole in _less(sets, _energies(sets))) == stays
+
+
+def test_fewest_members_go_first_and_one_always_stays() -> None:
+    gone = list(correcting(frozenset({"gradient", "shupe", "saturation"}), _EFFECTS))
+    assert gone == [frozenset({"gradient"}), frozenset({"shupe"})]
+
+
+def test_akin_effects_are_told_by_students_likelihood() -> None:
+    sets = [
+        _judged(0.0, "gradient", evidence=0.0),
+        _judged(0.0, "thermal_lag", evidence=-80.0),
+        _judged(0.0, "shupe", evidence=-80.0),
+        _judged(0.0, "saturation", evidence=-80.0),
+    ]
+    told = {
+        next(iter(one.names)): one for one in told_by_form(sets, [100.0, 190.0, 100.0, 100.0], 0.0, _EFFECTS)
+    }
+    assert told["gradient"].log_evidence == 0.0
+    # (10 + 190) / (10 + 100), ten parts
+    assert told["thermal_lag"].log_evidence == pytest.approx(-5.0 * math.log(200.0 / 110.0))
+    # as good, with one parameter more: half of ln 11 behind
+    assert told["shupe"].log_evidence == pytest.approx(-0.5 * math.log(11.0))
+    assert told["saturation"].log_evidence == -80.0
+
+
+def test_nothing_becomes_less_probable() -> None:
+    sets = [_judged(0.0, "gradient"), _judged(0.0, "shupe", evidence=-1.0)]
+    told = told_by_form(sets, [1.0, 1e6], 0.0, _EFFECTS)
+    assert [one.log_evidence for one in told] == [0.0, -1.0]
+
+
+def test_a_set_grows_until_one_of_it_surely_acts() -> None:
+    weights = {
+        frozenset({"gradient"}): (0.5, 0.0),
+        frozenset({"shupe"}): (0.3, 0.0),
+        frozenset({"thermal_lag"}): (0.15, 0.0),
+        frozenset({"warm_up"}): (0.05, 0.0),
+    }
+    rivals = {"shupe": 0.3, "thermal_lag": 0.15, "warm_up": 0.05}
+    assert _one_of("gradient", rivals, weights) == ("gradient", "shupe", "thermal_lag")
+    sure = {frozenset({"gradient"}): (0.95, 0.0), frozenset({"shupe"}): (0.05, 0.0)}
+    assert _one_of("gradient", {"shupe": 0.05}, sure) == ("gradient",)
+
+
+def test_effects_of_the_catalogue_are_what_these_tests_take_them_for() -> None:
+    assert all(isinstance(each, Effect) for each in _EFFECTS.values())
+    assert len(_EFFECTS["shupe"].parameters) == len(_EFFECTS["gradient"].parameters) + 1
