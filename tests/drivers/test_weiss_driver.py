@@ -4,7 +4,7 @@ import pytest
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, LimitExceeded, ProtocolError, WrongDevice
 from drivers.kit.instruments import ChamberLimits, ChamberState, Rest
-from drivers.weiss._driver import WeissChamber, WeissConfig
+from drivers.weiss import Weiss, WeissConfig
 from drivers.weiss._transcript import decode_transcript
 from simulators.emulators.weiss import WeissEmulator
 from tests.memory_link import ChamberPlant, MemoryLink, OpenConnection
@@ -13,7 +13,7 @@ from tests.memory_link import scripted as answers
 
 def chamber_on(wire, auxiliary=(), safe_set_point_c=23.0, **keys):
     config = WeissConfig(driver="weiss", port="memory", auxiliary=dict.fromkeys(auxiliary, ""), **keys)
-    return WeissChamber(config, OpenConnection(wire, safe_set_point_c))
+    return Weiss.open(config, OpenConnection(wire, safe_set_point_c))
 
 
 def emulated(plant=None, emulator_options=None, **options):
