@@ -18,7 +18,7 @@ from benchmarks._loops import LINE_LOOPS, LOOPS, LineLoop, Loop
 from benchmarks._measure import Row, figure, in_turns, speed_row
 from benchmarks.decode_kvh import copy_row
 from drivers.frames import FrameDecoder, FrameEncoder, LineEncoder, MessageReader, load_family
-from drivers.kit.framing import find_sync, windows
+from drivers.kit.patterns import find_sync, windows
 from drivers.kvh import KvhDecoder
 
 _BYTES = 2**19

@@ -15,9 +15,9 @@ from drivers.frames._lines import LineDescription
 from drivers.frames._load import FrameFamily
 from drivers.frames._model import ACCEL_ROLES, GYRO_ROLES, Counter, FieldSection
 from drivers.frames._read import bit_of, record_of
-from drivers.frames._split import StreamSplitter
 from drivers.frames._units import constant, factor
 from drivers.kit.instruments import FrameBatch
+from drivers.kit.splitting import StreamSplitter
 
 Array = NDArray[Any]
 _NO_WRAP = 1 << 62

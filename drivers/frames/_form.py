@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames._checks import Check, check_bytes, crcs_hold
-from drivers.frames._find import Bytes, Ints, Pattern
 from drivers.frames._model import (
     GYRO_ROLES,
     Checksum,
@@ -25,7 +24,8 @@ from drivers.frames._model import (
     Variant,
 )
 from drivers.frames._read import FieldCodec
-from drivers.frames._split import Kind
+from drivers.kit.patterns import Bytes, Ints, Pattern
+from drivers.kit.splitting import Kind
 
 Array = NDArray[Any]
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames._find import Bytes, Ints
 from drivers.frames._form import Form, Messages
 from drivers.frames._lines import CELL, LINE_CRC, LineCheck, LineDescription, number_parts
-from drivers.kit.framing import PositionalCrc, find_sync, windows
+from drivers.kit.framing import PositionalCrc
 from drivers.kit.instruments import StreamCounts
+from drivers.kit.patterns import Bytes, Ints, find_sync, windows
 
 Bools = NDArray[np.bool_]
 Part = tuple[int, int, np.dtype[Any]]

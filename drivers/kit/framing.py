@@ -1,4 +1,4 @@
-"""Fixed-length binary frames in a byte stream: vectorised CRC, resynchronisation, incremental feeding.
+"""Fixed-length binary frames in a byte stream: vectorised CRC, and frames of one kind cut out.
 
 A frame is a sync word, a payload and a checksum. Nothing here knows a device: a codec brings the sync word, the
 length and a check, and gets back the frames that passed and where they ended.
@@ -7,7 +7,7 @@ length and a check, and gets back the frames that passed and where they ended.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.kit.instruments import StreamCounts
-
-Check = Callable[[NDArray[np.uint8]], NDArray[np.bool_]]
-"""Rows of candidate frames (n, length), each beginning with the sync word -> which of them are sound (n,)."""
+from drivers.kit.patterns import Check, Pattern
+from drivers.kit.splitting import Kind, StreamSplitter
 
 _BLOCK = 512  # Messages a CRC pass: the table indices of 28 x 512 bytes stay in the second-level cache.
 _MANY = 2048  # So many messages are faster by words, though each word is a pass of its own.
@@ -215,148 +213,28 @@ def _word_table(width: int, poly: int, reflected: bool) -> NDArray[Any]:
     return table
 
 
-def find_sync(data: NDArray[np.uint8], sync: bytes) -> NDArray[np.int64]:
-    """Return every offset in `data` (uint8, shape (n,)) at which `sync` is complete, in order."""
-    last = len(data) - len(sync) + 1
-    if last <= 0:
-        return np.empty(0, np.int64)
-    at = np.flatnonzero(data[:last] == sync[0])
-    for offset in range(1, len(sync)):
-        at = at[data[at + offset] == sync[offset]]
-    return at
-
-
-def without_overlap(starts: NDArray[np.int64], length: int, shared: int) -> NDArray[np.int64]:
-    """Return the ascending `starts` of frames of `length` left when each one found claims its bytes.
-
-    First come, first served; a frame may begin in the last `shared` bytes of the one before.
-    """
-    claimed = length - shared
-    if len(starts) < 2 or bool((starts[1:] - starts[:-1] >= claimed).all()):
-        return starts
-    kept: list[int] = []
-    for start in starts.tolist():
-        if not kept or start - kept[-1] >= claimed:
-            kept.append(start)
-    return np.array(kept, np.int64)
-
-
 class FrameSplitter:
-    """Cuts a byte stream into checked frames of one fixed length, incrementally.
+    """Cuts a byte stream into checked frames of one fixed length, incrementally: a `StreamSplitter` of one kind.
 
-    Equivalent to this scan, whatever the chunks: look for the sync word; check the frame that begins there; if
-    sound take it and go on behind it, else count a reject and go on one byte further. A sound frame may share
-    its last byte with the sync word of the next: a lost last byte is made good by an equal first byte that
-    follows. Fewer than `length` bytes are kept between calls.
+    A sound frame may share its last byte with the sync word of the next: a lost last byte is made good by an
+    equal first byte that follows. Fewer than `length` bytes are kept between calls.
     """
 
     def __init__(self, sync: bytes, length: int, check: Check) -> None:
         """Raise ValueError for a sync word that can begin inside itself."""
         if sync.count(sync[0]) != 1 or len(sync) < 2:
             raise ValueError(f"sync word {sync.hex()}: the first byte must not come again")
-        self.counts = StreamCounts()
-        self._sync = sync
-        self._sync_array = np.frombuffer(sync, np.uint8)
+        pattern = Pattern([(at, byte, 0xFF) for at, byte in enumerate(sync)], len(sync))
+        self._splitter = StreamSplitter([Kind((pattern,), lambda _: check, length, length)])
         self._length = length
-        self._check = check
-        self._pending = b""
-        self._offset = 0  # In the stream, of the first pending byte.
-        self._claimed = 0  # In the stream, end of the last frame taken.
-        self._covered = 0  # Bytes in frames so far; a shared one counts once.
+        self.counts = self._splitter.counts
 
     def feed(self, data: bytes) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """Return the sound frames completed by `data`, uint8 (n, length), and the offsets of their ends, (n,)."""
-        stream = self._pending + data if self._pending else data
-        if self._claimed > self._offset and len(stream) > 1 and stream[1] != self._sync[1]:
-            stream = stream[1:]  # The byte kept as perhaps shared was the end of a frame only.
-            self._offset += 1
-        rows, size = self._aligned(stream)
-        ends = np.arange(1, len(rows) + 1, dtype=np.int64)
-        ends *= self._length
-        ends += self._offset
-        self._take(ends)
-        keep = self._undecided_tail(stream, size)
-        if keep is None:
-            more, more_ends, keep = self._search(stream, max(0, self._claimed - self._offset - 1))
-            if len(more):
-                rows, ends = np.concatenate([rows, more]), np.concatenate([ends, more_ends])
-        self._pending = stream[keep:]
-        self._offset += keep
-        below = self._covered - max(0, self._claimed - self._offset)
-        self.counts.bytes_skipped = self._offset - below
-        return rows, ends
-
-    def _aligned(self, stream: bytes) -> tuple[NDArray[np.uint8], int]:
-        """Return the sound frames that lie end to end at the head of `stream`, and where they end."""
-        count = len(stream) // self._length
-        rows = np.frombuffer(stream, np.uint8, count * self._length).reshape(count, self._length)
-        headed = rows[:, : len(self._sync)] == self._sync_array
-        if not headed.all():
-            rows = rows[: int(headed.all(axis=1).argmin())]
-        if len(rows):
-            sound = self._check(rows)
-            if not sound.all():
-                rows = rows[: int(sound.argmin())]
-        return rows, len(rows) * self._length
-
-    def _undecided_tail(self, stream: bytes, at: int) -> int | None:
-        """Return from where on to keep `stream`, whose frames end at `at`; None if only a search can tell."""
-        rest = len(stream) - at
-        if rest == 0:
-            return at - 1 if at and stream[-1] == self._sync[0] else at
-        head = stream[at : at + len(self._sync)]
-        return at if rest < self._length and self._sync.startswith(head) else None
-
-    def _search(self, stream: bytes, begin: int) -> tuple[NDArray[np.uint8], NDArray[np.int64], int]:
-        """Look at every sync word from `begin` on; return frames, ends, and from where on to keep `stream`."""
-        data = np.frombuffer(stream, np.uint8)[begin:]
-        base = self._offset + begin
-        starts = find_sync(data, self._sync)
-        whole = int(np.searchsorted(starts, len(data) - self._length, side="right"))
-        found = windows(data, starts[:whole], self._length)
-        sound = self._check(found)
-        kept = without_overlap(starts[:whole][sound], self._length, shared=1)
-        rejected = _outside(starts[:whole][~sound], kept, self._length - 1)
-        self.counts.reject("checksum", rejected)
-        ends = kept + (base + self._length)
-        self._take(ends)
-        floor = max(0, self._claimed - base - 1)
-        later = starts[whole:]
-        later = later[later >= floor]
-        keep = int(later[0]) if len(later) else self._partial_sync(stream, begin + floor) - begin
-        return windows(data, kept, self._length), ends, begin + keep
-
-    def _partial_sync(self, stream: bytes, floor: int) -> int:
-        """Return where, at `floor` or later, a sync word begins that the end of `stream` cuts off, or its end."""
-        for size in range(len(self._sync) - 1, 0, -1):
-            at = len(stream) - size
-            if at >= floor and stream.endswith(self._sync[:size]):
-                return at
-        return len(stream)
-
-    def _take(self, ends: NDArray[np.int64]) -> None:
-        """Account for frames with these ascending `ends`."""
-        if not len(ends):
-            return
-        first = int(ends[0]) - self._length
-        shared = int(np.count_nonzero(ends[1:] - ends[:-1] < self._length)) + (first < self._claimed)
-        self._covered += len(ends) * self._length - shared
-        self._claimed = int(ends[-1])
-        self.counts.frames += len(ends)
-
-
-def windows(data: NDArray[np.uint8], starts: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
-    """Return copies of the `length` bytes from each of `starts` on in `data`: uint8 (n, length)."""
-    if not len(starts):
-        return np.empty((0, length), np.uint8)
-    # One item a byte offset, each `length` bytes long, as a view; indexing then copies whole items.
-    every = np.ndarray((len(data) - length + 1,), f"V{length}", data, strides=(1,))
-    return every[starts].view(np.uint8).reshape(len(starts), length)
-
-
-def _outside(points: NDArray[np.int64], starts: NDArray[np.int64], size: int) -> int:
-    """Count the `points` in none of the intervals [start, start + size)."""
-    if not len(starts):
-        return len(points)
-    before = np.searchsorted(starts, points, side="right") - 1
-    return int(np.count_nonzero((before < 0) | (points >= starts[before] + size)))
+        pieces = self._splitter.feed(data)
+        if len(pieces) == 1:
+            return pieces[0].rows, pieces[0].ends
+        rows = [np.empty((0, self._length), np.uint8), *(piece.rows for piece in pieces)]
+        return np.concatenate(rows), np.concatenate(
+            [np.empty(0, np.int64), *(piece.ends for piece in pieces)]
+        )

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ConfigurationError, LimitExceeded
-from drivers.kit.framing import windows
 from drivers.kit.instruments import StreamCounts
+from drivers.kit.patterns import windows
 
 OPEN = b"O\r"
 CLOSE = b"C\r"

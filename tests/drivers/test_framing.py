@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.kit.framing import Crc, FrameSplitter, PositionalCrc, crc_of_each, find_sync, without_overlap
+from drivers.kit.framing import Crc, FrameSplitter, PositionalCrc, crc_of_each
+from drivers.kit.patterns import find_sync
 
 # Catalogue of parametrised CRC algorithms (Greg Cook, reveng.sourceforge.io): CRC of b"123456789".
 PUBLISHED = {
@@ -70,11 +71,6 @@ def test_find_sync_finds_what_a_plain_search_finds(data: bytes) -> None:
     sync = b"\xfe\x81\xff"
     expected = [at for at in range(len(data)) if data.startswith(sync, at)]
     assert find_sync(np.frombuffer(data, np.uint8), sync).tolist() == expected
-
-
-def test_overlapping_frames_are_served_in_order_and_may_share_one_byte() -> None:
-    starts = np.array([0, 9, 17, 18, 30, 45, 49, 54])
-    assert without_overlap(starts, 10, 1).tolist() == [0, 9, 18, 30, 45, 54]
 
 
 def test_sync_word_that_can_begin_inside_itself_is_refused() -> None:
@@ -146,4 +142,4 @@ def test_splitter_does_what_a_byte_by_byte_scan_does_in_any_chunks(data: bytes, 
     assert splitter.counts.frames == len(frames)
     assert splitter.counts.rejected.get("checksum", 0) == rejects
     assert splitter.counts.bytes_skipped == skipped
-    assert len(splitter._pending) < LENGTH
+    assert splitter._splitter.pending < LENGTH

@@ -310,7 +310,7 @@ def test_damaged_stream_gives_every_intact_message_and_only_genuine_ones(probabi
     covered = np.zeros(len(data) + 1, bool)
     for end in batch.end_offset.tolist():
         covered[end - 36 : end] = True
-    undecided = len(decoder._splitter._pending)
+    undecided = decoder._splitter._splitter.pending
     assert decoder.counts.bytes_skipped == np.count_nonzero(~covered[: len(data) - undecided])
 
 
@@ -320,4 +320,4 @@ def test_no_bytes_raise(data: bytes, fmt: Format, cuts: list[int]) -> None:
     decoder = KvhDecoder(nominal_rate_hz=1.0, frame_format=fmt)
     counters, ends, _ = in_chunks(decoder, data.replace(b"\x00", bytes.fromhex(HEADERS[fmt])), cuts)
     assert len(counters) == len(ends) == decoder.counts.frames
-    assert len(decoder._splitter._pending) < LENGTHS[fmt]
+    assert decoder._splitter._splitter.pending < LENGTHS[fmt]

@@ -9,8 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.frames._find import Pattern
-from drivers.frames._split import Kind, StreamSplitter
+from drivers.kit.patterns import Pattern
+from drivers.kit.splitting import Kind, StreamSplitter
 
 
 def additive(rows: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
+Check = Callable[[NDArray[np.uint8]], NDArray[np.bool_]]
+"""Rows of candidate frames (n, length), each beginning with the sync word -> which of them are sound (n,)."""
 
 
 class Pattern:
@@ -113,3 +115,23 @@ def _having(data: Bytes, at: Ints, places: Sequence[tuple[int, int, int]], span:
         if not good.all():
             at = at[good]
     return at
+
+
+def find_sync(data: NDArray[np.uint8], sync: bytes) -> NDArray[np.int64]:
+    """Return every offset in `data` (uint8, shape (n,)) at which `sync` is complete, in order."""
+    last = len(data) - len(sync) + 1
+    if last <= 0:
+        return np.empty(0, np.int64)
+    at = np.flatnonzero(data[:last] == sync[0])
+    for offset in range(1, len(sync)):
+        at = at[data[at + offset] == sync[offset]]
+    return at
+
+
+def windows(data: NDArray[np.uint8], starts: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
+    """Return copies of the `length` bytes from each of `starts` on in `data`: uint8 (n, length)."""
+    if not len(starts):
+        return np.empty((0, length), np.uint8)
+    # One item a byte offset, each `length` bytes long, as a view; indexing then copies whole items.
+    every = np.ndarray((len(data) - length + 1,), f"V{length}", data, strides=(1,))
+    return every[starts].view(np.uint8).reshape(len(starts), length)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames._find import Bytes, Ints
+from drivers.kit.patterns import Bytes, Ints
 
 
 @dataclass

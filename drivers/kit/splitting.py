@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames._candidates import Group, choose, insides, joined, open_places, refused, shares
-from drivers.frames._find import Bytes, Finder, Ints, Pattern
-from drivers.kit.framing import Check, windows
+from drivers.kit._candidates import Group, choose, insides, joined, open_places, refused, shares
 from drivers.kit.instruments import StreamCounts
+from drivers.kit.patterns import Bytes, Check, Finder, Ints, Pattern, windows
 
 Read = Callable[[Bytes, Ints], Ints]
 """Stream (n,) and where frames begin in it (m,) -> the bytes that each says it has (m,)."""
