@@ -24,8 +24,10 @@ _TEMPERATURES = Input.T_IN | Input.T_OUT | Input.WARMING | Input.GRADIENT
 _DIRECTIONS = Input.ANGLE | Input.ATTITUDE
 _OF_ATTITUDE = 0.15
 """What the formula of a field or of gravity may miss, as TOLERANCE for temperatures."""
-_PARTS = 10.0
+_PARTS = 50.0
 """Independent parts in which the misfit of a formula shows, over all runs."""
+_EXACT = (10.0, 0.003)
+"""Energy, and part of the gap's energy, below which what two formulas leave does not tell them apart."""
 _BEHIND = 0.1
 """Log odds by which the best set stays ahead of what only the form of an effect tells from it."""
 
@@ -180,15 +182,16 @@ def less_forms(
 
 
 def told_by_form(
-    judged: Sequence[Judged], left: Sequence[float], noise: float, effects: Mapping[str, Effect]
+    judged: Sequence[Judged], left: Sequence[float], gap: float, effects: Mapping[str, Effect]
 ) -> list[Judged]:
     """Return the sets, those made more probable that only the form of one effect tells from the best.
 
     What a formula leaves of the real effect is no noise: it repeats from run to run. Of unknown size and with few
     independent parts, its log likelihood is Student's, -n/2 ln(energy left), and not -1/2 energy left (Box and
     Tiao, Bayesian Inference in Statistical Analysis, 1973, section 2.4). `left` (sets,) is the energy above the
-    noise that each leaves where there is a gap, `noise` its standard deviation.
+    noise that each leaves of the `gap`; no formula is trusted to leave less than a small part of it.
     """
+    least = _EXACT[0] + _EXACT[1] * gap
     best = max(range(len(judged)), key=lambda index: judged[index].log_evidence)
     result = []
     for one, energy in zip(judged, left, strict=True):
@@ -196,11 +199,11 @@ def told_by_form(
         if len(theirs) == len(ours) == 1:
             other, own = effects[next(iter(theirs))], effects[next(iter(ours))]
             further = len(other.parameters) - len(own.parameters)
-            behind = 0.5 * _PARTS * math.log((_PARTS + noise + energy) / (_PARTS + noise + left[best]))
+            behind = 0.5 * _PARTS * math.log((least + energy) / (least + left[best]))
             behind = max(behind + 0.5 * further * math.log(1.0 + _PARTS), _BEHIND)
             if _missed(own, other) and not isinstance(other, FreeCurve):
-                least = judged[best].log_evidence - behind
-                one = replace(one, log_evidence=max(one.log_evidence, least))
+                lowest = judged[best].log_evidence - behind
+                one = replace(one, log_evidence=max(one.log_evidence, lowest))
         result.append(one)
     return result
 

@@ -204,13 +204,9 @@ def _judge_sets(
     ]
     matter = curves_that_matter(judged, left_without, effects)
     matter = less_forms(matter, left_without, effects)
-    number = counts(data.cells)
-    clear = active(data.cells, before)
-    deviation = np.hypot(np.sqrt(2.0 * number), number * data.floor.sigma[[cell.band for cell in data.cells]])
-    noise = math.sqrt(float((deviation[clear] ** 2).sum()))
-    matter = told_by_form(
-        matter, [max(float((one.left - number)[clear].sum()), 0.0) for one in matter], noise, effects
-    )
+    number, clear = counts(data.cells), active(data.cells, before)
+    excess = [max(float((one.left - number)[clear].sum()), 0.0) for one in matter]
+    matter = told_by_form(matter, excess, float((before - number)[clear].sum()), effects)
     return [in_form(each) if each.rest.total and not each.curved else each for each in matter]
 
 

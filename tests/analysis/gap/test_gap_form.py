@@ -118,19 +118,20 @@ def test_akin_effects_are_told_by_students_likelihood() -> None:
         _judged(0.0, "saturation", evidence=-80.0),
     ]
     told = {
-        next(iter(one.names)): one for one in told_by_form(sets, [100.0, 190.0, 100.0, 100.0], 0.0, _EFFECTS)
+        next(iter(one.names)): one
+        for one in told_by_form(sets, [100.0, 110.0, 100.0, 100.0], 10000.0, _EFFECTS)
     }
     assert told["gradient"].log_evidence == 0.0
-    # (10 + 190) / (10 + 100), ten parts
-    assert told["thermal_lag"].log_evidence == pytest.approx(-5.0 * math.log(200.0 / 110.0))
-    # as good, with one parameter more: half of ln 11 behind
-    assert told["shupe"].log_evidence == pytest.approx(-0.5 * math.log(11.0))
+    # fifty parts; nobody trusts a formula to leave less than 10 + 0.003 gap
+    assert told["thermal_lag"].log_evidence == pytest.approx(-25.0 * math.log(150.0 / 140.0))
+    # as good, with one parameter more: half of ln 51 behind
+    assert told["shupe"].log_evidence == pytest.approx(-0.5 * math.log(51.0))
     assert told["saturation"].log_evidence == -80.0
 
 
 def test_nothing_becomes_less_probable() -> None:
     sets = [_judged(0.0, "gradient"), _judged(0.0, "shupe", evidence=-1.0)]
-    told = told_by_form(sets, [1.0, 1e6], 0.0, _EFFECTS)
+    told = told_by_form(sets, [1.0, 1e6], 1e6, _EFFECTS)
     assert [one.log_evidence for one in told] == [0.0, -1.0]
 
 
