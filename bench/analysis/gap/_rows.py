@@ -41,8 +41,11 @@ class Steps:
         """Return steps of as many whole rows as make up 1 s or more."""
         apart = np.diff(time_s)
         usual_s = float(np.median(apart)) if len(apart) else 1.0
-        period_s = round(usual_s * max(math.ceil(1.0 / usual_s - 0.05), 1), 3)
         pause = np.concatenate(([False], apart > _PAUSE * usual_s))
+        if len(apart):
+            # their mean, in which jitter of time stamps cancels: runs of one rate have one period
+            usual_s = float(apart[~pause[1:]].mean())
+        period_s = round(usual_s * max(math.ceil(1.0 / usual_s - 0.05), 1), 3)
         covers = np.concatenate(([0.0], np.where(pause[1:], usual_s, apart)))
         count = math.floor((time_s[-1] + _INSTANT_S + _UNCOVERED * usual_s) / period_s)
         owner = np.floor((time_s - 0.5 * covers) / period_s).astype(np.int64)

@@ -37,7 +37,7 @@ _SHEET_WIDTHS = {"arw_deg_per_sqrt_h": 0.07, "bias_instability_dph": 0.25, "quan
 _PENALTY = 4.0
 """Log prior odds and Occam factor of one raised coefficient."""
 _LEAST_RISE = 1.15
-_LEAST_POWER = 1.25
+_LEAST_POWER = 1.35
 """Power against the data sheet's fitted kinds, at some time scale, from which noise counts as raised."""
 DIFFERS = "differs between repeats"
 """What is no noise of the gyro's kinds and yet not the same in each repeat: telegraph noise, weather, ageing."""
