@@ -72,11 +72,8 @@ class Sealed:
 class Answer:
     """What an examined diagnosis hands in; models are the text of their files."""
 
-    verdict: str
-    causes: tuple[str, ...]
     alternatives: Mapping[str, Mapping[str, float]]
     probabilities: Mapping[str, float]
-    resembles: tuple[str, ...]
     unknown_probability: float
     stochastic: tuple[str, ...]
     strongest: tuple[str, str, str]
@@ -112,42 +109,38 @@ def make_case(seed: int, kind: str) -> tuple[Sealed, list[GapRun], list[GapRun],
     case = draw_case(seed, kind)
     truths = simulate_campaign(seed, REPEATS)
     rng = np.random.default_rng((seed, 9))
-    stimuli = [_stimulus(truth, rng) for truth in truths]
-    model = nominal_model()
-    amplitudes = _amplitudes(case, truths, stimuli, model)
-    outputs = outputs_dph(case, truths, amplitudes)
-    runs = [_run(*each) for each in zip(truths, stimuli, outputs, strict=True)]
-    given = [run for run, truth in zip(runs, truths, strict=True) if truth.repeat < REPEATS - 1]
-    kept = [run for run, truth in zip(runs, truths, strict=True) if truth.repeat == REPEATS - 1]
-    clean = outputs_dph(case, [t for t in truths if t.repeat == REPEATS - 1], amplitudes, noisy=False)
-    pure = [
-        replace(run, output_dph=signal)
-        for run, signal in zip(given, _signals(case, truths, amplitudes), strict=True)
-    ]
-    sealed = Sealed(case, amplitudes, dict.fromkeys(case.effects, case.snr), true_region(pure, model))
-    return sealed, given, kept, clean
-
-
-def _signals(case: ExamCase, truths: Sequence[RunTruth], amplitudes: Mapping[str, float]) -> list[Array]:
-    """Return the effects' signals alone in the runs that are given, (n,) each."""
-    return [
-        sum(
-            (own * signal_dph(case, effect, truth) for effect, own in amplitudes.items()),
-            np.zeros(len(truth.time_s)),
+    stimuli = [
+        Stimulus(
+            truth.time_s,
+            read_temperature(truth.t_in_c, rng),
+            read_temperature(truth.t_out_c, rng),
+            truth.angle_deg,
+            truth.elevation_deg,
+            LATITUDE_DEG,
         )
         for truth in truths
-        if truth.repeat < REPEATS - 1
     ]
-
-
-def _stimulus(truth: RunTruth, rng: np.random.Generator) -> Stimulus:
-    return Stimulus(
-        truth.time_s,
-        read_temperature(truth.t_in_c, rng),
-        read_temperature(truth.t_out_c, rng),
-        truth.angle_deg,
-        truth.elevation_deg,
-        LATITUDE_DEG,
+    model = nominal_model()
+    shown = [k for k, truth in enumerate(truths) if truth.repeat < REPEATS - 1]
+    apart = [k for k, truth in enumerate(truths) if truth.repeat == REPEATS - 1]
+    amplitudes, pure = {}, [np.zeros(len(truths[k].time_s)) for k in shown]
+    for index, effect in enumerate(case.effects):
+        signals = [signal_dph(case, effect, truths[k]) for k in shown]
+        alone = [_run(truths[k], stimuli[k], signal) for k, signal in zip(shown, signals, strict=True)]
+        # a whitened signature, nominal columns projected out, has norm 10 snr
+        sign = -1.0 if (case.seed + index) % 2 else 1.0
+        amplitudes[effect] = sign * 10.0 * case.snr / signature_norm(alone, model)
+        pure = [gap + amplitudes[effect] * signal for gap, signal in zip(pure, signals, strict=True)]
+    outputs = outputs_dph(case, truths, amplitudes)
+    runs = [_run(*of_run) for of_run in zip(truths, stimuli, outputs, strict=True)]
+    given, kept = [runs[k] for k in shown], [runs[k] for k in apart]
+    clean = outputs_dph(case, [truths[k] for k in apart], amplitudes, noisy=False)
+    gaps = [replace(run, output_dph=gap) for run, gap in zip(given, pure, strict=True)]
+    return (
+        Sealed(case, amplitudes, dict.fromkeys(case.effects, case.snr), true_region(gaps, model)),
+        given,
+        kept,
+        clean,
     )
 
 
@@ -156,31 +149,14 @@ def _run(truth: RunTruth, stimulus: Stimulus, output: Array) -> GapRun:
     return GapRun(name, "unit", truth.profile, truth.condition, stimulus, output, truth.phase)
 
 
-def _amplitudes(
-    case: ExamCase, truths: Sequence[RunTruth], stimuli: Sequence[Stimulus], model: Model
-) -> dict[str, float]:
-    """Scale each effect so that its whitened signature, nominal columns projected out, has norm 10 snr."""
-    result = {}
-    given = [k for k, truth in enumerate(truths) if truth.repeat < REPEATS - 1]
-    for index, effect in enumerate(case.effects):
-        runs = [_run(truths[k], stimuli[k], signal_dph(case, effect, truths[k])) for k in given]
-        sign = -1.0 if (case.seed + index) % 2 else 1.0
-        result[effect] = sign * 10.0 * case.snr / signature_norm(runs, model)
-    return result
-
-
 def true_region(runs: Sequence[GapRun], model: Model) -> tuple[tuple[str, str, str], ...]:
     """Return the repeatable cells with 80 % of the energy of outputs taken as a gap, nominal model out."""
     cells = []
     for group in group_runs(runs):
         cells += group_cells(group, with_nominal(group, model), model.noise)
-    left = nominal_energies(cells, model.sigmas)
+    left = zip(nominal_energies(cells, model.sigmas), cells, strict=True)
     energy = sorted(
-        (
-            (own, (cell.profile, cell.parity, BANDS[cell.band]))
-            for own, cell in zip(left, cells, strict=True)
-            if cell.repeatable
-        ),
+        ((own, (cell.profile, cell.parity, BANDS[cell.band])) for own, cell in left if cell.repeatable),
         reverse=True,
     )
     total, gathered, region = sum(own for own, _ in energy), 0.0, []
@@ -198,11 +174,8 @@ def examined(runs: Sequence[GapRun], nominal: str) -> Answer:
     found = diagnosis.rate
     strongest = found.places[0]
     return Answer(
-        found.verdict,
-        tuple(cause.name for cause in found.causes),
         {cause.name: dict(cause.alternatives) for cause in found.causes},
         {cause.name: cause.probability for cause in found.causes},
-        tuple(cause.name for cause in found.resembles),
         found.unknown_probability,
         tuple(found.stochastic),
         (strongest.profile, strongest.part, strongest.band),

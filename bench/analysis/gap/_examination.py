@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,61 +51,64 @@ def case_kinds(cases: int, seed: int) -> list[str]:
 def examine(cases: int, seed: int, folder: Path, fan: FanOut = ALONE) -> Iterator[tuple[str, Marked | None]]:
     """Hold an exam in `folder`; yield (case, None) with its seal's hash when sealed, then (case, marked).
 
-    A case's name is `number hash`. The sealed answers lie in `folder`/sealed, apart from `folder`/cases. Some
+    A case is shown as `number hash`. The sealed answers lie in `folder`/sealed, apart from `folder`/cases. Some
     cases are sealed, then diagnosed where `fan` says, from the content of their folder: a worker needs no disk of
     ours.
     """
     nominal = model_text(nominal_model())
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "nominal.toml").write_text(nominal, encoding="utf-8")
+    cases_of = [_Case(number, kind, seed, folder) for number, kind in enumerate(case_kinds(cases, seed))]
+    size = _WAITING * fan.jobs
     with get_context("spawn").Pool(1) as plant:
-        kinds = case_kinds(cases, seed)
-        for some in _batches(enumerate(kinds), _WAITING * fan.jobs):
-            shown = []
-            for number, kind in some:
-                name = f"case_{number:04d}"
-                sealed = plant.apply(_seal, (seed * 100_000 + number, kind, name, str(folder)))
-                shown.append(f"{number:4d} {sealed[:16]}")
-                yield shown[-1], None
-            given = (_content(folder / "cases" / f"case_{number:04d}") for number, _ in some)
+        for some in (cases_of[begin : begin + size] for begin in range(0, cases, size)):
+            hashes = []
+            for case in some:
+                hashes.append(plant.apply(_seal, (case,)))
+                yield f"{case.number:4d} {hashes[-1][:16]}", None
+            given = ({path.name: path.read_bytes() for path in case.shown.iterdir()} for case in some)
             answers = fan.each(partial(_diagnosed, nominal), given)
-            for case, (number, kind), (answer, seconds) in zip(shown, some, answers, strict=True):
-                yield _opened(case, number, kind, answer, seconds, seed, folder, plant)
+            for case, sha256, (answer, seconds) in zip(some, hashes, answers, strict=True):
+                sealed, closed = plant.apply(_judged, (case, answer))
+                if sealed.sha256 != sha256:
+                    raise BenchError(f"the sealed answer of {case.name} is not the one that was announced")
+                yield f"{case.number:4d} {sha256[:16]}", Marked.of(sealed, answer, closed, seconds)
 
 
-def _opened(
-    shown: str, number: int, kind: str, answer: Answer, seconds: float, seed: int, folder: Path, plant: Any
-) -> tuple[str, Marked]:
-    name = f"case_{number:04d}"
-    sealed, closed = plant.apply(_judged, (seed * 100_000 + number, kind, name, str(folder), answer))
-    if not sealed.sha256.startswith(shown.split()[-1]):
-        raise BenchError(f"the sealed answer of {name} is not the one that was announced")
-    return shown, Marked.of(sealed, answer, closed, seconds)
+@dataclass(frozen=True)
+class _Case:
+    number: int
+    kind: str
+    exam_seed: int
+    folder: Path
 
+    @property
+    def name(self) -> str:
+        return f"case_{self.number:04d}"
 
-def _batches(kinds: Iterable[tuple[int, str]], size: int) -> Iterator[list[tuple[int, str]]]:
-    left = iter(kinds)
-    while some := list(islice(left, size)):
-        yield some
+    @property
+    def shown(self) -> Path:
+        """Folder of the runs to diagnose."""
+        return self.folder / "cases" / self.name
 
-
-def _content(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+    @property
+    def seal(self) -> Path:
+        """File of the answer."""
+        return self.folder / "sealed" / f"{self.name}.json"
 
 
 @lru_cache(maxsize=_KEPT)
-def _case(seed: int, kind: str) -> tuple[Sealed, list[GapRun], list[GapRun], list[NDArray[np.float64]]]:
+def _made(case: _Case) -> tuple[Sealed, list[GapRun], list[GapRun], list[NDArray[np.float64]]]:
     """In the plant's process: the case, kept from its sealing to its opening."""
-    return make_case(seed, kind)
+    return make_case(case.exam_seed * 100_000 + case.number, case.kind)
 
 
-def _seal(seed: int, kind: str, name: str, folder: str) -> str:
+def _seal(case: _Case) -> str:
     """In the plant's process: write the case's runs and the sealed answer; return the seal's hash."""
-    sealed, given, _, _ = _case(seed, kind)
-    write_case(Path(folder) / "cases" / name, given)
-    apart = Path(folder) / "sealed"
-    apart.mkdir(parents=True, exist_ok=True)
-    (apart / f"{name}.json").write_text(sealed.text, encoding="utf-8")
+    sealed, given, _, _ = _made(case)
+    write_case(case.shown, given)
+    case.seal.parent.mkdir(parents=True, exist_ok=True)
+    case.seal.write_text(sealed.text, encoding="utf-8")
     return sealed.sha256
 
 
@@ -120,10 +122,9 @@ def _diagnosed(nominal: str, given: Mapping[str, bytes]) -> tuple[Answer, float]
     return answer, host_seconds() - started
 
 
-def _judged(seed: int, kind: str, name: str, folder: str, answer: Answer) -> tuple[Sealed, Closed]:
+def _judged(case: _Case, answer: Answer) -> tuple[Sealed, Closed]:
     """In the plant's process: the sealed answer, checked against its file, and the closing on the sealed runs."""
-    sealed, _, kept, clean = _case(seed, kind)
-    written = (Path(folder) / "sealed" / f"{name}.json").read_text(encoding="utf-8")
-    if hashlib.sha256(written.encode()).hexdigest() != sealed.sha256:
-        raise BenchError(f"the sealed answer of {name} was changed after it was sealed")
+    sealed, _, kept, clean = _made(case)
+    if hashlib.sha256(case.seal.read_bytes()).hexdigest() != sealed.sha256:
+        raise BenchError(f"the sealed answer of {case.name} was changed after it was sealed")
     return sealed, close(answer, kept, clean)

@@ -158,6 +158,39 @@ class Reliability:
     true: int
 
 
+_Row = tuple[str, str, Callable[[Marked], bool]]
+"""Words of a line, the kind of cases that it counts, which of them are right."""
+_NULL: _Row = (
+    "null: a cause or unknown named (less is better)",
+    "null",
+    lambda case: bool(case.named or case.stochastic_named) or case.called_unknown,
+)
+_BY_SNR: tuple[_Row, ...] = (
+    ("single: right effect and nothing else", "single", lambda case: case.first),
+    ("single: right effect named or a stated alternative", "single", lambda case: case.in_set),
+    ("single: called unknown (less is better)", "single", lambda case: case.called_unknown),
+    ("pair: exactly both", "pair", lambda case: case.first),
+    ("pair: both named or alternatives", "pair", lambda case: case.in_set),
+    ("outside the catalogue: called unknown", "unknown", lambda case: case.called_unknown),
+    ("outside the catalogue: a false cause named", "unknown", lambda case: bool(case.named)),
+    (
+        "known and unknown: both reported",
+        "known and unknown",
+        lambda case: case.called_unknown and case.known <= case.named,
+    ),
+)
+_STOCHASTIC: _Row = (
+    "stochastic: named exactly",
+    "stochastic",
+    lambda case: case.stochastic_named == (case.stochastic,) and not case.named and not case.called_unknown,
+)
+
+
+def _line(what: str, kind: str, right: Callable[[Marked], bool], marked: Sequence[Marked], snr: str) -> Line:
+    outcomes = [right(case) for case in marked if case.kind == kind]
+    return Line(what, snr, sum(outcomes), len(outcomes))
+
+
 @dataclass(frozen=True)
 class Exam:
     """An exam: `cases` were planned, `marked` are those finished."""
@@ -169,55 +202,31 @@ class Exam:
     @property
     def lines(self) -> list[Line]:
         """The lines of its table."""
-        marked = self.marked
-        lines = [_line("null: a cause or unknown named (less is better)", marked, "null", _alarm)]
+        marked, closed = self.marked, self._closed
+        lines = [_line(*_NULL, marked, "all")]
         for low, high in pairwise(EDGES):
-            band = [each for each in marked if low <= each.snr < high]
-            snr = f"{low:g}..{high:g}"
-            lines += [
-                _line("single: right effect and nothing else", band, "single", lambda m: m.first, snr),
-                _line(
-                    "single: right effect named or a stated alternative",
-                    band,
-                    "single",
-                    lambda m: m.in_set,
-                    snr,
-                ),
-                _line(
-                    "single: called unknown (less is better)", band, "single", lambda m: m.called_unknown, snr
-                ),
-                _line("pair: exactly both", band, "pair", lambda m: m.first, snr),
-                _line("pair: both named or alternatives", band, "pair", lambda m: m.in_set, snr),
-                _line(
-                    "outside the catalogue: called unknown", band, "unknown", lambda m: m.called_unknown, snr
-                ),
-                _line(
-                    "outside the catalogue: a false cause named",
-                    band,
-                    "unknown",
-                    lambda m: bool(m.named),
-                    snr,
-                ),
-                _line("known and unknown: both reported", band, "known and unknown", _both, snr),
-            ]
-        detectable = [each for each in marked if each.snr >= 1.0]
-        pairs = [each for each in detectable if each.kind == "pair"]
+            band = [case for case in marked if low <= case.snr < high]
+            lines += [_line(*row, band, f"{low:g}..{high:g}") for row in _BY_SNR]
+        pairs = [case for case in marked if case.kind == "pair" and case.snr >= 1.0]
         hits = sum(len(pair.named & pair.known) for pair in pairs)
         lines.append(Line("pairs: precision", "1..30", hits, sum(len(pair.named) for pair in pairs)))
         lines.append(Line("pairs: recall", "1..30", hits, sum(len(pair.known) for pair in pairs)))
-        lines.append(_line("stochastic: named exactly", marked, "stochastic", _stochastic))
+        lines.append(_line(*_STOCHASTIC, marked, "all"))
         for low, high in pairwise(EDGES[1:]):
-            acted = [each for each in marked if each.effects and low <= each.snr < high]
-            right = sum(each.placed for each in acted)
-            lines.append(
-                Line("place: strongest cell in the true 80 % region", f"{low:g}..{high:g}", right, len(acted))
-            )
-        strong = [each for each in marked if each.kind in ("single", "pair") and _coverable(each)]
-        covered = sum(c.stated_share[1] <= c.true_share <= c.stated_share[2] for c in strong)
-        lines.append(Line("shrinkage: 95 % interval holds the true shrinkage", "1..30", covered, len(strong)))
-        good = sum(each.true_share >= 0.95 for each in strong)
-        lines.append(Line("shrinkage: at least 95 % of the oracle's", "1..30", good, len(strong)))
+            placed = [case.placed for case in marked if case.effects and low <= case.snr < high]
+            what, snr = "place: strongest cell in the true 80 % region", f"{low:g}..{high:g}"
+            lines.append(Line(what, snr, sum(placed), len(placed)))
+        covered = sum(case.stated_share[1] <= case.true_share <= case.stated_share[2] for case in closed)
+        lines.append(Line("shrinkage: 95 % interval holds the true shrinkage", "1..30", covered, len(closed)))
+        good = sum(case.true_share >= 0.95 for case in closed)
+        lines.append(Line("shrinkage: at least 95 % of the oracle's", "1..30", good, len(closed)))
         return [line for line in lines if line.of]
+
+    @property
+    def _closed(self) -> list[Marked]:
+        """Single effects and pairs, SNR >= 1, with a gap on the sealed runs."""
+        able = [case for case in self.marked if case.kind in ("single", "pair") and case.snr >= 1.0]
+        return [case for case in able if math.isfinite(case.stated_share[0])]
 
     @property
     def shrinkage_quantiles(self) -> tuple[float, float]:
@@ -225,9 +234,7 @@ class Exam:
 
         The oracle takes out the true effect with its true amplitude, nothing but noise is left: its share is 1.
         """
-        shares = [
-            each.true_share for each in self.marked if each.kind in ("single", "pair") and _coverable(each)
-        ]
+        shares = [case.true_share for case in self._closed]
         if not shares:
             return math.nan, math.nan
         return float(np.median(shares)), float(np.quantile(shares, 0.1))
@@ -248,26 +255,3 @@ class Exam:
             bins.append(Reliability(stated, len(own), true))
             error += abs(stated * len(own) - true) / len(claims)
         return bins, error
-
-
-def _line(
-    what: str, marked: Sequence[Marked], kind: str, right: Callable[[Marked], bool], snr: str = "all"
-) -> Line:
-    own = [each for each in marked if each.kind == kind]
-    return Line(what, snr, sum(right(each) for each in own), len(own))
-
-
-def _alarm(each: Marked) -> bool:
-    return bool(each.named or each.stochastic_named) or each.called_unknown
-
-
-def _both(each: Marked) -> bool:
-    return each.called_unknown and each.known <= each.named
-
-
-def _stochastic(each: Marked) -> bool:
-    return each.stochastic_named == (each.stochastic,) and not each.named and not each.called_unknown
-
-
-def _coverable(each: Marked) -> bool:
-    return each.snr >= 1.0 and math.isfinite(each.stated_share[0])
