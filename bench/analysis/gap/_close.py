@@ -23,6 +23,8 @@ from drivers.base.arrays import Array
 
 _CHANGED = 1.0
 """Standard deviations of a cell's noise energy by which two models must differ for it to count."""
+_LEAST_SIGMA = 0.05
+"""Relative uncertainty of a band's floor, however many coefficients of the repeats it rests on."""
 _TWO_SIDED = 1.96
 _SEEN = 25.0
 """Energy that a term must add to held-out runs for them to say whether it is there."""
@@ -34,12 +36,12 @@ _LEAST_OF_GAP = 0.02
 def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor) -> Shrinkage:
     """Return how much of the gap of `before` is gone with `after` on held-out `runs`.
 
-    Both are used as they are, nothing is fitted but each run's bias; impulses and lines are taken out. The two
-    fastest bands do not count: their floor is not known to a few per cent. ConfigurationError if a run was used
-    for the fit.
+    Both are used as they are, nothing is fitted but each run's bias; impulses and lines are taken out. The floor
+    of a band is never known better than to a few per cent. ConfigurationError if a run was used for the fit.
     """
     check_runs(runs)
     refuse_judges((run.run_id for run in runs), set(after.fitted_on))
+    floor = replace(floor, sigma=np.maximum(floor.sigma, _LEAST_SIGMA))
     runs = without_disturbances(runs, before).runs
     cells = rescaled(judged_cells((before, after), runs), floor.ratio)
     number = counts(cells)
@@ -176,13 +178,13 @@ def holding(closed: Model, terms: Sequence[Term], runs: Sequence[GapRun], floor:
 
 
 def judged_cells(models: Sequence[Model], runs: Sequence[GapRun]) -> list[Cell]:
-    """Return cells of what models leave of runs, Gram (m, m), in all but the two fastest bands."""
+    """Return cells of what models leave of runs, Gram (m, m)."""
     cells = []
     noise = models[-1].noise
     for group in group_runs(runs):
         stack = stacked(group.flat, lambda run: left_by(run, models), [False], noise)
         cells += group_cells(group, stack, noise)
-    return [cell for cell in cells if cell.band < len(BANDS) - 2]
+    return cells
 
 
 def left_by(run: GapRun, models: Sequence[Model]) -> list[Array]:
