@@ -66,3 +66,22 @@ def test_runs_without_a_gap_have_no_share_and_no_caution(nominal: Model) -> None
     assert np.isnan(shrunk.share)
     assert shrunk.cells == 0
     assert not shrunk.caution
+
+
+def test_what_is_left_within_seconds_counts_and_the_interval_holds_it(nominal: Model) -> None:
+    """A slow part that the model takes away beside a quick one, alike in all runs, that stays."""
+    s = stimulus(4000)
+    warm = Term(Variant(effect("warm_up"), {"time_constant_s": 900.0}), (3.0,), (0.01,))
+    slow = 3.0 * warm.variant.columns(s)[0]
+    quick = 0.25 * np.diff(np.random.default_rng(99).normal(size=4001))
+    runs = [
+        made_run(f"judge {seed}", s, np.random.default_rng(seed), slow + quick, condition="0")
+        for seed in range(3)
+    ]
+    flat = Floor(np.ones(len(BANDS)), np.full(len(BANDS), 0.02), from_repeats=True)
+    shrunk = shrinkage(nominal, replace(nominal, terms=(*nominal.terms, warm)), runs, flat)
+    gone, left = np.square(slow - slow.mean()).sum(), np.square(quick).sum()
+    truth = gone / (gone + left)
+    assert 0.3 < truth < 0.95
+    assert abs(shrunk.share - truth) < 0.05
+    assert shrunk.low < truth < shrunk.high
