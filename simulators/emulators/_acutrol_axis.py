@@ -14,6 +14,7 @@ from simulators.plant.table import TableAxis
 MODES: Mapping[str, int] = {"POSITION": 0, "RATE": 1, "OFF": 6}
 DEMANDS = ("POSITION", "RATE", "DELTAPOSITION")
 _AXIS_SERVOED, _NORMAL_UNSERVO, _SOFTWARE_ABORT, _HARDWARE_ABORT = 1 << 4, 1 << 5, 1 << 6, 1 << 7
+_POSITION_COMPLETE, _RATE_COMPLETE = 1 << 8, 1 << 9
 
 
 class Refused(Exception):
@@ -38,6 +39,7 @@ class AcutrolAxis:
         self.interlock = "Open"
         self.mode = "OFF"
         self.demands = {"POSITION": 0.0, "RATE": 0.0}
+        self.moving = False
         self._angle_limits = (min_angle_deg, max_angle_deg)
         self._unservo = _NORMAL_UNSERVO
         self._software_faults = 0
@@ -53,6 +55,7 @@ class AcutrolAxis:
         self._interlock_faults |= hardware
         self._unservo = _SOFTWARE_ABORT if software else _HARDWARE_ABORT
         self.interlock = "Fault"
+        self.moving = False
         self.mode = "OFF"
         self.plant.servo(now_s, False)
 
@@ -118,17 +121,17 @@ class AcutrolAxis:
             raise Refused(PARAMETER_OUT_OF_RANGE)
         self._limits[mode][name] = value
 
-    def register(self, name: str) -> int | None:
+    def register(self, name: str, now_s: float) -> int | None:
         """Return status word A<n>`name`; None for a name there is none of."""
-        servoed = _AXIS_SERVOED if self.interlock == "Close" else self._unservo
-        words = {
-            "STATE": MODES[self.mode] | servoed,
-            "SWFLT": self._software_faults,
-            "INTLK": self._interlock_faults,
-            "ERR": 0,
-            "DIAG": self._diagnostics,
-        }
-        return words.get(name)
+        if name in ("STATE", "STATIC"):
+            servoed = _AXIS_SERVOED if self.interlock == "Close" else self._unservo
+            return MODES[self.mode] | servoed
+        if name == "DYN":
+            done = _POSITION_COMPLETE if self.mode == "POSITION" else _RATE_COMPLETE
+            return done if self.plant.settled(now_s) else 0
+        software = self._software_faults
+        words = {"SWFLT": software, "SWFAULT": software, "ERR": 0, "DIAG": self._diagnostics}
+        return (words | {"INTLK": self._interlock_faults}).get(name)
 
     def _within_limits(self, name: str, value: float) -> bool:
         if name == "RATE":
@@ -143,6 +146,7 @@ class AcutrolAxis:
         self.demands["POSITION"] = angle
         if self.interlock == "Close":
             self.plant.demand_turn(now_s, by_deg, *self._limits["POSITION"].values())
+            self.moving = True
 
     def _apply(self, now_s: float) -> None:
         if self.interlock != "Close":
@@ -156,6 +160,7 @@ class AcutrolAxis:
             self.plant.demand_rate(now_s, self.demands["RATE"], self._limits["RATE"]["ACCELERATION"])
         else:
             self.plant.demand_rate(now_s, 0.0)
+        self.moving = True
 
     def _way(self, now_s: float) -> float:
         """Return the turn to the position demand that stays between the stops of a limited axis."""

@@ -10,6 +10,7 @@ from drivers.acutrol.grammar import (
     MESSAGE_TOO_LONG,
     NOT_IMPLEMENTED,
     PARAMETER_OUT_OF_RANGE,
+    UNDEFINED_HEADER,
     WRONG_PARAMETER_COUNT,
     Command,
     Refusal,
@@ -59,6 +60,7 @@ class AcutrolEmulator:
         self._errors: list[Refusal] = []
         self._refusals: list[Refusal] = []
         self._lockout = "OFF"
+        self._fault_unread = False
         self._handlers: Mapping[str, Callable[[Command, float], str | None]] = {
             "DEMAND": self._demand,
             "INTERLOCK": self._interlock_command,
@@ -95,6 +97,7 @@ class AcutrolEmulator:
                 expected="one of: " + ", ".join(FAULT_NAMES),
                 remedy="use one of these names",
             )
+        self._fault_unread = True
         self._axes[next(reversed(self._axes)) if axis is None else axis].trip(*bits, now_s)
 
     @property
@@ -143,7 +146,7 @@ class AcutrolEmulator:
     def _execute(self, command: Command, now_s: float) -> str | None:
         """Return a query's answer, None for a command that was carried out; Refused for one that was not."""
         if command.path[0].startswith("*"):
-            return self._common(command)
+            return self._common(command, now_s)
         if self._refusals and not command.query:
             raise Refused(self._refusals.pop())
         handler = self._handlers.get(command.path[0])
@@ -151,11 +154,18 @@ class AcutrolEmulator:
             raise Refused(NOT_IMPLEMENTED)
         return handler(command, now_s)
 
-    def _common(self, command: Command) -> str:
-        """Answer *IDN?; the other common commands of IEEE 488.2 are not there."""
-        if command.path != ("*IDN",) or not command.query:
-            raise Refused(NOT_IMPLEMENTED)
-        return self._identity
+    def _common(self, command: Command, now_s: float) -> str | None:
+        (name,) = command.path
+        if name == "*IDN" and command.query:
+            return self._identity
+        if name == "*STB" and command.query:
+            return str(self._status_byte(now_s, clear=True))
+        if name == "*CLS" and not command.query:
+            self._errors.clear()
+            self._fault_unread = False
+            return None
+        known = ("*RST", "*TST", "*OPC", "*WAI", "*IST", "*PRE", "*ESE", "*ESR", "*SRE", "*TRG")
+        raise Refused(NOT_IMPLEMENTED if name in known else UNDEFINED_HEADER)
 
     def _demand(self, command: Command, now_s: float) -> str | None:
         name = command.path[-1]
@@ -244,6 +254,8 @@ class AcutrolEmulator:
         name = command.path[-1]
         if not command.query:
             raise Refused(NOT_IMPLEMENTED)
+        if name == "STB":
+            return str(self._status_byte(now_s, clear=False))
         if name == "MSG" and command.arguments[:1] and command.arguments[0].upper() == "QERROR":
             return "{0.code}: {0.text}".format(self._errors.pop(0)) if self._errors else ""
         if name != "CSR":
@@ -254,11 +266,23 @@ class AcutrolEmulator:
         for number, axis in self._axes.items():
             prefix = f"A{number}"
             if register.startswith(prefix):
-                word = axis.register(register.removeprefix(prefix))
+                word = axis.register(register.removeprefix(prefix), now_s)
                 if word is not None:
                     return str(word)
                 break
         raise Refused(PARAMETER_OUT_OF_RANGE)
+
+    def _status_byte(self, now_s: float, *, clear: bool) -> int:
+        moving = [axis for axis in self._axes.values() if axis.moving]
+        complete = bool(moving) and all(axis.plant.settled(now_s) for axis in moving)
+        byte = int(self._fault_unread) | int(complete) << 1 | int(bool(self._errors)) << 7
+        if self._fault_unread:
+            byte |= 1 << 6
+        if clear:
+            self._fault_unread = False
+            for axis in moving:
+                axis.moving = not complete
+        return byte
 
     def _utility(self, command: Command, now_s: float) -> str | None:
         if command.path[-1] != "LOCKOUTMODE":

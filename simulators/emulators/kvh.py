@@ -25,6 +25,7 @@ from drivers.kvh.format import (
     Format,
     TempUnits,
     layout,
+    temperature_field,
 )
 from simulators.faults import DeviceFault, Fault, WireShape
 from simulators.interfaces import GyroPlant, Installation, Reply, StreamBlock
@@ -36,6 +37,7 @@ _RESTART_S = 1.0
 _INVALID_AFTER_RATE_CHANGE = 2
 _MARKS_PER_S = 2.0
 _LINE_LIMIT = 256
+_FILTERS = (b"CHEBY", b"BUTTER", b"AVE")
 
 
 class KvhEmulator:
@@ -75,10 +77,13 @@ class KvhEmulator:
         self._columns = [AXES.index(axis) for axis in axes]
         self._own = [plant.axes.index(axis) for axis in axes]
         self._clock = 1.0 / (1.0 + clock_error_ppm * 1e-6)
+        self._filter = {b"A": b"BUTTER", b"G": b"BUTTER"}
         self._line = b""
         self._free_s = 0.0  # When the last reply is out.
         self._counter = 0
         self._invalid = 0
+        self._temp_c: float | None = None
+        self._measured_s = 0.0  # To where the plant was asked.
         self._bit: bytes | None = None  # Test result to send when `_bit_after` samples of the stream are out.
         self._bit_after = 0
         self._refusals, self._refusal = 0, b""
@@ -175,7 +180,7 @@ class KvhEmulator:
         elif name[:1] == b"?" and text in SETTINGS and not values:
             answer = f"{text},{self._settings[text]}".encode("ascii")
         else:
-            answer = self._other(name, values, line)
+            answer = self._other(name, values, line, now_s)
         reply = self._reply(echo + answer + b"\r\n", now_s)
         if answer == b"CONFIG,0":
             self._begin(self._free_s)
@@ -189,17 +194,28 @@ class KvhEmulator:
         wanted = self._settings | {name: value}
         if name in ("DR", "BAUD", "OUTPUTFMT") and (misfit := _misfit(wanted)):
             return misfit
-        if wanted["DR"] != self._settings["DR"]:
-            self._invalid = _INVALID_AFTER_RATE_CHANGE
-        self._settings = wanted
+        self._adopt(wanted)
         return f"{name},{value}".encode("ascii")
 
-    def _other(self, name: bytes, values: list[bytes], line: bytes) -> bytes:
+    def _adopt(self, settings: dict[str, str]) -> None:
+        if settings["DR"] != self._settings["DR"]:
+            self._invalid = _INVALID_AFTER_RATE_CHANGE
+        self._settings = settings
+
+    def _other(self, name: bytes, values: list[bytes], line: bytes, now_s: float) -> bytes:
         """Answer the commands that are not plain settings."""
         if name == b"=CONFIG":
             if values not in ([b"0"], [b"1"]):
                 return b"USAGE,=CONFIG,<0|1>"
             return (values == [b"0"] and _misfit(self._settings)) or line.upper()[1:]
+        if name == b"=FILTTYPE":
+            if len(values) != 2 or values[0] not in self._filter or values[1] not in _FILTERS:
+                return b"USAGE,=FILTTYPE,<A|G>,<CHEBY|BUTTER|AVE>"
+            self._filter[values[0]] = values[1]
+            return line.upper()[1:]
+        if name == b"?FILTTYPE":
+            known = self._filter.get(b",".join(values))
+            return b"USAGE,?FILTTYPE,<A|G>" if known is None else b",".join([name[1:], *values, known])
         if name == b"?BIT" and values in ([], [b"2"]):
             return encode_bit(bytes([_BIT_GOOD] * (8 if values else 6)))
         if values:
@@ -208,9 +224,24 @@ class KvhEmulator:
             return f"IS,{self._serial_number}".encode("ascii")
         if name == b"?WS":
             return f"WS,{self._firmware}".encode("ascii")
+        if name == b"?TEMP":
+            return self._temperature(now_s)
+        if name == b"=RSTCFG":
+            self._adopt(FACTORY | {"BAUD": self._settings["BAUD"]})
+            return b"RSTCFG"
         if name == b"=RESTART":
             return _misfit(self._settings) or b"RESTART"
         return b"INVALID," + line
+
+    def _temperature(self, now_s: float) -> bytes:
+        begin_s = max(self._measured_s, now_s - self._period_s)
+        if begin_s < now_s:
+            self._temp_c = float(self._plant.measure(begin_s, 1, now_s - begin_s).temp_c[0])
+            self._measured_s = now_s
+        if self._temp_c is None:
+            return b"ERROR,NO TEMPERATURE YET"
+        field = temperature_field(self._temp_c, _temp_units(self._settings))
+        return f"TEMP,{float(field):.0f}".encode("ascii")
 
     def _reply(self, data: bytes, now_s: float) -> Reply:
         self._free_s = max(now_s + _REPLY_DELAY_S, self._free_s) + self._seconds(len(data))
@@ -284,6 +315,8 @@ class KvhEmulator:
         )
         self._counter = (self._counter + count) % COUNTER_MODULO
         self._sent += count
+        self._temp_c = float(signal.temp_c[-1])
+        self._measured_s = begin_s + count * self._period_s
         return data
 
     def _device_time_us(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -18,6 +18,7 @@ class Plant:
 
     def __init__(self):
         self.calls = []
+        self.done = True
 
     def servo(self, now_s, on):
         self.calls.append(("servo", now_s, on))
@@ -34,6 +35,9 @@ class Plant:
 
     def rate_dps(self, now_s):
         return -44.125
+
+    def settled(self, now_s):
+        return self.done
 
 
 @pytest.fixture
@@ -154,6 +158,11 @@ def test_status_words_by_appendix_b(table, plant):
     assert int(ask(table, ":Status:CSR? A1STATE")[1]) & 0x10 == 0
     ask(table, ":interlock:close 1;:mode:rate 1")
     assert int(ask(table, ":Status:CSR? A1STATE")[1]) & 0x10
+    assert int(ask(table, ":Status:CSR? A1DYN")[1]) == 1 << 9
+    ask(table, ":mode:position 1")
+    assert int(ask(table, ":Status:CSR? A1DYN")[1]) == 1 << 8
+    plant.done = False
+    assert int(ask(table, ":Status:CSR? A1DYN")[1]) == 0
 
 
 def test_trip_close_and_reset(table, plant):
@@ -163,6 +172,8 @@ def test_trip_close_and_reset(table, plant):
     assert ask(table, ":interlock? 1", 6.0) == (0, "Fault")
     assert int(ask(table, ":status:csr? A1SWFLT", 6.0)[1]) == 1 << 2
     assert int(ask(table, ":status:csr? A1STATE", 6.0)[1]) & 0xF0 == 1 << 6
+    assert ask(table, "*STB?", 6.0) == (0, "65")  # seen on a real table with an interlock fault
+    assert ask(table, "*STB?", 6.0) == (0, "0")  # reading clears
     ask(table, ":interlock:close 1", 6.0)
     assert ask(table, ":interlock? 1", 6.0) == (0, "Fault")
     ask(table, ":Interlock:Reset", 6.0)
@@ -173,6 +184,14 @@ def test_trip_close_and_reset(table, plant):
 def test_unknown_trip_is_a_configuration_error(table):
     with pytest.raises(ConfigurationError, match="rate trip"):
         table.trip("gremlins", 1.0)
+
+
+def test_all_profiles_complete_in_the_status_byte(table, plant):
+    ask(table, ":int:close 1;:mode:rate 1;:demand:rate 1,10")
+    plant.done = False
+    assert ask(table, "*STB?") == (0, "0")
+    plant.done = True
+    assert ask(table, "*STB?") == (0, "2")
 
 
 def test_latency_adds_up_for_joined_lines(table):
@@ -186,7 +205,7 @@ def test_a_line_longer_than_the_manual_allows(table):
 
 
 LINES = (
-    b":interlock:close 1\r\n:mode:rate 1\n:demand:rate 1,12.5\rnonsense\r\n:read:pos? 1;rate? 1\r\n*IDN?\r"
+    b":interlock:close 1\r\n:mode:rate 1\n:demand:rate 1,12.5\rnonsense\r\n:read:pos? 1;rate? 1\r\n*STB?\r"
 )
 
 

@@ -285,6 +285,11 @@ def test_external_synchronisation_without_a_signal_is_silence() -> None:
         ("=rotunits,deg", "ROTUNITS,DEG"),
         ("=TEMPUNITS,K", "USAGE,=TEMPUNITS,<C|C_100|F|F_100>"),
         ("=OUTPUTFMT,B", "OUTPUTFMT,B"),
+        ("=FILTTYPE,G,AVE", "FILTTYPE,G,AVE"),
+        ("=FILTTYPE,G", "USAGE,=FILTTYPE,<A|G>,<CHEBY|BUTTER|AVE>"),
+        ("?FILTTYPE,A", "FILTTYPE,A,BUTTER"),
+        ("?FILTTYPE", "USAGE,?FILTTYPE,<A|G>"),
+        ("=RSTCFG", "RSTCFG"),
         ("Hello,You", "INVALID,Hello,You"),
         ("?IS,3", "INVALID,?IS,3"),
     ],
@@ -293,12 +298,34 @@ def test_configuration_mode_replies(line: str, reply: str) -> None:
     assert say(made(), line) == reply
 
 
-def test_settings_are_kept() -> None:
+def test_settings_are_kept_and_reset_but_for_the_baud_rate() -> None:
     gyro = made()
-    for command in ("=DR,500", "=BAUD,460800", "=ECHO,1"):
+    for command in ("=DR,500", "=BAUD,460800", "=FILTTYPE,A,CHEBY", "=ECHO,1"):
         say(gyro, command)
-    assert say(gyro, "?DR") == "?DR\r\nDR,500"
-    assert say(gyro, "?BAUD") == "?BAUD\r\nBAUD,460800"
+    assert say(gyro, "?FILTTYPE,A") == "?FILTTYPE,A\r\nFILTTYPE,A,CHEBY"
+    assert say(gyro, "=RSTCFG").endswith("RSTCFG")
+    assert say(gyro, "?DR") == "DR,1000"
+    assert say(gyro, "?BAUD") == "BAUD,460800"
+    assert say(gyro, "=CONFIG,0") == "ERROR,1000 HZ DOES NOT FIT 460800 BD"
+    assert gyro.stream(10.0) is None
+
+
+def test_temperature_query_asks_the_plant() -> None:
+    plant = RampPlant(temp_c=-12.3456)
+    gyro = made(plant)
+    assert say(gyro, "?TEMP") == "ERROR,NO TEMPERATURE YET"
+    assert say(gyro, "?TEMP", 7.0) == "TEMP,-12"
+    say(gyro, "=TEMPUNITS,C_100", 7.0)
+    assert say(gyro, "?TEMP", 8.0) == "TEMP,-1235"
+    say(gyro, "=CONFIG,0", 9.0)
+    gyro.stream(9.9995)
+    say(gyro, "=CONFIG,1", 9.9995)
+    assert say(gyro, "?TEMP", 9.9998) == "TEMP,-1235"
+    spans = np.array([(start, start + count * period) for start, count, period in plant.calls])
+    assert len(spans) == 4
+    assert (np.diff(spans.ravel()) > -1e-9).all()  # Time never goes back for the plant, no interval twice.
+    assert spans[0, 0] >= 0.0
+    assert spans[-1, 1] == pytest.approx(9.9998)
 
 
 def test_replies_take_time_and_come_one_behind_the_other() -> None:
