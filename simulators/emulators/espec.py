@@ -90,6 +90,8 @@ class EspecEmulator:
                 return f"{air:.1f},{set_point:.1f},{upper:.1f},{lower:.1f}"
             case "MODE?":
                 return self._mode
+            case "MON?":
+                return f"{self._plant.air_temp_c(now_s):.1f},,{self._mode},{len(self._alarms)}"
             case "ALARM?":
                 return ",".join(str(number) for number in (len(self._alarms), *self._alarms))
             case "TYPE?":

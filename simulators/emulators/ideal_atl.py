@@ -1,6 +1,7 @@
 """An Ideal Aerosmith table in bytes: ATL lines, answers, prompts, and a JOG that answers late.
 
-The bits of STA are not public; here 1 is a closed servo, 2 a completed motion and 4 a fault.
+The bits of STA are not public; here 1 is a closed servo, 2 a completed motion and 4 a fault. `complete` is
+what MCO says of a motion that has ended: 1 in one public program, 0 in another.
 """
 
 from __future__ import annotations
@@ -23,8 +24,11 @@ class AtlEmulator:
     """One axis. Every line, an empty one too, gets one answer and a prompt, `latency_s` after it was taken
     up."""
 
-    def __init__(self, plant: TableAxis, *, baudrate: int = 9600, latency_s: float = 0.010) -> None:
+    def __init__(
+        self, plant: TableAxis, *, complete: str = "1", baudrate: int = 9600, latency_s: float = 0.010
+    ) -> None:
         self._plant = plant
+        self._complete = complete
         self._byte_s, self._latency_s = _BITS / baudrate, latency_s
         self._servo = self._tripped = self._jogging = False
         self._rate_dps = plant.max_rate_dps
@@ -84,6 +88,9 @@ class AtlEmulator:
                 return f"{plant.angle_deg(now_s):.4f}"
             case "PVE":
                 return f"{plant.rate_dps(now_s):.4f}"
+            case "MCO":
+                ended = {"1": "0", "0": "1"}
+                return self._complete if plant.settled(now_s) else ended[self._complete]
             case "STA":
                 return str(int(self._servo) | int(plant.settled(now_s)) << 1 | int(self._tripped) << 2)
         if self._refusals:
@@ -107,6 +114,8 @@ class AtlEmulator:
                 plant.demand_rate(now_s, value, self._acceleration_dps2)
             case "RMO", float() if self._servo:
                 plant.demand_turn(now_s, value, self._rate_dps, self._acceleration_dps2)
+            case "MOV", float() if self._servo:
+                plant.demand_angle(now_s, value, self._rate_dps, self._acceleration_dps2)
             case "HOM", None if self._servo:
                 plant.demand_angle(now_s, 0.0, self._rate_dps, self._acceleration_dps2)
             case _:
