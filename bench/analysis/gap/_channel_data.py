@@ -113,9 +113,10 @@ def _air(run: Run) -> ChannelSeries | str:
                 time_s[near[0]] + 300.0 if len(near) and abs(air[own][0] - demand.target) > 1.0 else 0.0
             )
             blind |= own & (time_s < (arrived_s if len(near) else math.inf))
-    inputs = ChannelInputs(time_s, _held(demands, time_s), float(air[0]), _STEP_S, tuple(demands))
-    quiet = time_s > _quiet_from(demands, time_s)
-    return _series(run, "chamber_air", inputs, np.where(blind, np.nan, air), quiet, raw)
+    held = np.array([demand.target for demand in demands])[_in_force(demands, time_s)]
+    inputs = ChannelInputs(time_s, held, float(air[0]), _STEP_S, tuple(demands))
+    values = np.where(blind, np.nan, air)
+    return _series(run, "chamber_air", inputs, values, raw, _quiet(demands, time_s))
 
 
 def _chamber_demands(run: Run) -> tuple[list[Demand], tuple[float, float] | None]:
@@ -140,23 +141,23 @@ def _chamber_demands(run: Run) -> tuple[list[Demand], tuple[float, float] | None
     return demands, None if start_s is None else (start_s, end_s)
 
 
-def _held(demands: list[Demand], time_s: Array) -> Array:
+def _in_force(demands: list[Demand], time_s: Array) -> NDArray[np.int64]:
+    """Return which demand is in force at every time, the first also before it, (n,)."""
     starts = np.array([demand.time_s for demand in demands])
-    at = np.maximum(np.searchsorted(starts, time_s, side="right") - 1, 0)
-    return np.array([demand.target for demand in demands])[at]
+    return np.maximum(np.searchsorted(starts, time_s, side="right") - 1, 0)
 
 
-def _quiet_from(demands: list[Demand], time_s: Array) -> Array:
-    """Return for every time when its demand will have been reached for half an hour, (n,)."""
+def _quiet(demands: list[Demand], time_s: Array) -> NDArray[np.bool_]:
+    """Return when the demand in force will have been reached for half an hour, (n,); always without demands."""
+    if not demands:
+        return np.ones(len(time_s), np.bool_)
     here = demands[0].target
     settled = []
     for demand in demands:
         rate = demand.ramp_per_s if math.isfinite(demand.ramp_per_s) else 1.0 / 60.0
         settled.append(demand.time_s + abs(demand.target - here) / rate + _SETTLED_S)
         here = demand.target
-    starts = np.array([demand.time_s for demand in demands])
-    at = np.maximum(np.searchsorted(starts, time_s, side="right") - 1, 0)
-    return np.array(settled)[at]
+    return np.asarray(time_s > np.array(settled)[_in_force(demands, time_s)])
 
 
 def _case(run: Run, gyro: str) -> ChannelSeries | str:
@@ -171,11 +172,7 @@ def _case(run: Run, gyro: str) -> ChannelSeries | str:
     raw = table[f"aux_{sensor}_temp_c"].astype(np.float64)
     time_s, case = _stepped(seconds(table), raw)
     _, air = _stepped(seconds(table), table["air_temp_c"].astype(np.float64))
-    demands, _ = _chamber_demands(run)
-    quiet = time_s > _quiet_from(demands, time_s) if demands else np.ones(len(time_s), np.bool_)
-    return _series(
-        run, "case_temperature", ChannelInputs(time_s, air, float(raw[0]), _STEP_S), case, quiet, raw
-    )
+    return _following(run, "case_temperature", time_s, case, air, raw)
 
 
 def _inside(run: Run, gyro: str) -> ChannelSeries | str:
@@ -190,11 +187,15 @@ def _inside(run: Run, gyro: str) -> ChannelSeries | str:
     raw = table["temp_c"][known].astype(np.float64)
     time_s, inside = _stepped(seconds(table)[known], raw)
     case = np.interp(time_s, seconds(around), around[f"aux_{sensor}_temp_c"])
-    demands, _ = _chamber_demands(run)
-    quiet = time_s > _quiet_from(demands, time_s) if demands else np.ones(len(time_s), np.bool_)
-    return _series(
-        run, "gyro_temperature", ChannelInputs(time_s, case, float(raw[0]), _STEP_S), inside, quiet, raw
-    )
+    return _following(run, "gyro_temperature", time_s, inside, case, raw)
+
+
+def _following(
+    run: Run, channel: Channel, time_s: Array, values: Array, around: Array, raw: Array
+) -> ChannelSeries:
+    """Return a temperature that follows the one around it, (n,) each; `raw` are the values as recorded."""
+    inputs = ChannelInputs(time_s, around, float(raw[0]), _STEP_S)
+    return _series(run, channel, inputs, values, raw, _quiet(_chamber_demands(run)[0], time_s))
 
 
 def _table_demands(run: Run) -> Iterator[tuple[float, float, Event]]:
@@ -235,7 +236,7 @@ def _angle(run: Run) -> ChannelSeries | str:
     time_s, off, angle = np.concatenate(parts, axis=1)
     inputs = ChannelInputs(time_s, np.zeros(len(off)), float(off[0]), _STEP_S, tuple(demands), angle)
     raw = run.turntable(("angle_deg",))["angle_deg"].astype(np.float64) * 3600.0
-    return _series(run, "table_angle", inputs, off, np.ones(len(off), np.bool_), raw)
+    return _series(run, "table_angle", inputs, off, raw)
 
 
 def _rate(run: Run) -> ChannelSeries | str:
@@ -257,7 +258,7 @@ def _rate(run: Run) -> ChannelSeries | str:
         return "the table was not turned at a steady rate for half a minute"
     time_s, rate, demand, angle = np.concatenate(parts, axis=1)
     inputs = ChannelInputs(time_s, demand, float(rate[0]), float(np.median(np.diff(time_s))), (), angle)
-    return _series(run, "table_rate", inputs, rate, np.ones(len(rate), np.bool_), rate)
+    return _series(run, "table_rate", inputs, rate, rate)
 
 
 def _stamps(run: Run, gyro: str) -> ChannelSeries | str:
@@ -286,7 +287,7 @@ def _stamps(run: Run, gyro: str) -> ChannelSeries | str:
     values = np.where(earliest - line[starts] > _LATE_MS, line[starts], earliest)
     values = values - values.mean()
     inputs = ChannelInputs(time_s, np.zeros(len(time_s)), float(values[0]), 1.0)
-    series = _series(run, "time_stamps", inputs, values, np.ones(len(time_s), np.bool_), values)
+    series = _series(run, "time_stamps", inputs, values, values)
     return replace(series, scatter=scatter, resolution=max(series.resolution, 1e-3))
 
 
@@ -317,8 +318,8 @@ def _series(
     channel: Channel,
     inputs: ChannelInputs,
     values: Array,
-    quiet: NDArray[np.bool_],
     raw: Array,
+    quiet: NDArray[np.bool_] | None = None,
 ) -> ChannelSeries:
     steps = np.diff(np.unique(raw[:100_000]))
     resolution = float(steps[steps > 1e-12].min()) if (steps > 1e-12).any() else 1e-6
@@ -328,7 +329,7 @@ def _series(
         inputs,
         values,
         run.phase_at(inputs.time_s),
-        quiet,
+        np.ones(len(values), np.bool_) if quiet is None else quiet,
         resolution,
         run.checksum,
     )

@@ -116,6 +116,13 @@ def stand_ins(t_in_c: Array | None, t_out_c: Array | None, count: int) -> tuple[
     return t_in_c, t_out_c
 
 
+def interpolated(values: Array) -> Array:
+    """Return values with NaN replaced by what lies between their neighbours, (n,); all NaN stays so."""
+    known = ~np.isnan(values)
+    at = np.arange(len(values))
+    return np.asarray(np.interp(at, at[known], values[known])) if known.any() else values
+
+
 def unseen(s: Stimulus) -> str:
     """Return what a run's temperatures cannot show, because one or both were not measured; empty if both were."""
     if not np.array_equal(s.t_in_c, s.t_out_c):

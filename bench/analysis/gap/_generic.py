@@ -51,7 +51,7 @@ class _Along(NamedTuple):
     least_span: float
 
 
-_INPUTS = {
+INPUTS = {
     Input.T_IN: _Along("T_in", lambda s: s.warm_k, 10.0),
     Input.T_OUT: _Along("T_out", lambda s: s.case_warm_k, 10.0),
     Input.WARMING: _Along("dT_in/dt", lambda s: s.warming_k_per_min, 0.5),
@@ -77,8 +77,8 @@ def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
     turning = any(
         np.ptp(run.stimulus.axis_rate_dps) + abs(run.stimulus.axis_rate_dps[0]) > _TURNING_DPS for run in runs
     )
-    apart = any(np.ptp(run.stimulus.gradient_k) >= _INPUTS[Input.GRADIENT].least_span for run in runs)
-    for over, along in _INPUTS.items():
+    apart = any(np.ptp(run.stimulus.gradient_k) >= INPUTS[Input.GRADIENT].least_span for run in runs)
+    for over, along in INPUTS.items():
         if over is Input.T_OUT and not apart:
             continue
         low = min(float(along.values(run.stimulus).min()) for run in runs)
@@ -122,7 +122,7 @@ def absorbed(effect: Effect, curves: Sequence[Effect]) -> bool:
 
 
 def _spline(curve: Curve, nodes: Array, lags_s: Sequence[float]) -> FreeCurve:
-    along = _INPUTS[curve.over]
+    along = INPUTS[curve.over]
 
     def formula(s: Stimulus, shape: Shape) -> Array:
         hats = _hats(s.lagged(along.values(s), shape["lag_s"]), nodes)

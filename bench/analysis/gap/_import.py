@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.gap._data import GapRun, stand_ins
+from bench.analysis.gap._data import GapRun, interpolated, stand_ins
 from bench.analysis.gap._rows import Steps
 from bench.record.exchange import LogEntry, Mapping, read_log, read_mapping
 from bench.record.recording import Run, names_at
@@ -54,7 +54,7 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
     def means(key: str) -> Array:
         return steps.means(log.columns[key])
 
-    t_in, t_out = (_bridged(means(key)) if key in log.columns else None for key in ("t_in", "t_out"))
+    t_in, t_out = (interpolated(means(key)) if key in log.columns else None for key in ("t_in", "t_out"))
     t_in, t_out = stand_ins(t_in, t_out, steps.count)
     output = np.where(steps.whole, DPH_PER_DPS * steps.means(rows, steps.use), np.nan)
     angle, edge_rate = np.full(steps.count + 1, entry.angle_deg or 0.0), None
@@ -62,18 +62,10 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         angle, edge_rate = steps.angles(log.columns["angle"])
     elevation = np.full(steps.count, entry.elevation_deg)
     if "elevation" in log.columns:
-        elevation = _bridged(means("elevation"))
+        elevation = interpolated(means("elevation"))
     ends_s = steps.edges_s[1:]
-    stimulus = Stimulus(
-        ends_s + entry.power_on_s,
-        t_in,
-        t_out,
-        angle,
-        elevation,
-        mapping.latitude_deg,
-        steps.period_s,
-        edge_rate,
-    )
+    time_s, latitude_deg = ends_s + entry.power_on_s, mapping.latitude_deg
+    stimulus = Stimulus(time_s, t_in, t_out, angle, elevation, latitude_deg, steps.period_s, edge_rate)
     return GapRun(
         entry.run_id or file.stem,
         mapping.unit_id,
@@ -103,13 +95,6 @@ def held_rows(values: Array) -> NDArray[np.bool_]:
 def _checksum(file: Path) -> str:
     with file.open("rb") as log:
         return hashlib.file_digest(log, "sha256").hexdigest()
-
-
-def _bridged(values: Array) -> Array:
-    """Return temperatures with missing steps interpolated; all NaN stays so and is refused later."""
-    known = ~np.isnan(values)
-    at = np.arange(len(values))
-    return np.asarray(np.interp(at, at[known], values[known])) if known.any() else values
 
 
 def _phases(entry: LogEntry, times_s: Array) -> NDArray[np.str_]:

@@ -16,6 +16,7 @@ import numpy as np
 from bench.analysis.gap._cells import Cell, group_cells, rescaled
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._fit import solve
+from bench.analysis.gap._generic import INPUTS
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._prepare import Prepared, with_columns
 from drivers.base.arrays import Array
@@ -29,7 +30,6 @@ _LEAST_GAIN = 0.03
 _LEAST_SHARE = 0.2
 """Part of the gap, over the profiles left out, from which a learned term is offered."""
 _SURE = 3.0
-_SPANS = {Input.T_IN: 10.0, Input.T_OUT: 10.0, Input.WARMING: 0.5, Input.GRADIENT: 1.0}
 _TURNING_DPS = 1.0
 
 
@@ -92,17 +92,7 @@ def learned(data: Prepared, model: Model, named: Sequence[Term]) -> Learned:
         own = slice(at, at + count)
         terms.append(Term(forms[form], tuple(values[own].tolist()), tuple(sigmas[own].tolist())))
         at += count
-    return Learned(tuple(terms), _moved(model, nominal), share, shares, _ranges(runs))
-
-
-def _moved(model: Model, change: Array) -> tuple[Term, ...]:
-    moved, at = [], 0
-    for term in model.terms:
-        count = len(term.values)
-        values = tuple(float(a + b) for a, b in zip(term.values, change[at : at + count], strict=True))
-        moved.append(Term(term.variant, values, term.sigmas))
-        at += count
-    return tuple(moved)
+    return Learned(tuple(terms), model.moved(nominal, model.sigmas).terms, share, shares, _ranges(runs))
 
 
 @dataclass(frozen=True)
@@ -194,8 +184,8 @@ class _Problem:
 
 def _forms(runs: Sequence[GapRun]) -> list[Variant]:
     """Return the learned forms over what changes in these runs, with nodes, lags and orders that suit them."""
-    spans = {over: _span(runs, over) for over in _SPANS}
-    seen = {over for over, (low, high) in spans.items() if high - low >= _SPANS[over]}
+    spans = {over: _span(runs, over) for over in INPUTS}
+    seen = {over for over, (low, high) in spans.items() if high - low >= INPUTS[over].least_span}
     rates = np.concatenate([run.stimulus.axis_rate_dps for run in runs])
     turning = float(np.abs(rates).max()) > _TURNING_DPS
     shapes: dict[str, Sequence[float]] = {"time since power-on": (100.0, 300.0, 1000.0, 3000.0, 10000.0)}
@@ -243,16 +233,8 @@ def _forms(runs: Sequence[GapRun]) -> list[Variant]:
     return result
 
 
-_VALUES = {
-    Input.T_IN: lambda run: run.stimulus.warm_k,
-    Input.T_OUT: lambda run: run.stimulus.case_warm_k,
-    Input.WARMING: lambda run: run.stimulus.warming_k_per_min,
-    Input.GRADIENT: lambda run: run.stimulus.gradient_k,
-}
-
-
 def _span(runs: Sequence[GapRun], over: Input) -> tuple[float, float]:
-    values = [_VALUES[over](run) for run in runs]
+    values = [INPUTS[over].values(run.stimulus) for run in runs]
     return min(float(value.min()) for value in values), max(float(value.max()) for value in values)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -131,6 +131,16 @@ class Model:
     def sigmas(self) -> NDArray[np.float64]:
         """Prior standard deviations of all parameters, (q,)."""
         return np.array([sigma for term in self.terms for sigma in term.sigmas])
+
+    def moved(self, change: NDArray[np.float64], sigmas: NDArray[np.float64]) -> Model:
+        """Return the model with its parameters changed by the first (q,) of `change`, with new deviations."""
+        terms, start = [], 0
+        for term in self.terms:
+            own = slice(start, start + len(term.values))
+            values = np.asarray(term.values) + change[own]
+            terms.append(Term(term.variant, tuple(values.tolist()), tuple(sigmas[own].tolist())))
+            start = own.stop
+        return replace(self, terms=tuple(terms))
 
 
 def read_model(path: Path) -> Model:

@@ -18,6 +18,7 @@ from bench.analysis.gap._model_file import ChannelTerm, Model
 from bench.analysis.gap._signal import Signal
 from bench.analysis.heading import (
     HeadingStudy,
+    Judgement,
     LaggedModel,
     PlatformLog,
     PositionCorrector,
@@ -33,6 +34,7 @@ from bench.analysis.heading import (
 )
 from bench.record.recording import Run
 from bench.record.run_folder import is_run
+from drivers.base.arrays import Array
 from simulators.effects import ChannelEffect, catalogue
 
 _SURE = 0.95
@@ -230,8 +232,7 @@ def _places(name: str, log: PlatformLog, study: HeadingStudy) -> tuple[HeadingPl
         left = without_start(name, log, first, np.zeros((len(log.time_s), 3)))
         before = after = left.north_as**2 + left.east_as**2
     else:
-        before = judged.north_before_as**2 + judged.east_before_as**2
-        after = judged.north_after_as**2 + judged.east_after_as**2
+        before, after = _squares(judged)
     total = float(np.nansum(before[first.stop :])) or 1.0
     return tuple(
         HeadingPlace(
@@ -245,10 +246,17 @@ def _places(name: str, log: PlatformLog, study: HeadingStudy) -> tuple[HeadingPl
     )
 
 
+def _squares(judged: Judgement) -> tuple[Array, Array]:
+    """Return squares of the position error over time, before and after the correction, arcsec^2, (n,)."""
+    return (
+        judged.north_before_as**2 + judged.east_before_as**2,
+        judged.north_after_as**2 + judged.east_after_as**2,
+    )
+
+
 def _shrinkage(name: str, study: HeadingStudy, log: PlatformLog) -> Shrinkage:
     judged = next(judgement for judgement in study.judgements if judgement.name == name)
-    before = judged.north_before_as**2 + judged.east_before_as**2
-    after = judged.north_after_as**2 + judged.east_after_as**2
+    before, after = _squares(judged)
     parts = [slice(stay.start, stay.stop) for stay in stays(log)[1:]]
     sums = np.array([(np.nansum(before[part]), np.nansum(after[part])) for part in parts])
     # what differs between stays says how well the share is known

@@ -229,14 +229,7 @@ def _stochastic(verdict: NoiseVerdict, runs: Sequence[GapRun]) -> dict[str, floa
 
 def _corrected(model: Model, solution: Solution, noise: Noise) -> Model:
     """Return the model with its parameters re-fitted beside the best set, and with the noise that was found."""
-    terms, at = [], 0
-    deviations = np.sqrt(np.diag(solution.covariance))
-    for term in model.terms:
-        k = len(term.values)
-        values = tuple(float(v + d) for v, d in zip(term.values, solution.values[at : at + k], strict=True))
-        terms.append(Term(term.variant, values, tuple(deviations[at : at + k].tolist())))
-        at += k
-    return replace(model, terms=tuple(terms), noise=noise)
+    return replace(model.moved(solution.values, np.sqrt(np.diag(solution.covariance))), noise=noise)
 
 
 def _mixed(groups: Sequence[Group], residuals: Sequence[Array]) -> list[Array]:

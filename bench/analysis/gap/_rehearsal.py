@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._data import GapRun
@@ -75,38 +76,30 @@ def log_gaps(
     """
     logs = (run, nominal, closed, again)
     rates = [[each for each in log if isinstance(each, GapRun)] for log in logs]
-    gaps, curves = _rate_log_gaps(*rates) if rates[0] else ([], [])
+    gaps, curves = _rate_log_gaps(rates) if rates[0] else ([], [])
     series = [[each for each in log if isinstance(each, ChannelSeries)] for log in logs]
     positions = [each.log for log in logs for each in log if isinstance(each, PositionRun)]
     headings = _heading_log_gaps(*positions) if positions else []
-    return LogGaps(tuple(gaps), tuple(_channel_log_gaps(*series)), tuple(headings), tuple(curves))
+    return LogGaps(tuple(gaps), tuple(_channel_log_gaps(series)), tuple(headings), tuple(curves))
 
 
-def _channel_log_gaps(
-    run: Sequence[ChannelSeries],
-    nominal: Sequence[ChannelSeries],
-    closed: Sequence[ChannelSeries],
-    again: Sequence[ChannelSeries],
-) -> list[LogGap]:
+def _channel_log_gaps(logs: Sequence[Sequence[ChannelSeries]]) -> list[LogGap]:
     """Return the gap of 100 s means of every channel that run and rehearsals have, all phases together.
 
     Phases are laid on each other at their begins. Nothing is taken out: an offset is a gap.
     """
     gaps = []
     for channel, unit in CHANNEL_UNITS.items():
-        logs = [
-            next((s for s in each if s.channel == channel), None) for each in (run, nominal, closed, again)
-        ]
-        known = [log for log in logs if log is not None]
-        if len(known) < len(logs):
+        known = [[series for series in log if series.channel == channel] for log in logs]
+        if not all(known):
             continue
-        phases = [_phase_means(log) for log in known]
-        common = [name for name in phases[0] if all(name in phase for phase in phases)]
+        phases = [_phase_means(series[0]) for series in known]
         rows = []
-        for name in common:
-            parts = [phase[name] for phase in phases]
-            count = min(len(part) for part in parts)
-            rows.append(np.stack([part[:count] for part in parts]))
+        for name in phases[0]:
+            parts = [phase[name] for phase in phases if name in phase]
+            if len(parts) == len(phases):
+                count = min(len(part) for part in parts)
+                rows.append(np.stack([part[:count] for part in parts]))
         values = np.concatenate(rows, axis=1) if rows else np.zeros((4, 0))
         real, first, then, other = values[:, ~np.isnan(values).any(axis=0)]
         if len(real):
@@ -118,32 +111,29 @@ def _channel_log_gaps(
 def _phase_means(series: ChannelSeries) -> dict[str, Array]:
     """Return means over 100 s from each phase's begin, NaN without a record, by number and name of the phase."""
     time_s = series.inputs.time_s
-    cuts = np.flatnonzero(series.phase[1:] != series.phase[:-1]) + 1
     result: dict[str, Array] = {}
-    for number, part in enumerate(np.split(np.arange(len(time_s)), cuts)):
-        row = ((time_s[part] - time_s[part[0]]) // _MEAN_S).astype(np.int64)
+    for number, (phase, part) in enumerate(_phases(series.phase)):
+        row = ((time_s[part] - time_s[part.start]) // _MEAN_S).astype(np.int64)
         known = ~np.isnan(series.values[part])
         size = int(row[-1]) + 1
         count = np.bincount(row[known], minlength=size)
         total = np.bincount(row[known], series.values[part][known], size)
         means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-        result[f"{number} {series.phase[part[0]]}"] = means
+        result[f"{number} {phase}"] = means
     return result
 
 
-def _rate_log_gaps(
-    run: Sequence[GapRun], nominal: Sequence[GapRun], closed: Sequence[GapRun], again: Sequence[GapRun]
-) -> tuple[list[LogGap], list[LogCurve]]:
+def _rate_log_gaps(logs: Sequence[Sequence[GapRun]]) -> tuple[list[LogGap], list[LogCurve]]:
     """Return the gaps of 100 s means by phase, all of them first, and the curves of every stretch.
 
     Phases are laid on each other at their begins, since a wait for equilibrium takes its own time in every run;
     each stretch's mean is taken out.
     """
     curves, names = [], []
-    for stretches in zip(run, nominal, closed, again, strict=False):
-        blocks = [_blocks(stretch) for stretch in stretches]
+    for stretches in zip(*logs, strict=False):
+        blocks = [_phases(stretch.phase) for stretch in stretches]
         orders = [[name for name, _ in block] for block in blocks]
-        if any(order != orders[0] for order in orders[1:]) or len(run) != len(nominal):
+        if any(order != orders[0] for order in orders[1:]) or len(logs[0]) != len(logs[1]):
             raise ConfigurationError(
                 "the rehearsal went through other phases than the run",
                 where=stretches[0].run_id,
@@ -165,11 +155,8 @@ def _rate_log_gaps(
         curves.append(LogCurve(stretches[0].run_id, time_s, *apart))
         names.append(np.array(phases))
     phase = np.concatenate(names)
-    values = np.stack(
-        [
-            np.concatenate([getattr(curve, key) for curve in curves])
-            for key in ("nominal_dph", "closed_dph", "floor_dph")
-        ]
+    values = np.concatenate(
+        [np.stack((curve.nominal_dph, curve.closed_dph, curve.floor_dph)) for curve in curves], axis=1
     )
     by_part = {"all": values} | {name: values[:, phase == name] for name in dict.fromkeys(phase.tolist())}
     return [_log_gap(name, "deg/h", np.nanmean(part**2, axis=1)) for name, part in by_part.items()], curves
@@ -206,13 +193,10 @@ def _position(log: PlatformLog) -> Array:
     return np.stack((left.north_as, left.east_as))
 
 
-def _blocks(run: GapRun) -> list[tuple[str, slice]]:
-    result, at = [], 0
-    for name, members in groupby(run.phase.tolist()):
-        size = len(list(members))
-        result.append((str(name), slice(at, at + size)))
-        at += size
-    return result
+def _phases(names: NDArray[np.str_]) -> list[tuple[str, slice]]:
+    """Return the phases one after the other: name and samples."""
+    cuts = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
+    return [(str(names[start]), slice(start, stop)) for start, stop in pairwise(cuts)]
 
 
 def _means(values: Array) -> Array:

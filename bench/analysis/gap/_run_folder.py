@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.analysis.calibration import load_calibration_run
-from bench.analysis.gap._data import GapRun, stand_ins
+from bench.analysis.gap._data import GapRun, interpolated, stand_ins
 from bench.analysis.gap._import import read_imported_run
 from bench.control.procedure import load_procedures
 from bench.record.recording import Run
@@ -44,10 +44,7 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
     name = gyro or units[0]
     if name not in units:
         raise ConfigurationError(
-            "the run has no such gyro",
-            where=str(folder),
-            found=name,
-            expected=", ".join(units),
+            "the run has no such gyro", where=str(folder), found=name, expected=", ".join(units)
         )
     if run.manifest.imported is not None:
         return [read_imported_run(run)]
@@ -90,14 +87,7 @@ def _stretch(
     upright = upright or _upright(run, gyro, abs(turning) > _TURNING_DPS)
     elevation = np.full(end - start, 90.0 if upright else 0.0)
     t_in, t_out = _temperatures(run, means.temp_c, _case_temp(run, gyro, edges[:-1] + 0.5))
-    stimulus = Stimulus(
-        edges[1:],
-        t_in,
-        t_out,
-        angle,
-        elevation,
-        run.manifest.latitude_deg,
-    )
+    stimulus = Stimulus(edges[1:], t_in, t_out, angle, elevation, run.manifest.latitude_deg)
     condition = f"{round(float(np.median(angle))) % 360} deg"
     if upright or abs(turning) > _TURNING_DPS:
         condition = f"{round(turning):+d}"
@@ -164,14 +154,8 @@ def _positions(run: Run, gyro: str) -> GapRun:
         np.concatenate(each) for each in zip(*parts, strict=True)
     )
     t_in, t_out = _temperatures(run, temp_c, case_c)
-    stimulus = Stimulus(
-        times,
-        t_in,
-        t_out,
-        np.append(angle, angle[-1:]),
-        elevation,
-        run.manifest.latitude_deg,
-    )
+    angle = np.append(angle, angle[-1:])
+    stimulus = Stimulus(times, t_in, t_out, angle, elevation, run.manifest.latitude_deg)
     return GapRun(
         run.manifest.run_id,
         run.manifest.unit(gyro),
@@ -198,8 +182,7 @@ def _filled(values: Array, run: Run, what: str) -> Array | None:
             expected="a temperature for every second",
             remedy="without it no effect of temperature can be told",
         )
-    at = np.arange(len(values))
-    return np.asarray(np.interp(at, at[known], values[known]))
+    return interpolated(values)
 
 
 def _temperatures(run: Run, temp_c: Array, case_c: Array) -> tuple[Array, Array]:
