@@ -28,6 +28,8 @@ _ORDERS = 60
 _STEADY_SHARE = 0.5
 """Least amplitude of a line in any quarter of a run against its largest."""
 _SEEN = 3.0
+_ALIKE = 0.5
+"""Part by which a line's amplitude in a run in which the table moves may differ from that in the steady ones."""
 _OVERTONES = 8
 
 
@@ -73,6 +75,9 @@ def _find(records: Sequence[Record]) -> Finding | None:
             lines.append(_SteadyLine(frequency / period_s, amplitude, evidence, 1.0 / period_s))
     if not lines:
         return None
+    for k, record in enumerate(records):
+        if not _is_steady(record.stimulus):
+            outputs[k] = outputs[k] - _waves(lines, _rest(record), record.stimulus.period_s)
     best = max(lines, key=lambda line: line.evidence)
     hours = sum(len(record.stimulus) * record.stimulus.period_s for record in records) / 3600.0
     sigma = best.amplitude_dph / math.sqrt(2.0 * best.evidence)
@@ -82,6 +87,18 @@ def _find(records: Sequence[Record]) -> Finding | None:
         "; ".join(line.sentence for line in lines),
         tuple(outputs),
     )
+
+
+def _waves(lines: Sequence[_SteadyLine], rest: Array, period_s: float) -> Array:
+    """Return the lines of steady runs that a run in which the table moves has, too, as large as there, (n,)."""
+    waves = np.zeros(len(rest))
+    for line in lines:
+        cycles = line.frequency_hz * period_s
+        folded = abs((cycles + 0.5) % 1.0 - 0.5)
+        fit = _fitted(rest - waves, folded)
+        if folded * len(rest) > _SEEN and abs(fit.amplitude / line.amplitude_dph - 1.0) < _ALIKE:
+            waves = waves + fit.wave
+    return waves
 
 
 def _is_steady(s: Stimulus) -> bool:
