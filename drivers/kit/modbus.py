@@ -34,6 +34,7 @@ GAP_S = 0.03
 """Quiet between RTU frames. The standard asks for 3.5 characters; ESPEC's own library waits 30 ms for
 Watlow."""
 
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, BUSY = 1, 2, 3, 6
 EXCEPTIONS = {
     1: "illegal function",
     2: "illegal data address: the controller has no such register",
@@ -55,6 +56,7 @@ class Frames:
     """Builds and takes apart frames, for a master (`server=False`) or a device; no I/O."""
 
     def __init__(self, framing: Framing, *, server: bool) -> None:
+        self._server = server
         self._decoder = DecodePDU(server)
         self._framer: FramerBase = (FramerRTU if framing == "rtu" else FramerSocket)(self._decoder)
         self.framing = framing
@@ -67,13 +69,16 @@ class Frames:
         """Return the first message in `buffer` and the bytes it takes; None while incomplete.
 
         An RTU frame takes the rest of the buffer with it: what follows a reply there is noise (some Watlow F4
-        add two zero bytes). Raises ProtocolError for a frame whose check fails or that is no message.
+        add two zero bytes). Raises ProtocolError for a frame whose check fails or that is no message. To a device,
+        a request that cannot be read, of 126 registers for instance, comes as the exception it must answer.
         """
         used, device, transaction, body = self._framer.decode(buffer)
         foreign = self.framing == "tcp" and buffer[2:4] not in (b"", b"\0", b"\0\0")
         if not used and not foreign:
             return None
         message = None if foreign else self._message(body)
+        if message is None and self._server and body:
+            message = ExceptionResponse(body[0], ILLEGAL_VALUE)
         if message is None:
             raise ProtocolError(
                 "not a Modbus message",

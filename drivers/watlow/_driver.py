@@ -99,6 +99,7 @@ class WatlowChamber(PolledChamber):
         super().__init__(connection.link(config.port, config.baudrate), connection.safe_set_point_c)
         self.auxiliary = tuple(config.auxiliary)
         self._product = f"a Watlow {self.model} in degrees Celsius"
+        self._framing = framing
         self._modbus = ModbusMaster(self.link, framing, config.device, words)
         self._readings = readings
 
@@ -257,6 +258,10 @@ class F4TChamber(WatlowChamber):
     """Chamber with an F4T, control loop 1: conditioning is switched by the loop's control mode."""
 
     model = "F4T"
+    _check = (
+        "check which device the bench file names for this port, its Modbus address, and the unit of its Modbus "
+        "channel: Menu, Settings, Network, Modbus, Display Units: C"
+    )
     _questions = ((F4T.AIR, 2), (F4T.ACTIVE_SET_POINT, 2))
     _width = 2
     _set_point_register, _limits_register = F4T.SET_POINT, F4T.SET_POINT_LOW
@@ -270,7 +275,7 @@ class F4TChamber(WatlowChamber):
         super().__init__(config, connection, config.framing, F4T_WORDS, F4TReadings())
 
     def _introduce(self) -> dict[str, str]:
-        """Read the loop's mode and limits; ProtocolError if they make no sense."""
+        """Read the loop's mode, its limits and the Modbus channel's unit; ProtocolError if they make no sense."""
         (mode,) = self._modbus.read(F4T.MODE, 1)
         limits = self.limits()
         if mode not in (F4T.AUTO, F4T.MANUAL, F4T.OFF) or not limits.min_temp_c < limits.max_temp_c:
@@ -278,6 +283,15 @@ class F4TChamber(WatlowChamber):
                 "not an F4T",
                 found=f"mode {mode}, set point {limits.min_temp_c:g} .. {limits.max_temp_c:g}",
                 expected="mode 10, 54 or 62 and a range of set points",
+            )
+        register = F4T.UNITS[self._framing]
+        (unit,) = self._modbus.read(register, 1)
+        if unit != F4T.CELSIUS:
+            name = " (degrees Fahrenheit)" if unit == F4T.FAHRENHEIT else ""
+            raise ProtocolError(
+                "not an F4T in degrees Celsius",
+                found=f"register {register} = {unit}{name}",
+                expected=f"{F4T.CELSIUS} (degrees Celsius)",
             )
         return {"control mode": {F4T.AUTO: "auto", F4T.MANUAL: "manual", F4T.OFF: "off"}[mode]}
 

@@ -2,8 +2,8 @@
 
 F4: Watlow manual 0600-0032-0013 (F4P) and ESPEC's ChamberConnectLibrary (MIT): signed 16-bit numbers, scaled
 by the decimal places that the controller itself reports. F4T: ChamberConnectLibrary and, for the ramp,
-TestEquity's manual of its F4T chambers, page 52: float32 in two registers, the low word first; data map 1,
-degrees Celsius.
+TestEquity's manual of its F4T chambers, pages 14 and 52: float32 in two registers, the low word first; data
+map 1; in the unit of the Modbus channel, which is not that of the panel (1328).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from drivers.base.errors import ProtocolError
-from drivers.kit.modbus import to_signed, words_float
+from drivers.kit.modbus import Framing, to_signed, words_float
 
 AIR_C, SET_POINT_C = "air_temp_c", "set_point_c"
 
@@ -28,6 +28,8 @@ class F4:
     SET_POINT_LOW, SET_POINT_HIGH = 602, 603
     CELSIUS = 901
     RAMP_MODE, RAMP_RATE, RAMP_UNIT = 1100, 1101, 1102
+    PROFILE, NO_PROFILE = 200, 1
+    END_PROFILE = 1217
     OUTPUT_1 = 2000
     OUTPUT_STEP = 10
 
@@ -43,6 +45,9 @@ class F4T:
     ACTIVE_MODE = 2814
     AIR = 2820
     ALARM_REGISTERS: ClassVar[Mapping[int, int]] = {n + 1: 1356 + 100 * n for n in range(6)}
+    UNITS: ClassVar[Mapping[Framing, int]] = {"rtu": 14080, "tcp": 6730}
+    """Display Units of the serial and of the Ethernet Modbus channel."""
+    CELSIUS, FAHRENHEIT = 15, 30
     AUTO, MANUAL, OFF = 10, 54, 62
     RAMP_OFF, RAMP_BOTH, PER_MINUTE = 62, 13, 57
     ALARM_WORDS: ClassVar[Mapping[int, str]] = {
@@ -70,6 +75,7 @@ F4_WORDS: Mapping[int, str] = {
     **{F4.OUTPUT_1 + F4.OUTPUT_STEP * n: f"digital output {n + 1}" for n in range(8)},
 }
 F4T_WORDS: Mapping[int, str] = {
+    **dict.fromkeys(F4T.UNITS.values(), "unit of temperature"),
     F4T.MODE: "control mode",
     F4T.SET_POINT_LOW: "set point limits",
     F4T.SET_POINT: "set point",

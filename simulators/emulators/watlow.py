@@ -23,17 +23,31 @@ from pymodbus.pdu.register_message import (
 )
 
 from drivers.base.errors import ProtocolError
-from drivers.kit.modbus import Frames, Framing, float_words, to_signed, words_float
+from drivers.kit.modbus import (
+    BUSY,
+    ILLEGAL_ADDRESS,
+    ILLEGAL_FUNCTION,
+    ILLEGAL_VALUE,
+    Frames,
+    Framing,
+    float_words,
+    to_signed,
+    words_float,
+)
 from drivers.watlow import F4Config, F4TConfig
 from drivers.watlow.registers import F4, F4T, scaled, unscaled
 from simulators.faults import DeviceFault, Fault, WireShape
 from simulators.interfaces import Installation, Reply
 from simulators.plant.lab_chamber import LabChamber
 
-_ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS, _ILLEGAL_VALUE, _BUSY = 1, 2, 3, 6
 _GAP_S = {"rtu": 0.02, "tcp": 0.5}
 """A longer pause ends a frame, whole or not; on TCP that is a server's patience with half a request."""
 _BITS = 10
+_END_PROFILE, _PAUSE, _TERMINATE = 16566, 146, 148
+_KEY_1, _PRESS_KEY_1, _UP, _DOWN = 6844, 6850, 1456, 1457
+_OUTPUT_1, _ON = 33718, 63
+_ESPEC_WIRING = {16568: 62, 11490: 1667, 11504: 138, 11528: 61}
+"""No profile; of the limit controller in slot 5: safe, no failure, no error (ChamberConnectLibrary)."""
 
 
 class WatlowEmulator(ABC):
@@ -114,18 +128,21 @@ class WatlowEmulator(ABC):
         self._demand(now_s)
 
     def _refuse(self, fault: Fault, now_s: float) -> None:
-        self._refusals = [_BUSY] * fault.count
+        self._refusals = [BUSY] * fault.count
 
     def _answer(self, request: ModbusPDU, now_s: float) -> ModbusPDU:
-        if isinstance(request, (ReadHoldingRegistersRequest, ReadInputRegistersRequest)):
+        if request.function_code & 0x7F not in (3, 4, 6, 16):
+            return ExceptionResponse(request.function_code & 0x7F, ILLEGAL_FUNCTION)
+        if isinstance(request, ExceptionResponse):
+            return request
+        if isinstance(request, ReadHoldingRegistersRequest):
             words = [self.read(request.address + at, now_s) for at in range(request.count)]
             if any(word is None for word in words):
-                return ExceptionResponse(request.function_code, _ILLEGAL_ADDRESS)
-            held = isinstance(request, ReadHoldingRegistersRequest)
+                return ExceptionResponse(request.function_code, ILLEGAL_ADDRESS)
+            # pymodbus derives the request for input registers from the one for holding registers
+            held = not isinstance(request, ReadInputRegistersRequest)
             kind = ReadHoldingRegistersResponse if held else ReadInputRegistersResponse
             return kind(registers=[word for word in words if word is not None])
-        if not isinstance(request, (WriteSingleRegisterRequest, WriteMultipleRegistersRequest)):
-            return ExceptionResponse(request.function_code, _ILLEGAL_FUNCTION)
         code = self._refusals.pop() if self._refusals else 0
         code = code or self.write(request.address, request.registers, now_s)
         if code:
@@ -137,7 +154,7 @@ class WatlowEmulator(ABC):
     def _take_set_point(self, set_point_c: float, now_s: float) -> int:
         low, high = self._limits_c
         if not low <= set_point_c <= high:
-            return _ILLEGAL_VALUE
+            return ILLEGAL_VALUE
         self._set_point_c = set_point_c
         return self._demand(now_s)
 
@@ -175,6 +192,7 @@ class F4Emulator(WatlowEmulator):
             return 1
         low, high = self._limits_c
         fixed = {
+            F4.PROFILE: F4.NO_PROFILE,
             F4.SET_POINT: unscaled(self._set_point_c, 1),
             F4.SET_POINT_LOW: unscaled(low, 1),
             F4.SET_POINT_HIGH: unscaled(high, 1),
@@ -190,16 +208,18 @@ class F4Emulator(WatlowEmulator):
         """Write one register; return 0 or an exception code."""
         (word,) = words if len(words) == 1 else (-1,)
         if word < 0:
-            return _ILLEGAL_ADDRESS
+            return ILLEGAL_ADDRESS
         if register == F4.SET_POINT:
             return self._take_set_point(scaled(word, 1), now_s)
+        if register == F4.END_PROFILE:
+            return 0 if word == 1 else ILLEGAL_VALUE
         if register == F4.RAMP_RATE:
             if to_signed(word) < 0:
-                return _ILLEGAL_VALUE
+                return ILLEGAL_VALUE
             self._rate = scaled(word, 1)
         elif register in (F4.RAMP_MODE, F4.RAMP_UNIT):
             if word > (2 if register == F4.RAMP_MODE else 1):
-                return _ILLEGAL_VALUE
+                return ILLEGAL_VALUE
             if register == F4.RAMP_MODE:
                 self._ramp_mode = word
             else:
@@ -208,18 +228,27 @@ class F4Emulator(WatlowEmulator):
             self._outputs[register] = int(bool(word))
             self._running = bool(self._outputs[self._start_register])
         else:
-            return _ILLEGAL_ADDRESS
+            return ILLEGAL_ADDRESS
         self._ramp_on = self._ramp_mode > 0
         self._ramp_k_per_min = self._rate / 60.0 if self._ramp_per_hour else self._rate
         return self._demand(now_s)
 
 
 class F4TEmulator(WatlowEmulator):
-    """An F4T, control loop 1; switched off by its mode."""
+    """An F4T, control loop 1, in degrees Celsius on both of its Modbus channels; switched off by its mode.
+
+    Beside it what ESPEC's chambers have and its library asks for: no profile runs, key 1 toggles conditioning,
+    output 1 of module 1 tells that it runs, and a limit controller in slot 5 is content.
+    """
 
     def __init__(self, plant: LabChamber, *, framing: Framing = "tcp", **settings: Any) -> None:
         super().__init__(plant, framing=framing, **settings)
-        self._words = {F4T.RAMP_ACTION: F4T.RAMP_OFF, F4T.RAMP_SCALE: F4T.PER_MINUTE}
+        self._words = {
+            F4T.RAMP_ACTION: F4T.RAMP_OFF,
+            F4T.RAMP_SCALE: F4T.PER_MINUTE,
+            **dict.fromkeys(F4T.UNITS.values(), F4T.CELSIUS),
+            **_ESPEC_WIRING,
+        }
 
     def read(self, register: int, now_s: float) -> int | None:
         """Return a register, None if there is none of that number; both halves of a float are its own."""
@@ -238,6 +267,8 @@ class F4TEmulator(WatlowEmulator):
         if register in (F4T.MODE, F4T.ACTIVE_MODE):
             off = register == F4T.ACTIVE_MODE and self._alarm
             return F4T.AUTO if self._running and not off else F4T.OFF
+        if register in (_KEY_1, _OUTPUT_1):
+            return _ON if self._running and not self._alarm else F4T.OFF
         if register in F4T.ALARM_REGISTERS.values():
             return 37 if self._alarm and register == F4T.ALARM_REGISTERS[1] else 61
         return self._words.get(register)
@@ -249,21 +280,25 @@ class F4TEmulator(WatlowEmulator):
             if register == F4T.SET_POINT:
                 return self._take_set_point(value, now_s)
             if not 0.0 <= value <= 99_999.0:
-                return _ILLEGAL_VALUE
+                return ILLEGAL_VALUE
             self._ramp_k_per_min = value
             return self._demand(now_s)
         allowed = {
             F4T.MODE: (F4T.AUTO, F4T.OFF),
             F4T.RAMP_ACTION: (F4T.RAMP_OFF, 88, 85, F4T.RAMP_BOTH),
             F4T.RAMP_SCALE: (F4T.PER_MINUTE,),
+            _PRESS_KEY_1: (_UP, _DOWN),
+            _END_PROFILE: (_PAUSE, _TERMINATE),
         }
         if register not in allowed or len(words) != 1:
-            return _ILLEGAL_ADDRESS
+            return ILLEGAL_ADDRESS
         if words[0] not in allowed[register]:
-            return _ILLEGAL_VALUE
+            return ILLEGAL_VALUE
         if register == F4T.MODE:
             self._running = words[0] == F4T.AUTO
-        else:
+        elif register == _PRESS_KEY_1:
+            self._running ^= words[0] == _DOWN
+        elif register != _END_PROFILE:
             self._words[register] = words[0]
             self._ramp_on = self._words[F4T.RAMP_ACTION] in (85, F4T.RAMP_BOTH)
         return self._demand(now_s)

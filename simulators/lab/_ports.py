@@ -76,6 +76,9 @@ class Port(ABC):
                 poll.register(self.fileno(), select.POLLOUT)
                 if not poll.poll(_STALL_MS):
                     raise BenchError(f"the bench has {self.name} open but does not read it") from None
+            except ConnectionError:  # reset by the bench while an answer was on its way
+                self.shut()
+                return
         self.written += len(data) - len(view)
 
     @abstractmethod

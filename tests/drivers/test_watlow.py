@@ -187,6 +187,87 @@ def test_a_fahrenheit_controller_is_refused_before_anything_moves():
         chamber.identify()
 
 
+@pytest.mark.parametrize(("framing", "register"), [("tcp", 6730), ("rtu", 14080)])
+def test_the_unit_of_an_f4t_is_that_of_the_modbus_channel_it_is_spoken_to_by(framing, register):
+    # as delivered: 30, Fahrenheit. TestEquity F4T manual, page 14: the unit belongs to the channel, and each has one
+    chamber, wire, plant, device = f4t(framing)
+    device._words |= {6730: 30, 14080: 30, register: 15}
+    chamber.identify()
+    device._words |= {6730: 15, 14080: 15, register: 30}
+    sent = len(wire.sent)
+    with pytest.raises(WrongDevice, match="degrees Celsius") as refusal:
+        chamber.identify()
+    assert f"register {register} = 30 (degrees Fahrenheit)" in str(refusal.value)
+    assert "Display Units" in str(refusal.value)
+    functions = wire.sent[sent + 1 :: 8] if framing == "rtu" else wire.sent[sent + 7 :: 12]
+    assert set(functions) == {3} and plant.demands == []
+
+
+def raw(frame, device):
+    body = bytes.fromhex(frame)
+    return [reply.data.hex(" ") for reply in device.receive(body + crc(body), 1.0)]
+
+
+def crc(body):
+    value = 0xFFFF
+    for byte in body:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return value.to_bytes(2, "little")
+
+
+def test_input_registers_are_answered_with_their_own_function():
+    # minimalmodbus' functioncode=4, ChamberConnectLibrary's read_input
+    plant = ChamberPlant()
+    plant.air = 25.0
+    assert raw("01 04 00 64 00 01", F4Emulator(plant)) == ["01 04 02 00 fa 39 73"]
+    assert raw("01 03 00 64 00 01", F4Emulator(plant)) == ["01 03 02 00 fa 38 07"]
+
+
+@pytest.mark.parametrize("model", [F4Emulator, F4TEmulator])
+@pytest.mark.parametrize(
+    ("request_", "answer"),
+    [
+        ("01 03 00 64 00 7E", "01 83 03"),  # 126 registers: Modbus V1.1b3, 6.3: 1 to 125
+        ("01 04 00 64 00 7E", "01 84 03"),
+        ("01 03 00 64 00 00", "01 83 03"),
+        ("01 03 7F 00 00 7D", "01 83 02"),
+        ("01 01 00 00 00 01", "01 81 01"),
+        ("01 2B 0E 01 00", "01 AB 01"),
+    ],
+)
+def test_requests_that_cannot_be_met_get_the_exception_of_the_standard(model, request_, answer):
+    body = bytes.fromhex(answer)
+    framing = {} if model is F4Emulator else {"framing": "rtu"}
+    assert raw(request_, model(ChamberPlant(), **framing)) == [(body + crc(body)).hex(" ")]
+
+
+def test_an_f4_has_what_the_makers_library_asks_for():
+    """get_status, const_start and stop of ChamberConnectLibrary's WatlowF4 with cond_event=1."""
+    plant = ChamberPlant()
+    device = F4Emulator(plant)
+    assert raw("01 03 00 C8 00 01", device)[0].startswith("01 03 02 00 01")  # mode: constant
+    assert raw("01 06 04 C1 00 01", device) == ["01 06 04 c1 00 01 18 c6"]  # terminate profile
+    assert raw("01 06 07 D0 00 01", device)[0].startswith("01 06 07 d0 00 01") and plant.demands[-1][3]
+    assert raw("01 06 04 C1 00 01", device) and plant.demands[-1][3]
+
+
+def test_an_f4t_has_what_the_makers_library_asks_for():
+    """get_status, const_start and stop of ChamberConnectLibrary's WatlowF4T."""
+    plant = ChamberPlant()
+    device = F4TEmulator(plant, framing="rtu")
+    status = [raw(f"01 03 {register:04X} 0001", device) for register in (16568, 11490, 11504, 11528)]
+    assert all(answer[0].startswith("01 03 02") for answer in status)
+    assert raw("01 03 83 B6 00 01", device)[0].startswith("01 03 02 00 3e")  # output 1 of module 1: off
+    assert raw("01 06 1A C2 05 B1", device)[0].startswith("01 06 1a c2 05 b1")  # key 1 is pressed
+    assert plant.demands[-1][3]
+    assert raw("01 03 83 B6 00 01", device)[0].startswith("01 03 02 00 3f")
+    assert raw("01 06 40 B6 00 94", device)[0].startswith("01 06 40 b6 00 94")  # terminate
+    raw("01 06 1A C2 05 B1", device)
+    assert not plant.demands[-1][3]
+
+
 def test_a_stop_that_is_lost_is_told_again():
     chamber, _, plant, _ = f4()
     chamber.identify()

@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+import struct
 
 import numpy as np
 import pytest
@@ -177,6 +178,24 @@ def test_a_tcp_port_serves_one_bench_after_another():
                 assert (port.received, port.written) == (len(text), 3)
             while port.is_open:
                 assert port.read() == b""
+    finally:
+        port.close()
+
+
+def test_a_bench_that_resets_its_connection_costs_the_lab_nothing():
+    port = TcpPort("chamber", waits_for_room=True)
+    try:
+        address = ("127.0.0.1", int(port.url.rsplit(":", 1)[1]))
+        bench = socket.create_connection(address)
+        port.open()
+        bench.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        bench.close()  # RST
+        port.write(b"an answer that was on its way\r\n")
+        assert not port.is_open
+        with socket.create_connection(address) as bench:
+            port.open()
+            port.write(b"1\r\n")
+            assert bench.recv(10) == b"1\r\n"
     finally:
         port.close()
 
