@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from drivers.base.errors import DeviceRefused, ProtocolError
-from drivers.ideal_atl._codec import END, POSITION, PROMPT, RATE, STATUS, decode_number, encode, split_reply
+from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
+from drivers.ideal_atl._codec import (
+    END,
+    POSITION,
+    PROMPT,
+    RATE,
+    STATUS,
+    decode_number,
+    encode,
+    is_number,
+    split_reply,
+)
 from drivers.kit.config import Mistake, TableConfig
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
 from drivers.kit.kinds import Connection
@@ -38,8 +49,8 @@ class AtlTable(PolledTable):
     another for 0. Motion is judged by position and rate. The controller tells no limits: those of the bench
     file count.
 
-    `JOG` is answered when its motion ends or the next command comes; a `STA` after it brings both answers at
-    once.
+    `JOG` is answered when its motion ends or the next command comes. A `STA` after it brings both answers at once
+    on some tables, on others one for the two of them: STA's number is the last either way.
     """
 
     tells_alarms = False
@@ -111,8 +122,9 @@ class AtlTable(PolledTable):
             self._settle_input()
             self.link.write(encode("JOG", rate_dps, signed=True))
             self.link.write(encode("STA"))
-            self._reply(f"JOG{rate_dps:+g}")
-            self._reply("STA")
+            if not is_number(self._reply(f"JOG{rate_dps:+g}")):
+                with contextlib.suppress(DeviceSilent):
+                    self._reply("STA")
 
         command_with_retry(self.link, jog)
 

@@ -69,8 +69,8 @@ class Frames:
         """Return the first message in `buffer` and the bytes it takes; None while incomplete.
 
         An RTU frame takes the rest of the buffer with it: what follows a reply there is noise (some Watlow F4
-        add two zero bytes). Raises ProtocolError for a frame whose check fails or that is no message. To a device,
-        a request that cannot be read, of 126 registers for instance, comes as the exception it must answer.
+        add two zero bytes). Raises ProtocolError for a frame whose check fails or that is no message. To a
+        device, a request that cannot be read, as of 126 registers, comes as the exception it must answer.
         """
         used, device, transaction, body = self._framer.decode(buffer)
         foreign = self.framing == "tcp" and buffer[2:4] not in (b"", b"\0", b"\0\0")

@@ -14,7 +14,7 @@ from drivers.kit.instruments import StreamCounts
 from drivers.kit.link import Link, Tap
 from drivers.kit.python_can import can
 from drivers.kit.slcan_codec import CLOSE, OPEN, SlcanParser, bitrate_command
-from drivers.slcan._python_can import encode_message, to_messages
+from drivers.slcan._python_can import NotClassicCan, encode_message, to_messages
 
 INTERFACE = "gyrobench_slcan"
 """Name under which python-can finds `BufferedSlcanBus`."""
@@ -84,8 +84,10 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
     Lines that are no frames are counted in `counts.rejected` by reason and never raise. `recv` raises LinkLost
     when the port is gone. While `link.streaming` is set, bytes go to the link's tap only and `recv` gets nothing.
     Construction raises ConfigurationError for a bit rate that slcan does not define or a port that cannot be
-    opened. There is no `fileno`: frames wait in this object after the port was read, so that selecting on the
-    port would miss them (python-can's Notifier then uses a thread).
+    opened, and NotClassicCan with `fd`. `single_handle` is told to every interface by python-can's own programs
+    (`can.logger -i gyrobench_slcan`), and means nothing to a serial port. There is no `fileno`: frames wait in
+    this object after the port was read, so that selecting on the port would miss them (python-can's Notifier then
+    uses a thread).
     """
 
     def __init__(
@@ -98,7 +100,16 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
         baudrate: int = 115_200,
         tap: Tap | None = None,
         can_filters: can.typechecking.CanFilters | None = None,
+        fd: bool = False,
+        single_handle: bool = True,
     ) -> None:
+        if fd:
+            raise NotClassicCan(
+                "slcan carries no CAN FD",
+                where=name or str(channel),
+                expected="classic CAN",
+                remedy="leave fd out, or use a CAN interface of python-can that carries it",
+            )
         setup = bitrate_command(bitrate, where=name or str(channel))
         self._owns_clock = clock is None
         self._clock: Clock = WallClock() if clock is None else clock
@@ -146,7 +157,7 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
         self._messages.extend(to_messages(frames, arrivals_s[block] + self._time_offset))
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a message; LimitExceeded for one that classic CAN cannot carry. `timeout` is the link's own."""
+        """Send a message; NotClassicCan for one that classic CAN cannot carry. `timeout` is the link's own."""
         self.link.write(encode_message(msg))
 
     def shutdown(self) -> None:

@@ -77,20 +77,29 @@ def unsupported_kind(message: can.Message) -> str:
     return "fd" if message.is_fd else "error_frame" if message.is_error_frame else ""
 
 
+class NotClassicCan(LimitExceeded, can.CanOperationError):  # type: ignore[misc]  # python-can is Any
+    """A message that slcan has no line for: a limit here, an error of the bus to python-can's users."""
+
+
 def encode_message(message: can.Message) -> bytes:
-    """Return a message as an slcan line; LimitExceeded for one that classic CAN data lines cannot carry."""
+    """Return a message as an slcan line; NotClassicCan for one that classic CAN data lines cannot carry."""
     kind = unsupported_kind(message)
     if kind:
-        raise LimitExceeded(
+        raise NotClassicCan(
             "slcan has no line for this message",
             found=kind,
             expected="a data or remote frame of classic CAN",
             remedy="use a CAN interface of python-can that carries it",
         )
-    return encode_frame(
-        message.arbitration_id,
-        bytes(message.data),
-        extended=message.is_extended_id,
-        remote=message.is_remote_frame,
-        dlc=message.dlc,
-    )
+    try:
+        return encode_frame(
+            message.arbitration_id,
+            bytes(message.data),
+            extended=message.is_extended_id,
+            remote=message.is_remote_frame,
+            dlc=message.dlc,
+        )
+    except LimitExceeded as error:
+        raise NotClassicCan(
+            error.what, found=error.found, expected=error.expected, remedy=error.remedy
+        ) from error

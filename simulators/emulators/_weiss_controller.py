@@ -77,6 +77,12 @@ class Controller:
         """Return whether a set point lies within the input limits."""
         return self.limits_c[0] <= set_point_c <= self.limits_c[1]
 
+    def set_point_c(self, now_s: float) -> float:
+        """Return the set point in force; that of a stopped chamber is the one last told, from then on."""
+        if self._running or self._set_point_c is None:
+            return self.plant.set_point_c(now_s)
+        return self._set_point_c
+
     def set_all(self, set_point_c: float, digital: str, now_s: float) -> None:
         """Take an allowed set point and the digital outputs from the first one on; outputs left out are 0."""
         self._set_point_c = set_point_c
@@ -140,7 +146,7 @@ class Controller:
     def _read_temperature(self, number: int, now_s: float) -> object:
         values: Mapping[int, object] = {
             Number.GET_ACTUAL: f"{self.plant.air_temp_c(now_s):.4f}",
-            Number.GET_SET_POINT: f"{self.plant.set_point_c(now_s):.4f}",
+            Number.GET_SET_POINT: f"{self.set_point_c(now_s):.4f}",
             Number.GET_INPUT_MINIMUM: self.limits_c[0],
             Number.GET_INPUT_MAXIMUM: self.limits_c[1],
             Number.GET_GRADIENT_UP: self._gradients["up"],

@@ -1,7 +1,9 @@
 """An Ideal Aerosmith table in bytes: ATL lines, answers, prompts, and a JOG that answers late.
 
 The bits of STA are not public; here 1 is a closed servo, 2 a completed motion and 4 a fault. `complete` is
-what MCO says of a motion that has ended: 1 in one public program, 0 in another.
+what MCO says of a motion that has ended: 1 in one public program, 0 in another. `one_prompt`: JOG and the line
+after it have one answer, as actigraph/RateTableSweepGUI takes it, not one each. `echo`: a line comes back before
+its answer. `line_end`: what ends the lines of an answer.
 """
 
 from __future__ import annotations
@@ -25,34 +27,51 @@ class AtlEmulator:
     up."""
 
     def __init__(
-        self, plant: TableAxis, *, complete: str = "1", baudrate: int = 9600, latency_s: float = 0.010
+        self,
+        plant: TableAxis,
+        *,
+        complete: str = "1",
+        one_prompt: bool = False,
+        echo: bool = False,
+        line_end: str = "\r\n",
+        baudrate: int = 9600,
+        latency_s: float = 0.010,
     ) -> None:
         self._plant = plant
-        self._complete = complete
+        self._complete, self._one_prompt = complete, one_prompt
+        self._echo, self._line_end = echo, line_end
         self._byte_s, self._latency_s = _BITS / baudrate, latency_s
         self._servo = self._tripped = self._jogging = False
         self._rate_dps = plant.max_rate_dps
         self._acceleration_dps2 = plant.max_acceleration_dps2
         self._refusals: list[str] = []
         self._input = b""
+        self._after_return = False
         self._free_at_s = 0.0
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
-        """Take bytes the bench wrote (any chunking); LF ends a line."""
-        *lines, rest = (self._input + data).split(b"\n")
+        """Take bytes the bench wrote (any chunking); CR, LF or both end a line."""
+        if self._after_return:
+            data = data.removeprefix(b"\n")
+        self._after_return = data.endswith(b"\r") or (not data and self._after_return)
+        *lines, rest = re.split(rb"\r\n|\r|\n", self._input + data)
         self._input = rest[-_LIMIT:]
         replies = []
         for line in lines:
             text = line.decode("latin-1").strip().upper()
-            answers = [""] if self._jogging else []  # what the JOG before this line still owes
+            # what the JOG before this line still owes
+            answers = [""] if self._jogging and not self._one_prompt else []
             self._jogging = text.startswith("JOG") and self._servo
             if not self._jogging:
                 answers.append(self._answer(text, now_s))
             elif (refused := self._answer(text, now_s)) == _REFUSAL:
                 self._jogging = False
                 answers.append(refused)
+            end = self._line_end
+            echo = f"{text}{end}" if self._echo else ""
             for answer in answers:
-                frame = f"{answer}\r\n>\r\n".encode("ascii")
+                frame = f"{echo}{answer}{end}>{end}".encode("ascii")
+                echo = ""
                 self._free_at_s = max(self._free_at_s, now_s + self._latency_s) + self._byte_s * len(frame)
                 replies.append(Reply(self._free_at_s, frame))
         return replies

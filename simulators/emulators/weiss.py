@@ -42,7 +42,7 @@ _ARGUMENTS: Mapping[int, int] = {
     **{int(number): 1 for number in _INDEXED_READS},
     **{int(number): 2 for number in _WRITES},
 }
-"""Arguments of each command after the chamber index."""
+"""Arguments of each command after the chamber index; further ones are passed over, as basil's to 10012."""
 
 
 class WeissEmulator:
@@ -145,7 +145,7 @@ class WeissEmulator:
     def _ascii2_values(self, now_s: float) -> bytes:
         plant = self._controller.plant
         auxiliary = [plant.auxiliary_c(number, now_s) for number in self._controller.auxiliary]
-        numbers = [plant.set_point_c(now_s), plant.air_temp_c(now_s), *auxiliary]
+        numbers = [self._controller.set_point_c(now_s), plant.air_temp_c(now_s), *auxiliary]
         return encode_values(numbers, "".join(self._controller.digital))
 
     def _ascii2_set(self, arguments: list[str], now_s: float) -> bool:
@@ -174,11 +174,11 @@ class WeissEmulator:
         number, arguments = int(fields[0][:6]), fields[1:]
         if number not in _ARGUMENTS:
             return (UNKNOWN_COMMAND,)
-        if len(arguments) != _ARGUMENTS[number] + 1:
+        if len(arguments) <= _ARGUMENTS[number]:
             return (WRONG_PARAMETERS,)
         if arguments[0] != "1":
             return (NOT_AVAILABLE,)
-        values = [_finite(argument) for argument in arguments[1:]]
+        values = [_finite(argument) for argument in arguments[1 : _ARGUMENTS[number] + 1]]
         if not all(map(math.isfinite, values)):
             return (WRONG_PARAMETERS,)
         index = int(values[0]) if values else 0

@@ -110,6 +110,49 @@ def test_what_jog_owes_is_taken_with_the_status_behind_it():
     assert table.state().angle_deg >= 0.0  # nothing of the JOG is left to be taken for a number
 
 
+@pytest.mark.parametrize("one_prompt", [False, True])
+@pytest.mark.parametrize("echo", [False, True])
+@pytest.mark.parametrize("line_end", ["\r\n", "\r"])
+def test_tables_of_every_kind_are_borne(one_prompt, echo, line_end):
+    """One prompt for JOG and STA, or one each; echoes or none; lines that end in CR only."""
+    table, wire, _, _ = emulated(one_prompt=one_prompt, echo=echo, line_end=line_end)
+    assert table.identify().details == {"STA": "2"}
+    table.servo_on()
+    before_s = wire.clock.now()
+    table.spin(5.0)
+    assert wire.clock.now() - before_s < 0.2 and wire.sent.count(b"JOG") == 1
+    for _ in range(3):
+        state = settle(table, wire, 10.0)
+        assert state.rate_dps == pytest.approx(5.0, abs=1e-3)
+    table.spin(-5.0)
+    table.point(30.0)
+    assert settle(table, wire).angle_deg == pytest.approx(30.0, abs=1e-3)
+    table.halt()
+    table.make_safe()
+    assert table.read_rest().reached
+    columns, counts = decode_transcript(iter(wire.exchanges), TABLE)
+    assert counts["damaged"] == 0 and len(columns["time_ns"]) == counts["polls"]
+
+
+def test_a_table_that_answers_the_pair_with_an_empty_line_only_has_jogged():
+    table, wire = scripted(b"", b"\r\n>\r\n", b"5.0000\r\n>\r\n", b"1.0000\r\n>\r\n")
+    table.spin(5.0)
+    assert wire.sent == b"JOG+5.000000\r\nSTA\r\n"
+    assert table.state().rate_dps == 5.0
+
+
+@pytest.mark.parametrize("end", [b"\r\n", b"\r", b"\n"])
+def test_the_emulated_table_serves_the_public_program(end):
+    """The lines of actigraph/RateTableSweepGUI: one pair of lines for each request, one for JOG and STA."""
+    plant = TableAxis(TableParameters())
+    device = AtlEmulator(plant, one_prompt=True)
+    asked = [b"SRV1", b"ACL20", b"VEL10", b"JOG10", b"STA", b"PPO", b"PVE", b"MCO1", b"STO"]
+    answers = [b"".join(reply.data for reply in device.receive(line + end, 1.0)) for line in asked]
+    assert answers[3] == b""
+    assert [answer.count(b">") for answer in answers] == [1, 1, 1, 0, 1, 1, 1, 1, 1]
+    assert float(answers[5].split()[0]) >= 0.0
+
+
 def test_a_question_mark_is_a_no():
     table, *_ = emulated()
     with pytest.raises(DeviceRefused, match="JOG"):

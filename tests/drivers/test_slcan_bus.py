@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import os
@@ -10,6 +11,7 @@ import tty
 from collections.abc import Iterator
 
 import can
+import can.cli
 import pytest
 
 from drivers.base.clock import WallClock, epoch_seconds
@@ -203,6 +205,32 @@ def test_what_classic_can_cannot_carry_is_refused(adapter: Adapter) -> None:
             bus.send(message)
     bus.shutdown()
     adapter.expect(b"C\rS6\rO\rC\r")
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        can.Message(is_fd=True, data=bytes(12)),
+        can.Message(is_error_frame=True),
+        can.Message(arbitration_id=1, is_extended_id=False, dlc=12, is_remote_frame=True),
+    ],
+)
+def test_what_cannot_be_sent_is_an_error_of_python_can_too(adapter: Adapter, message: can.Message) -> None:
+    """python-can's users catch can.CanError, as in its own back-to-back tests."""
+    with BufferedSlcanBus(adapter.path) as bus, pytest.raises(can.CanError):
+        bus.send(message)
+    with pytest.raises(can.CanError):
+        can.Bus(interface="gyrobench_slcan", channel=adapter.path, fd=True)
+
+
+def test_python_cans_own_programs_open_the_interface(adapter: Adapter) -> None:
+    """`python -m can.logger -i gyrobench_slcan -c PORT -b 250000` builds its bus like this."""
+    parser = argparse.ArgumentParser()
+    can.cli.add_bus_arguments(parser)
+    asked = parser.parse_args(["-i", "gyrobench_slcan", "-c", adapter.path, "-b", "250000"])
+    with can.cli.create_bus_from_namespace(asked) as bus:
+        assert isinstance(bus, BufferedSlcanBus)
+        adapter.expect(b"C\rS5\rO\r")
 
 
 def test_notifier_with_an_event_loop_misses_no_frame(adapter: Adapter) -> None:

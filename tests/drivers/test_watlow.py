@@ -189,7 +189,7 @@ def test_a_fahrenheit_controller_is_refused_before_anything_moves():
 
 @pytest.mark.parametrize(("framing", "register"), [("tcp", 6730), ("rtu", 14080)])
 def test_the_unit_of_an_f4t_is_that_of_the_modbus_channel_it_is_spoken_to_by(framing, register):
-    # as delivered: 30, Fahrenheit. TestEquity F4T manual, page 14: the unit belongs to the channel, and each has one
+    # as delivered: 30, Fahrenheit; TestEquity's F4T manual, page 14: each channel has its own unit
     chamber, wire, plant, device = f4t(framing)
     device._words |= {6730: 30, 14080: 30, register: 15}
     chamber.identify()

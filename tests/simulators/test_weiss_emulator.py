@@ -90,6 +90,31 @@ def test_simserv_refusals(chamber, plant, request_text, status):
     assert plant.demands == []
 
 
+def test_basils_weiss_labevent_is_served(chamber):
+    """Its get_status sends a chamber and one argument more than the command has."""
+    for request, reply in [
+        ("99997¶1¶1", "1¶VT3 7060"),
+        ("10012¶1¶1", "1¶1"),
+        ("14001¶1¶1¶1", "1"),
+        ("10012¶1¶1", "1¶3"),
+        ("14001¶1¶1¶0", "1"),
+        ("11004¶1¶1", "1¶24.4812"),
+        ("14010¶1¶1", "1¶Start"),
+        ("14003¶1¶2", "1¶0"),
+    ]:
+        assert ask(chamber, request) == reply + "\r\n"
+
+
+def test_a_set_point_told_to_a_stopped_chamber_is_kept_from_then_on(chamber, plant):
+    plant.demand = lambda now_s, **demand: None  # the air takes it up at its next tick
+    assert ask(chamber, "11002¶1¶1") == "1¶23.0000\r\n"
+    ask(chamber, "11001¶1¶1¶-20.5")
+    assert ask(chamber, "11002¶1¶1") == "1¶-20.5000\r\n"
+    assert ask(chamber, "$01I").startswith("-020.5 0024.5")
+    ask(chamber, "14001¶1¶1¶1")
+    assert ask(chamber, "11002¶1¶1") == "1¶23.0000\r\n"  # running: the one in force, the ramp included
+
+
 def test_set_point_gradients_and_start_reach_the_plant(chamber, plant):
     ask(chamber, "11068¶1¶1¶1.5", 1.0)
     ask(chamber, "11072¶1¶1¶2.5", 2.0)
