@@ -243,12 +243,16 @@ class AcutrolEmulator:
         return None
 
     def _read(self, command: Command, now_s: float) -> str | None:
-        if command.path[-1] not in ("POSITION", "RATE"):
+        if command.path[-1] not in ("POSITION", "RATE", "ACCELERATION"):
             raise Refused(NOT_IMPLEMENTED)
         # The question mark is optional on READ (TM-8004-C 4.10.4, ACT2000 compatibility).
         plant = self._one(command.arguments, 1).plant
-        read = plant.angle_deg if command.path[-1] == "POSITION" else plant.rate_dps
-        return f"{read(now_s):.6f}"
+        reads = {
+            "POSITION": plant.angle_deg,
+            "RATE": plant.rate_dps,
+            "ACCELERATION": plant.acceleration_dps2,
+        }
+        return f"{reads[command.path[-1]](now_s):.6f}"
 
     def _status(self, command: Command, now_s: float) -> str | None:
         name = command.path[-1]

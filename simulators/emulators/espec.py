@@ -1,11 +1,15 @@
 """An ESPEC chamber with a P-300 or SCP-220 controller in bytes: constant mode, remote programs, alarms.
 
-Source: ChamberConnectLibrary (MIT). Not documented there and ours: the ROM versions' texts, what follows a
-remote program (here: its end is held), and the code of the alarm.
+Source: ChamberConnectLibrary (MIT), all of whose queries are answered, or refused in its words: what a chamber
+without humidity and product control has not, stored programs, timers. Not documented there and ours: the ROM
+versions' texts, what follows a remote program (here: its end is held), the code of the alarm, and a heater that
+always reports 0 %.
 """
 
 from __future__ import annotations
 
+import datetime
+import math
 import re
 from collections.abc import Mapping
 
@@ -18,6 +22,31 @@ from simulators.plant.lab_chamber import LabChamber
 _LIMIT = 256
 _PROGRAM = re.compile(r"RUN PRGM,TEMP(-?[\d.]+)TIME(\d+):(\d+)GOTEMP(-?[\d.]+)")
 _SET = re.compile(r"TEMP,S(-?\d+(?:\.\d+)?)")
+_START = datetime.datetime(2026, 1, 1)
+"""The controller's date at lab time 0."""
+_ANSWERS: Mapping[str, str] = {
+    "TYPE?": "T,S2,160.0",
+    "KEYPROTECT?": "OFF",
+    "MASK?": "00000000",
+    "TIMER ON?": "0",
+    "TIMER USE?": "0",
+    "SET?": "REF9",
+    "RELAY?": "0",
+    "%?": "1,0.0",
+    "CONSTANT SET?,REF": "AUTO",
+    "CONSTANT SET?,RELAY": "0",
+    "PRGM USE?,RAM": "0",
+    "SYSTEM SET?,PTCOPT": "OFF",
+    "IPSET?": "192.168.1.20,255.255.255.0,192.168.1.1",
+    **dict.fromkeys(("PRGM MON?", "PRGM SET?"), "NA:CONT NOT READY-2"),
+    **dict.fromkeys(
+        ("HUMI?", "CONSTANT SET?,HUMI", "CONSTANT SET?,PTC", "MON PTC?", "TEMP PTC?", "SET PTC?", "PTC?"),
+        "NA:CONT NOT READY-1",
+    ),
+}
+"""Answers that never change."""
+_STORED = ("PRGM USE?", "PRGM DATA?", "PRGM DATA PTC?", "TIMER LIST?")
+"""Queries for programs and timers, of which there are none."""
 
 
 class EspecEmulator:
@@ -38,10 +67,13 @@ class EspecEmulator:
     ) -> None:
         self._plant = plant
         self._rom = rom
+        self._tells_detail = rom.startswith("P300")
         self._prefix = "" if address is None else f"{address},"
         self._limits = (lower_c, upper_c)
         self._latency_s = latency_s
         self._mode = "STANDBY"
+        self._program = (0.0, 0, 0.0, math.inf)
+        """Of the remote program: start in degC, minutes, end in degC, lab time in s at which it ends."""
         self._constant_c = plant.set_point_c(0.0)
         self._alarms: list[int] = []
         self._refusals: list[str] = []
@@ -75,30 +107,63 @@ class EspecEmulator:
         self._refusals = [fault.text or "CHB NOT READY"] * fault.count
 
     def _answer(self, text: str, now_s: float) -> str:
-        if text.endswith("?"):
-            return self._query(text, now_s)
+        if "?" in text:
+            return self._query(text.upper(), now_s)
         if self._refusals:
             return f"NA:{self._refusals.pop()}"
         refusal = self._command(text.upper().replace(" ", "").replace("RUNPRGM", "RUN PRGM"), now_s)
         return f"NA:{refusal}" if refusal else "OK:" + text.replace(", ", ",")
 
     def _query(self, text: str, now_s: float) -> str:
+        name, _, option = text.partition("?")
+        if option.strip(" ,") == "DETAIL" and name in ("MODE", "MON") and not self._tells_detail:
+            return "NA:CONT NOT READY-3"
+        if name == "RUN PRGM" or name == "RUN PRGM MON":
+            return self._remote_program(name, now_s) if self._mode == "RUN" else "NA:CONT NOT READY-2"
+        if text.startswith(_STORED) and text not in _ANSWERS:
+            return "NA:DATA NOT READY"
         lower, upper = self._limits
-        match text.upper():
+        match text:
             case "TEMP?":
                 air, set_point = self._plant.air_temp_c(now_s), self._plant.set_point_c(now_s)
                 return f"{air:.1f},{set_point:.1f},{upper:.1f},{lower:.1f}"
             case "MODE?":
                 return self._mode
-            case "MON?":
-                return f"{self._plant.air_temp_c(now_s):.1f},,{self._mode},{len(self._alarms)}"
+            case "MODE?,DETAIL":
+                return self._detailed_mode(now_s)
+            case "MON?" | "MON?,DETAIL":
+                mode = self._detailed_mode(now_s) if option else self._mode
+                return f"{self._plant.air_temp_c(now_s):.1f},,{mode},{len(self._alarms)}"
+            case "CONSTANT SET?,TEMP":
+                return f"{self._constant_c:.1f},ON"
+            case "REF?":
+                return "1,ON1" if self._mode in ("CONSTANT", "RUN") else "1,OFF1"
+            case "SRQ?":
+                return f"0{int(bool(self._alarms))}000000"
+            case "DATE?":
+                return f"{self._clock(now_s):%y.%m/%d}"
+            case "TIME?":
+                return f"{self._clock(now_s):%H:%M:%S}"
             case "ALARM?":
                 return ",".join(str(number) for number in (len(self._alarms), *self._alarms))
-            case "TYPE?":
-                return "T,S2,160.0"
-            case "ROM?":
+            case "ROM?" | "ROM?,DISP":
                 return self._rom
-        return "NA:CMD ERR"
+        return _ANSWERS.get(text, "NA:CMD ERR")
+
+    def _clock(self, now_s: float) -> datetime.datetime:
+        return _START + datetime.timedelta(seconds=now_s)
+
+    def _detailed_mode(self, now_s: float) -> str:
+        if self._mode != "RUN":
+            return self._mode
+        return "RMT RUN END HOLD" if now_s >= self._program[3] else "RMT RUN"
+
+    def _remote_program(self, name: str, now_s: float) -> str:
+        start_c, minutes, end_c, end_s = self._program
+        if name == "RUN PRGM":
+            return f"TEMP{start_c:.1f} GOTEMP{end_c:.1f} TIME{minutes // 60}:{minutes % 60:02d} REF9"
+        left = math.ceil(max(0.0, end_s - now_s) / 60.0)
+        return f"1,{self._plant.set_point_c(now_s):.1f},{left // 60}:{left % 60:02d},0"
 
     def _command(self, text: str, now_s: float) -> str:
         """Carry out a command without its spaces; return why not, empty if it was."""
@@ -126,6 +191,7 @@ class EspecEmulator:
             return "DATA OUT OF RANGE"
         if self._alarms:
             return "CHB NOT READY"
+        self._program = (start_c, minutes, end_c, now_s + 60.0 * minutes)
         return self._demand("RUN", end_c, abs(end_c - start_c) / minutes, now_s)
 
     def _allows(self, set_point_c: float) -> bool:

@@ -136,7 +136,7 @@ class FrameEmulator:
                 if spec.type[0] == "f" and ticks is not None:  # A clock in s.
                     count = count / ticks
                 values[spec.name] = count * spec.scale.factor + spec.offset
-            elif spec.role == "time":
+            elif spec.role == "time" and spec.usual is None:  # a latency is no clock: it has its usual value
                 values[spec.name] = numbers / self._rate_hz / unit
             elif (
                 spec.role in ("rate", "delta_angle", "cumulative_angle") and axis and axis in self._plant_axes

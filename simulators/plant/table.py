@@ -148,6 +148,13 @@ class TableAxis:
         ripple += p.ripple_twice_ppm * math.cos(math.radians(2.0 * angle))
         return rate * (1.0 + ripple * 1e-6)
 
+    def acceleration_dps2(self, now_s: float) -> float:
+        """Return the servo's acceleration, without the ripple."""
+        piece, t = self._piece_at(now_s)
+        w = self._w
+        fade = math.exp(-w * t) if w * t < _FADED else 0.0
+        return piece.acceleration + w * fade * (w * (piece.c1 + piece.c2 * t) - 2.0 * piece.c2)
+
     def settled(self, now_s: float) -> bool:
         """Return whether the profile has ended and the servo's transient has died out."""
         return now_s >= self._starts[-1] + _SETTLED / self._w

@@ -1,5 +1,7 @@
 """ESPEC chambers: lines against the maker's own library, driver and emulator in memory, records decoded again."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -55,6 +57,64 @@ def test_a_ramp_is_never_faster_than_demanded_and_less_than_a_minute_too_long(st
     minutes = ramp_minutes(start, end, rate)
     assert abs(end - start) / minutes <= rate * (1 + 1e-6)
     assert minutes - 1 <= abs(end - start) / rate + 1e-6
+
+
+def said(device, line, now_s=10.0):
+    (reply,) = device.receive(line.encode() + b"\r\n", now_s)
+    return reply.data.decode().removesuffix("\r\n")
+
+
+@pytest.mark.parametrize(
+    ("query", "answer"),
+    [  # what the reads of ChamberConnectLibrary's P300 take apart; NA: what its error table says
+        ("ROM?,DISP", r"P300 .*"),
+        ("DATE?", r"\d+\.\d+/\d+"),
+        ("TIME?", r"\d+:\d+:\d+"),
+        ("SRQ?", r"[01]{8}"),
+        ("MASK?", r"[01]{8}"),
+        ("TIMER ON?", r"0"),
+        ("TIMER USE?", r"0"),
+        ("ALARM?", r"0"),
+        ("KEYPROTECT?", r"ON|OFF"),
+        ("TYPE?", r"T,\w+,\d+\.\d"),
+        ("MODE?", r"STANDBY"),
+        ("MODE?,DETAIL", r"STANDBY"),
+        ("MON?,DETAIL", r"-?\d+\.\d,,STANDBY,0"),
+        ("TEMP?", r"(-?\d+\.\d,){3}-?\d+\.\d"),
+        ("SET?", r"REF[01369]"),
+        ("REF?", r"1,OFF1"),
+        ("RELAY?", r"0"),
+        ("%?", r"1,\d+\.\d"),
+        ("CONSTANT SET?,TEMP", r"23\.0,ON"),
+        ("CONSTANT SET?,REF", r"AUTO"),
+        ("CONSTANT SET?,RELAY", r"0"),
+        ("PRGM USE?,RAM", r"0"),
+        ("IPSET?", r"[\d.]+,[\d.]+,[\d.]+"),
+        ("HUMI?", r"NA:CONT NOT READY-1"),
+        ("CONSTANT SET?,HUMI", r"NA:CONT NOT READY-1"),
+        ("CONSTANT SET?,PTC", r"NA:CONT NOT READY-1"),
+        ("TEMP PTC?", r"NA:CONT NOT READY-1"),
+        ("PRGM MON?", r"NA:CONT NOT READY-2"),
+        ("RUN PRGM MON?", r"NA:CONT NOT READY-2"),
+        ("PRGM DATA?,RAM:1", r"NA:DATA NOT READY"),
+        ("PRGM USE?,RAM:1", r"NA:DATA NOT READY"),
+        ("SPEED?", r"NA:CMD ERR"),
+    ],
+)
+def test_the_makers_own_library_is_answered(query, answer):
+    assert re.fullmatch(answer, said(EspecEmulator(ChamberPlant()), query))
+
+
+def test_a_remote_program_is_told_in_detail():
+    device = EspecEmulator(ChamberPlant())
+    assert said(device, "RUN PRGM, TEMP25.0 TIME1:30 GOTEMP85.0").startswith("OK:")
+    assert said(device, "MODE?") == "RUN"
+    assert said(device, "MODE?,DETAIL") == "RMT RUN"
+    assert said(device, "RUN PRGM?") == "TEMP25.0 GOTEMP85.0 TIME1:30 REF9"
+    assert said(device, "RUN PRGM MON?", 10.0 + 1800.0) == "1,85.0,1:00,0"
+    assert said(device, "MODE?,DETAIL", 10.0 + 5400.0) == "RMT RUN END HOLD"
+    older = EspecEmulator(ChamberPlant(), rom="SCP-220 V2.10")
+    assert said(older, "MODE?,DETAIL") == "NA:CONT NOT READY-3"
 
 
 def test_a_day_of_a_chamber():

@@ -39,6 +39,9 @@ class Plant:
     def settled(self, now_s):
         return self.done
 
+    def acceleration_dps2(self, now_s):
+        return 12.5
+
 
 @pytest.fixture
 def plant():
@@ -56,6 +59,11 @@ def ask(table, line, now_s=1.0):
     error, length = struct.unpack("<II", reply.data[:8])
     assert length == len(reply.data) - 8
     return error, reply.data[8:].decode()
+
+
+def test_the_poll_of_a_public_program_is_answered(table):
+    """IEAv-EFO/acutrol3000 asks position, rate and acceleration on one line."""
+    assert ask(table, ":read:pos? 1;rate? 1;acc? 1") == (0, "135.223000;-44.125000;12.500000")
 
 
 @pytest.mark.parametrize("line", ["*IDN?", "*idn?"])

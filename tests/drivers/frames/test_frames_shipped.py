@@ -22,6 +22,8 @@ from drivers.frames import (
     shipped,
     vector_mistakes,
 )
+from simulators.emulators.frames import FrameEmulator
+from tests.memory_link import TurningPlant
 
 CAPTURE = Path(__file__).parents[3] / ".." / "shared" / "data" / "serial_openimu" / "z1.raw"
 EXPECTED = {
@@ -86,6 +88,18 @@ def test_stim300_against_frames_packed_by_hand(values: list[tuple[int, int]]) ->
     again = {"rate_x": batch.columns["rate_x"], "rate_z": -(2.0**-14), "acc_x": batch.columns["acc_x"]}
     again |= {"acc_y": 2.0**-19, "acc_z": 2.0**-18, "counter": 16 * np.arange(len(values))}
     assert encoder.encode(len(values), again) == stream
+
+
+def test_an_emulated_stim300_says_its_latency_and_not_the_time() -> None:
+    """TS1524, table 5-18: the time from the sample to the datagram, some 500 us with the counter beside it."""
+    family = load_family("stim300")
+    unit = FrameEmulator(
+        TurningPlant("xyz"), family, axes="xyz", rate_hz=125.0, baudrate=921_600, message="rate"
+    )
+    block = unit.stream(10.0)
+    assert block is not None
+    frames = np.frombuffer(block.data, np.uint8).reshape(-1, 18)
+    assert set(map(tuple, frames[:, 12:14].tolist())) == {(0x01, 0xF4)}
 
 
 def test_status_bits_make_rates_invalid() -> None:

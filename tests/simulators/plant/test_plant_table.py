@@ -57,6 +57,8 @@ def test_servo_equals_numerical_integration_of_its_equation() -> None:
     solved = solve_ivp(equation, (0.0, 4.0), [0.0, 0.0], t_eval=times, rtol=1e-9, atol=1e-9, max_step=0.01)
     np.testing.assert_allclose(table.total_angles_deg(times), solved.y[0], atol=1e-5)
     np.testing.assert_allclose([table.rate_dps(t) for t in times], solved.y[1], atol=1e-3)
+    slopes = [(table.rate_dps(t + 1e-6) - table.rate_dps(t)) * 1e6 for t in times]
+    np.testing.assert_allclose([table.acceleration_dps2(t) for t in times], slopes, atol=0.05)
 
 
 @settings(max_examples=60, deadline=None)
