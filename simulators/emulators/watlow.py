@@ -45,8 +45,11 @@ _BITS = 10
 _END_PROFILE, _PAUSE, _TERMINATE = 16566, 146, 148
 _KEY_1, _PRESS_KEY_1, _UP, _DOWN = 6844, 6850, 1456, 1457
 _OUTPUT_1, _ON = 33718, 63
-_ESPEC_WIRING = {16568: 62, 11490: 1667, 11504: 138, 11528: 61}
-"""No profile; of the limit controller in slot 5: safe, no failure, no error (ChamberConnectLibrary)."""
+_ESPEC_WIRING = {16568: 62, 16536: 1540, 11490: 1667, 11504: 138, 11528: 61}
+"""No profile; loop 1 is a temperature; of the limit controller in slot 5: safe, no failure, no error
+(ChamberConnectLibrary)."""
+_INPUT_1_MEASURES = 608
+"""Of an F4: 0 for a temperature (ChamberConnectLibrary)."""
 
 
 class WatlowEmulator(ABC):
@@ -192,6 +195,7 @@ class F4Emulator(WatlowEmulator):
         low, high = self._limits_c
         fixed = {
             F4.PROFILE: F4.NO_PROFILE,
+            _INPUT_1_MEASURES: 0,
             F4.SET_POINT: unscaled(self._set_point_c, 1),
             F4.SET_POINT_LOW: unscaled(low, 1),
             F4.SET_POINT_HIGH: unscaled(high, 1),
