@@ -136,6 +136,8 @@ class FrameEmulator:
                 if spec.type[0] == "f" and ticks is not None:  # A clock in s.
                     count = count / ticks
                 values[spec.name] = count * spec.scale.factor + spec.offset
+            elif spec.role == "counter" and spec.bits is not None:  # a few bits of a status word
+                values[spec.name] = (numbers - 1) % (1 << spec.bits[1])
             elif spec.role == "time" and spec.usual is None:  # a latency is no clock: it has its usual value
                 values[spec.name] = numbers / self._rate_hz / unit
             elif (

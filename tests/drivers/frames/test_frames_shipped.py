@@ -102,6 +102,18 @@ def test_an_emulated_stim300_says_its_latency_and_not_the_time() -> None:
     assert set(map(tuple, frames[:, 12:14].tolist())) == {(0x01, 0xF4)}
 
 
+def test_an_emulated_hg4930_counts_its_samples_in_two_bits() -> None:
+    """Bits 0 and 1 of status word 1: hg4930_status_word_1_t of Honeywell's HGuide API."""
+    family = load_family("hg4930")
+    unit = FrameEmulator(TurningPlant("xyz"), family, axes="xyz", rate_hz=600.0, baudrate=1_000_000)
+    words = []
+    for until_s in (0.5, 1.0):  # the count goes on from block to block
+        block = unit.stream(until_s)
+        assert block is not None
+        words += np.frombuffer(block.data, np.uint8).reshape(-1, 20)[:, 14].tolist()
+    assert words == [number % 4 for number in range(599)]
+
+
 def test_status_bits_make_rates_invalid() -> None:
     encoder = FrameEncoder(load_family("kvh"), "a")
     data = encoder.encode(4, {"status": [0x77, 0x76, 0x70, 0x07], "counter": np.arange(4)})
