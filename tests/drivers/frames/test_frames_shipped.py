@@ -106,7 +106,7 @@ def test_an_emulated_hg4930_counts_its_samples_in_two_bits() -> None:
     """Bits 0 and 1 of status word 1: hg4930_status_word_1_t of Honeywell's HGuide API."""
     family = load_family("hg4930")
     unit = FrameEmulator(TurningPlant("xyz"), family, axes="xyz", rate_hz=600.0, baudrate=1_000_000)
-    words = []
+    words: list[int] = []
     for until_s in (0.5, 1.0):  # the count goes on from block to block
         block = unit.stream(until_s)
         assert block is not None
