@@ -46,6 +46,9 @@ class Plant:
     def rate_dps(self, now_s):
         return self.rate
 
+    def acceleration_dps2(self, now_s):
+        return 0.0
+
     def settled(self, now_s):
         return self.profile_complete
 
