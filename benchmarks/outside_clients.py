@@ -1,0 +1,249 @@
+"""Other people's clients against the emulators, call by call: `python -m benchmarks.outside_clients SOURCES`.
+
+SOURCES has their repositories, none of which is kept here:
+
+    git clone https://github.com/EspecNorthAmerica/ChamberConnectLibrary SOURCES/ChamberConnectLibrary
+    git clone https://github.com/SiLab-Bonn/basil SOURCES/basil
+
+Writes the table of docs/instruments.md between its marks. ChamberConnectLibrary is Python 2: a converted copy
+lies in a temporary folder while this runs. Bytes go from the client's own exchange to the emulator and back; an
+exchange takes 1 s of lab time.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import math
+import shutil
+import subprocess
+import sys
+import tempfile
+import types
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pymodbus.framer import FramerRTU
+
+from benchmarks._marks import fill
+from simulators.emulators.espec import EspecEmulator
+from simulators.emulators.watlow import F4Emulator, F4TEmulator
+from simulators.emulators.weiss import WeissEmulator
+from simulators.interfaces import Emulator
+from simulators.plant.chamber import ChamberAir, ChamberParameters
+from simulators.plant.lab_chamber import LabChamber
+from simulators.plant.noise import NoiseSource
+
+_PAGE = Path(__file__).parents[1] / "docs" / "instruments.md"
+_LOOP: Sequence[tuple[str, tuple[Any, ...]]] = (
+    ("get_status", ()),
+    ("get_loop_sp", (1,)),
+    ("get_loop_pv", (1,)),
+    ("get_loop_range", (1,)),
+    ("get_loop_en", (1,)),
+    ("get_loop_units", (1,)),
+    ("get_loop_mode", (1,)),
+    ("get_loop_power", (1,)),
+    ("get_alarm_status", ()),
+    ("get_event", (1,)),
+    ("get_datetime", ()),
+    ("set_loop_sp", (1, -20.0)),
+    ("const_start", ()),
+    ("get_status", ()),
+    ("get_loop_sp", (1,)),
+    ("stop", ()),
+    ("get_status", ()),
+)
+_P300: Sequence[tuple[str, tuple[Any, ...]]] = tuple(
+    (f"read_{name}", ())
+    for name in (
+        *(
+            "rom",
+            "date_time",
+            "srq",
+            "mask",
+            "timer_on",
+            "timer_use",
+            "alarm",
+            "keyprotect",
+            "type",
+            "mode",
+            "mon",
+        ),
+        *("temp", "humi", "set", "ref", "relay", "htr", "constant_temp", "constant_humi", "constant_ref"),
+        *(
+            "constant_relay",
+            "constant_ptc",
+            "prgm_mon",
+            "prgm_set",
+            "prgm_use",
+            "mon_ptc",
+            "temp_ptc",
+            "set_ptc",
+        ),
+        *("ptc", "run_prgm", "run_prgm_mon", "ip_set", "timer_list_quick"),
+    )
+)
+_BASIL: Sequence[tuple[str, tuple[Any, ...]]] = (
+    ("get_info", ()),
+    ("get_status", ()),
+    ("set_temperature", (-20.5,)),
+    ("get_temperature_setpoint", ()),
+    ("start_manual_mode", ()),
+    ("get_status", ()),
+    ("get_temperature", ()),
+    ("get_condensation_protection", ()),
+    ("set_condensation_protection", (True,)),
+    ("get_air_dryer", ()),
+    ("stop_manual_mode", ()),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One call of one client: what it returned, or how it failed."""
+
+    client: str
+    call: str
+    result: str
+
+
+class Line:
+    """A device and the lab time: `ask` returns the bytes of its answer, empty if there is none."""
+
+    def __init__(self, make: Callable[[LabChamber], Emulator]) -> None:
+        air = ChamberAir(ChamberParameters(), 23.0, NoiseSource(1, "outside clients"))
+        self._now_s = 10.0
+        self._plant = LabChamber(air, self._advance, {})
+        self._ticks = 0
+        self._device = make(self._plant)
+
+    def ask(self, data: bytes) -> bytes:
+        """Write `data` 1 s after the exchange before."""
+        self._now_s += 1.0
+        return b"".join(reply.data for reply in self._device.receive(data, self._now_s))
+
+    def _advance(self, to_s: float) -> None:
+        while self._ticks < math.ceil(to_s):
+            self._plant.tick()
+            self._ticks += 1
+
+
+def main(sources: Path) -> None:
+    """Run every client that is in `sources` and write the table."""
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as folder:
+        if (sources / "ChamberConnectLibrary").is_dir():
+            rows += _chamber_connect(sources / "ChamberConnectLibrary", Path(folder))
+        if (sources / "basil").is_dir():
+            rows += _basil(sources / "basil")
+    if not rows:
+        raise SystemExit(f"{sources} has none of the clients; clone them first:\n{__doc__}")
+    lines = [f"| {row.client} | `{row.call}` | {row.result} |\n" for row in rows]
+    fill(_PAGE, "outside clients", "| client | call | result |\n|---|---|---|\n" + "".join(lines))
+    refused, failed = (sum(row.result.startswith(word) for row in rows) for word in ("refused:", "fails:"))
+    print(f"{len(rows)} calls, {refused} refused, {failed} fail")
+
+
+def _called(name: str, client: Any, calls: Sequence[tuple[str, tuple[Any, ...]]]) -> Iterator[Row]:
+    for call, arguments in calls:
+        text = f"{call}({', '.join(map(str, arguments))})"
+        try:
+            result = str(getattr(client, call)(*arguments))
+        except Exception as error:  # whatever a client raises is its result
+            refused = type(error).__name__ in ("ModbusError", "EspecError")
+            result = f"{'refused' if refused else 'fails'}: {error}"
+        yield Row(name, text, result if len(result) <= 100 else result[:97] + "...")
+
+
+def _chamber_connect(source: Path, folder: Path) -> Iterator[Row]:
+    """Yield the rows of ESPEC's library: both Watlow controllers, the P-300 by its lines and by its verbs."""
+    package = folder / "chamberconnectlibrary"
+    shutil.copytree(source / "chamberconnectlibrary", package)
+    for path in package.glob("*.py"):
+        path.write_text(path.read_text(encoding="utf-8-sig"), encoding="utf-8")
+    convert = [sys.executable, "-W", "ignore", "-m", "lib2to3", "-w", "-n", str(package)]
+    subprocess.run(convert, check=True, capture_output=True)
+    _bytes_are_numbers(package / "modbus.py")
+    sys.path.insert(0, str(folder))
+    modbus = importlib.import_module("chamberconnectlibrary.modbus")
+    interact = importlib.import_module("chamberconnectlibrary.especinteract")
+
+    def over_modbus(line: Line) -> Any:
+        client = modbus.Modbus(1)
+
+        def exchange(packet: bytes) -> bytes:
+            answer = line.ask(packet + FramerRTU.compute_CRC(packet).to_bytes(2, "big"))
+            if not answer:
+                raise modbus.ModbusError("no answer")
+            return answer[:-2]
+
+        client.interact, client.close = exchange, lambda: None
+        return client
+
+    def ask(line: Line, message: Any) -> Any:
+        if isinstance(message, list):
+            return [ask(line, text) for text in message]
+        answer = line.ask(f"{message}\r\n".encode()).decode().removesuffix("\r\n")
+        if answer.startswith("NA:"):
+            raise interact.EspecError(answer)
+        return answer
+
+    watlow_f4 = importlib.import_module("chamberconnectlibrary.watlowf4").WatlowF4(
+        cond_event=1, interface="RTU"
+    )
+    watlow_f4.client = over_modbus(Line(F4Emulator))
+    yield from _called("ChamberConnectLibrary WatlowF4", watlow_f4, _LOOP)
+    watlow_f4t = importlib.import_module("chamberconnectlibrary.watlowf4t").WatlowF4T(
+        interface="RTU", profiles=True
+    )
+    watlow_f4t.client = over_modbus(Line(lambda plant: F4TEmulator(plant, framing="rtu")))
+    yield from _called("ChamberConnectLibrary WatlowF4T", watlow_f4t, _LOOP)
+    p300 = object.__new__(importlib.import_module("chamberconnectlibrary.p300").P300)
+    line = Line(EspecEmulator)
+    p300.ctlr = types.SimpleNamespace(interact=lambda message: ask(line, message), close=lambda: None)
+    p300.ramprgms, p300.reflookup = 40, {"REF9": {"mode": "auto", "setpoint": 0}}
+    yield from _called("ChamberConnectLibrary P300", p300, _P300)
+    espec = importlib.import_module("chamberconnectlibrary.espec").Espec(interface="TCP")
+    espec.client = p300
+    yield from _called("ChamberConnectLibrary Espec", espec, _LOOP)
+
+
+def _bytes_are_numbers(path: Path) -> None:
+    """What the conversion to Python 3 leaves: bytes indexed, and integers divided."""
+    text = path.read_text(encoding="utf-8").replace("collections.Iterable", "collections.abc.Iterable")
+    text = text.replace("import collections\n", "import collections.abc\n")
+    for number in range(3):
+        text = text.replace(f'struct.unpack(">B", packet[{number}])[0]/2', f"packet[{number}]//2")
+        text = text.replace(f'struct.unpack(">B", packet[{number}])[0]', f"packet[{number}]")
+    path.write_text(text, encoding="utf-8")
+
+
+def _basil(source: Path) -> Iterator[Row]:
+    """Yield the rows of basil's SimServ client, loaded without the rest of basil."""
+    base = types.ModuleType("basil.HL.RegisterHardwareLayer")
+    vars(base)["HardwareLayer"] = object
+    for name in ("basil", "basil.HL"):
+        sys.modules[name] = types.ModuleType(name)
+    sys.modules[base.__name__] = base
+    spec = importlib.util.spec_from_file_location("weiss_labevent", source / "basil/HL/weiss_labevent.py")
+    if spec is None or spec.loader is None:
+        raise SystemExit(f"{source} has no weiss_labevent")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    client = object.__new__(module.weissLabEvent)
+    line = Line(WeissEmulator)
+
+    def query(command: bytes, buffer_size: int) -> list[bytes]:
+        return [line.ask(command + b"\r").removesuffix(b"\r\n")]
+
+    client._intf = types.SimpleNamespace(query=query)
+    yield from _called("basil weiss_labevent", client, _BASIL)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        raise SystemExit(__doc__)
+    main(Path(sys.argv[1]))
