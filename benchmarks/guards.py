@@ -244,12 +244,12 @@ MECHANISMS = (
         1, "a torn event is cut off by recovery", f"{_CONTROL}.recover:_cut_events", Skip("_cut"), _T_CUT
     ),
     Mechanism(
-        1, "a torn mark is cut off by recovery", f"{_CONTROL}.recover:recover", Skip("_cut"), _T_RECOVER
+        1, "a torn mark is cut off by recovery", f"{_CONTROL}.recover:_complete", Skip("_cut"), _T_RECOVER
     ),
     Mechanism(
         1,
         "a recovered run is not complete",
-        f"{_CONTROL}.recover:recover",
+        f"{_CONTROL}.recover:_complete",
         Argument("outcome", "'completed'"),
         _T_CUT,
     ),
@@ -361,7 +361,7 @@ MECHANISMS = (
     Mechanism(
         2,
         "the watchdog takes over from one that hangs",
-        f"{_CONTROL}.watchdog:HUNG_S",
+        f"{_CONTROL}.watchdog._silence:HUNG_S",
         Value("2e6"),
         "tests/safety/test_starved_runner.py",
     ),

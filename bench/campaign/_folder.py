@@ -18,7 +18,8 @@ from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.events import Event, read_event
 from bench.record.events.campaign import CampaignBegun, Checked, RunStarted
 from bench.record.events.run import Demand
-from bench.record.recording import Manifest, checksum, read_events, read_manifest
+from bench.record.recording import Manifest, checksum, read_events, read_manifest, seal_state
+from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import BenchInUse, ConfigurationError, RecordError
 from drivers.base.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded, replace_file
@@ -226,6 +227,8 @@ def _damage(folder: Path, manifest: Manifest, thorough: bool) -> str:
         for name, path in paths.items()
         if not path.is_file() or path.stat().st_size != manifest.files[name].bytes
     ]
+    if seal_state(folder, manifest) == "broken":
+        wrong.append(MANIFEST_FILE)
     if thorough and not wrong:
         wrong = [name for name, path in paths.items() if checksum(path) != manifest.files[name]]
     return f"not what was sealed: {', '.join(wrong)}" if wrong else ""

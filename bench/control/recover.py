@@ -13,9 +13,17 @@ from bench.control.lease import lease_holder
 from bench.control.run_record import decode_run
 from bench.record.benchfile import bench_file_from
 from bench.record.events import Event
-from bench.record.events.run import Measured, Note, Outcome, Repeat
+from bench.record.events.run import Invalid, Measured, Note, Outcome, Repeat
 from bench.record.events.safe import Takeover, TakeoverEnded
-from bench.record.recording import Manifest, local_run, read_events, read_manifest, seal
+from bench.record.recording import (
+    Manifest,
+    local_run,
+    missing_tail,
+    read_events,
+    read_manifest,
+    read_marks,
+    seal,
+)
 from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, BenchInUse, RecordError
@@ -55,22 +63,33 @@ def recover(folder: Path) -> Manifest:
             expected="a bench that nobody uses",
             remedy="recover the run when its bench is free",
         )
+    try:
+        return _complete(folder, manifest)
+    except OSError as error:  # a disk without room or inodes, a folder that is read-only
+        raise RecordError(
+            "the run cannot be completed",
+            where=str(folder),
+            found=error.strerror or str(error),
+            expected="a run folder that can be written, with space and inodes on its disk",
+            remedy="free some, or copy the folder to another disk, and recover it there",
+        ) from error
+
+
+def _complete(folder: Path, manifest: Manifest) -> Manifest:
     torn = _cut_events(folder)
     for index in sorted((folder / "raw").glob("*.idx")):
         _cut(index, index.stat().st_size // _PAIR_BYTES * _PAIR_BYTES)
+    holes = [hole for path in sorted((folder / "raw").glob("*.bin")) if (hole := _cut_marks(path))]
     events = read_events(folder)
     duration_s = _last_s(folder, [line.time_s for line in events.lines])
     reason = f"Recovered: the controller ended without closing the run. {_watchdog(folder)}".strip()
-    added: list[Event] = [Note(f"recovered {utc_now()}")]
+    added: list[Event] = [Note(f"recovered {utc_now()}"), *holes]
     if torn:
         added.append(Note(f"an event was cut off: {torn}"))
-    added.append(Outcome("aborted", reason))
-    try:
-        with (folder / _EVENTS).open("a", encoding="utf-8") as file:
-            for event in added:
-                file.write(json.dumps(event.row(duration_s), ensure_ascii=False) + "\n")
-    except OSError as error:
-        raise RecordError("the run cannot be completed", where=str(folder), found=str(error)) from error
+    added.append(Outcome("aborted", reason, sealed=True))
+    with (folder / _EVENTS).open("a", encoding="utf-8") as file:
+        for event in added:
+            file.write(json.dumps(event.row(duration_s), ensure_ascii=False) + "\n")
     streams = decode_run(folder)
     return seal(
         folder,
@@ -91,6 +110,16 @@ def _cut_events(folder: Path) -> str:
     if torn := read_events(folder).torn:
         _cut(path, path.read_bytes().rfind(b"\n") + 1)
     return torn
+
+
+def _cut_marks(path: Path) -> Invalid | None:
+    """Cut the marks of bytes that never reached the disk, and return what they said; None if there are none."""
+    missing = missing_tail(path)
+    if missing is None:
+        return None
+    _cut(path.with_suffix(".idx"), len(read_marks(path)) * _PAIR_BYTES)
+    text = f"{path.name} lacks {missing[0]} bytes that came: nothing is known from {missing[1]:.3f} s on"
+    return Invalid("record_hole", text, {"file": path.name, "from_s": missing[1]})
 
 
 def _cut(path: Path, size: int) -> None:

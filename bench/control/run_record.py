@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.events import Event
-from bench.record.events.run import Answer, Measured, Outcome, Repeat
+from bench.record.events.run import Answer, Invalid, Measured, Outcome, Repeat
 from bench.record.recording import (
     DeviceEntry,
     EmulatedLab,
@@ -108,9 +108,21 @@ class RunRecord:
         """Note what the lab that serves the clock says it emulates."""
         self._note(emulated=EmulatedLab.model_validate(metadata))
 
-    def check(self) -> None:
-        """Raise what the journal met."""
+    def check(self) -> list[Invalid]:
+        """Raise what the journal met; return what it found missing of the raw files."""
         self._journal.check()
+        return self._holes()
+
+    def _holes(self) -> list[Invalid]:
+        return [
+            Invalid(
+                "record_hole",
+                f"{hole.file} has {hole.whole_bytes} of {hole.written_bytes} bytes as they came: "
+                f"what it had from {hole.from_s:.3f} s on is lost",
+                {"file": hole.file, "from_s": hole.from_s},
+            )
+            for hole in self._journal.take_holes()
+        ]
 
     def identify(self, name: str, role: str, kind: str, identity: Identity, gyro: object = None) -> None:
         """Note who answered on a port; `gyro`: its section of the bench file, if it is one."""
@@ -141,6 +153,11 @@ class RunRecord:
         problems: list[str] = []
         with _told(problems):
             self._journal.close()
+        for hole in self._holes():
+            outcome = "invalid" if outcome == "completed" else outcome
+            reason = "; ".join(filter(None, [reason, hole.text]))
+            with suppress(BenchError):
+                self._events.event(duration_s, hole)
         streams: dict[str, StreamReport] = {}
         with _told(problems, "The record could not be decoded: "):
             write_manifest(self.folder, self._manifest)
@@ -149,7 +166,7 @@ class RunRecord:
             outcome = "aborted"
             reason = " ".join([reason, *(text for text in problems if text != str(cause))]).strip()
         with suppress(BenchError):  # the seal below says what is on the disk
-            self._events.event(duration_s, Outcome(outcome, reason))
+            self._events.event(duration_s, Outcome(outcome, reason, sealed=True))
             self._events.close()
         sealed = seal(
             self.folder,
@@ -158,6 +175,7 @@ class RunRecord:
             reason=reason,
             ended_utc=utc_now(),
             duration_s=duration_s,
+            written=self._journal.written,
             stream={name: dataclasses.asdict(stream) for name, stream in streams.items()},
         )
         warnings = [f"{name}: {text}" for name, stream in streams.items() for text in _warnings(stream)]
@@ -176,7 +194,7 @@ def _told(problems: list[str], what: str = "") -> Iterator[None]:
     """Add to `problems` what went wrong inside."""
     try:
         yield
-    except BenchError as error:
+    except (BenchError, OSError) as error:
         problems.append(f"{what}{error}")
 
 

@@ -181,7 +181,8 @@ def _drive(
     bench = Bench(file, clock, record, request.operator, displays, request.live, tests)
     watchdog = None
     if isinstance(clock, WallClock) and file.safe.watchdog and request.lease is not None:
-        watchdog = Watchdog(file, record.folder, request.lease)  # makes the bench safe if this process dies
+        # makes the bench safe if this process dies
+        watchdog = Watchdog(file, record.folder, request.lease, bench.alert, clock.interrupt.request)
         stack.callback(watchdog.dismiss)
         clock.pulse = watchdog.beat
     table = open_table(file, clock, record.tap("table"))

@@ -87,7 +87,7 @@ class Bench:
         self._resumed_by = ""
         self._alarms: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
         self._log: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
-        self._step = ""
+        self._step = self._doing = ""
         self._poll_s = _POLL_S
         self._next_poll_s = clock.now()
         self._next_alarms_s = clock.now() + _ALARMS_S
@@ -143,6 +143,15 @@ class Bench:
     def _invalid(self, reason: Invalid) -> None:
         self.invalid_reasons.append(reason)
         self.event(reason)
+
+    def alert(self, event: Alarm | Invalid) -> None:
+        """Write down what concerns the bench itself, and show it before the next poll."""
+        if isinstance(event, Invalid):
+            self._invalid(event)
+        else:
+            self.event(event)
+        with suppress(BenchError, OSError):
+            self._show(self._doing)
 
     def ask(self, question: str, **act: Any) -> str:
         """Put a question to the operator and wait, telemetry running, for the answer."""
@@ -284,10 +293,11 @@ class Bench:
             if self.clock.now() >= self._next_alarms_s:
                 self._next_alarms_s = self.clock.now() + _ALARMS_S
                 self.check_alarms()
-            self._record.check()
+            for hole in self._record.check():
+                self.alert(hole)
             self._note_requests()
         if host_seconds() - self._shown_at >= _DISPLAY_S:
-            self._shown_at = host_seconds()
+            self._shown_at, self._doing = host_seconds(), doing
             self._show(doing)
 
     def _show(self, doing: str) -> None:

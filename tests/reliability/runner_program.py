@@ -4,9 +4,12 @@ import json
 import sys
 from pathlib import Path
 
+from bench.control.live import Live
 from bench.control.procedure import Demands, Parameters, Procedure
 from bench.control.questions import AssumeYes
 from bench.control.runner import RunRequest, run_procedure
+from bench.present.cli._console import Terminal
+from bench.present.cli._display import RunDisplay
 from bench.record.benchfile import bench_file_from
 
 
@@ -15,6 +18,8 @@ def turn(bench, _):
     bench.chamber.go_to(10.0)
     bench.chamber.start()
     bench.table.spin(10.0)
+    if "no-other-watchdog" in sys.argv:
+        sys.executable = "/bin/false"
     sys.stdout.write("turning\n")
     sys.stdout.flush()
     bench.wait(3600.0, "turning")
@@ -24,7 +29,9 @@ PROCEDURE = Procedure("turn", "A turn", "", Parameters, turn, lambda _: 3600.0, 
 
 if __name__ == "__main__":
     file = bench_file_from(json.loads(sys.stdin.readline()))
-    result = run_procedure(
-        RunRequest(PROCEDURE, Parameters(), file, Path(sys.argv[1]), AssumeYes(), run_id="run")
-    )
+    with Live() as live, RunDisplay(Terminal(stderr=True, width=300), "turn", 3600.0) as display:
+        request = RunRequest(
+            PROCEDURE, Parameters(), file, Path(sys.argv[1]), AssumeYes(), display, "run", live=live
+        )
+        result = run_procedure(request)
     sys.stdout.write(f"{result.outcome}\n")

@@ -105,7 +105,7 @@ def test_a_run_folder_whose_mount_is_gone_ends_the_run_with_the_bench_at_rest(tm
         record._journal._try(record._journal._write)
         with pytest.raises(RecordError, match="Input/output error"):
             record.check()
-        ending = record.close("completed", "", 2.0)
+        ending, _ = record.close("completed", "", 2.0)
     assert ending.outcome == "aborted" and "cannot be recorded any further" in ending.reason
     assert (tmp_path / "run" / "raw" / "fog_1.bin").read_bytes() == STREAM[:4000]
     assert not verify(tmp_path / "run", decode_run).problems

@@ -12,9 +12,14 @@ from pathlib import Path
 import pytest
 
 from bench.control.lease import lease_holder, take_lease
+from bench.control.live import read_now
+from bench.control.watchdog._silence import runqueue_wait_s
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import load_bench_file
+from bench.record.events.run import Invalid
+from bench.record.events.safe import SafeState
 from bench.record.recording import Run, read_exchanges
+from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchInUse
 
 pytestmark = [pytest.mark.concurrent, pytest.mark.slow]
@@ -26,10 +31,10 @@ STOP_CHAMBER = b"14001\xb61\xb61\xb60\r"
 
 
 @contextmanager
-def turning(lab, runs):
+def turning(lab, runs, *options):
     """Run the program until the table turns."""
     with subprocess.Popen(
-        [sys.executable, str(PROGRAM), str(runs)],
+        [sys.executable, str(PROGRAM), str(runs), *options],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -117,7 +122,66 @@ def test_a_runner_that_ends_well_dismisses_its_watchdog(lab, tmp_path):
     assert lease_holder(lab.file) is None
 
 
-def test_a_lost_watchdog_does_not_stop_a_run(lab, tmp_path):
+def alarms(folder):
+    """Return (bench time, code) of alarms and reasons to be invalid so far."""
+    lines = (folder / "events.jsonl").read_text().splitlines()
+    rows = [json.loads(line) for line in lines if line.endswith("}")]
+    return [(row["time_s"], row["code"]) for row in rows if row["kind"] in ("alarm", "invalid")]
+
+
+def wait_for(condition, timeout_s):
+    """Look until something holds; return whether it does, and for how long we waited."""
+    began_s = host_seconds()
+    while not (held := condition()) and host_seconds() - began_s < timeout_s:
+        select.select([], [], [], 0.02)
+    return held, host_seconds() - began_s
+
+
+def shown(folder):
+    return [row.get("code") for row in read_now(folder)["alarms"]]
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_dead_or_stopped_watchdog_is_an_alarm_within_two_seconds_and_the_next_one_guards(
+    lab, tmp_path, number
+):
+    folder = tmp_path / "run"
+    with turning(lab, tmp_path) as process:
+        first = lease_holder(lab.file).watchdog_pid
+        waited_s = runqueue_wait_s(process.pid) + runqueue_wait_s(os.getpid())
+        os.kill(first, number)
+        told, after_s = wait_for(lambda: alarms(folder) and "watchdog_lost" in shown(folder), 20.0)
+        waited_s = runqueue_wait_s(process.pid) + runqueue_wait_s(os.getpid()) - waited_s
+        assert told and after_s <= 2.0 + waited_s  # what a loaded machine kept the two from running
+        terminal = b""
+        while b"ALARM" not in terminal and select.select([process.stderr], [], [], 2.0)[0]:
+            terminal += os.read(process.stderr.fileno(), 1 << 16)
+        assert b"watchdog" in terminal
+        assert wait_for(lambda: [code for _, code in alarms(folder)][-1] == "watchdog_back", 20.0)[0]
+        second = lease_holder(lab.file).watchdog_pid
+        assert second != first and not Path(f"/proc/{first}").exists()
+        assert not (folder / "watchdog").exists()  # nobody has taken over
+        process.send_signal(signal.SIGKILL)
+        await_end(second)
+    rows = watchdog_events(folder)
+    assert (rows[0]["kind"], rows[0]["cause"]) == ("takeover", "runner_ended")
+    assert (rows[-1]["kind"], rows[-1]["confirmed"]) == ("takeover_ended", True)
+
+
+def test_a_run_without_another_watchdog_ends_invalid_with_the_bench_at_rest(lab, tmp_path):
+    folder = tmp_path / "run"
+    with turning(lab, tmp_path, "no-other-watchdog") as process:
+        os.kill(lease_holder(lab.file).watchdog_pid, signal.SIGKILL)
+        assert process.stdout.readline() == b"aborted\n"
+        process.wait()
+    run = Run.open(folder)
+    assert "watchdog" in run.manifest.reason
+    assert "unguarded" in [invalid.code for _, invalid in run.of(Invalid)]
+    safe = [state for _, state in run.of(SafeState)]
+    assert {state.device for state in safe} == {"table", "chamber"} and all(state.confirmed for state in safe)
+
+
+def test_a_run_whose_watchdog_was_lost_can_be_stopped_as_any_other(lab, tmp_path):
     with turning(lab, tmp_path) as process:
         os.kill(lease_holder(lab.file).watchdog_pid, signal.SIGKILL)
         with pytest.raises(subprocess.TimeoutExpired):

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.control.watchdog import ARMED, BEAT, DISMISSED, HUNG_S, STARVED_S, _process
-from bench.control.watchdog._process import SilenceTimeout, runqueue_wait_s
+from bench.control.watchdog import ARMED, DISMISSED, HUNG_S, STARVED_S, _process, beat_line
+from bench.control.watchdog._silence import SilenceTimeout, runqueue_wait_s
 
 pytestmark = pytest.mark.concurrent
 
@@ -83,7 +83,7 @@ class Silence:
             "signal": quiet,
             "os": system,
             "select": SimpleNamespace(select=self.select),
-            "WallClock": lambda: SimpleNamespace(now=lambda: self.now_s),
+            "host_seconds": lambda: self.now_s,
             "runqueue_wait_s": lambda pid: self.starved(self.now_s),
             "_read_order": lambda: _process.Order(Path(), 1, (), {}),
             "_take_over": lambda order, runner, silent_s: self.silences_s.append(silent_s) is None,
@@ -100,7 +100,8 @@ class Silence:
         return self.said.pop(min(self.said))
 
 
-BEATS = {0.0: ARMED, **{round(0.2 * k, 1): BEAT for k in range(1, 51)}}
+ARM, DISMISS = ARMED + b"\n", DISMISSED + b"\n"
+BEATS = {0.0: ARM, **{round(0.2 * k, 1): beat_line(k, 0.2 * k) for k in range(1, 51)}}
 
 
 def starved_from_ten(for_s):
@@ -110,7 +111,7 @@ def starved_from_ten(for_s):
 
 def test_a_runner_that_is_starved_when_its_time_is_up_is_given_what_it_waited(monkeypatch):
     """It beats again 3.2 s later: nobody takes over."""
-    runner = Silence(monkeypatch, {**BEATS, 13.2: BEAT, 14.0: DISMISSED}, starved_from_ten(3.0))
+    runner = Silence(monkeypatch, {**BEATS, 13.2: beat_line(51, 13.2), 14.0: DISMISS}, starved_from_ten(3.0))
     assert _process.main() == 0
     assert runner.silences_s == [] and runner.now_s == 14.0
 
@@ -129,6 +130,15 @@ def test_a_runner_that_stays_silent_is_taken_over_from_two_seconds_of_its_own_la
 
 
 def test_a_runner_that_is_not_armed_yet_may_be_silent_for_as_long_as_it_likes(monkeypatch):
-    runner = Silence(monkeypatch, {100.0: ARMED, 100.2: BEAT, 100.4: b""}, starved_from_ten(0.0))
+    runner = Silence(monkeypatch, {100.0: ARM, 100.2: beat_line(1, 100.2), 100.4: b""}, starved_from_ten(0.0))
     assert _process.main() == 0
     assert runner.silences_s == [None] and runner.now_s == 100.4
+
+
+def test_beats_that_lay_in_the_pipe_are_no_sign_of_life_of_now(monkeypatch):
+    """Two are read at 1.9 s that were sent at 0.2 and 0.4 s."""
+    runner = Silence(
+        monkeypatch, {0.0: ARM, 1.9: beat_line(1, 0.2) + beat_line(2, 0.4)}, starved_from_ten(0.0)
+    )
+    assert _process.main() == 0
+    assert runner.silences_s == [pytest.approx(2.0)] and runner.now_s == pytest.approx(2.4)

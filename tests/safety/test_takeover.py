@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 import bench.control.watchdog as watchdog
-from bench.control.watchdog import ARMED, BEAT, DISMISSED, Watchdog, _process
+from bench.control.watchdog import ARMED, DISMISSED, READY, Watchdog, _process, beat_line
 from bench.record.benchfile import load_bench_file
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.kit.instruments import Rest
@@ -19,6 +19,8 @@ from drivers.kit.instruments import Rest
 pytestmark = pytest.mark.concurrent
 
 DEMO = Path(__file__).parents[2] / "examples" / "demo.toml"
+ARM, DISMISS = ARMED + b"\n", DISMISSED + b"\n"
+FIRST = beat_line(1, 100.2)
 AT_REST = {"table": Rest(True, {"table": 0.0}), "chamber": Rest(True, running=False, set_point_c=25.0)}
 
 
@@ -219,6 +221,7 @@ class Heard:
             "os": system,
             "select": SimpleNamespace(select=lambda readers, *_: (readers, [], [])),
             "runqueue_wait_s": lambda pid: 0.0,
+            "host_seconds": lambda: 100.3,
             "_read_order": lambda: _process.Order(Path(), 1, lease, {}),
             "_take_over": lambda order, runner, silent_s: self.taken.append((runner, silent_s)) or confirmed,
         }.items():
@@ -239,10 +242,10 @@ def ended(pid):
 @pytest.mark.parametrize(
     ("said", "settings"),
     [
-        ([DISMISSED], {}),
+        ([DISMISS], {}),
         ([b""], {}),  # the runner ended before anything was moved
-        ([ARMED, BEAT, DISMISSED], {}),
-        ([ARMED + BEAT, BEAT + DISMISSED], {}),
+        ([ARM, FIRST, DISMISS], {}),
+        ([ARM + FIRST, FIRST[:3], FIRST[3:] + DISMISS], {}),
         ([], {"runner": ended}),
         ([], {"ready": lost}),
     ],
@@ -257,17 +260,17 @@ def test_a_watchdog_that_is_not_needed_ends_without_a_word(monkeypatch, said, se
 def test_a_watchdog_takes_over_lets_go_of_the_lease_and_says_how_it_went(monkeypatch, tmp_path, confirmed):
     lease = tmp_path / "lease"
     with lease.open("w") as file:
-        heard = Heard(monkeypatch, [ARMED, BEAT, b""], confirmed=confirmed, lease=(file.fileno(),))
+        heard = Heard(monkeypatch, [ARM, FIRST, b""], confirmed=confirmed, lease=(file.fileno(),))
         assert _process.main() == (0 if confirmed else 1)
     assert heard.taken == [(7, None)]
-    assert heard.written == [(1, b"ready\n")]
+    assert heard.written == [(1, b"ready\n"), (1, ARM), (1, FIRST)]
     assert not lease.exists()
 
 
 def test_the_order_is_read_to_the_end_of_its_line(monkeypatch):
     file = load_bench_file(DEMO)
     order = {"bench": file.model_dump(mode="json"), "run_folder": "/runs/r", "runner": 42, "lease": [3, 4]}
-    sent = bytearray(json.dumps(order).encode() + b"\n" + ARMED)
+    sent = bytearray(json.dumps(order).encode() + b"\n" + ARM)
 
     def read(descriptor, count):
         assert descriptor == 0
@@ -279,25 +282,23 @@ def test_the_order_is_read_to_the_end_of_its_line(monkeypatch):
     found = _process._read_order()
     assert (found.run_folder, found.runner, found.lease) == (Path("/runs/r"), 42, (3, 4))
     assert list(found.openers) == ["table", "chamber"]
-    assert bytes(sent) == ARMED  # it is for the loop that comes after
+    assert bytes(sent) == ARM  # it is for the loop that comes after
 
 
 class Process:
     """In place of the watchdog's process: the other ends of its pipes."""
 
-    pid = 4711
-
-    def __init__(self):
+    def __init__(self, pid):
         (self.heard, stdin), (stdout, self.says) = os.pipe(), os.pipe()
         self.stdin, self.stdout = os.fdopen(stdin, "wb", 0), os.fdopen(stdout, "rb", 0)
-        self.waited = 0
+        self.pid, self.waited, self.killed, self.returncode = pid, 0, False, 0
 
-    def started(self, command, **options):
-        self.command, self.options = command, options
-        return self
-
-    def wait(self):
+    def wait(self, timeout=None):
         self.waited += 1
+        return self.returncode
+
+    def kill(self):
+        self.killed, self.returncode = True, -9
 
     def read(self):
         os.set_blocking(self.heard, False)
@@ -306,65 +307,162 @@ class Process:
         except BlockingIOError:
             return b""
 
+    def end(self):
+        """End as a process does: nothing is heard or said any more."""
+        os.close(self.says)
+        os.close(self.heard)
+        self.says = self.heard = -1
+
+
+class Guarded:
+    """A watchdog of the runner whose processes are stood in for, and what it tells of them."""
+
+    def __init__(self, monkeypatch):
+        self.lease = SimpleNamespace(descriptors=(5,), told={})
+        self.lease.update = self.lease.told.update
+        self.now_s, self.started, self.told, self.stopped, self.refused = 100.0, [], [], [], False
+        monkeypatch.setattr(watchdog.subprocess, "Popen", self.start)
+        monkeypatch.setattr(watchdog, "host_seconds", lambda: self.now_s)
+        monkeypatch.setattr(watchdog, "runqueue_wait_s", lambda pid: 0.0)
+        file = load_bench_file(DEMO)
+        self.dog = Watchdog(file, Path("runs"), self.lease, self.told.append, self.stopped.append)
+
+    def start(self, command, **options):
+        if self.refused:
+            raise BlockingIOError(11, "no more processes")
+        self.options = options
+        self.started.append(Process(4711 + len(self.started)))
+        return self.started[-1]
+
+    @property
+    def process(self):
+        return self.started[-1]
+
+    def arm(self):
+        os.write(self.process.says, READY + b"\n")
+        self.dog.arm()
+
+    def run(self, for_s, *, answering=True):
+        """Let time pass, a beat every quarter of a second; return the codes of what was told, with the times."""
+        until_s, told = self.now_s + for_s, []
+        while self.now_s < until_s:
+            self.now_s = round(self.now_s + 0.25, 3)
+            self.dog.beat()
+            told += [(event.code, self.now_s) for event in self.told[len(told) :]]
+            if answering and self.process.heard >= 0:
+                lines = self.process.read().splitlines(keepends=True)
+                os.write(self.process.says, b"".join(lines[-1:]))
+        self.told.clear()
+        return told
+
 
 @pytest.fixture
 def guarded(monkeypatch, tmp_path):
-    process, lease = Process(), SimpleNamespace(descriptors=(5,), told={})
-    lease.update = lease.told.update
-    now = SimpleNamespace(s=100.0)
-    monkeypatch.setattr(watchdog.subprocess, "Popen", process.started)
-    monkeypatch.setattr(watchdog, "host_seconds", lambda: now.s)
     monkeypatch.chdir(tmp_path)
-    dog = Watchdog(load_bench_file(DEMO), Path("runs"), lease)
-    yield SimpleNamespace(dog=dog, process=process, lease=lease, now=now)
-    for pipe in (process.stdin, process.stdout):
-        pipe.close()
-    for descriptor in (process.heard, process.says):
-        os.close(descriptor)
+    guarded = Guarded(monkeypatch)
+    yield guarded
+    for process in guarded.started:
+        for pipe in (process.stdin, process.stdout):
+            pipe.close()
+        for descriptor in (process.heard, process.says):
+            if descriptor >= 0:
+                os.close(descriptor)
 
 
 def test_the_runner_orders_arms_beats_five_times_a_second_and_dismisses(guarded, tmp_path):
     process, dog = guarded.process, guarded.dog
     assert guarded.lease.told == {"watchdog_pid": 4711}
-    assert process.options["start_new_session"] is True and process.options["pass_fds"] == (5,)
+    assert guarded.options["start_new_session"] is True and guarded.options["pass_fds"] == (5,)
     order = json.loads(process.read())
     assert (order["runner"], order["lease"]) == (os.getpid(), [5])
     assert order["run_folder"] == str(tmp_path / "runs")
-    os.write(process.says, b"ready\n")
-    dog.arm()
-    assert process.read() == ARMED
+    guarded.arm()
+    assert process.read() == ARM
     beats = []
     for tick in range(1, 101):
-        guarded.now.s = 100.0 + tick / 100
+        guarded.now_s = 100.0 + tick / 100
         dog.beat()
-        beats += [tick] if process.read() == BEAT else []
+        beats += [tick] if process.read() == beat_line(len(beats) + 1, guarded.now_s) else []
     assert len(beats) in (4, 5) and 20 <= beats[0] <= 21
     assert all(20 <= later - sooner <= 21 for sooner, later in pairwise(beats))
     dog.dismiss()
     dog.dismiss()
-    assert process.read() == DISMISSED and process.waited == 1
+    assert process.read() == DISMISS and process.waited == 1 and not process.killed
     assert process.stdin.closed and process.stdout.closed
+    assert guarded.told == guarded.stopped == []
 
 
 @pytest.mark.parametrize("said", [b"", b"Traceback\n"])
 def test_a_watchdog_that_does_not_come_up_is_an_error(guarded, said):
     os.write(guarded.process.says, said)
     os.close(guarded.process.says)
+    guarded.process.says = -1
     guarded.process.read()
     with pytest.raises(BenchError, match="did not start"):
         guarded.dog.arm()
     assert guarded.process.read() == b""  # it is not armed
-    guarded.process.says = os.open(os.devnull, os.O_WRONLY)
-
-
-def test_a_watchdog_that_does_not_read_or_is_dead_stops_no_runner(guarded):
-    os.write(guarded.process.says, b"ready\n")
-    guarded.dog.arm()
-    for _ in range(70_000):  # more than a pipe holds
-        guarded.now.s += 1.0
-        guarded.dog.beat()
-    os.close(guarded.process.heard)
-    guarded.now.s += 1.0
-    guarded.dog.beat()
     guarded.dog.dismiss()
-    guarded.process.heard = os.open(os.devnull, os.O_RDONLY)
+    assert guarded.told == []
+
+
+def test_a_watchdog_that_answers_is_well_however_late_the_runner_looks(guarded):
+    guarded.arm()
+    assert guarded.run(5.0) == []
+    guarded.now_s += 30.0  # the runner was busy; the answer has come long since
+    assert guarded.run(2.0) == [] and len(guarded.started) == 1
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_watchdog_that_is_dead_or_stopped_is_told_within_two_seconds_and_another_put_in_its_place(
+    guarded, stopped
+):
+    guarded.arm()
+    guarded.run(3.0)
+    lost_s, lost = guarded.now_s, guarded.process
+    if not stopped:
+        lost.end()
+    ((code, told_s),) = guarded.run(2.0, answering=False)
+    assert code == "watchdog_lost" and told_s - lost_s <= (1.5 if stopped else 0.25)
+    assert lost.killed and lost.waited == 1 and len(guarded.started) == 2
+    assert guarded.lease.told == {"watchdog_pid": 4712}
+    assert json.loads(guarded.process.read())["runner"] == os.getpid()
+    os.write(guarded.process.says, READY + b"\n")
+    assert [code for code, _ in guarded.run(0.25, answering=False)] == ["watchdog_back"]
+    assert guarded.process.read().startswith(ARM + b"1 ")
+    assert guarded.run(30.0) == [] and guarded.stopped == []
+    guarded.dog.dismiss()
+    assert guarded.told == []
+
+
+@pytest.mark.parametrize("how", ["does not start", "ends", "is not ready"])
+def test_without_another_watchdog_the_run_is_invalid_and_ends(guarded, how):
+    guarded.arm()
+    guarded.process.end()
+    guarded.refused = how == "does not start"
+    if how == "ends":
+        assert [code for code, _ in guarded.run(0.25)] == ["watchdog_lost"]
+        guarded.process.end()
+    told = [code for code, _ in guarded.run(25.0, answering=False)]
+    assert told[-1] == "unguarded" and told.count("unguarded") == 1
+    assert len(guarded.stopped) == 1
+    guarded.dog.dismiss()
+
+
+def test_a_watchdog_that_is_lost_again_and_again_ends_the_run(guarded):
+    guarded.arm()
+    for _ in range(3):
+        guarded.process.end()
+        assert [code for code, _ in guarded.run(0.25)] == ["watchdog_lost"]
+        os.write(guarded.process.says, READY + b"\n")
+        assert [code for code, _ in guarded.run(5.0)] == ["watchdog_back"]
+    guarded.process.end()
+    assert [code for code, _ in guarded.run(0.25)] == ["watchdog_lost", "unguarded"]
+    assert len(guarded.stopped) == 1 and len(guarded.started) == 4
+
+
+def test_a_watchdog_that_died_just_before_the_end_is_told(guarded):
+    guarded.arm()
+    guarded.process.end()
+    guarded.process.returncode = -9
+    guarded.dog.dismiss()
+    assert [event.code for event in guarded.told] == ["watchdog_lost"]

@@ -4,6 +4,9 @@ The runner's driving thread beats over a pipe whenever it waits on the clock. Wi
 the pipe closes, the watchdog ends the runner for good, takes its ports over, stops table and chamber, reads back
 that they rest, and writes what it did into `watchdog/` of the run folder. Meanwhile it keeps the bench's lease.
 
+The watchdog sends the beats back. One that does not, or whose process ends, is an alarm of the run; it is ended
+for good and another started in its place. When none comes up the run ends with the bench in its safe state.
+
 Only a bench on the wall clock has one: in an emulated lab's virtual time nothing moves once the bench is gone.
 """
 
@@ -14,35 +17,53 @@ import os
 import select
 import subprocess
 import sys
+from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 from bench.control.lease import Lease
+from bench.control.watchdog._silence import HUNG_S, STARVED_S, SilenceTimeout, runqueue_wait_s
 from bench.record.benchfile import BenchFile
+from bench.record.events.run import Alarm, Invalid
 from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError
 
-HUNG_S = 2.0
-"""A runner that has not waited on its clock for so long is taken for hung: polls are a second apart."""
+__all__ = ["HUNG_S", "STARVED_S", "Watchdog"]
 
-STARVED_S = 8.0
-"""Most that is added for a runner that was ready to run and got no processor: longer, nobody drives the bench."""
+UNANSWERED_S = 1.0
+"""A watchdog that has not answered a beat for so long is taken for hung: beats come twice a second at least."""
 
 READY_TIMEOUT_S = 60.0
 """A watchdog has to be imported first; a loaded machine takes its time."""
 
+REPLACED_S = 20.0
+"""The same where the table may be turning unguarded."""
+
 FOLDER = "watchdog"
 
-ARMED, BEAT, DISMISSED = b"a", b".", b"q"
+READY, ARMED, DISMISSED = b"ready", b"armed", b"dismissed"
+"""Lines between the two; a beat is one of sequence number and time, see `beat_line`."""
 
 _BEAT_EVERY_S = 0.2
+_MOST_REPLACED = 3
+_END_TIMEOUT_S = 5.0
 
 
-class Watchdog:
-    """The runner's end of the pipe."""
+def beat_line(sequence: int, sent_s: float) -> bytes:
+    """Return a beat: its number and the host's monotonic time in s, which both processes share."""
+    return b"%d %.6f\n" % (sequence, sent_s)
 
-    def __init__(self, file: BenchFile, run_folder: Path, lease: Lease) -> None:
-        self._beaten_s = host_seconds()
+
+def sent_s(beat: bytes) -> float:
+    """Return when a beat was sent: what lies unread in the pipe is no sign of life of now."""
+    return float(beat.partition(b" ")[2])
+
+
+class _Process:
+    """One watchdog process and the runner's ends of its pipes."""
+
+    def __init__(self, order: bytes, lease: Lease) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "bench.control.watchdog"],
             stdin=subprocess.PIPE,
@@ -52,50 +73,164 @@ class Watchdog:
             pass_fds=lease.descriptors,
         )
         lease.update(watchdog_pid=self._process.pid)
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._input, self._output = self._process.stdin.fileno(), self._process.stdout.fileno()
+        self.started_s = host_seconds()
+        self.ready = self.armed = self.ended = False
+        self._unread = b""
+        self._sequence = 0
+        self._unanswered: deque[tuple[int, float, float]] = deque()
+        """Number of each beat, when it was sent, and how long the process had waited for a processor by then."""
+        self.write(order)
+        os.set_blocking(self._input, False)  # a watchdog that does not read must not stop the runner
+        os.set_blocking(self._output, False)
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def arm(self) -> None:
+        """Have it watch from here on."""
+        self.armed = True
+        self.write(ARMED + b"\n")
+
+    def beat(self, now_s: float) -> None:
+        """Send the next beat."""
+        self._sequence += 1
+        self._unanswered.append((self._sequence, now_s, runqueue_wait_s(self.pid)))
+        self.write(beat_line(self._sequence, now_s))
+
+    def listen(self, timeout_s: float = 0.0) -> None:
+        """Take what it says within `timeout_s`."""
+        while not self.ended and select.select([self._output], [], [], timeout_s)[0]:
+            data = os.read(self._output, 1 << 16)
+            self.ended = not data
+            self._unread += data
+            timeout_s = 0.0
+        *lines, self._unread = self._unread.split(b"\n")
+        for line in lines:
+            number = line.partition(b" ")[0]
+            if line == READY:
+                self.ready = True
+            while number.isdigit() and self._unanswered and self._unanswered[0][0] <= int(number):
+                self._unanswered.popleft()
+
+    def silent_s(self, now_s: float) -> float | None:
+        """Return for how long it has not answered if that is too long for one that lives, else None."""
+        if not self._unanswered:
+            return None
+        _, sent_s, waited_s = self._unanswered[0]
+        hung = not SilenceTimeout(sent_s, waited_s, UNANSWERED_S).left_s(now_s, runqueue_wait_s(self.pid))
+        return now_s - sent_s if hung else None
+
+    def write(self, data: bytes) -> None:
+        # `listen` tells of a watchdog that is dead or stopped
+        with suppress(BrokenPipeError, BlockingIOError):
+            os.write(self._input, data)
+
+    def dismiss(self) -> bool:
+        """Let it end; return whether it did, and well."""
+        self.write(DISMISSED + b"\n")
+        return self._await_end() == 0
+
+    def kill(self) -> None:
+        """End it for good: it must not come to and take a closed pipe for the runner's end."""
+        self._process.kill()
+        self._await_end()
+
+    def _await_end(self) -> int:
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+        try:
+            self._process.wait(timeout=_END_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        return self._process.returncode
+
+
+class Watchdog:
+    """The runner's end of the pipes. `tell` takes alarms and what makes the run invalid, `stop` ends the run."""
+
+    def __init__(
+        self,
+        file: BenchFile,
+        run_folder: Path,
+        lease: Lease,
+        tell: Callable[[Alarm | Invalid], None],
+        stop: Callable[[str], None],
+    ) -> None:
+        self._lease, self._tell, self._stop = lease, tell, stop
         order = {
             "bench": file.model_dump(mode="json"),
             "run_folder": str(run_folder.resolve()),
             "runner": os.getpid(),
             "lease": lease.descriptors,
         }
-        self._dismissed = False
-        assert self._process.stdin is not None
-        self._pipe = self._process.stdin.fileno()
-        self._write(json.dumps(order).encode() + b"\n")
-        os.set_blocking(self._pipe, False)  # a watchdog that does not read must not stop the runner
+        self._order = json.dumps(order).encode() + b"\n"
+        self._beaten_s = host_seconds()
+        self._watched = self._dismissed = False
+        self._replaced = 0
+        self._process = _Process(self._order, lease)
 
     def arm(self) -> None:
         """Wait until the watchdog is ready, and begin to be watched; BenchError if it does not come up."""
-        output = self._process.stdout
-        assert output is not None
-        ready, _, _ = select.select([output], [], [], READY_TIMEOUT_S)
-        if not ready or output.readline() != b"ready\n":
+        process = self._process
+        until_s = process.started_s + READY_TIMEOUT_S
+        while not (process.ready or process.ended) and host_seconds() < until_s:
+            process.listen(until_s - host_seconds())
+        if not process.ready:
             raise BenchError(
                 "the watchdog process did not start",
                 where="watchdog",
                 expected=f"its word within {READY_TIMEOUT_S:g} s",
                 remedy="its own output says why; `watchdog = false` in [safe] runs a bench without one",
             )
-        self._write(ARMED)
+        self._watched = True
+        process.arm()
 
     def beat(self) -> None:
-        """Say that the runner lives; costs nothing when called often."""
+        """Say that the runner lives and hear whether the watchdog does; costs nothing when called often."""
         now_s = host_seconds()
-        if now_s - self._beaten_s >= _BEAT_EVERY_S:
-            self._beaten_s = now_s
-            self._write(BEAT)
+        if now_s - self._beaten_s < _BEAT_EVERY_S or not self._watched:
+            return
+        self._beaten_s = now_s
+        process = self._process
+        process.listen()
+        silent_s = process.silent_s(now_s)
+        late = not process.ready and now_s - process.started_s > REPLACED_S
+        if process.ended or late or silent_s is not None:
+            self._replace(process, silent_s)
+        elif process.ready:
+            if not process.armed:
+                process.arm()
+                self._tell(Alarm("watchdog", "a new one guards the bench", "watchdog_back"))
+            process.beat(now_s)
+
+    def _replace(self, lost: _Process, silent_s: float | None) -> None:
+        """End a watchdog that guards nothing any more and start another; give up if that one did not come up."""
+        what = "its process has ended" if silent_s is None else f"it has not answered for {silent_s:.1f} s"
+        facts = {"pid": lost.pid} | ({} if silent_s is None else {"silent_s": silent_s})
+        self._tell(
+            Alarm("watchdog", f"{what}: nobody stops the bench if this process dies", "watchdog_lost", facts)
+        )
+        lost.kill()
+        if lost.ready and self._replaced < _MOST_REPLACED:
+            with suppress(OSError):
+                self._replaced += 1
+                self._process = _Process(self._order, self._lease)
+                return
+        self._watched, self._dismissed = False, True
+        why = "the watchdog is lost and no other one came up"
+        self._tell(Invalid("unguarded", why, {"replaced": self._replaced}))
+        self._stop(why)
 
     def dismiss(self) -> None:
         """End the watchdog: the bench has been made safe, or nothing was moved. Harmless when done already."""
         if self._dismissed:
             return
         self._dismissed = True
-        self._write(DISMISSED)
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
-        self._process.wait()
-
-    def _write(self, data: bytes) -> None:
-        with suppress(BrokenPipeError, BlockingIOError):  # a dead watchdog does not stop a run that is well
-            os.write(self._pipe, data)
+        watched, self._watched = self._watched, False
+        if not self._process.dismiss() and watched:
+            self._tell(Alarm("watchdog", "it was not there any more when the run ended", "watchdog_lost"))

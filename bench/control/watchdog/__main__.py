@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 from bench.control.watchdog._process import main
 
 if __name__ == "__main__":
+    os.set_blocking(1, False)  # a runner that does not read must not stop its watchdog
     sys.exit(main())

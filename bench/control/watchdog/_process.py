@@ -20,12 +20,13 @@ from typing import Any, Literal
 from bench.control.devices import open_chamber, open_table
 from bench.control.lease import device_at
 from bench.control.safe_state import Reading, bring_to_rest
-from bench.control.watchdog import ARMED, DISMISSED, FOLDER, HUNG_S, STARVED_S
+from bench.control.watchdog import ARMED, DISMISSED, FOLDER, READY, sent_s
+from bench.control.watchdog._silence import SilenceTimeout, runqueue_wait_s
 from bench.record.benchfile import bench_file_from
 from bench.record.events import Event
 from bench.record.events.safe import SafeState, Takeover, TakeoverEnded
 from bench.record.recording import EventLog, Journal
-from drivers.base.clock import Clock, WallClock, utc_now
+from drivers.base.clock import Clock, WallClock, host_seconds, utc_now
 from drivers.base.errors import BenchError, RecordError
 from drivers.kit.instruments import Instrument
 from drivers.kit.link import Tap
@@ -64,25 +65,29 @@ def main() -> int:
     except ProcessLookupError:
         return 0
     try:
-        os.write(1, b"ready\n")
+        os.write(1, READY + b"\n")
     except BrokenPipeError:  # dismissed while it came up: nothing was moved
         return 0
-    armed, clock = False, WallClock()
-    timeout = SilenceTimeout(clock.now(), runqueue_wait_s(order.runner))
+    armed, unread = False, b""
+    timeout = SilenceTimeout(host_seconds(), runqueue_wait_s(order.runner))
     while True:
-        left_s = timeout.left_s(clock.now(), runqueue_wait_s(order.runner))
+        waited_s = runqueue_wait_s(order.runner)
+        left_s = timeout.left_s(host_seconds(), waited_s)
         ready, _, _ = select.select([0], [], [], left_s if armed else None)
         said = os.read(0, 4096) if ready else b""
-        if DISMISSED in said or (ready and not said and not armed):
+        *lines, unread = (unread + said).split(b"\n")
+        if DISMISSED in lines or (ready and not said and not armed):
             return 0
         if ready and not said:
             silent_s = None  # the runner's process has ended
             break
-        now_s, waited_s = clock.now(), runqueue_wait_s(order.runner)
-        if said:
-            armed = armed or ARMED in said
-            timeout = SilenceTimeout(now_s, waited_s)
-        elif not timeout.left_s(now_s, waited_s):
+        now_s = host_seconds()
+        if lines:
+            armed = armed or ARMED in lines
+            with suppress(OSError):
+                os.write(1, lines[-1] + b"\n")
+            timeout = SilenceTimeout(now_s if lines[-1] == ARMED else sent_s(lines[-1]), waited_s)
+        elif armed and not timeout.left_s(now_s, runqueue_wait_s(order.runner)):
             silent_s = now_s - timeout.heard_s
             break
     confirmed = _take_over(order, runner, silent_s)
@@ -90,35 +95,6 @@ def main() -> int:
         with suppress(OSError):
             Path(f"/proc/self/fd/{descriptor}").readlink().unlink()
     return 0 if confirmed else 1
-
-
-@dataclass(frozen=True)
-class SilenceTimeout:
-    """When the runner was last heard, and how long its main thread had waited for a processor by then (s)."""
-
-    heard_s: float
-    waited_s: float
-
-    def left_s(self, now_s: float, waited_s: float) -> float:
-        """Return how long a silent runner may go on being silent, 0 when it is taken for hung.
-
-        What it spent ready to run, without a processor, is the machine's fault and not its own.
-        """
-        starved_s = min(max(waited_s - self.waited_s, 0.0), STARVED_S)
-        return max(self.heard_s + HUNG_S + starved_s - now_s, 0.0)
-
-
-def runqueue_wait_s(pid: int) -> float:
-    """Return how long the main thread of a process has waited for a processor; 0 where nobody counts it.
-
-    Linux: second number of /proc/PID/task/TID/schedstat, ns (Documentation/scheduler/sched-stats.rst). A thread
-    that is stopped, asleep or computing does not wait.
-    """
-    try:
-        counted = Path(f"/proc/{pid}/task/{pid}/schedstat").read_text(encoding="ascii")
-        return int(counted.split()[1]) / 1e9
-    except (OSError, ValueError, IndexError):
-        return 0.0
 
 
 def _read_order() -> Order:

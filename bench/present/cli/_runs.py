@@ -183,9 +183,9 @@ def recover(
 
 @app.command()
 def verify(run: list[Path]) -> None:
-    """Recompute the checksums of runs and rebuild their decoded tables from the raw bytes.
+    """Recompute the checksums of runs, compare manifest and events, rebuild decoded tables from the raw bytes.
 
-    Exit code 1 if anything differs.
+    Exit code 1 if anything differs. Manifests of before November 2026 have no seal: "not sealed".
     """
     from bench.control.run_record import decode_run
     from bench.present.cli._console import Terminal
@@ -198,7 +198,8 @@ def verify(run: list[Path]) -> None:
         report, name = verify_record(folder, decode_run), url_of(folder) or folder
         if report.passed:
             counts = f"{report.files} checksums, {report.tables} tables rebuilt"
-            console.parts(("verified", "green"), f"  {name}: {counts}")
+            seal = "" if report.sealed else ", manifest not sealed"
+            console.parts(("verified", "green"), f"  {name}: {counts}{seal}")
             continue
         failed = True
         console.parts(("differs", "red"), f"  {name}")

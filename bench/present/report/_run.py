@@ -80,6 +80,10 @@ def _header(run: RunContent) -> list[Fact]:
 
 
 def _verdict(run: RunContent) -> Verdict:
+    if run.changed:
+        return Verdict(
+            "Record changed", "bad", ["The manifest is not the one that was sealed: nothing counts."]
+        )
     word, tone = outcome(run)
     judged = [item for item in run.measurements if limited(item)]
     headlines = [

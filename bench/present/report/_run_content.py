@@ -65,6 +65,8 @@ class RunContent:
     operator: str = ""
     checksum: str = ""
     role: str = ""
+    changed: bool = False
+    """Whether the manifest was changed after it was sealed."""
 
     @property
     def run_id(self) -> str:
@@ -74,7 +76,7 @@ class RunContent:
     @property
     def valid(self) -> bool:
         """Whether the run was completed and met its own criteria."""
-        return self.manifest.outcome == "completed"
+        return self.manifest.outcome == "completed" and not self.changed
 
     @property
     def emulated(self) -> str:
@@ -111,6 +113,7 @@ def run_content(run: Run, role: str = "") -> RunContent:
         warnings=_warnings(run, missing),
         operator=", ".join(dict.fromkeys(answer.by for _, answer in run.of(Answer) if answer.by)),
         checksum=run.checksum,
+        changed=run.seal == "broken",
         role=role,
     )
 

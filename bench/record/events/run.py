@@ -158,10 +158,11 @@ class Turn(Event, kind="turn"):
 
 
 class Outcome(Event, kind="outcome"):
-    """How the run ended; the last line."""
+    """How the run ended; the last line. `sealed`: its manifest was sealed with a checksum of its own."""
 
     outcome: str
     reason: str = ""
+    sealed: Flag | None = None
 
 
 class Demand(Event):

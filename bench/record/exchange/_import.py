@@ -96,7 +96,7 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
     events.event(0.0, Note(f"imported from {log}"))
     for phase in entry.phases:
         events.event(phase.start_s, PhaseBegun(phase.name))
-    events.event(duration_s, Outcome("completed", "imported"))
+    events.event(duration_s, Outcome("completed", "imported", sealed=True))
     events.close()
     ended = datetime.fromisoformat(started) + timedelta(seconds=duration_s)
     azimuth = Measured("azimuth_error", entry.azimuth_error_deg, "deg", None, None, None)

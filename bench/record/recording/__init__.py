@@ -19,9 +19,10 @@ from bench.record.recording._manifest import (
     checksum,
     read_manifest,
     seal,
+    seal_state,
     write_manifest,
 )
-from bench.record.recording._raw import read_exchanges
+from bench.record.recording._raw import missing_tail, read_exchanges, read_marks
 from bench.record.recording._read import Phase, Run, Table, check_room, read_table
 from bench.record.recording._remote import local_manifests, local_run
 from bench.record.recording._tables import (
@@ -54,13 +55,16 @@ __all__ = [
     "decode_stream",
     "local_manifests",
     "local_run",
+    "missing_tail",
     "names_at",
     "read_events",
     "read_exchanges",
     "read_manifest",
+    "read_marks",
     "read_table",
     "row_means",
     "seal",
+    "seal_state",
     "second_rows",
     "seconds",
     "table_name",

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from bench.record.events.run import UnitsOff, UnitsOn
 from bench.record.recording._events import Line
 from bench.record.recording._manifest import StreamReport
-from bench.record.recording._raw import first_arrivals, raw_path, read_blocks, read_exchanges, read_marks
+from bench.record.recording._raw import (
+    first_arrivals,
+    missing_tail,
+    raw_path,
+    read_blocks,
+    read_exchanges,
+    read_marks,
+)
 from bench.record.recording._tables import table_writer
 from bench.record.recording._timing import StreamTimer, StreamTiming, Unwrapper
 from drivers.kit.instruments import FrameBatch, LossSide, StreamDecoder, has_counter, loss_taints
@@ -88,11 +95,12 @@ def decode_stream(
         bytes_skipped=decoder.counts.bytes_skipped,
         rejected=dict(decoder.counts.rejected),
         start_offset=source.start_offset,
+        warnings=_missing(path),
     )
     target = (out or folder) / source.table
     if not timer.has_arrivals:
         target.unlink(missing_ok=True)
-        return replace(report, warnings=("no frame with an arrival time",))
+        return replace(report, warnings=(*report.warnings, "no frame with an arrival time"))
     timing = timer.fit(_BITS_A_BYTE * frame_bytes / source.baudrate if source.baudrate else 0.0)
     return _write_table(path, source, timing, report, target, off_s)
 
@@ -184,8 +192,15 @@ def _write_table(
         sample_rate_hz=timing.sample_rate_hz,
         clock_error_ppm=timing.clock_error_ppm,
         residual_s=timing.residual_s,
-        warnings=timing.warnings,
+        warnings=(*report.warnings, *timing.warnings),
     )
+
+
+def _missing(path: Path) -> tuple[str, ...]:
+    """Return a warning if the raw file ends before its index does."""
+    if (missing := missing_tail(path)) is None:
+        return ()
+    return (f"{missing[0]} bytes of {path.name} are missing: nothing is known from {missing[1]:.3f} s on",)
 
 
 def _not_sent(

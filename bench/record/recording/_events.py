@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import threading
@@ -20,14 +21,20 @@ _E = TypeVar("_E", bound=Event)
 
 
 class AppendFile:
-    """An append-only file in a run folder; a failed write keeps what is on disk and what is still pending."""
+    """A file in a run folder that only grows; a failed write keeps what is on disk and what is still pending.
+
+    `size`: bytes that the operating system has taken, and where the next ones go. Whatever becomes of the file
+    meanwhile, they stand in their place: what somebody cut off, or was never written, reads as zeros.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.pending = bytearray()
         self.unsynced = False
+        self.size = 0
+        self._told = -1
         try:
-            self._fd = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise record_error(path, error) from error
 
@@ -42,6 +49,7 @@ class AppendFile:
             return
         written = 0
         try:
+            os.lseek(self._fd, self.size, os.SEEK_SET)
             while written < len(self.pending):
                 with memoryview(self.pending) as view:
                     written += os.write(self._fd, view[written:])
@@ -51,7 +59,28 @@ class AppendFile:
             raise record_error(self.path, error) from error
         finally:
             self.unsynced |= written > 0
+            self.size += written
             del self.pending[:written]
+
+    def whole_to(self) -> int | None:
+        """Return how many bytes are as they were written if the file is longer or shorter than that, else None.
+
+        The same loss is told once.
+        """
+        size = os.fstat(self._fd).st_size
+        whole = min(size, self.size)
+        if size == self.size or 0 <= self._told <= whole:
+            return None
+        self._told = whole
+        return whole
+
+    def restart(self, size: int) -> None:
+        """Go on at `size` bytes; what stood behind them is gone."""
+        try:
+            os.ftruncate(self._fd, size)
+        except OSError as error:
+            raise record_error(self.path, error) from error
+        self.size, self._told = size, -1
 
     def sync(self) -> None:
         """Wait until what was written is on the disk; raises OSError. May be called from another thread."""
@@ -118,7 +147,16 @@ class EventLog:
         with self._lock:
             lines, self._lines = self._lines, bytearray()
         self.file.pending += lines
+        self._look()
         self.file.write()
+        self._look()
+
+    def _look(self) -> None:
+        """Raise RecordError if lines are missing that were written; those that follow begin a line."""
+        whole = self.file.whole_to()
+        if whole is not None:
+            self.file.restart(self.file.path.read_bytes().rfind(b"\n", 0, whole) + 1)
+            raise record_error(self.file.path, OSError(errno.EIO, "lines are missing that were written"))
 
     def close(self) -> None:
         """Sync and close; raises RecordError."""

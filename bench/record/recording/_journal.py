@@ -15,6 +15,7 @@ import threading
 from array import array
 from bisect import bisect_right
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from bench.record.recording._events import AppendFile, EventLog, record_error
@@ -27,12 +28,24 @@ _MOST_WAITING_BYTES = 256 << 20
 _LONGEST_INTERVAL_S = 1.0
 
 TIE_NS = 1000
+_MARK_BYTES = 16
+
+
+@dataclass(frozen=True)
+class Hole:
+    """A raw file that is not as it was written: bytes or marks are missing after bench time `from_s`."""
+
+    file: str
+    whole_bytes: int
+    written_bytes: int
+    from_s: float
 
 
 class _Direction:
     """Bytes one way and their index: int64 little-endian pairs (bytes so far, bench time in ns)."""
 
     def __init__(self, folder: Path, stem: str) -> None:
+        self.holes: list[Hole] = []
         self.data = AppendFile(folder / f"{stem}.bin")
         self.index = AppendFile(folder / f"{stem}.idx")
         self.last_ns = -TIE_NS
@@ -42,6 +55,7 @@ class _Direction:
         self._lock = threading.Lock()
         self._handed_on = 0
         self._unwritten_marks = array("q")
+        self._last_mark = array("q")
 
     def add(self, data: bytes, time_s: float, other_ns: int) -> None:
         """Take bytes; `other_ns` is the last time in the other direction.
@@ -69,8 +83,10 @@ class _Direction:
         """Write the bytes before the marks, so that a mark on disk never speaks of bytes that are not.
 
         Nobody waits for the disk to add: what has been gathered changes hands under the lock, writing does not.
-        When the disk takes only part of the bytes, the marks of that part are written.
+        When the disk takes only part of the bytes, the marks of that part are written. Before and after it is
+        seen whether both files have what was written so far.
         """
+        self._look()
         with self._lock:
             gathered, self._bytes = self._bytes, bytearray()
             marks, self._marks = self._marks, array("q")
@@ -81,14 +97,45 @@ class _Direction:
             self.data.write()
         finally:
             self._write_marks(self._handed_on - len(self.data.pending))
+        self._look()
 
     def _write_marks(self, bytes_on_disk: int) -> None:
         whole = 2 * bisect_right(self._unwritten_marks[::2], bytes_on_disk)
         marks, self._unwritten_marks = self._unwritten_marks[:whole], self._unwritten_marks[whole:]
+        self._last_mark = marks[-2:] or self._last_mark
+        self._add_to_index(marks)
+
+    def _add_to_index(self, marks: array[int]) -> None:
         if sys.byteorder == "big":
+            marks = array("q", marks)
             marks.byteswap()
         self.index.pending += marks.tobytes()
         self.index.write()
+
+    def _look(self) -> None:
+        """Note whether bytes or marks are missing, and go on so that those that follow keep their times."""
+        for file in (self.data, self.index):
+            whole = file.whole_to()
+            if whole is None:
+                continue
+            written = file.size
+            if file is self.index:  # zeros are no marks: it goes on behind those that are whole
+                self.index.restart(whole // _MARK_BYTES * _MARK_BYTES)
+                self._add_to_index(self._last_mark)
+            self.holes.append(Hole(file.path.name, whole, written, self._time_s(file, whole)))
+
+    def _time_s(self, file: AppendFile, whole: int) -> float:
+        """Return the bench time of the last mark that a file has in its first `whole` bytes; 0 for none."""
+        marks = array("q")
+        try:
+            content = self.index.path.read_bytes()
+        except OSError:  # it is in another place by now
+            return 0.0
+        marks.frombytes(content[: len(content) // _MARK_BYTES * _MARK_BYTES])
+        if sys.byteorder == "big":
+            marks.byteswap()
+        count = whole // _MARK_BYTES if file is self.index else bisect_right(marks[::2], whole)
+        return marks[2 * count - 1] / 1e9 if count else 0.0
 
 
 class PortJournal:
@@ -121,6 +168,12 @@ class PortJournal:
     def files(self) -> tuple[AppendFile, ...]:
         """The four files of the port."""
         return (self._received.data, self._received.index, self._sent.data, self._sent.index)
+
+    def take_holes(self) -> list[Hole]:
+        """Return what was found missing of the files since this was last asked."""
+        holes = [*self._received.holes, *self._sent.holes]
+        self._received.holes, self._sent.holes = [], []
+        return holes
 
     def flush(self, sync: bool) -> None:
         """Write what is pending and, with `sync`, wait for the disk; raises RecordError."""
@@ -173,6 +226,16 @@ class Journal:
                 expected=f"less than {_MOST_WAITING_BYTES >> 20} MiB",
                 remedy="name a folder on a faster disk with --runs",
             )
+
+    def take_holes(self) -> list[Hole]:
+        """Return what was found missing of raw files since this was last asked."""
+        return [hole for port in self._ports for hole in port.take_holes()]
+
+    @property
+    def written(self) -> dict[str, int]:
+        """How many bytes the operating system took of each raw file, by name in the run folder."""
+        files = [file for port in self._ports for file in port.files]
+        return {file.path.relative_to(self.folder).as_posix(): file.size for file in files}
 
     def close(self) -> None:
         """Write and sync everything and close the files; every file is tried before RecordError is raised."""

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from bench.record.events._base import Number
-from bench.record.recording._events import record_error
+from bench.record.recording._events import EVENTS_FILE, record_error
 from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.errors import RecordError
 from drivers.base.files import MANIFEST_BYTES, read_bounded, replace_file
@@ -106,7 +106,11 @@ class Manifest(_Part):
     measurements: tuple[dict[str, Any], ...] = ()
     repeats: dict[str, int] = Field(default_factory=dict)
     """How many exchanges with an instrument were tried again, by device: the `repeat` events."""
+    written: dict[FileName, int] = Field(default_factory=dict)
+    """Bytes of each raw file that the operating system took while the run went on."""
     files: dict[FileName, FileEntry] = Field(default_factory=dict)
+    seal: str = ""
+    """SHA-256 of this manifest's bytes without these 64; empty in runs of before November 2026."""
 
     @property
     def complete(self) -> bool:
@@ -160,7 +164,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write manifest.json in one piece: a reader finds the old one or the new one. Raises RecordError."""
     path = folder / MANIFEST_FILE
     try:
-        replace_file(path, manifest.model_dump_json(indent=2) + "\n")
+        replace_file(path, _text(manifest))
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             os.fsync(descriptor)
@@ -170,17 +174,35 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         raise record_error(path, error) from error
 
 
+def _text(manifest: Manifest) -> str:
+    return manifest.model_dump_json(indent=2) + "\n"
+
+
 def seal(folder: Path, manifest: Manifest, **ending: Any) -> Manifest:
-    """Write the final manifest with the checksums of the run's files; return it. Raises RecordError.
+    """Write the final manifest with the checksums of the run's files and its own; return it. Raises RecordError.
 
     `ending`: what `manifest` does not have yet, its outcome first, which must not be "running" any more.
     """
     sealed = manifest.model_copy(update=ending)
     if not sealed.complete:
         raise RecordError("a running run cannot be sealed", where=str(folder))
-    sealed = sealed.model_copy(update={"files": checksums(folder)})
+    sealed = sealed.model_copy(update={"files": checksums(folder), "seal": ""})
+    sealed = sealed.model_copy(update={"seal": hashlib.sha256(_text(sealed).encode()).hexdigest()})
     write_manifest(folder, sealed)
     return sealed
+
+
+def seal_state(folder: Path, manifest: Manifest) -> Literal["whole", "broken", "none"]:
+    """Return whether the manifest of a run folder has the bytes that it was sealed with; RecordError."""
+    if not manifest.seal:
+        return "none"
+    path = folder / MANIFEST_FILE
+    try:
+        content = read_bounded(path, MANIFEST_BYTES)
+    except OSError as error:
+        raise record_error(path, error) from error
+    unsealed = content.replace(manifest.seal.encode(), b"")
+    return "whole" if hashlib.sha256(unsealed).hexdigest() == manifest.seal else "broken"
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -217,8 +239,9 @@ def _mistakes(error: ValueError) -> str:
 
 
 def checksums(folder: Path) -> dict[str, FileEntry]:
-    """Return the checksums of the run's own files by relative path: events, raw/ and tables."""
-    paths = [folder / "events.jsonl", *(folder / "raw").glob("*"), *folder.glob("*.parquet")]
+    """Return the checksums of the run's own files by relative path: events, raw/, tables, watchdog/."""
+    paths = [folder / EVENTS_FILE, *(folder / "raw").glob("*"), *folder.glob("*.parquet")]
+    paths += (folder / "watchdog").rglob("*")
     return {path.relative_to(folder).as_posix(): checksum(path) for path in sorted(paths) if path.is_file()}
 
 

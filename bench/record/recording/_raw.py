@@ -38,17 +38,35 @@ def read_blocks(path: Path, start: int = 0, block_bytes: int = BLOCK_BYTES) -> I
 def read_marks(path: Path) -> NDArray[np.int64]:
     """Return the index of `path` (a .bin file), int64 (m, 2): (bytes so far, bench time ns), mapped, not read.
 
-    Cut where the index is torn (half a pair) or speaks of bytes that are not in the file. RecordError if bytes or
-    times go backwards, or time leaps by a month: then it is not torn but damaged.
+    Cut where the index is torn (half a pair) or speaks of bytes that are not in the file: `missing_tail` tells of
+    those. RecordError if bytes or times go backwards, or time leaps by a month: then it is not torn but damaged.
     """
+    marks = _all_marks(path)
+    size = path.stat().st_size if path.exists() else 0
+    return marks[: int(np.searchsorted(marks[:, 0], size, side="right"))]
+
+
+def missing_tail(path: Path) -> tuple[int, float] | None:
+    """Return how many bytes a .bin file lacks of those that its index has, and the bench time in s from which.
+
+    None for a file that has them all.
+    """
+    marks = _all_marks(path)
+    size = path.stat().st_size if path.exists() else 0
+    if not len(marks) or marks[-1, 0] <= size:
+        return None
+    whole = int(np.searchsorted(marks[:, 0], size, side="right"))
+    return int(marks[-1, 0]) - size, float(marks[whole - 1, 1]) / 1e9 if whole else 0.0
+
+
+def _all_marks(path: Path) -> NDArray[np.int64]:
     index = path.with_suffix(".idx")
     pairs = index.stat().st_size // 16 if index.exists() else 0
-    if not pairs or not path.exists():
+    if not pairs:
         return np.empty((0, 2), np.int64)
     marks = np.memmap(index, dtype="<i8", mode="r", shape=(pairs, 2))
     _check_order(index, marks)
-    whole = int(np.searchsorted(marks[:, 0], path.stat().st_size, side="right"))
-    return marks[:whole]
+    return marks
 
 
 def first_arrivals(
@@ -57,11 +75,14 @@ def first_arrivals(
     """Return which frames of a batch have an arrival mark of their own, when they came in s, and marks done.
 
     `done`: how many marks earlier batches took. `end_offset` (n,) of the frames; where several arrived with one
-    mark it is that of the first.
+    mark it is that of the first. A mark behind whose frame more than a frame is missing says nothing of its time.
     """
     upto = int(np.searchsorted(marks[:, 0], end_offset[-1], side="right"))
     here = np.asarray(marks[done:upto])
     frame = np.searchsorted(end_offset, here[:, 0], side="right") - 1
+    if len(end_offset) > 2:
+        near = here[:, 0] - end_offset[frame] <= 2.0 * np.median(np.diff(end_offset))
+        here, frame = here[near], frame[near]
     first = np.flatnonzero(np.diff(frame, prepend=-1) > 0)
     return frame[first], here[first, 1] * 1e-9, upto
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -20,7 +20,7 @@ from bench.record.events.run import PhaseBegun
 from bench.record.recording._decode import Arrivals, Role, StreamSource, read_arrivals, table_name
 from bench.record.recording._events import Events, Line, read_events
 from bench.record.recording._journal import RAW_FOLDER
-from bench.record.recording._manifest import Manifest, checksum, read_manifest
+from bench.record.recording._manifest import Manifest, checksum, read_manifest, seal_state
 from bench.record.recording._raw import can_frames
 from bench.record.recording._remote import fetch_file, local_run, remote_file
 from bench.record.recording._tables import (
@@ -79,6 +79,11 @@ class Run:
     def complete(self) -> bool:
         """Whether the run was closed; one that was not can still be read as far as it was written."""
         return self.manifest.complete
+
+    @property
+    def seal(self) -> Literal["whole", "broken", "none"]:
+        """Whether the manifest is the one that was sealed; "none": it was written without a seal."""
+        return seal_state(self._folder, self.manifest)
 
     @property
     def checksum(self) -> str:

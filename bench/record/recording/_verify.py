@@ -1,9 +1,10 @@
-"""Checks a run: the checksums of its files, and its tables against tables rebuilt from raw bytes."""
+"""Checks a run: the checksums of its files and its manifest, these against the events, and tables rebuilt."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +12,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.record.recording._manifest import FileEntry, checksum, read_manifest
+from bench.record.events.run import Invalid, Measured, Outcome
+from bench.record.recording._events import EVENTS_FILE, read_events
+from bench.record.recording._manifest import FileEntry, Manifest, checksum, read_manifest, seal_state
+from bench.record.recording._raw import missing_tail
 from bench.record.recording._remote import local_run
 from bench.record.recording._tables import from_arrow
-from drivers.base.errors import BenchError
+from bench.record.run_folder import MANIFEST_FILE
+from drivers.base.errors import BenchError, RecordError
 
 Decode = Callable[[Path, Path], object]
 """(run folder, folder for the tables): decodes everything of a run."""
@@ -35,6 +40,8 @@ class VerifyReport:
     files: int
     tables: int
     problems: tuple[FileProblem, ...]
+    sealed: bool = True
+    """Whether the manifest has a checksum of its own: those written before November 2026 have none."""
 
     @property
     def passed(self) -> bool:
@@ -55,10 +62,12 @@ def verify(folder: Path, decode: Decode) -> VerifyReport:
         problems.append(FileProblem("manifest.json", "the run was never closed: there are no checksums"))
     else:
         problems += _compare_files(folder, manifest.files)
+        problems += _compare_manifest(folder, manifest)
+    problems += _compare_raw(folder, manifest)
+    sealed = bool(manifest.seal)
     if grown := _grown(folder, manifest.files):
-        return VerifyReport(
-            len(manifest.files), 0, (*problems, FileProblem(grown, "grown: no tables rebuilt"))
-        )
+        problems.append(FileProblem(grown, "grown: no tables rebuilt"))
+        return VerifyReport(len(manifest.files), 0, tuple(problems), sealed)
     with tempfile.TemporaryDirectory(prefix="gyrobench-verify-") as rebuilt:
         try:
             decode(folder, Path(rebuilt))
@@ -71,7 +80,7 @@ def verify(folder: Path, decode: Decode) -> VerifyReport:
             for name in names
             if name not in named and (text := _compare_tables(folder / name, Path(rebuilt) / name))
         ]
-    return VerifyReport(len(manifest.files), len(names), tuple(problems))
+    return VerifyReport(len(manifest.files), len(names), tuple(problems), sealed)
 
 
 def _compare_files(folder: Path, expected: Mapping[str, FileEntry]) -> Iterator[FileProblem]:
@@ -83,10 +92,50 @@ def _compare_files(folder: Path, expected: Mapping[str, FileEntry]) -> Iterator[
             yield FileProblem(name, f"differs from the manifest: {size} bytes, expected {entry.bytes}")
         elif (found := checksum(path)) != entry:
             yield FileProblem(name, f"differs from the manifest: found {found}, expected {entry}")
-    for path in sorted((folder / "raw").glob("*")):
+    for path in [folder / EVENTS_FILE, *sorted((folder / "raw").glob("*"))]:
         name = path.relative_to(folder).as_posix()
-        if name not in expected:
+        if name not in expected and path.exists():
             yield FileProblem(name, "not in the manifest")
+
+
+def _compare_manifest(folder: Path, manifest: Manifest) -> Iterator[FileProblem]:
+    """Say where a manifest is not the one that was sealed, or says another thing than the events do."""
+    if seal_state(folder, manifest) == "broken":
+        yield FileProblem(MANIFEST_FILE, "changed after it was sealed")
+    try:
+        events = read_events(folder)
+    except RecordError as error:
+        yield FileProblem(EVENTS_FILE, str(error))
+        return
+    ends = [end for _, end in events.of(Outcome)]
+    if not manifest.seal:
+        if any(end.sealed for end in ends):
+            yield FileProblem(MANIFEST_FILE, "its seal was taken off")
+        return
+    if not ends and manifest.outcome == "aborted":  # the disk may have been full by then
+        return
+    invalid = bool(events.of(Invalid))
+    if manifest.imported is None and [*manifest.measurements] != [
+        measured.fields() for _, measured in events.of(Measured)
+    ]:
+        yield FileProblem(MANIFEST_FILE, "its measurements are not those of the events")
+    if not ends or (manifest.outcome, manifest.reason) != (ends[-1].outcome, ends[-1].reason):
+        yield FileProblem(MANIFEST_FILE, "its outcome or reason is not that of the events")
+    elif manifest.outcome != "aborted" and invalid != (manifest.outcome == "invalid"):
+        yield FileProblem(MANIFEST_FILE, f"says {manifest.outcome}, the events do not")
+
+
+def _compare_raw(folder: Path, manifest: Manifest) -> Iterator[FileProblem]:
+    """Say which raw files do not have the bytes that were written, or that their index speaks of."""
+    for name, count in manifest.written.items():
+        entry = manifest.files.get(name)
+        if entry is not None and entry.bytes != count:
+            yield FileProblem(name, f"has {entry.bytes} bytes; {count} were written")
+    for path in sorted((folder / "raw").glob("*.bin")):
+        with suppress(RecordError):  # decoding it says what is wrong with it
+            if (missing := missing_tail(path)) is not None:
+                text = f"lacks {missing[0]} bytes that its index has: nothing from {missing[1]:.3f} s on"
+                yield FileProblem(path.relative_to(folder).as_posix(), text)
 
 
 def _grown(folder: Path, expected: Mapping[str, FileEntry]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.record.events.run import Note
-from bench.record.recording import EventLog, Journal, PortJournal
+from bench.record.recording import EventLog, Journal, PortJournal, read_events
 from drivers.base.errors import RecordError
 
 pytestmark = pytest.mark.concurrent
@@ -189,3 +189,84 @@ def test_close_tries_every_port_before_it_raises(tmp_path):
         journal.close()
     assert (tmp_path / "raw" / "second.bin").read_bytes() == b"2"
     journal.close()
+
+
+def swallowing(monkeypatch, ends):
+    """Have every write to files of this end vanish, as a disk that lies has it."""
+    write = os.write
+
+    def lie(descriptor, data):
+        name = Path(f"/proc/self/fd/{descriptor}").readlink().name
+        return len(data) if name.endswith(ends) else write(descriptor, data)
+
+    monkeypatch.setattr(os, "write", lie)
+
+
+@pytest.mark.parametrize("how", ["cut", "cut to nothing", "swallowed"])
+def test_bytes_behind_a_hole_stand_in_their_place_and_the_hole_is_told_with_its_time(
+    tmp_path, monkeypatch, how
+):
+    """Ten bytes a second; the file ends at 25 bytes for a while, or at none."""
+    port, path = PortJournal(tmp_path, "p"), tmp_path / "raw" / "p.bin"
+    came = b"".join(bytes([second]) * 10 for second in range(1, 9))
+    for second in range(1, 9):
+        port.received(came[10 * second - 10 : 10 * second], float(second))
+        if how == "swallowed":
+            with monkeypatch.context() as patch:
+                if second in (3, 4):
+                    swallowing(patch, ".bin")
+                port.flush(sync=True)
+        else:
+            port.flush(sync=True)
+            if second == 4:
+                os.truncate(path, 25 if how == "cut" else 0)
+    whole = {"cut": 25, "cut to nothing": 0, "swallowed": 20}[how]
+    assert path.read_bytes() == came[:whole] + bytes(40 - whole) + came[40:]
+    assert marks(tmp_path / "raw" / "p.idx") == [[10 * s, s * 10**9] for s in range(1, 9)]
+    (hole,) = port.take_holes()
+    assert (hole.file, hole.whole_bytes, hole.from_s) == ("p.bin", whole, float(whole // 10))
+    port.flush(sync=True)
+    assert port.take_holes() == []  # once
+
+
+def test_a_hole_is_told_though_nothing_comes_any_more(tmp_path):
+    port = PortJournal(tmp_path, "p")
+    port.received(b"0123456789", 1.0)
+    port.flush(sync=False)
+    os.truncate(tmp_path / "raw" / "p.bin", 9)
+    port.flush(sync=False)
+    assert [(hole.file, hole.from_s) for hole in port.take_holes()] == [("p.bin", 0.0)]
+
+
+@pytest.mark.parametrize("size", [40, 39, 0])
+def test_marks_that_were_cut_off_give_their_bytes_to_no_later_time(tmp_path, size):
+    """The index loses marks; the bytes of these have the time of the last of them, not that of the next."""
+    port, index = PortJournal(tmp_path, "p"), tmp_path / "raw" / "p.idx"
+    for second in range(1, 6):
+        port.received(b"0123456789", float(second))
+        port.flush(sync=False)
+        if second == 4:
+            os.truncate(index, size)
+    kept = size // 16
+    assert marks(index) == [
+        *([10 * s, s * 10**9] for s in range(1, kept + 1)),
+        [40, 4 * 10**9],
+        [50, 5 * 10**9],
+    ]
+    assert [(hole.file, hole.from_s) for hole in port.take_holes()] == [("p.idx", float(kept))]
+
+
+def test_an_event_log_that_loses_lines_ends_the_run(tmp_path, journal):
+    log = EventLog(tmp_path)
+    journal.adopt(log)
+    for number in range(3):
+        log.event(float(number), Note("said"))
+    journal._writer.call()
+    os.truncate(tmp_path / "events.jsonl", 30)
+    journal._writer.call()
+    with pytest.raises(RecordError, match="lines are missing"):
+        journal.check()
+    log.event(3.0, Note("later"))
+    journal._writer.call()
+    journal.check()
+    assert [line.time_s for line in read_events(tmp_path).lines] == [3.0]

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from bench.record.events.run import PhaseBegun
+from bench.record.events.run import Outcome, PhaseBegun
 from bench.record.recording import (
     EventLog,
     Manifest,
@@ -262,7 +262,9 @@ def test_a_table_that_is_not_what_the_bytes_give_is_named_with_both(tmp_path, co
     run = tmp_path / "run"
     run.mkdir()
     write_manifest(run, manifest())
-    EventLog(run).close()
+    log = EventLog(run)
+    log.event(1.0, Outcome("completed"))
+    log.close()
     write(run, "gyro_fog", **columns)
     seal(run, manifest(outcome="completed"))
     report = verify(run, lambda folder, out: write(out, "gyro_fog", counter=np.arange(300)))

@@ -1,6 +1,7 @@
 """A folder that a crash left is completed: readable, verified, and never taken for a run that was completed."""
 
 import json
+import os
 
 import pytest
 
@@ -8,10 +9,10 @@ from bench.control.lease import take_lease
 from bench.control.recover import recover
 from bench.control.run_record import RunRecord, decode_run
 from bench.record.benchfile import load_bench_file
-from bench.record.events.run import Measured, PhaseBegun
+from bench.record.events.run import Invalid, Measured, PhaseBegun
 from bench.record.events.safe import Takeover, TakeoverEnded
 from bench.record.recording import Run, read_manifest, verify
-from drivers.base.errors import BenchInUse
+from drivers.base.errors import BenchInUse, RecordError
 
 BENCH = """
 [bench]
@@ -69,6 +70,32 @@ def test_what_a_crash_left_is_completed_as_aborted_and_verifies(crashed):
     before = (folder / "manifest.json").read_bytes()
     recover(folder)
     assert (folder / "manifest.json").read_bytes() == before
+
+
+def test_a_raw_file_that_a_power_cut_left_shorter_than_its_index_is_told_with_the_time(crashed):
+    """Its marks are cut to what is there: nobody reads on past the end."""
+    _, folder = crashed
+    os.truncate(folder / "raw" / "fog_1.bin", 10)
+    assert "lacks 30 bytes" in verify(folder, decode_run).problems[1].text
+    recover(folder)
+    (hole,) = [invalid for _, invalid in Run.open(folder).of(Invalid)]
+    assert (hole.code, hole.facts) == ("record_hole", {"file": "fog_1.bin", "from_s": 0.0})
+    assert (folder / "raw" / "fog_1.idx").stat().st_size == 0
+    assert not verify(folder, decode_run).problems
+
+
+def test_a_disk_without_inodes_is_told_and_the_run_can_be_recovered_later(crashed, monkeypatch):
+    _, folder = crashed
+
+    def full(folder):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bench.control.recover.decode_run", full)
+        with pytest.raises(RecordError, match="No space left"):
+            recover(folder)
+    assert read_manifest(folder).outcome == "running"
+    assert recover(folder).outcome == "aborted" and not verify(folder, decode_run).problems
 
 
 def test_a_run_whose_bench_is_in_use_is_left_alone(crashed):
