@@ -24,6 +24,7 @@ COMMANDS = {
     "panel": "_sessions",
     "ports": "_lists",
     "import": "_import",
+    "look": "_look",
 }
 """Command -> the file here that holds it, in `app`."""
 GROUPS = {

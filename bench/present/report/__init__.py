@@ -15,6 +15,7 @@ from bench.present.report._gap import gap_page
 from bench.present.report._gap_rehearsal import log_gaps_page
 from bench.present.report._heading import heading_page, mixed_text
 from bench.present.report._layout import render_page
+from bench.present.report._look import look_page
 from bench.present.report._page import Page
 from bench.present.report._rlg import stepwise_page
 from bench.present.report._run import report_run, run_page
@@ -35,6 +36,7 @@ __all__ = [
     "gap_page",
     "heading_page",
     "log_gaps_page",
+    "look_page",
     "mixed_text",
     "render_page",
     "report_run",

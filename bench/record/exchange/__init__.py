@@ -2,7 +2,7 @@
 
 from bench.record.exchange._export import export_run
 from bench.record.exchange._import import decode_imported, import_log
-from bench.record.exchange._log import read_log
+from bench.record.exchange._log import load_asammdf, read_log
 from bench.record.exchange._mapping import LogEntry, Mapping, read_mapping
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "decode_imported",
     "export_run",
     "import_log",
+    "load_asammdf",
     "read_log",
     "read_mapping",
 ]

@@ -1,0 +1,122 @@
+"""The spectrum of a record at its full rate, and the lines in it by frequency as the record has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import welch
+from scipy.stats import chi2
+
+from drivers.base.arrays import Array
+
+_LONGEST = 1 << 18
+_AVERAGES = 8
+"""Segments, half over each other, that are averaged where the record is long enough."""
+_LOWEST = 12
+"""First bins, in which a drift's leakage and few neighbours tell no line."""
+_NODES_A_DECADE, _FEWEST = 16, 24
+_FALSE_ALARM = 1e-3
+"""Probability that noise alone gives a line anywhere in a spectrum."""
+_MAIN_LOBE = 3
+_BROAD = 8
+"""Bins wide from which on it is a band, not a line."""
+_MOST = 12
+_LEAST_EXCESS = 1.5
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line or band in a spectrum: frequency and width in Hz, amplitude of the sine, times the noise around.
+
+    `broad`: a band rather than a line. The frequency is that in the record: a sampled record cannot say whether
+    what causes it lies there or at another one that appears there (n times the sample rate, plus or minus it).
+    """
+
+    frequency_hz: float
+    amplitude: float
+    width_hz: float
+    times_noise: float
+    broad: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """One-sided power density, unit^2/Hz, over frequency, (m,) each; `averages` segments; `white` its level.
+
+    `white`: square root of the median density over the upper half of the frequencies, unit/sqrt(Hz).
+    """
+
+    frequency_hz: Array
+    density: Array
+    averages: int
+    white: float
+    lines: tuple[Line, ...]
+
+
+def spectrum_of(values: Array, per_s: float) -> Spectrum:
+    """Return the spectrum of an unbroken record (n,) by Welch's method (Hann, half overlap), and its lines."""
+    size = min(_LONGEST, 1 << max(4, int(np.log2(max(2 * len(values) // (_AVERAGES + 1), 16)))))
+    size = min(size, len(values))
+    frequency, density = welch(values, per_s, "hann", nperseg=size, detrend="linear")
+    frequency, density = frequency[1:], np.maximum(density[1:], np.finfo(np.float64).tiny)
+    averages = max(1, 2 * len(values) // size - 1)
+    # Segments half over each other under a Hann window count as 36/38 of as many apart (Welch 1967).
+    freedom = 2.0 * averages * (36.0 / 38.0 if averages > 1 else 1.0)
+    upper = density[len(density) // 2 : -1]
+    white = float(np.sqrt(np.median(upper) / _median(freedom))) if len(upper) else np.nan
+    return Spectrum(frequency, density, averages, white, _lines(frequency, density, freedom))
+
+
+def _median(freedom: float) -> float:
+    return float(chi2.ppf(0.5, freedom) / freedom)
+
+
+def _lines(frequency: Array, density: Array, freedom: float) -> tuple[Line, ...]:
+    count = len(density)
+    if count < 4 * _FEWEST:
+        return ()
+    floor = _floor(density) / _median(freedom)
+    ratio = density / floor
+    limit = max(float(chi2.isf(_FALSE_ALARM / count, freedom) / freedom), _LEAST_EXCESS)
+    above = np.flatnonzero(ratio > limit)
+    above = above[(above >= _LOWEST) & (above < count - 1)]
+    if not len(above):
+        return ()
+    step = float(frequency[1] - frequency[0])
+    lines = []
+    for group in np.split(above, np.flatnonzero(np.diff(above) > 2 * _MAIN_LOBE) + 1):
+        top = int(group[np.argmax(ratio[group])])
+        low, high = max(group[0] - _MAIN_LOBE, 0), min(group[-1] + _MAIN_LOBE + 1, count)
+        excess = np.maximum(density[low:high] - floor[low:high], 0.0)
+        near = slice(max(top - 1, 0), top + 2)
+        strong = int((ratio[group] > 0.5 * ratio[top]).sum())
+        centre = float(density[near] @ frequency[near] / density[near].sum())
+        lines.append(
+            Line(
+                centre,
+                float(np.sqrt(2.0 * excess.sum() * step)),
+                strong * step,
+                float(ratio[top]),
+                strong > _BROAD,
+            )
+        )
+    strongest = sorted(lines, key=lambda line: -line.amplitude)[:_MOST]
+    return tuple(sorted(strongest, key=lambda line: line.frequency_hz))
+
+
+def _floor(density: Array) -> Array:
+    """Return the level around every bin: medians of bands a sixteenth of a decade wide, joined."""
+    count = len(density)
+    index = np.arange(count) + 1.0
+    edges = [0]
+    while edges[-1] < count:
+        edges.append(max(edges[-1] + _FEWEST, int(edges[-1] * 10.0 ** (1.0 / _NODES_A_DECADE))))
+    edges[-1] = count
+    if len(edges) > 2 and edges[-1] - edges[-2] < _FEWEST:
+        del edges[-2]
+    bands = list(pairwise(edges))
+    centre = np.array([np.median(np.log(index[low:high])) for low, high in bands])
+    level = np.array([np.median(np.log(density[low:high])) for low, high in bands])
+    return np.asarray(np.exp(np.interp(np.log(index), centre, level)))

@@ -1,0 +1,104 @@
+"""`gyrobench look`: what is in anybody's log, and how its gyros and accelerometers behave."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, BadParameter, Option, Typer
+
+from bench.present.cli._options import Json
+
+if TYPE_CHECKING:
+    from bench.analysis.look import AxisLook, Look
+    from bench.present.cli._console import Terminal
+
+app = Typer()
+_MOST_LINES = 3
+
+
+@app.command()
+def look(
+    log: Annotated[Path, Argument(help="text, Parquet, MAT, NPY, NPZ, HDF5 or MDF")],
+    column: Annotated[
+        list[str] | None, Option(help="KIND=NAME,NAME: gyro, accelerometer, temperature, time; * in names")
+    ] = None,
+    unit: Annotated[list[str] | None, Option(help="NAME=UNIT, e.g. 'g*=0.0305 deg/s'")] = None,
+    rate: Annotated[
+        float | None, Option(help="samples a second, where no column has the time", min=1e-6)
+    ] = None,
+    still: Annotated[bool, Option("--still", help="the unit never turned")] = False,
+    separator: Annotated[str, Option(help="of text: comma, semicolon, tab, blank, or the character")] = "",
+    skip: Annotated[int | None, Option(help="lines of text before the first row", min=0)] = None,
+    table: Annotated[str, Option(help="table in a MAT, NPZ or HDF5 file")] = "",
+    dbc: Annotated[list[Path] | None, Option(help="DBC file for the CAN frames of an MDF file")] = None,
+    write: Annotated[
+        Path | None, Option(help="folder for a mapping and a nominal's noise for each gyro; needs --latitude")
+    ] = None,
+    latitude: Annotated[float | None, Option(help="of the recording, deg", min=-90.0, max=90.0)] = None,
+    unit_id: Annotated[
+        str, Option(help="serial number of the unit, for --write; default the log's name")
+    ] = "",
+    report: Annotated[Path | None, Option(help="HTML file for the report")] = None,
+    as_json: Json = False,
+) -> None:
+    """Look at a log of gyros and accelerometers: what it holds, and each axis at its full rate."""
+    from bench.analysis.look import LookOptions, write_files
+    from bench.analysis.look import look as look_at
+    from bench.present.cli._console import Terminal
+
+    if write is not None and latitude is None:
+        raise BadParameter("--write needs --latitude: it is not in a log, and a mapping must have it")
+    console = Terminal(as_json=as_json)
+    options = LookOptions(
+        separator, skip, table, tuple(dbc or ()), rate, tuple(column or ()), tuple(unit or ()), still
+    )
+    with console.status(f"looking at {log.name}"):
+        found = look_at(log, options)
+    _say(console, found)
+    files = [] if write is None or latitude is None else write_files(
+        found, write, latitude_deg=latitude, unit_id=unit_id
+    )  # fmt: skip
+    if report is not None:
+        from bench.present.report import look_page, write_report
+        from drivers.base.clock import utc_now
+
+        with log.open("rb") as file:
+            checksum = hashlib.file_digest(file, "sha256").hexdigest()
+        files.append(write_report(report, look_page(found, checksum=checksum, created_utc=utc_now())))
+    for path in files:
+        console.say(f"{path}", soft_wrap=True)
+    console.say_json("look", **found.facts(), files=[str(path) for path in files])
+
+
+def _say(console: Terminal, found: Look) -> None:
+    from bench.present.look_words import clock_words, motion_words, noise_words, nyquist_words
+
+    console.say(clock_words(found))
+    console.say(motion_words(found))
+    for remark in found.remarks:
+        console.say(f"  {remark}", style="dim")
+    for question in found.questions:
+        console.say(f"  not known: {question}", style="yellow")
+    heads = ("axis", "unit", "mean", "1 sigma", "drift a hour", "noise", "lines, Hz", "noticed")
+    console.table(heads, [_row(axis, noise_words(axis)) for axis in found.axes], found.log.name)
+    console.say(nyquist_words(found), style="dim")
+
+
+def _row(axis: AxisLook, noise: str) -> tuple[str, ...]:
+    from bench.present.look_words import noticed
+
+    figures = axis.figures
+    lines = sorted(axis.spectrum.lines if axis.spectrum else (), key=lambda line: -line.amplitude)
+    more = f" and {len(lines) - _MOST_LINES} more" if len(lines) > _MOST_LINES else ""
+    return (
+        axis.channel.name,
+        axis.channel.base_unit,
+        f"{figures.mean:.5g} +- {figures.mean_sigma:.2g}",
+        f"{figures.sigma:.3g}",
+        f"{figures.drift_per_h:.3g} +- {figures.drift_sigma:.2g}",
+        noise,
+        ", ".join(f"{line.frequency_hz:.5g}" for line in lines[:_MOST_LINES]) + more,
+        "; ".join(noticed(axis)),
+    )
