@@ -189,7 +189,7 @@ def _limits(values: Array) -> tuple[float, ...]:
 
 def _spread(values: Array) -> float:
     sample = values[:: max(1, len(values) // _SAMPLE)]
-    return _MAD * float(np.median(np.abs(np.diff(sample)))) / 2.0**0.5
+    return float(_MAD * np.median(np.abs(np.diff(sample))) / np.sqrt(2.0))
 
 
 def _quantum(values: Array) -> float:
