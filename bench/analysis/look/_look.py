@@ -140,6 +140,7 @@ def _on_grid(
         [axes[channel] for channel in gyros],
         [channel.axis or channel.name for channel in gyros],
         [values for channel, values in axes.items() if channel.kind == ACCELEROMETER],
+        grid.count,
         clock.per_s,
         all(channel.unit for channel in gyros),
     )

@@ -51,7 +51,7 @@ class Motion:
 
 
 def motion_of(
-    gyros: Sequence[Array], axes: Sequence[str], heavy: Sequence[Array], per_s: float, dps: bool
+    gyros: Sequence[Array], axes: Sequence[str], heavy: Sequence[Array], count: int, per_s: float, dps: bool
 ) -> Motion:
     """Tell rest from turning by windows of half a second.
 
@@ -59,7 +59,6 @@ def motion_of(
     if it scatters no more than the quietest fifth by three times and its mean is near the level of the slowest
     quiet windows: of a log that turns at one rate all the time, that rate is taken for the bias.
     """
-    count = len(gyros[0]) if gyros else len(heavy[0]) if heavy else 0
     length = max(_FEWEST, round(_WINDOW_S * per_s))
     windows = count // length
     if not gyros or windows < 4:
@@ -82,6 +81,8 @@ def motion_of(
         ends = [onset[max(edge - 2, 0) : edge + 2].any() for edge in (start, stop)]
         turning[start:stop] = any(ends)
     rest = quiet & ~turning
+    for start, stop in stretches(~rest & ~turning):
+        rest[start:stop] = stop - start == 1  # a single window that scatters has an outlier in it
     seconds = length / per_s
     turns = []
     for start, stop in stretches(turning):

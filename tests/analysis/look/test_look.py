@@ -80,7 +80,7 @@ def test_npy_npz_parquet_and_mat_say_the_same(tmp_path):
     np.savez(tmp_path / "b.npz", **plain)
     pd.DataFrame(data).to_parquet(tmp_path / "c.parquet")
     savemat(tmp_path / "d.mat", {"imu": plain})
-    options = LookOptions(columns=["gyro=c2,c3,c4"], units=["c[234]=deg/s", "c1=s"])
+    options = LookOptions(columns=["time=c1", "gyro=c2,c3,c4"], units=["c[234]=deg/s", "c1=s"])
     by_name = LookOptions(units=["*gyro*=deg/s", "*time=s"])
     found = [look(tmp_path / "a.npy", options), *(look(tmp_path / n, by_name) for n in ("b.npz", "d.mat"))]
     for one in found:
@@ -94,11 +94,12 @@ def test_mean_drift_and_white_noise_come_out_with_their_uncertainty(tmp_path):
     data = columns(120_000)
     hours = data["time [s]"] / 3600.0
     data["gyro_x [deg/s]"] += 0.01 + 0.006 * (hours - hours.mean())
-    axis = look(written(tmp_path / "log.csv", data)).axes[0]
+    axis, steady, _ = look(written(tmp_path / "log.csv", data)).axes
     sigma = 0.2 / 60.0 * np.sqrt(RATE)
     assert axis.figures.sigma == pytest.approx(sigma, rel=0.02)
     assert abs(axis.figures.mean - 0.01) < 4.0 * axis.figures.mean_sigma
-    assert axis.figures.mean_sigma == pytest.approx(sigma / np.sqrt(120_000), rel=0.6)
+    assert steady.figures.mean_sigma == pytest.approx(sigma / np.sqrt(120_000), rel=0.6)
+    assert axis.figures.mean_sigma > steady.figures.mean_sigma
     assert abs(axis.figures.drift_per_h - 0.006) < 4.0 * axis.figures.drift_sigma
     assert axis.allan is not None and axis.allan.fits
     assert axis.allan.coefficients[1] == pytest.approx(0.2, rel=0.02)
