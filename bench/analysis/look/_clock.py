@@ -181,7 +181,7 @@ def held_remarks(columns: Mapping[str, Array]) -> list[str]:
             continue
         runs = stretches(same)
         length = runs[:, 1] - runs[:, 0] + 1 if len(runs) else np.zeros(0, np.int64)
-        usual = max(_STUCK, 20 * float(np.median(length)) if len(length) else 0.0)
+        usual = max(_STUCK, 20.0 * len(values) / (1 + int((~same).sum())))
         for start, stop in runs[length > usual][:3]:
             remarks.append(
                 f"{name} is stuck at {values[start]:g} for {stop - start + 1} rows from row {start + 1} on"
