@@ -21,7 +21,7 @@ _QUANTISATION = np.sqrt(12.0)
 
 
 def write_files(found: Look, folder: Path, *, latitude_deg: float, unit_id: str = "") -> list[Path]:
-    """Write `NAME.parquet`, and for every gyro a mapping and a nominal with its `[noise]`; return the paths.
+    """Write `NAME.pq` (Parquet), and for every gyro a mapping and a nominal with its `[noise]`; return the paths.
 
     The mapping is one of `gyrobench import` and `gap diagnose`; rows that the log lacks are missing in the table.
     ConfigurationError where the log leaves open what these files must say.
@@ -36,7 +36,7 @@ def write_files(found: Look, folder: Path, *, latitude_deg: float, unit_id: str 
         )
     folder.mkdir(parents=True, exist_ok=True)
     stem = found.log.stem
-    table = folder / f"{stem}.parquet"
+    table = folder / f"{stem}.pq"
     pa.parquet.write_table(_table(found, gyros), table)
     with found.log.open("rb") as log:
         checksum = hashlib.file_digest(log, "sha256").hexdigest()
