@@ -20,7 +20,7 @@ from bench.analysis.heading._log import PlatformLog
 from bench.analysis.heading._nine import too_few_headings
 from bench.analysis.heading._temperature import ReferenceTemperature, fit_reference, lagged
 from drivers.base.arrays import Array
-from drivers.base.errors import ConfigurationError, RecordError
+from drivers.base.errors import RecordError
 
 Form = Literal["lag9", "lag15"]
 Cause = Literal["temperature", "heading", "none"]
@@ -118,11 +118,8 @@ def fit_lagged(
     """Fit the model to a calibration run that begins at the reference heading.
 
     `reference` is that of the alignment; None takes it from the first stay of the log. Raises RecordError
-    with fewer than three headings beside the reference or without a sidereal day at it, ConfigurationError
-    for an unknown form.
+    with fewer than three headings beside the reference or without a sidereal day at it.
     """
-    if form not in _NAMES:
-        raise ConfigurationError(f"there is no model {form!r}", expected="one of " + ", ".join(_NAMES))
     run = Calibration(log, priors or Priors())
     others = run.headings().shape[1] if run.stays else 0
     if others < 3:

@@ -89,19 +89,12 @@ def fit_direct(
     block_s: float = 1.0,
     installation_arcsec: complex = 0j,
 ) -> DirectFit:
-    """Fit lines common to all records, a body rate and (if asked) a drift for each.
+    """Fit lines common to all records, a body rate and (if asked) a drift for each; line 0 is the gauge's.
 
     `drift` None: where rotation separates it from the constant tilt, else declared. True raises NotObservable
     where it does not. `play` None: where a record reverses. `travel_deg`: table angle over which the play is
     taken up. NotObservable if the columns are dependent (too little rotation for the lines).
     """
-    if 0 in lines:
-        raise NotObservable(
-            "line 0 is a tilt that stands still in the body",
-            where="whirl fit",
-            expected="lines other than 0",
-            remedy="leave it out; a gauge fixes it",
-        )
     blocks = [make_blocks(record, block_s, travel_deg, installation_arcsec) for record in records]
     separation = drift_separation(blocks)
     with_drift = separation < SEPARABLE if drift is None else drift

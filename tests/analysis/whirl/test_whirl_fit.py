@@ -177,8 +177,3 @@ def test_holes_are_left_out_and_stop_the_integral() -> None:
     assert np.allclose(fit_direct([damaged], tuple(TRUTH)).amplitudes_arcsec, list(TRUTH.values()), atol=2e-3)
     with pytest.raises(UnfitRotation, match="40 unusable samples"):
         fit_integral(damaged)
-
-
-def test_line_zero_is_refused() -> None:
-    with pytest.raises(NotObservable, match="line 0"):
-        fit_direct([record(14)], (0.0, 1.0))
