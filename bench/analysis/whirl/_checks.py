@@ -10,6 +10,7 @@ from bench.analysis.common.statistics import stretches
 from bench.analysis.whirl._angle import Alignment
 from bench.analysis.whirl._direct import DirectFit
 from bench.analysis.whirl._types import Finding, TurnRecord, UnfitRotation
+from drivers.base.constants import earth_rate_north_dph
 
 FULL_SCALE_DPS = 490.0
 """Full scale of fibre-optic gyros of this class, by their data sheets."""
@@ -106,7 +107,7 @@ def earth_rate_findings(fit: DirectFit, record: TurnRecord) -> Iterator[Finding]
     A horizontal gyro with the wrong sign reflects the rate vector, so that Earth rate, constant in body axes,
     is found on line 2: 11.7 deg/h at 6 deg/s looks like 55 arcsec of whirl.
     """
-    expected, rate = record.earth_horizontal_dph, fit.body_rate_dph[0]
+    expected, rate = earth_rate_north_dph(record.latitude_deg), fit.body_rate_dph[0]
     off = abs(abs(rate.value) - expected)
     if off <= _EARTH_TOLERANCE * expected + 5.0 * rate.sd:
         return

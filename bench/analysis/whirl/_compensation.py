@@ -11,7 +11,7 @@ from bench.analysis.common.compensation import FittedCompensation, provenance
 from bench.analysis.whirl._direct import DirectFit
 from bench.analysis.whirl._gauge import FREE_PART, MEANING, Gauge, gauge_tilt
 from bench.analysis.whirl._kinematics import body_tilt, body_to_true
-from bench.analysis.whirl._residual import slack
+from bench.analysis.whirl._residual import TRAVEL_DEG, slack
 from bench.analysis.whirl._types import Complex
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_PER_RAD
@@ -36,19 +36,11 @@ class WhirlCompensation(FittedCompensation):
     gauge: Gauge
     gauge_arcsec: complex
     play_arcsec: complex = 0j
-    travel_deg: float = 0.5
+    travel_deg: float = TRAVEL_DEG
     declared: tuple[str, ...] = ()
 
     @classmethod
-    def from_fit(
-        cls,
-        fit: DirectFit,
-        unit_id: str,
-        runs: dict[str, str],
-        *,
-        gauge: Gauge,
-        external_arcsec: complex | None = None,
-    ) -> Self:
+    def from_fit(cls, fit: DirectFit, unit_id: str, runs: dict[str, str], *, gauge: Gauge) -> Self:
         """Make a compensation of a fit. The gauge has no default: what is free must be chosen (see `MEANING`)."""
         return cls(
             unit_id=unit_id,
@@ -56,7 +48,7 @@ class WhirlCompensation(FittedCompensation):
             amplitudes_arcsec=fit.amplitudes_arcsec,
             sd_arcsec=fit.sd_arcsec,
             gauge=gauge,
-            gauge_arcsec=gauge_tilt(gauge, fit.lines, fit.amplitudes_arcsec, external_arcsec),
+            gauge_arcsec=gauge_tilt(gauge, fit.lines, fit.amplitudes_arcsec),
             play_arcsec=0j if fit.play_arcsec is None else fit.play_arcsec.value,
             declared=(FREE_PART, f"gauge {gauge}: {MEANING[gauge]}", *fit.declared),
             **provenance(runs),

@@ -83,29 +83,16 @@ def fit_direct(
     records: Sequence[TurnRecord],
     lines: Sequence[float] = DEFAULT_LINES,
     *,
-    drift: bool | None = None,
     play: bool | None = None,
-    travel_deg: float = 0.5,
-    block_s: float = 1.0,
-    installation_arcsec: complex = 0j,
 ) -> DirectFit:
-    """Fit lines common to all records, a body rate and (if asked) a drift for each; line 0 is the gauge's.
+    """Fit lines common to all records and a body rate for each; line 0 is the gauge's.
 
-    `drift` None: where rotation separates it from the constant tilt, else declared. True raises NotObservable
-    where it does not. `play` None: where a record reverses. `travel_deg`: table angle over which the play is
-    taken up. NotObservable if the columns are dependent (too little rotation for the lines).
+    A drift of each record is fitted where rotation separates it from the constant tilt, else declared. `play`
+    None: where a record reverses. NotObservable if the columns are dependent (too little rotation for the lines).
     """
-    blocks = [make_blocks(record, block_s, travel_deg, installation_arcsec) for record in records]
+    blocks = [make_blocks(record) for record in records]
     separation = drift_separation(blocks)
-    with_drift = separation < SEPARABLE if drift is None else drift
-    if with_drift and separation > _SINGULAR:
-        raise NotObservable(
-            "drift and the constant tilt (line +1) cannot be told apart",
-            where="whirl fit",
-            found=f"columns with a condition number of {separation:.1e}: rotation one way at a steady rate",
-            expected="rotation in both senses",
-            remedy="record a reversal, or leave the drift out: it is then in line +1",
-        )
+    with_drift = separation < SEPARABLE
     slack_moves = [float(np.ptp(np.append(part.first_slack, part.last_slack))) > 0.5 for part in blocks]
     with_play = any(slack_moves) if play is None else play
     design = _design(blocks, lines, with_drift, with_play)

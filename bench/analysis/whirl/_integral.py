@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.analysis.whirl._kinematics import harmonic_matrix
 from bench.analysis.whirl._residual import residual_increments
-from bench.analysis.whirl._types import Complex, NotObservable, TurnRecord, UnfitRotation
+from bench.analysis.whirl._types import Complex, TurnRecord
 from drivers.base.arrays import Array
 
 _EVERY_S = 0.1
@@ -45,30 +45,14 @@ def fit_integral(
 ) -> FourierFit:
     """Integrate the residual rate and fit the series at the measured angle.
 
-    `angle_rad`, (n + 1,): another angle to fit at, such as the nominal w t. UnfitRotation for a record with
-    holes: an integral has no way across them (the direct fit has). NotObservable for less than one turn.
+    `angle_rad`, (n + 1,): another angle to fit at, such as the nominal w t. The record has at least a full turn
+    and no holes: an integral has no way across them (the direct fit has).
     """
-    if not record.usable.all():
-        raise UnfitRotation(
-            "the integrated residual cannot cross missing samples",
-            where=f"run {record.run_id}",
-            found=f"{int((~record.usable).sum())} unusable samples",
-            expected="a stretch without holes",
-            remedy="use the direct fit, or the longest stretch without holes",
-        )
     increments = residual_increments(record, body_rate_dph)
     step = max(1, round(_EVERY_S / record.period_s))
     integral = np.concatenate(([0j], np.cumsum(increments)))[::step]
     angle = (record.angle_rad if angle_rad is None else angle_rad)[::step]
     harmonics = [n for n in range(-order, order + 1) if n]
-    if np.ptp(angle) < 2.0 * np.pi:
-        raise NotObservable(
-            "less than one full turn",
-            where=f"run {record.run_id}",
-            found=f"{np.ptp(angle) / (2.0 * np.pi):.2f} turns",
-            expected="one turn at least: harmonics of a part of a turn cannot be told from start and drift",
-            remedy="record more turns",
-        )
     columns = [np.ones(len(angle)), angle - angle.mean(), *(np.exp(1j * n * angle) for n in harmonics)]
     design = np.stack(columns, axis=1).astype(np.complex128)
     values = np.linalg.solve(design.conj().T @ design, design.conj().T @ integral)

@@ -1,6 +1,6 @@
 """The residual rate of the horizontal gyros, equation (11), and its increments in body axes by blocks.
 
-wbar = (wx, wy) - installation * wz - Earth rate. Drift, and Earth rate, which is constant in body axes, may stay
+wbar = (wx, wy) - Earth rate. Drift, and Earth rate, which is constant in body axes, may stay
 in: the fits estimate them together with the whirl. The gyros' mean is never taken for drift: in rotation one
 way a constant tilt of the unit against the spin axis gives the same (3 arcsec at 6 deg/s: 0.31 deg/h).
 """
@@ -14,6 +14,11 @@ import numpy as np
 
 from bench.analysis.whirl._types import ARCSEC_PER_DEG, Complex, TurnRecord
 from drivers.base.arrays import Array
+from drivers.base.constants import earth_rate_up_dph
+
+TRAVEL_DEG = 0.5
+"""Table angle over which the play is taken up."""
+_BLOCK_S = 1.0
 
 
 def heading_from_body_rate(body_rate_dph: complex) -> float:
@@ -21,18 +26,14 @@ def heading_from_body_rate(body_rate_dph: complex) -> float:
     return float(np.degrees(np.angle(body_rate_dph / 1j)) % 360.0)
 
 
-def residual_increments(
-    record: TurnRecord, body_rate_dph: complex = 0j, installation_arcsec: complex = 0j
-) -> Complex:
+def residual_increments(record: TurnRecord, body_rate_dph: complex = 0j) -> Complex:
     """Return what the residual rate turns through in each interval, arcsec, complex (n,), in rotating axes.
 
-    `body_rate_dph`: rate of the body in its own axes to take out (Earth rate); `installation_arcsec`: known
-    angles of the x (real) and y axis towards z. Intervals that are not usable are NaN.
+    `body_rate_dph`: rate of the body in its own axes to take out (Earth rate). Intervals that are not usable are
+    NaN.
     """
     rate = record.rate_dps * ARCSEC_PER_DEG
     residual = rate[:, 0] + 1j * rate[:, 1]
-    if installation_arcsec:
-        residual = residual - (installation_arcsec / (ARCSEC_PER_DEG * np.degrees(1.0))) * rate[:, 2]
     if body_rate_dph:
         residual = residual - body_rate_dph * np.exp(-1j * record.middle_rad)
     return np.asarray(np.where(record.usable, residual * record.period_s, np.nan))
@@ -63,18 +64,16 @@ class Blocks:
         return np.asarray(last - first + 0.5j * seen_up * (first + last))
 
 
-def make_blocks(
-    record: TurnRecord, block_s: float = 1.0, travel_deg: float = 0.5, installation_arcsec: complex = 0j
-) -> Blocks:
-    """Sum increments over blocks of `block_s`; blocks with a sample that is not usable are left out."""
-    size = max(1, round(block_s / record.period_s))
+def make_blocks(record: TurnRecord) -> Blocks:
+    """Sum increments over blocks of 1 s; blocks with a sample that is not usable are left out."""
+    size = max(1, round(_BLOCK_S / record.period_s))
     count = len(record.usable) // size
     turn = np.exp(1j * record.middle_rad[: count * size]).reshape(count, size)
-    increments = residual_increments(record, installation_arcsec=installation_arcsec)[: count * size]
+    increments = residual_increments(record)[: count * size]
     total = (increments.reshape(count, size) * turn).sum(axis=1)
     keep = ~np.isnan(total)
     edges = record.angle_rad[: count * size + 1 : size]
-    slack_at = slack(record.angle_rad, np.radians(travel_deg))[: count * size + 1 : size]
+    slack_at = slack(record.angle_rad, np.radians(TRAVEL_DEG))[: count * size + 1 : size]
     return Blocks(
         total[keep],
         turn.sum(axis=1)[keep] * record.period_s,
@@ -83,7 +82,7 @@ def make_blocks(
         slack_at[:-1][keep],
         slack_at[1:][keep],
         size * record.period_s,
-        record.earth_up_dph,
+        earth_rate_up_dph(record.latitude_deg),
     )
 
 

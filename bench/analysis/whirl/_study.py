@@ -65,7 +65,6 @@ def study_whirl(
     *,
     gauge: Gauge,
     checksums: dict[str, str] | None = None,
-    external_arcsec: complex | None = None,
 ) -> WhirlStudy:
     """Fit on `train`, judge on `test` (on `train` if there is none).
 
@@ -76,13 +75,8 @@ def study_whirl(
     fit = fit_direct(records, lines)
     findings = [finding for turns in (*train, *test) for finding in turns.findings]
     findings += earth_rate_findings(fit, records[0])
-    compensation = WhirlCompensation.from_fit(
-        fit,
-        records[0].unit_id,
-        checksums or {record.run_id: "" for record in records},
-        gauge=gauge,
-        external_arcsec=external_arcsec,
-    )
+    runs = checksums or {record.run_id: "" for record in records}
+    compensation = WhirlCompensation.from_fit(fit, records[0].unit_id, runs, gauge=gauge)
     for turns in test:
         compensation.require_unit(turns.record.unit_id)
     findings += [

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
-from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import BenchError
 
 Complex = NDArray[np.complex128]
@@ -62,13 +61,3 @@ class TurnRecord:
     def turns(self) -> float:
         """Full turns covered, counting both senses."""
         return float(np.abs(np.diff(self.angle_rad)).sum() / (2.0 * np.pi))
-
-    @property
-    def earth_horizontal_dph(self) -> float:
-        """Horizontal component of Earth rate."""
-        return earth_rate_north_dph(self.latitude_deg)
-
-    @property
-    def earth_up_dph(self) -> float:
-        """Upward component of Earth rate."""
-        return earth_rate_up_dph(self.latitude_deg)

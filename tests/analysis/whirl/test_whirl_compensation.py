@@ -12,7 +12,6 @@ from bench.analysis.common.state_file import write_state
 from bench.analysis.whirl import MEANING, WhirlCompensation, remove_slow, tilt_spectrum
 from bench.analysis.whirl._attitude import carrier_tilt, oscillation, unit_attitude
 from bench.analysis.whirl._direct import fit_direct
-from bench.analysis.whirl._gauge import gauge_tilt
 from bench.analysis.whirl._kinematics import body_to_rotating
 from bench.analysis.whirl._types import TurnRecord
 from benchmarks.whirl_runs import Plan, emulate
@@ -57,10 +56,6 @@ def test_the_gauge_must_be_named_and_says_what_it_means(record: TurnRecord) -> N
     fit = fit_direct([record])
     with pytest.raises(TypeError, match="gauge"):
         WhirlCompensation.from_fit(fit, "INS-1", {})  # type: ignore[call-arg]
-    with pytest.raises(ConfigurationError, match="no such gauge"):
-        gauge_tilt("none", fit.lines, fit.amplitudes_arcsec)  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match="go together"):
-        gauge_tilt("external", fit.lines, fit.amplitudes_arcsec)
     for gauge in ("mean", "start"):
         made = WhirlCompensation.from_fit(fit, "INS-1", {}, gauge=gauge)  # type: ignore[arg-type]
         assert any(text.startswith("free: the constant tilt a_0") for text in made.declared)

@@ -183,4 +183,3 @@ def test_start_gauge_is_the_locked_strapdown_attitude() -> None:
         np.abs(apart[:, 2]).max() < 1e-3
     )  # turning about two axes is not turning about their sum: tilt squared
     assert gauge_tilt("mean", LINES, AMPLITUDES) == 0
-    assert gauge_tilt("external", LINES, AMPLITUDES, 1 + 2j) == 1 + 2j
