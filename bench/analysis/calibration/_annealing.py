@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,37 +27,27 @@ def anneal(
             by = int(rng.integers(len(path.moves)))
             home = graph.walk(path.home, path.moves)[by]
             path = Path(home, (*path.moves[by:], *path.moves[:by]))
-        options = _rerouted(graph, path, rng)
-        cost = _cost(graph, path, options, weight)
-        evaluated += len(options.moves)
+        start_at, ways = _rerouted(graph, path, rng)
+        cost = _cost(graph, path, start_at, ways, weight)
+        evaluated += len(ways)
         chance = np.exp(-(cost - cost.min()) / heat)
         drawn = int(rng.choice(len(cost), p=chance / chance.sum()))
-        path = Path(path.home, options.at(path.moves, drawn))
+        end_at = start_at + ways.shape[1]
+        path = Path(path.home, (*path.moves[:start_at], *ways[drawn].tolist(), *path.moves[end_at:]))
         if cost[drawn] < least:
             best, least = path, float(cost[drawn])
     return best, least, evaluated
 
 
-@dataclass(frozen=True, eq=False)
-class _Options:
-    """All ways through a window: moves (n, length) in place of those from `start` on."""
-
-    start: int
-    moves: Integers
-
-    def at(self, whole: tuple[int, ...], number: int) -> tuple[int, ...]:
-        inside = tuple(int(move) for move in self.moves[number])
-        return (*whole[: self.start], *inside, *whole[self.start + len(inside) :])
-
-
-def _rerouted(graph: Graph, path: Path, rng: np.random.Generator) -> _Options:
+def _rerouted(graph: Graph, path: Path, rng: np.random.Generator) -> tuple[int, Integers]:
+    """Return where a window begins, and all ways through it: moves (n, length) in place of those there."""
     # with m moves a window of l turns has up to m^l ways: as many as five quarter turns give, at most
     longest = max(2, int(math.log(_WAYS) / math.log(len(graph.moves))))
     length = min(int(rng.choice(_WINDOW)), longest, len(path.moves))
     start = int(rng.integers(len(path.moves) - length + 1))
     nodes = graph.walk(path.home, path.moves)
     ways = _ways(graph, nodes[start], nodes[start + length], length)
-    return _Options(start, np.array(ways))
+    return start, np.array(ways)
 
 
 def _ways(graph: Graph, start: int, end: int, length: int) -> list[tuple[int, ...]]:
@@ -73,19 +62,18 @@ def _ways(graph: Graph, start: int, end: int, length: int) -> list[tuple[int, ..
     return [moves for moves, _ in ways]
 
 
-def _cost(graph: Graph, path: Path, options: _Options, weight: Array) -> Array:
+def _cost(graph: Graph, path: Path, start: int, ways: Integers, weight: Array) -> Array:
     """Return worst plus a tenth of the rms ratio, shape (n,): the tenth leads where the worst is flat."""
-    length = options.moves.shape[1]
+    count, length = ways.shape
     nodes = graph.walk(path.home, path.moves)
-    before = stretch_of(graph, path.home, path.moves[: options.start], rest=True)
-    count = len(options.moves)
-    node = np.full(count, nodes[options.start])
+    before = stretch_of(graph, path.home, path.moves[:start], rest=True)
+    node = np.full(count, nodes[start])
     stretch = before.map(lambda part: np.broadcast_to(part, (count, *part.shape)))
-    for moves in options.moves.T:
+    for moves in ways.T:
         stretch = compose(stretch, graph.segments[graph.node_attitude[node], moves])
         node = graph.edges[node, moves]
-    rest = path.moves[options.start + length :]
+    rest = path.moves[start + length :]
     if rest:
-        stretch = compose(stretch, stretch_of(graph, nodes[options.start + length], rest, rest=False))
+        stretch = compose(stretch, stretch_of(graph, nodes[start + length], rest, rest=False))
     ratio = scaled_variances(stretch.information) * weight
     return np.asarray(np.sqrt(ratio.max(axis=1)) + 0.1 * np.sqrt(ratio.mean(axis=1)))

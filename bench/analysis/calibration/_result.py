@@ -44,9 +44,8 @@ _SEEN_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Observability:
-    """Degrees by state, shape (30,): `degree` in 1/SI unit, `normalised` = prior sigma / white-noise sigma."""
+    """Degrees by state, shape (30,): `normalised` = prior sigma / white-noise sigma."""
 
-    degree: Array
     normalised: Array
     rank: int
 
@@ -60,11 +59,7 @@ def observability(q: Array, task: Task, tolerance: float = _RANK_TOLERANCE) -> O
     inverse_norm = np.sqrt(np.sum((right[:rank] / singular[:rank, None]) ** 2, axis=0))
     seen = np.linalg.norm(right[rank:], axis=0) < _SEEN_TOLERANCE
     normalised = np.where(seen, 1.0 / np.maximum(inverse_norm, np.finfo(float).tiny), 0.0)
-    return Observability(
-        degree=normalised * task.noise.velocity_mps / task.prior_sigma,
-        normalised=normalised,
-        rank=rank,
-    )
+    return Observability(normalised, rank)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def lstm_to_onnx(model: LstmModel) -> bytes:
 
     Inputs `features` (steps, 1, 3) in the order t_in degC, dt_60 degC/min, gradient degC; `h0`, `c0` (1, 1,
     hidden). Outputs `drift` (steps, 1, 2) in deg/h and ppm; `h1`, `c1`. Start with h0 = c0 = 0 and feed the
-    first sample `warm_up` times (in the metadata) before the run. Raises `FitError` for an unfitted model.
+    first sample `warm_up` times (in the metadata) before the run. ConfigurationError for an unfitted model.
     """
     weights, n = model.weights, model.weights.hidden
     w_input, w_hidden, bias = (

@@ -145,11 +145,9 @@ def uniform(log: PlatformLog) -> PlatformLog:
     """Return the log on a uniform grid of its median step: temperature interpolated, position never made up.
 
     A log that is uniform already comes back as it is, save for missing temperatures. Raises RecordError where
-    the temperature is missing throughout or the grid would be absurdly long.
+    the grid would be absurdly long.
     """
     known = np.isfinite(log.temp_c)
-    if not known.any():
-        raise RecordError("the log has no temperature", expected="the platform's temperature in degC")
     step_s = float(np.median(np.diff(log.time_s)))
     count = round((log.time_s[-1] - log.time_s[0]) / step_s) + 1
     if count > _MOST_ROWS:

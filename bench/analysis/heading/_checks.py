@@ -35,9 +35,7 @@ class Finding:
     refuse: bool
 
 
-def check_log(
-    log: PlatformLog, *, other_temp_c: Array | None = None, reference: ReferenceTemperature | None = None
-) -> list[Finding]:
+def check_log(log: PlatformLog, *, other_temp_c: Array | None = None) -> list[Finding]:
     """Return what is wrong with a calibration log, the worst first; nothing when it is sound.
 
     `other_temp_c`, (n,): another temperature of the record (cabinet, room), to find out whether the two are
@@ -49,7 +47,7 @@ def check_log(
         *_stuck(log),
         *_jumps(log),
         *_coverage(log),
-        *_temperature(log, every, other_temp_c, reference),
+        *_temperature(log, every, other_temp_c),
     ]
     return sorted(found, key=lambda finding: not finding.refuse)
 
@@ -178,14 +176,12 @@ def _coverage(log: PlatformLog) -> Iterator[Finding]:
         )
 
 
-def _temperature(
-    log: PlatformLog, every: list[Stay], other_temp_c: Array | None, reference: ReferenceTemperature | None
-) -> Iterator[Finding]:
+def _temperature(log: PlatformLog, every: list[Stay], other_temp_c: Array | None) -> Iterator[Finding]:
     if not every or not np.isfinite(log.temp_c).any():
         return
     try:
-        response_k, known = _response(log, every, log.temp_c, reference)
-        other_k = 0.0 if other_temp_c is None else _response(log, every, other_temp_c, None)[0]
+        response_k, known = _response(log, every, log.temp_c)
+        other_k = 0.0 if other_temp_c is None else _response(log, every, other_temp_c)[0]
     except RecordError as error:
         yield Finding(error.what + f" ({error.found})", "no reference to count changes from", True)
         return
@@ -213,12 +209,10 @@ def _temperature(
         )
 
 
-def _response(
-    log: PlatformLog, every: list[Stay], temp_c: Array, reference: ReferenceTemperature | None
-) -> tuple[float, ReferenceTemperature]:
+def _response(log: PlatformLog, every: list[Stay], temp_c: Array) -> tuple[float, ReferenceTemperature]:
     """Return the largest change of the Fourier terms over stays, K, and the reference it counts from."""
     first = every[0]
-    known = reference or fit_reference(log.sidereal_rad[: first.stop], temp_c[: first.stop])
+    known = fit_reference(log.sidereal_rad[: first.stop], temp_c[: first.stop])
     change = temp_c - known.at(log.sidereal_rad)
     ends = np.array([stay.stop - 1 for stay in every[1:]], dtype=np.int64)
     terms = fourier_terms(log.sidereal_rad, change)

@@ -25,7 +25,6 @@ class HeadingPoint:
     """The end of one steady stay: drift (3,) in deg/h, (b0, ac, as) in K."""
 
     heading_deg: float
-    time_s: float
     drift_dph: Array
     terms_k: Array
 
@@ -35,17 +34,15 @@ class NineCoefficients:
     """eps_i = k_i0 b0 + k_ic ac + k_is as: `gain_dph_per_k`, (3, 3), rows x y z, columns b0 ac as.
 
     `sigma` and `p_value` of the same shape are None with exactly three headings, where nothing is left over to
-    judge by; `condition` is that of the headings' temperatures, `residual_dph` the rms of what the fit leaves.
+    judge by; `condition` is that of the headings' temperatures.
     """
 
     gain_dph_per_k: Array
     sigma_dph_per_k: Array | None
     p_value: Array | None
     condition: float
-    residual_dph: float
     headings: int
     reference: ReferenceTemperature
-    points: tuple[HeadingPoint, ...]
 
 
 def fit_nine(log: PlatformLog, *, window_s: float = DEFAULT_WINDOW_S) -> NineCoefficients:
@@ -72,7 +69,7 @@ def fit_nine(log: PlatformLog, *, window_s: float = DEFAULT_WINDOW_S) -> NineCoe
         at_end = terms[stay.stop - 1]
         if found is None or not np.isfinite(at_end).all():
             continue
-        points.append(HeadingPoint(stay.heading_deg, float(found.time_s), found.eps_dph, at_end))
+        points.append(HeadingPoint(stay.heading_deg, found.eps_dph, at_end))
     if base is None or len({round(point.heading_deg / _SAME_HEADING_DEG) for point in points}) < 3:
         raise too_few_headings(len(points), window_s)
     return solve_nine(points, base.eps_dph, reference)
@@ -110,10 +107,8 @@ def solve_nine(
         sigma_dph_per_k=sigma,
         p_value=p_value,
         condition=condition,
-        residual_dph=float(np.sqrt(np.mean(left**2))),
         headings=len(points),
         reference=reference,
-        points=tuple(points),
     )
 
 

@@ -94,17 +94,14 @@ def fourier_terms(angle_rad: Array, change_k: Array) -> Array:
     return terms
 
 
-def lagged(value: Array, ratio: float, start: float | None = None) -> Array:
-    """Return a first-order lag of uniform samples, (n,) or columns (n, k); `ratio` = step / time constant.
+def lagged(value: Array, ratio: float) -> Array:
+    """Return a first-order lag of uniform samples (n,); `ratio` = step / time constant.
 
-    Exact for an input that is linear between samples; starts settled on the first sample, or at `start`.
+    Exact for an input that is linear between samples; starts settled on the first sample.
     """
     decay, before, now = lag_weights(ratio)
-    first = value[0] if start is None else np.full_like(value[0], start)
-    state = np.atleast_1d(before * value[0] + decay * first)
-    state = state[None, :] if value.ndim == 2 else state
-    rest = lfilter([now, before], [1.0, -decay], value[1:], axis=0, zi=state)[0]
-    return np.asarray(np.concatenate([np.asarray(first)[None], rest]))
+    state = before * value[:1] + decay * value[:1]
+    return np.concatenate([value[:1], lfilter([now, before], [1.0, -decay], value[1:], zi=state)[0]])
 
 
 @lru_cache(maxsize=64)

@@ -27,17 +27,13 @@ MOST_CONDITION = 3.0
 class WindowEstimate:
     """Misalignment, arcsec, at the window's end `time_s` and mean drift, deg/h, over it, shape (3,).
 
-    `covariance`, (6, 6), is of (phi, eps) per unit variance of the position error, in arcsec and deg/h;
-    `residual_as` the rms residual of a channel. `condition` is that of the design. `published`: at least 0.75 of
-    the window holds samples and the condition is within three times a full window's.
+    `published`: at least 0.75 of the window holds samples and the condition of the design is within three times a
+    full window's.
     """
 
     time_s: float
     phi_as: Array
     eps_dph: Array
-    covariance: Array
-    residual_as: float
-    condition: float
     published: bool
 
 
@@ -86,23 +82,18 @@ def extract(
         return None
     scaled = normal / np.outer(scale, scale)
     solution = np.linalg.solve(scaled, right / scale) / scale
-    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
     end_s = float(log.time_s[-1] - log.delay_s)
     to_end = np.zeros((6, len(scale)))
     to_end[:3, :3] = np.eye(3)
     to_end[:3, 3:6] = np.eye(3) * (end_s - centre_s) / SIDEREAL_DAY_S
     to_end[3:, 3:6] = np.eye(3) / SIDEREAL_DAY_S
     final = to_end @ solution
-    freedom = max(1, len(values) - len(scale))
     step_s = float(np.median(np.diff(log.time_s))) if sample_s is None else sample_s
     most = MOST_CONDITION * full_condition(log.latitude_deg, window_s, periodic)
     return WindowEstimate(
         time_s=end_s + log.delay_s,
         phi_as=final[:3] + final[3:] * log.delay_s,
         eps_dph=final[3:],
-        covariance=to_end @ inverse @ to_end.T,
-        residual_as=float(np.sqrt(max(0.0, float(values @ values) - float(right @ solution)) / freedom)),
-        condition=condition,
         published=len(shown_s) * step_s / window_s >= LEAST_COVERAGE and condition <= most,
     )
 

@@ -1,4 +1,4 @@
-"""How good a model is on a run: against the raw output, against the noise floor, against the truth."""
+"""How good a prediction is on a run: against the raw output, against the noise floor, against the truth."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.common.statistics import BLOCK_S, bias_stability, block_means
-from bench.analysis.thermal._features import prepare, window_mean
+from bench.analysis.thermal._features import STEP_S, window_mean
 from bench.analysis.thermal._regression import TARGETS
-from bench.analysis.thermal._types import Prediction, ThermalModel, ThermalRun
+from bench.analysis.thermal._types import Prediction, ThermalRun
 from drivers.base.arrays import Array
-from drivers.base.errors import ConfigurationError
 
 
 @dataclass(frozen=True)
@@ -59,24 +58,11 @@ def noise_floor(values: Array, *, short_s: int = 10) -> float:
     return float(np.sqrt(np.mean(second**2) / 6.0 * short_s / BLOCK_S))
 
 
-def evaluate(model_or_prediction: ThermalModel | Prediction, run: ThermalRun, *, step_s: int = 10) -> Scores:
-    """Score a model, or a prediction on the grid of `prepare(run, step_s=step_s)`, on a run of 1 s means.
+def evaluate(prediction: Prediction, run: ThermalRun) -> Scores:
+    """Score a prediction for `prepare(run)` on the run of 1 s means.
 
-    The prediction is held over each step, as on the bench, and counted from its mean over the reference window.
+    It is held over each step, as on the bench, and counted from its mean over the reference window.
     """
-    grid = run.time_s[::step_s]
-    if isinstance(model_or_prediction, Prediction):
-        prediction = model_or_prediction
-    else:
-        prediction = model_or_prediction.predict(prepare(run, step_s=step_s))
-    if len(prediction.bias_dph) != len(grid):
-        raise ConfigurationError(
-            "the prediction is not on the run's grid",
-            where=f"run {run.run_id}",
-            found=f"{len(prediction.bias_dph)} values",
-            expected=f"{len(grid)} values, one every {step_s} s",
-            remedy="predict from prepare(run) with the same step",
-        )
     used = run.time_s >= run.reference[0]
 
     def from_reference(values: Array) -> Array:
@@ -88,7 +74,7 @@ def evaluate(model_or_prediction: ThermalModel | Prediction, run: ThermalRun, *,
         measured, truth = getattr(run, target), getattr(run, f"true_{target}")
         if measured is None:
             continue
-        drift = from_reference(np.repeat(getattr(prediction, target), step_s)[: len(run.time_s)])
+        drift = from_reference(np.repeat(getattr(prediction, target), STEP_S)[: len(run.time_s)])
         true_drift = None if truth is None else from_reference(truth)
         if target == "bias_dph":
             figures |= _bias_figures(measured[used], drift, true_drift)

@@ -7,7 +7,13 @@ import numpy as np
 from bench.analysis.common.statistics import hold
 from bench.analysis.thermal._types import FeatureRun, ThermalRun
 from drivers.base.arrays import Array
-from drivers.base.errors import ConfigurationError, RecordError
+from drivers.base.errors import RecordError
+
+STEP_S = 10
+"""Step of models, unless a compensation has another."""
+WINDOW_S = 100
+CHANGE_S = 60
+"""The rate of change is in degC/min because this is a minute."""
 
 
 def trailing_mean(values: Array, count: int) -> Array:
@@ -50,16 +56,16 @@ def _window_sum(values: Array, before: int, after: int) -> Array:
     return np.asarray(total[before + 1 + after :] - total[: len(values)])
 
 
-def change_per_minute(temp_c: Array, over_s: int = 60) -> Array:
-    """Change of a 1 s series over the last `over_s` seconds in degC/min, shape (n,).
+def change_per_minute(temp_c: Array) -> Array:
+    """Change of a 1 s series over the last minute in degC/min, shape (n,).
 
     Before the start the first finite value is taken to have held, as a model's warm-up does.
     """
     finite = np.flatnonzero(np.isfinite(temp_c))
     if not len(finite):
         return np.full_like(temp_c, np.nan)
-    earlier = np.concatenate((np.full(over_s, temp_c[finite[0]]), temp_c))[: len(temp_c)]
-    return np.asarray((temp_c - earlier) * (60.0 / over_s))
+    earlier = np.concatenate((np.full(CHANGE_S, temp_c[finite[0]]), temp_c))[: len(temp_c)]
+    return np.asarray(temp_c - earlier)
 
 
 def window_mean(time_s: Array, values: Array, window_s: tuple[float, float], *, where: str = "") -> float:
@@ -77,31 +83,27 @@ def window_mean(time_s: Array, values: Array, window_s: tuple[float, float], *, 
     return float(np.mean(inside))
 
 
-def prepare(run: ThermalRun, *, step_s: int = 10, window_s: int = 100, change_s: int = 60) -> FeatureRun:
+def prepare(run: ThermalRun, *, step_s: int = STEP_S) -> FeatureRun:
     """Return `run` as model inputs and targets on a grid of `step_s` seconds, starting at the run's first second.
 
-    Inputs are causal: means over the last `window_s`, rate over the last `change_s` and then the same mean;
+    Inputs are causal: means over the last `WINDOW_S`, rate over the last `CHANGE_S` and then the same mean;
     through a gap longer than the window they hold their last value. Targets are centred means (a trailing one
     would make every model 49.5 s late) less their mean over the reference window. `weight` is 0 before the
     reference window, where the unit is not in equilibrium yet, and where a target is missing (its value is then
     0). Raises RecordError for a run that is not on a 1 s grid, or has no temperature or no reference.
     """
     where = f"run {run.run_id}"
-    if step_s < 1 or window_s < 1 or change_s < 1:
-        raise ConfigurationError(
-            "a feature length is not positive", where=where, expected="whole seconds >= 1"
-        )
     _check_grid(run.time_s, where)
-    smooth_in = hold(trailing_mean(_temperature(run.gyro_temp_c, "gyro", where), window_s))
-    smooth_out = hold(trailing_mean(_temperature(run.case_temp_c, "case", where), window_s))
-    change = hold(trailing_mean(change_per_minute(run.gyro_temp_c, change_s), window_s))
+    smooth_in = hold(trailing_mean(_temperature(run.gyro_temp_c, "gyro", where), WINDOW_S))
+    smooth_out = hold(trailing_mean(_temperature(run.case_temp_c, "case", where), WINDOW_S))
+    change = hold(trailing_mean(change_per_minute(run.gyro_temp_c), WINDOW_S))
     usable = run.time_s >= run.reference[0]
     targets: list[Array | None] = []
     for values in (run.bias_dph, run.sf_error_ppm):
         if values is None:
             targets.append(None)
             continue
-        target = centred_mean(values, window_s) - window_mean(run.time_s, values, run.reference, where=where)
+        target = centred_mean(values, WINDOW_S) - window_mean(run.time_s, values, run.reference, where=where)
         usable = usable & np.isfinite(target)
         targets.append(np.nan_to_num(target)[::step_s])
     return FeatureRun(

@@ -26,20 +26,6 @@ from bench.analysis.thermal._regression import (
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
 
-GREY_BOX_TERMS = (
-    "u",
-    "u^2",
-    "u^3",
-    "v",
-    "v^2",
-    "radial gradient of dT",
-    "dTc-dT_out",
-    "dTc",
-    "dTc soft",
-    "Tc-r",
-)
-"""u = (Tc-25)/50, v = (T_in-25)/50, Tc the coil's mean, rates in degC/min, soft: grown below the transition."""
-
 _RIDGE = 1e-9
 _RADIUS = (np.arange(NODES) - (NODES - 1) / 2) / NODES
 
@@ -128,7 +114,7 @@ class GreyBoxModel(MappedModel):
         return GreyBoxParameters.from_vector(found.x), float(found.cost)
 
     def run_terms(self, run: FeatureRun) -> Array:
-        """Return `GREY_BOX_TERMS` of a run, (n, 10)."""
+        """Return the terms of a run, (n, 10)."""
         return _terms(self.parameters, _inputs([run]), [run], run.step_s)[0]
 
     def stepper(self) -> GreyBoxStepper:
@@ -197,7 +183,10 @@ def _terms(
 def _state_terms(
     parameters: GreyBoxParameters, chain: Diffusion, states: Array, inputs: Array, rate_out: Array
 ) -> Array:
-    """Return `GREY_BOX_TERMS` (..., 10) from states (..., 11), inputs (..., 2) and the case's rate (...)."""
+    """Return the terms (..., 10) from states (..., 11), inputs (..., 2) and the case's rate (...).
+
+    u = (Tc-25)/50, v = (T_in-25)/50, Tc the coil's mean, rates in degC/min, soft: grown below the transition.
+    """
     rates = chain.rates(states, inputs)[..., :NODES]
     coil, rate = states[..., :NODES].mean(axis=-1), rates.mean(axis=-1)
     u, v = (coil - 25.0) / 50.0, (inputs[..., 0] - 25.0) / 50.0

@@ -25,21 +25,6 @@ from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
-STEPWISE_TERMS = (
-    "T1",
-    "T2",
-    "dT1",
-    "dT2",
-    "T1 dT1",
-    "T2 dT2",
-    "dT1^2",
-    "dT2^2",
-    "T1^2",
-    "T2^2",
-    "T1-T2",
-)
-"""Candidates of the stepwise model, 1 = case (T_out), 2 = inside (T_in), rates in degC/min."""
-
 RIDGES = tuple(10.0 ** (exponent / 2) for exponent in range(-16, 1))
 """Penalties tried on the validation run, relative to a standardised term's variance."""
 
@@ -106,7 +91,7 @@ class MultilinearModel(_LinearModel):
 
 
 class StepwiseModel(_LinearModel):
-    """Terms of `STEPWISE_TERMS` chosen by stepwise regression on 100 s rows, then fitted on all rows.
+    """Terms of case and inside temperature chosen by stepwise regression on 100 s rows, then fitted on all rows.
 
     Without pre-whitening, a drift's autocorrelated rows keep nearly every term: it is then a full regression.
     """
@@ -118,18 +103,9 @@ class StepwiseModel(_LinearModel):
         self.p_enter = p_enter
 
     def terms(self, inputs: Signals) -> Array:
-        """Return the terms in the order of `STEPWISE_TERMS`."""
+        """Return 11 candidates, 1 = case (T_out), 2 = inside (T_in), rates in degC/min."""
         t1, t2, d1, d2 = inputs.t_out, inputs.t_in, inputs.dt_out, inputs.dt_in
         return np.column_stack([t1, t2, d1, d2, t1 * d1, t2 * d2, d1**2, d2**2, t1**2, t2**2, t1 - t2])
-
-    @property
-    def selected(self) -> dict[str, tuple[str, ...]]:
-        """Names of the terms kept, for each target."""
-        columns = self.fitted()[0].coefficients.T
-        return {
-            target: tuple(name for name, value in zip(STEPWISE_TERMS, column, strict=True) if value != 0.0)
-            for target, column in zip(TARGETS, columns, strict=True)
-        }
 
     def _fit_map(
         self, terms: Sequence[Array], train: Sequence[FeatureRun], validation: Sequence[FeatureRun]
@@ -144,7 +120,6 @@ class StepwiseModel(_LinearModel):
             chosen = stepwise(
                 rows.terms[::every],
                 rows.target[::every],
-                names=STEPWISE_TERMS,
                 p_enter=self.p_enter,
                 segments=rows.run[::every],
             )

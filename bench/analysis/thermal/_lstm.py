@@ -14,8 +14,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from bench.analysis.thermal._lstm_weights import FitError, LstmSettings, LstmWeights
+from bench.analysis.thermal._lstm_weights import LstmSettings, LstmWeights
 from bench.analysis.thermal._types import FeatureRun, Prediction
+from drivers.base.errors import ConfigurationError
 
 
 class LstmStepper:
@@ -85,15 +86,15 @@ class LstmModel:
 
     @property
     def weights(self) -> LstmWeights:
-        """The fitted network; raises `FitError` before a fit."""
+        """The fitted network; ConfigurationError before a fit."""
         if self._weights is None:
-            raise FitError(f"model {self.name} has not been fitted", remedy="call fit first")
+            raise ConfigurationError(f"model {self.name} has not been fitted", remedy="call fit first")
         return self._weights
 
     def fit(self, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> None:
         """Train on whole runs and keep the epoch that is best on `validation` (on `train` if that is empty).
 
-        Deterministic for `settings.seed` on one machine. Raises `FitError` without a usable training sample.
+        Deterministic for `settings.seed` on one machine.
         """
         from bench.analysis.thermal._lstm_training import train_lstm
 
@@ -120,7 +121,7 @@ class LstmModel:
 
     @classmethod
     def from_state(cls, state: Mapping[str, Any]) -> Self:
-        """Restore a fitted model from `to_state`; raises `FitError` if the arrays do not fit together."""
+        """Restore a fitted model from `to_state`; ValueError if the arrays do not fit together."""
         model = cls(LstmSettings(**state["settings"]))
         weights = LstmWeights(
             **{key: np.asarray(value, dtype=np.float64) for key, value in state["weights"].items()}
@@ -131,11 +132,6 @@ class LstmModel:
         shapes |= dict.fromkeys(("target_mid", "target_scale", "b_output"), (2,))
         for key, shape in shapes.items():
             if getattr(weights, key).shape != shape:
-                raise FitError(
-                    "the weights of the network do not fit together",
-                    where=key,
-                    found=str(getattr(weights, key).shape),
-                    expected=str(shape),
-                )
+                raise ValueError(f"{key} of shape {getattr(weights, key).shape}, not {shape}")
         model._weights = weights
         return model

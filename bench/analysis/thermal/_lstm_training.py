@@ -16,8 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from bench.analysis.common.device import compute_device
-from bench.analysis.common.statistics import hold
-from bench.analysis.thermal._lstm_weights import FitError, LstmSettings, LstmWeights, input_matrix
+from bench.analysis.thermal._lstm_weights import LstmSettings, LstmWeights, input_matrix
 from bench.analysis.thermal._regression import TARGETS, in_reference
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
@@ -49,8 +48,7 @@ def train_lstm(
 ) -> LstmWeights:
     """Return the weights after the epoch that is best on `validation` (on `train` if that is empty).
 
-    `device` is torch's name of one, default `compute_device()`. Raises `FitError` if no training run has a usable
-    sample.
+    `device` is torch's name of one, default `compute_device()`. Some training run has a usable sample.
     """
     device = compute_device() if device is None else device
     low, high = _input_range(train)
@@ -65,22 +63,13 @@ def train_lstm(
 
 
 def _input_range(train: Sequence[FeatureRun]) -> tuple[Array, Array]:
-    usable = [input_matrix(run)[_usable(run)] for run in train]
-    rows = np.concatenate(usable) if usable else np.empty((0, 3))
-    if rows.shape[0] == 0:
-        raise FitError(
-            "no training run has a sample with inputs, a target and a weight",
-            found=f"{len(train)} training runs",
-            remedy="give at least one valid bias run or scale-factor group",
-        )
+    rows = np.concatenate([input_matrix(run)[_usable(run)] for run in train])
     low, high = rows.min(axis=0), rows.max(axis=0)
     return low, np.where(high > low, high, low + 1.0)
 
 
 def _usable(run: FeatureRun) -> NDArray[np.bool_]:
-    has_target = np.isfinite(_targets(run)).any(axis=1)
-    usable: NDArray[np.bool_] = np.isfinite(input_matrix(run)).all(axis=1) & has_target & (run.weight > 0)
-    return usable
+    return np.asarray(np.isfinite(_targets(run)).any(axis=1) & (run.weight > 0))
 
 
 def _targets(run: FeatureRun) -> Array:
@@ -164,10 +153,6 @@ def _batch(runs: Sequence[FeatureRun], weights: LstmWeights, settings: LstmSetti
     scale = np.where(weights.target_scale > 0, weights.target_scale, 1.0)
     for index, run in enumerate(runs):
         rows = weights.normalise(input_matrix(run))
-        complete = np.asarray(np.isfinite(rows).all(axis=1))
-        if not complete.any():
-            raise FitError("a run has no sample with all inputs", expected="finite temperatures")
-        rows = hold(rows, complete)
         stop = settings.warm_up + run.time_s.size
         inputs[: settings.warm_up, index] = rows[0]
         inputs[settings.warm_up : stop, index] = rows

@@ -8,13 +8,8 @@ import numpy as np
 
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
-from drivers.base.errors import BenchError
 
 INPUTS = ("t_in", "dt_60", "gradient")
-
-
-class FitError(BenchError):
-    """A fit that cannot be made from these runs, or a model used before it was fitted."""
 
 
 @dataclass(frozen=True)

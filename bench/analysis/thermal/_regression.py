@@ -72,17 +72,16 @@ class MappedModel(ABC):
 
     def predict(self, run: FeatureRun) -> Prediction:
         """Return the drift over a whole run; ConfigurationError before a fit or on another step."""
-        if self.step_s != run.step_s:
+        fitted, step_s = self.fitted()
+        if step_s != run.step_s:
             raise ConfigurationError(
                 "the model cannot be applied to this run",
                 where=f"model {self.name}, run {run.run_id}",
                 found=f"run on a {run.step_s:g} s step",
-                expected="a fitted model" if self.step_s is None else f"{self.step_s:g} s",
-                remedy="fit the model first"
-                if self.step_s is None
-                else "prepare the run with the model's step",
+                expected=f"{step_s:g} s",
+                remedy="prepare the run with the model's step",
             )
-        return self.fitted()[0].predict(self.run_terms(run))
+        return fitted.predict(self.run_terms(run))
 
     def to_state(self) -> dict[str, Any]:
         """Return step, map and whatever the kind of model adds."""

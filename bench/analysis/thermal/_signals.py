@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.analysis.thermal._features import CHANGE_S
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 LAG_TIMES_S = (40.0, 120.0, 360.0, 1080.0, 3240.0, 9720.0)
 """Time constants of the low-passes: thirds from the sensor's lag to the slowest thermal relaxation."""
-
-_CHANGE_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ def signals(run: FeatureRun) -> Signals:
         t_in=run.t_in,
         t_out=run.t_out,
         dt_in=run.dt_60,
-        dt_out=(run.t_out - earlier) * (60.0 / _CHANGE_S),
+        dt_out=(run.t_out - earlier),
         gradient=run.gradient,
         low_in=low[0],
         low_out=low[1],
@@ -61,8 +60,8 @@ def lag_terms(inputs: Signals, *, with_temperature: bool) -> Array:
 
 def change_steps(step_s: float) -> int:
     """Return the number of steps that make the 60 s of a rate of change; ConfigurationError if they do not."""
-    steps = round(_CHANGE_S / step_s)
-    if steps < 1 or abs(steps * step_s - _CHANGE_S) > 1e-9:
+    steps = round(CHANGE_S / step_s)
+    if steps < 1 or abs(steps * step_s - CHANGE_S) > 1e-9:
         raise ConfigurationError(
             "the step of the features does not divide 60 s",
             where="linear model",
@@ -104,7 +103,7 @@ class SignalStream:
             self._low = np.repeat(now, len(self._gains), axis=1)
             self._earlier_out.extend([t_out] * (self._earlier_out.maxlen or 0))
         self._low = self._low + self._gains * (now - self._low)
-        change = (t_out - self._earlier_out[0]) * (60.0 / _CHANGE_S)
+        change = t_out - self._earlier_out[0]
         self._earlier_out.append(t_out)
         one = np.array([[t_in], [t_out], [dt_60], [change], [gradient]])
         return Signals(one[0], one[1], one[2], one[3], one[4], self._low[:1], self._low[1:])

@@ -15,12 +15,10 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.thermal._features import CHANGE_S, WINDOW_S
 from bench.analysis.thermal._types import Stepper
 from drivers.base.arrays import Array
 
-WINDOW_S = 100
-CHANGE_S = 60
-"""The rate of change is in degC/min because this is a minute."""
 LONGEST_GAP_S = 600
 """A longer silence restarts the stream: what the model remembers is no longer the state of the unit."""
 

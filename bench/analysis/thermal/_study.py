@@ -72,7 +72,10 @@ def run_study(
         models=models,
         selection=selection,
         compensation=compensation,
-        scores={name: tuple(evaluate(model, run) for run in judged) for name, model in models.items()},
+        scores={
+            name: tuple(evaluate(model.predict(prepare(run)), run) for run in judged)
+            for name, model in models.items()
+        },
         judged_on_chosen=not tests,
     )
 

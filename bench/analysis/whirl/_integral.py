@@ -12,8 +12,6 @@ fitted with the series.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from bench.analysis.whirl._kinematics import harmonic_matrix
@@ -25,28 +23,18 @@ _EVERY_S = 0.1
 """Spacing of the integral's values that are fitted."""
 
 
-@dataclass(frozen=True, eq=False)
-class FourierFit:
-    """The fitted series. `cosine_arcsec`, `sine_arcsec`: (order, 2), columns x and y: A_x, A_y and B_x, B_y.
-
-    In rotation one way the constant tilt and drift make a ramp in angle, which is not corrected.
-    """
-
-    cosine_arcsec: Array
-    sine_arcsec: Array
-
-
 def fit_integral(
     record: TurnRecord,
     order: int = 2,
     *,
     body_rate_dph: complex = 0j,
     angle_rad: Array | None = None,
-) -> FourierFit:
-    """Integrate the residual rate and fit the series at the measured angle.
+) -> Array:
+    """Return the series of the integrated residual rate at the measured angle: (order, 4), A_x, A_y, B_x, B_y.
 
     `angle_rad`, (n + 1,): another angle to fit at, such as the nominal w t. The record has at least a full turn
-    and no holes: an integral has no way across them (the direct fit has).
+    and no holes: an integral has no way across them (the direct fit has). In rotation one way the constant tilt
+    and drift make a ramp in angle, which is not corrected.
     """
     increments = residual_increments(record, body_rate_dph)
     step = max(1, round(_EVERY_S / record.period_s))
@@ -59,17 +47,17 @@ def fit_integral(
     found = dict(zip(harmonics, values[2:], strict=True))
     cosine = np.array([found[n] + found[-n] for n in range(1, order + 1)])
     sine = np.array([1j * (found[n] - found[-n]) for n in range(1, order + 1)])
-    return FourierFit(np.stack([cosine.real, cosine.imag], axis=1), np.stack([sine.real, sine.imag], axis=1))
+    return np.stack([cosine.real, cosine.imag, sine.real, sine.imag], axis=1)
 
 
-def match_coefficients(fit: FourierFit) -> Array:
+def match_coefficients(series_arcsec: Array) -> Array:
     """Return the patent's unknowns (order, 4): x cosine, x sine, y cosine, y sine of each harmonic, arcsec.
 
     Solved by the pseudo-inverse, which for the first harmonic leaves the free part at its smallest norm;
     harmonics from 2 on have one solution.
     """
     coefficients = []
-    for n, ((ax, ay), (bx, by)) in enumerate(zip(fit.cosine_arcsec, fit.sine_arcsec, strict=True), start=1):
+    for n, (ax, ay, bx, by) in enumerate(series_arcsec, start=1):
         # Cosine and sine coefficients of wbar_x and wbar_y in units of w, from those of their integrals.
         rates = np.array([n * bx, -n * ax, n * by, -n * ay])
         coefficients.append(np.linalg.pinv(harmonic_matrix(n)) @ rates)

@@ -18,7 +18,7 @@ from bench.analysis.whirl._checks import earth_rate_findings
 from bench.analysis.whirl._compensation import WhirlCompensation
 from bench.analysis.whirl._direct import DEFAULT_LINES, DirectFit, fit_direct
 from bench.analysis.whirl._gauge import Gauge
-from bench.analysis.whirl._integral import FourierFit, body_lines, fit_integral, match_coefficients
+from bench.analysis.whirl._integral import body_lines, fit_integral, match_coefficients
 from bench.analysis.whirl._kinematics import body_tilt
 from bench.analysis.whirl._lines import CANDIDATES, choose_lines, scan_lines
 from bench.analysis.whirl._residual import heading_from_body_rate
@@ -104,7 +104,7 @@ def study_whirl(
 
 
 def judge(
-    record: TurnRecord, compensation: WhirlCompensation, fit: DirectFit, fourier: FourierFit | None = None
+    record: TurnRecord, compensation: WhirlCompensation, fit: DirectFit, fourier: Array | None = None
 ) -> Judgement:
     """Return a run's carrier attitude without and with a compensation; heading from the fit's Earth rate."""
     attitude = unit_attitude(record, heading_from_body_rate(fit.body_rate_dph[0].value))

@@ -104,7 +104,7 @@ def test_degree_is_the_definition_and_the_cramer_rao_bound(plain: SimpleNamespac
         information = q.T @ q / TASK.noise.velocity_mps**2
         scale = TASK.prior_sigma
         bound = np.sqrt(np.diag(np.linalg.inv(information * np.outer(scale, scale)))) * scale
-        np.testing.assert_allclose(found.degree, TASK.noise.velocity_mps / bound, rtol=1e-4)
+        np.testing.assert_allclose(found.normalised, TASK.prior_sigma / bound, rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", FIRST)

@@ -102,25 +102,6 @@ def test_constant_drift_is_found_exactly(delay_s: float) -> None:
     np.testing.assert_allclose(found.phi_as, phi[-1] + drift * delay_s, atol=1e-9)
 
 
-def test_covariance_is_that_of_repeated_noise() -> None:
-    time_s = np.arange(0.0, SIDEREAL_DAY_S, 300.0)
-    random = np.random.default_rng(5)
-    clean = log_of(time_s, np.zeros((len(time_s), 3)))
-    drawn = []
-    for _ in range(400):
-        noise = random.standard_normal((2, len(time_s)))
-        log = PlatformLog(
-            time_s, clean.sidereal_rad, noise[0], noise[1], clean.temp_c, clean.heading_deg, LATITUDE
-        )
-        found = extract(log, window_s=SIDEREAL_DAY_S)
-        assert found is not None
-        drawn.append([*found.phi_as, *found.eps_dph])
-        last = found
-    ratio = np.std(drawn, axis=0) / np.sqrt(np.diag(last.covariance))
-    np.testing.assert_allclose(ratio, 1.0, atol=0.15)
-    assert last.residual_as == pytest.approx(1.0, abs=0.1)
-
-
 @pytest.mark.parametrize(("fraction", "expected"), [(0.25, 0.15625), (0.5, 0.5), (0.75, 0.84375)])
 def test_drift_step_enters_as_a_cubic(fraction: float, expected: float) -> None:
     time_s = np.arange(0.0, SIDEREAL_DAY_S, 60.0)

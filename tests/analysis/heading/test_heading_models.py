@@ -208,8 +208,7 @@ def test_nine_coefficients_of_given_points() -> None:
     def points(terms: np.ndarray, noise: float) -> list[HeadingPoint]:
         drift = base + terms @ gain.T + noise * random.standard_normal(terms.shape)
         return [
-            HeadingPoint(60.0 * k, 0.0, row, term)
-            for k, (row, term) in enumerate(zip(drift, terms, strict=True))
+            HeadingPoint(60.0 * k, row, term) for k, (row, term) in enumerate(zip(drift, terms, strict=True))
         ]
 
     three = solve_nine(points(random.standard_normal((3, 3)), 0.0), base, reference)
@@ -220,7 +219,6 @@ def test_nine_coefficients_of_given_points() -> None:
     assert many.sigma_dph_per_k is not None and many.p_value is not None
     np.testing.assert_allclose(many.sigma_dph_per_k, 1e-4 / np.sqrt(200.0), rtol=0.4)
     assert np.abs((many.gain_dph_per_k - gain) / many.sigma_dph_per_k).max() < 4.0
-    assert many.residual_dph == pytest.approx(1e-4, rel=0.1)
     flat = random.standard_normal((5, 3))
     flat[:, 2] = flat[:, 0]
     with pytest.raises(RecordError, match="do not determine nine coefficients"):

@@ -39,7 +39,7 @@ class MisalignedNavigator(PlatformNavigator):
         super().__init__(LATITUDE, 0.3, step_s, damping=damping)
         self._phi = phi_as
         if turned:
-            position = self._true(0.3)
+            position = np.array([self._level * math.cos(0.3), self._level * math.sin(0.3), self._up])
             velocity = EARTH_RATE_RAD_S * np.array([-position[1], position[0], 0.0])
             turn = rotation(phi_as * ARCSEC_RAD) - np.eye(3)
             self._state = np.concatenate([turn @ position, turn @ velocity])
@@ -53,7 +53,8 @@ class EllipsoidNavigator(MisalignedNavigator):
         self._latitude = math.radians(LATITUDE)
         shrink = 1.0 - EARTH_ECCENTRICITY_SQUARED
         self._geocentric = math.atan2(shrink * math.sin(self._latitude), math.cos(self._latitude))
-        self._radius = _radius(self._geocentric)
+        radius = _radius(self._geocentric)
+        self._level, self._up = radius * math.cos(self._geocentric), radius * math.sin(self._geocentric)
 
     def _gravity(self, place: np.ndarray) -> np.ndarray:
         distance = math.sqrt(float(place @ place))
@@ -64,8 +65,15 @@ class EllipsoidNavigator(MisalignedNavigator):
         shape = np.array([1.0 + factor * (1.0 - 5.0 * sine2)] * 2 + [1.0 + factor * (3.0 - 5.0 * sine2)])
         return -EARTH_MU_M3PS2 / radius**3 * aided * shape - SCHULER_RAD_S**2 * (place - aided)
 
-    def _pull(self, place: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-        return self._gravity(place + deviation) - self._gravity(place)
+    def _rate(self, state: np.ndarray, angle: float, turn: np.ndarray) -> np.ndarray:
+        place = np.array([self._level * math.cos(angle), self._level * math.sin(angle), self._up])
+        deviation, velocity = state[:3], state[3:]
+        gravity = self._gravity(place)
+        force = -(EARTH_RATE_RAD_S**2) * place * [1.0, 1.0, 0.0] - gravity
+        pull = self._gravity(place + deviation) - gravity
+        against = velocity - EARTH_RATE_RAD_S * np.array([-deviation[1], deviation[0], 0.0])
+        damp = 2.0 * self._damping * SCHULER_RAD_S
+        return np.concatenate([velocity, turn @ force + pull - damp * against])
 
     def _errors(self) -> tuple[float, float]:
         north_as, east_as = super()._errors()

@@ -19,7 +19,7 @@ from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._linear_models import MultilinearModel
 from bench.analysis.thermal._registry import model_names, new_model
 from bench.analysis.thermal._selection import fit_models, score_models
-from bench.analysis.thermal._stream import CHANGE_S, WINDOW_S, FeatureStream, Flag
+from bench.analysis.thermal._stream import FeatureStream, Flag
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -147,7 +147,7 @@ def test_a_stream_is_the_series(
 def test_features_of_a_stream_are_those_of_a_recorded_run(live: ThermalRun) -> None:
     run = replace(live, **{key: getattr(live, key)[5:] for key in ("time_s", "gyro_temp_c", "case_temp_c",
                                                                    "bias_dph", "sf_error_ppm")})  # fmt: skip
-    recorded, stream = prepare(run, window_s=WINDOW_S, change_s=CHANGE_S), FeatureStream(10)
+    recorded, stream = prepare(run), FeatureStream(10)
     pairs = zip(run.gyro_temp_c, run.case_temp_c, strict=True)
     rows = np.array([row for pair in pairs if (row := stream.push(*map(float, pair))) is not None])
     expected = np.column_stack([recorded.t_in, recorded.t_out, recorded.dt_60, recorded.gradient])

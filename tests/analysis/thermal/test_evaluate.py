@@ -10,7 +10,6 @@ import pytest
 from bench.analysis.common.statistics import bias_stability, block_means
 from bench.analysis.thermal import Prediction, ThermalRun
 from bench.analysis.thermal._evaluate import evaluate, noise_floor
-from drivers.base.errors import ConfigurationError
 
 N = 40_000
 ARW = 0.004
@@ -114,9 +113,3 @@ def test_scale_factor_errors_are_counted_from_the_reference_window() -> None:
     assert scores.sf_true_rms_ppm == pytest.approx(np.sqrt(np.mean(expected**2)), abs=0.35)
     assert scores.sf_raw_rms_ppm == pytest.approx(np.sqrt(np.mean(block_means(error) ** 2)), rel=1e-6)
     assert scores.raw_stability_dph is None
-
-
-def test_a_prediction_on_another_grid_is_refused() -> None:
-    run, drift = known_run()
-    with pytest.raises(ConfigurationError, match="not on the run's grid"):
-        evaluate(Prediction(drift[::20], drift[::20]), run)

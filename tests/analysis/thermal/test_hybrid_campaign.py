@@ -21,7 +21,9 @@ def improvements(model: ThermalModel, campaign: Any) -> tuple[float, float]:
     model.fit(
         anchor_runs([prepare(run) for run in campaign.train]), [prepare(run) for run in campaign.validation]
     )
-    scores = [evaluate(model, run) for run in campaign.tests if run.bias_dph is not None]
+    scores = [
+        evaluate(model.predict(prepare(run)), run) for run in campaign.tests if run.bias_dph is not None
+    ]
     reached = [s.improvement_pct for s in scores if s.improvement_pct is not None]
     oracle = [s.oracle_pct for s in scores if s.oracle_pct is not None]
     assert len(reached) == len(oracle) == 7

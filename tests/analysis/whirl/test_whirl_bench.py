@@ -14,7 +14,7 @@ from bench.analysis.whirl._attitude import (
     unit_attitude,
 )
 from bench.analysis.whirl._direct import DirectFit, fit_direct
-from bench.analysis.whirl._integral import FourierFit, body_lines, fit_integral, match_coefficients
+from bench.analysis.whirl._integral import body_lines, fit_integral, match_coefficients
 from bench.analysis.whirl._residual import heading_from_body_rate
 from bench.analysis.whirl._study import judge
 from bench.analysis.whirl._types import TurnRecord
@@ -93,7 +93,7 @@ def test_the_patents_fit_holds_its_own_class_only() -> None:
     assert 3.0 < factors[1] < 6.0  # the constant tilt stays
 
 
-def left_by(record: TurnRecord, patent: FourierFit, at: np.ndarray, tilt: np.ndarray) -> float:
+def left_by(record: TurnRecord, patent: np.ndarray, at: np.ndarray, tilt: np.ndarray) -> float:
     lines, amplitudes = body_lines(match_coefficients(patent))
     corrected = tilt - sum(a * np.exp(1j * m * at) for m, a in zip(lines, amplitudes, strict=True))
     return oscillation(corrected, record.time_s, record.angle_rad).locked_arcsec

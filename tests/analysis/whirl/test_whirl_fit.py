@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.whirl._direct import fit_direct
-from bench.analysis.whirl._integral import FourierFit, body_lines, fit_integral, match_coefficients
+from bench.analysis.whirl._integral import body_lines, fit_integral, match_coefficients
 from bench.analysis.whirl._lines import CANDIDATES, choose_lines, scan_lines
 from bench.analysis.whirl._types import TurnRecord
 from benchmarks.whirl_runs import nominal_angle
@@ -156,7 +156,7 @@ def test_ripple_spoils_a_fit_at_the_nominal_angle_only() -> None:
     measured = fit_integral(patent, 2)
     nominal = fit_integral(patent, 2, angle_rad=nominal_angle(patent))
 
-    def misfit(fit: FourierFit) -> float:
+    def misfit(fit: np.ndarray) -> float:
         lines, amplitudes = body_lines(match_coefficients(fit))
         return max(abs(a - TRUTH.get(line, 0.0)) for line, a in zip(lines, amplitudes, strict=True))
 

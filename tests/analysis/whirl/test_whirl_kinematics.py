@@ -10,7 +10,7 @@ from bench.analysis.common.attitude import rotations
 from bench.analysis.whirl import WhirlCompensation
 from bench.analysis.whirl._direct import fit_direct
 from bench.analysis.whirl._gauge import gauge_tilt
-from bench.analysis.whirl._integral import FourierFit, body_lines, match_coefficients
+from bench.analysis.whirl._integral import body_lines, match_coefficients
 from bench.analysis.whirl._kinematics import (
     body_to_rotating,
     body_to_true,
@@ -91,12 +91,12 @@ def test_ranks_of_the_matching_equations(n: int, values: tuple[float, ...]) -> N
     assert np.allclose(rate.imag, c2 * np.cos(n * psi) + s2 * np.sin(n * psi))
 
 
-def series(coefficients: np.ndarray) -> FourierFit:
+def series(coefficients: np.ndarray) -> np.ndarray:
     """The integrated rates of whirl coefficients by the closed forms for n = 1 and 2."""
     (x1, x2, y1, y2), (x3, x4, y3, y4) = coefficients
     cosine = np.array([[y1 + x2, -(y2 - x1)], [(2 * y3 + x4) / 2, (2 * x3 - y4) / 2]])
     sine = np.array([[y2 - x1, y1 + x2], [(2 * y4 - x3) / 2, (2 * x4 + y3) / 2]])
-    return FourierFit(cosine, sine)
+    return np.hstack([cosine, sine])
 
 
 whirls = st.lists(st.floats(-20, 20), min_size=8, max_size=8).map(
