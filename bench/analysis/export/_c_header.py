@@ -18,8 +18,9 @@ import numpy as np
 
 from bench.analysis.export._c_program import TEMPLATES, CConstant, Real, c_programs
 from bench.analysis.thermal._compensation import Compensation
+from bench.analysis.thermal._features import CHANGE_S, WINDOW_S
 from bench.analysis.thermal._regression import TARGETS
-from bench.analysis.thermal._stream import CHANGE_S, FEATURES, LONGEST_GAP_S, WINDOW_S, Flag
+from bench.analysis.thermal._stream import FEATURES, LONGEST_GAP_S, Flag
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
