@@ -60,6 +60,7 @@ FIELDS = (
         r"files\.events\.jsonl\.(sha256|bytes)",
         "its lines are compared, some of them loosely",
     ),
+    ("*/manifest.json", r"seal", _MANIFEST),
     ("results/*/stdout", r"line\[\] (result|run)\.bytes", "size of the folder, live/ with it"),
     (
         "*/out/states/events.jsonl",

@@ -11,6 +11,7 @@ from bench.control.runner import RunRequest, run_procedure
 from bench.present.cli._console import Terminal
 from bench.present.cli._display import RunDisplay
 from bench.record.benchfile import bench_file_from
+from drivers.base.clock import host_seconds
 
 
 def turn(bench, _):
@@ -20,6 +21,7 @@ def turn(bench, _):
     bench.table.spin(10.0)
     if "no-other-watchdog" in sys.argv:
         sys.executable = "/bin/false"
+    bench.note(f"{host_seconds()}")
     sys.stdout.write("turning\n")
     sys.stdout.flush()
     bench.wait(3600.0, "turning")
