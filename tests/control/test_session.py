@@ -77,12 +77,14 @@ class Device:
 class Record:
     def __init__(self):
         self.rows, self.kept = [], []
+        self.holes = []  # what each check finds missing of the raw files
 
     def event(self, time_s, event):
         self.rows.append((round(time_s, 6), event.kind, event.fields()))
 
     def check(self):
         self.kept.append(True)
+        return self.holes.pop(0) if self.holes else []
 
     def of(self, kind):
         return [fields for _, found, fields in self.rows if found == kind]
@@ -118,6 +120,17 @@ def test_telemetry_is_polled_every_second_while_waiting(made):
     assert len(made.record.kept) == 11
     # Both are asked before either answer is awaited.
     assert [line.split()[1] for line in made.log[:4]] == ["asked", "asked", "read", "read"]
+
+
+def test_a_hole_in_the_record_is_an_alarm_and_makes_the_run_invalid_while_it_goes_on(made):
+    hole = Invalid("record_hole", "bytes are lost", {"file": "fog.bin", "from_s": 1.0})
+    made.record.holes = [[], [hole]]
+    made.bench.wait(5.0)
+    assert made.bench.invalid_reasons == [hole]
+    assert [time_s for time_s, kind, _ in made.record.rows if kind == "invalid"] == [
+        pytest.approx(1.0, abs=0.041)
+    ]
+    assert len(made.record.kept) == 6
 
 
 def test_wait_until_sees_every_poll_and_says_whether_it_came(made):
