@@ -81,24 +81,31 @@ def _say(console: Terminal, found: Look) -> None:
         console.say(f"  {remark}", style="dim")
     for question in found.questions:
         console.say(f"  not known: {question}", style="yellow")
-    heads = ("axis", "unit", "mean", "1 sigma", "drift a hour", "noise", "lines, Hz", "noticed")
-    console.table(heads, [_row(axis, noise_words(axis)) for axis in found.axes], found.log.name)
+    heads = ("axis", "unit", "mean", "1 sigma", "drift a hour")
+    console.table(heads, [_row(axis) for axis in found.axes], found.log.name)
+    for axis in found.axes:
+        console.parts((axis.channel.name, "bold"), f": {noise_words(axis)}")
+        for sentence in _noticed(axis):
+            console.say(f"  {sentence}")
     console.say(nyquist_words(found), style="dim")
 
 
-def _row(axis: AxisLook, noise: str) -> tuple[str, ...]:
-    from bench.present.look_words import noticed
-
+def _row(axis: AxisLook) -> tuple[str, ...]:
     figures = axis.figures
-    lines = sorted(axis.spectrum.lines if axis.spectrum else (), key=lambda line: -line.amplitude)
-    more = f" and {len(lines) - _MOST_LINES} more" if len(lines) > _MOST_LINES else ""
     return (
         axis.channel.name,
         axis.channel.base_unit,
         f"{figures.mean:.5g} +- {figures.mean_sigma:.2g}",
         f"{figures.sigma:.3g}",
         f"{figures.drift_per_h:.3g} +- {figures.drift_sigma:.2g}",
-        noise,
-        ", ".join(f"{line.frequency_hz:.5g}" for line in lines[:_MOST_LINES]) + more,
-        "; ".join(noticed(axis)),
     )
+
+
+def _noticed(axis: AxisLook) -> list[str]:
+    """Return what was noticed on an axis, a line each; lines of its spectrum the largest first."""
+    from bench.present.look_words import noticed
+
+    lines = sorted(axis.spectrum.lines if axis.spectrum else (), key=lambda line: -line.amplitude)
+    more = f" and {len(lines) - _MOST_LINES} more" if len(lines) > _MOST_LINES else ""
+    named = ", ".join(f"{line.frequency_hz:.5g}" for line in lines[:_MOST_LINES])
+    return [*([f"lines at {named} Hz{more}"] if lines else []), *noticed(axis)]

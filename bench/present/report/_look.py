@@ -135,17 +135,16 @@ def _noise(found: Look) -> Table:
         allan = axis.allan
         if allan is None:
             continue
-        cells = [
-            f"{significant(value, 3)} ({interval(low, high)})"
-            for value, low, high in zip(
-                allan.coefficients, allan.coefficient_low, allan.coefficient_high, strict=True
-            )
-        ]
         fit = Cell("fits", "good") if allan.fits else Cell(noise_words(axis), "bad")
-        rows.append(named(axis.channel.name, unit_text(allan.unit), *cells, fit))
-    heads = [f">{name}" for name in _COEFFICIENTS]
-    caption = "Coefficients with 95 % intervals, in the row's unit, times in h."
-    return Table(["Axis", "Unit", *heads, "Fit"], rows, caption)
+        parts = zip(
+            _COEFFICIENTS, allan.coefficients, allan.coefficient_low, allan.coefficient_high, strict=True
+        )
+        for number, (name, value, low, high) in enumerate(parts):
+            heading = (axis.channel.name, unit_text(allan.unit)) if number == 0 else ("", "")
+            cells = (name, significant(value, 3), interval(low, high))
+            rows.append(named(*heading, *cells, fit if number == 0 else ""))
+    caption = "Coefficients with 95 % intervals, in the axis' unit, times in h."
+    return Table(["Axis", "Unit", "Coefficient", ">Value", ">95 % interval", "Fit"], rows, caption)
 
 
 def _allans(found: Look) -> list[Figures]:
