@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from drivers.can_dbc._driver import identifier_names
 
 from drivers.base.errors import ConfigurationError
 from drivers.can_dbc import CanDecoder, layout_from_mapping, load_layout
+from drivers.can_dbc._kind import identifier_names
 from drivers.can_dbc._layout import ValidRule
 from drivers.can_dbc._signals import MessageLayout
 from drivers.can_dbc._values import merged

@@ -14,7 +14,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from bench.analysis.gap import Noise, _exam
 from bench.analysis.gap._cells import BANDS
-from bench.analysis.gap._channel_data import Demand, _held, _late_fraction, _quiet_from
+from bench.analysis.gap._channel_data import Demand, _in_force, _late_fraction, _quiet
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._fit import Floor, floor_from_repeats
 from bench.analysis.gap._generic import free_curves
@@ -52,9 +52,13 @@ def test_a_demand_is_reached_after_its_way_and_half_an_hour():
         Demand(9000.0, 0.0, math.inf),
     ]
     times_s = np.array([0.0, 100.0, 999.0, 1000.0, 8999.0, 9000.0, 1e5])
-    expected = [1900.0] * 3 + [1000.0 + 1800.0 + 1800.0] * 2 + [9000.0 + 2400.0 + 1800.0] * 2
-    assert _quiet_from(demands, times_s).tolist() == pytest.approx(expected)
-    assert _held(demands, times_s).tolist() == [20.0, 20.0, 20.0, -40.0, -40.0, 0.0, 0.0]
+    assert _in_force(demands, times_s).tolist() == [0, 0, 0, 1, 1, 2, 2]
+    # each is reached at its ramp from where the one before went, and holds for half an hour
+    settled_s = np.array([1000.0 + 1800.0 + 1800.0, 9000.0 + 2400.0 + 1800.0])
+    assert not _quiet(demands, times_s[:4]).any()
+    assert not _quiet(demands, settled_s - 1.0).any()
+    assert _quiet(demands, settled_s + 1.0).all()
+    assert _quiet([], times_s).all()
 
 
 def test_the_spacing_of_a_grid_is_half_of_both_neighbours_and_at_its_end_the_one():
@@ -281,15 +285,24 @@ def test_a_span_of_ten_kelvin_shows_a_curve_and_one_below_does_not_though_its_ra
 
 def test_effects_of_an_examined_case_have_the_size_asked_for_and_signs_in_turn(monkeypatch):
     """A signature of norm 4 for a unit effect, an SNR of 2 (a norm of 20): five times as much."""
+    time_s = np.arange(1.0, 6.0)
+    run = SimpleNamespace(
+        time_s=time_s, t_in_c=time_s, t_out_c=time_s, angle_deg=np.zeros(6), elevation_deg=np.zeros(5)
+    )
+    truths = [SimpleNamespace(**vars(run), repeat=repeat) for repeat in range(_exam.REPEATS)]
+    truths = [SimpleNamespace(**vars(t), profile="p", condition="0", phase=np.full(5, "run")) for t in truths]
     for name, stand_in in {
-        "_run": lambda *_: None,
-        "signal_dph": lambda *_: None,
+        "draw_case": lambda *_: SimpleNamespace(effects={"a": None, "b": None}, seed=7, snr=2.0),
+        "simulate_campaign": lambda *_: truths,
+        "signal_dph": lambda *_: np.ones(5),
         "signature_norm": lambda *_: 4.0,
+        "outputs_dph": lambda _, truths, *__, **___: [np.zeros(5) for _ in truths],
+        "true_region": lambda *_: (),
     }.items():
         monkeypatch.setattr(_exam, name, stand_in)
-    case = SimpleNamespace(effects={"a": None, "b": None}, seed=7, snr=2.0)
-    truths = [SimpleNamespace(repeat=0)]
-    assert _exam._amplitudes(case, truths, [None], None) == {"a": -5.0, "b": 5.0}
+    sealed, given, kept, clean = _exam.make_case(7, "pair")
+    assert sealed.amplitudes == {"a": -5.0, "b": 5.0}
+    assert (len(given), len(kept), len(clean)) == (_exam.REPEATS - 1, 1, 1)
 
 
 def test_a_risen_coefficient_is_told_by_the_effect_that_raised_it():
