@@ -50,12 +50,12 @@ def motion_words(found: Look) -> str:
 def noise_words(axis: AxisLook) -> str:
     """Return white noise and bias instability, and whether the fit describes the Allan deviation."""
     allan = axis.allan
-    if allan is None or not math.isfinite(allan.coefficients[0]):
+    if allan is None or not math.isfinite(allan.coefficients[0, 0]):
         return "too short a rest"
     if not allan.fits:
         off = f"no fit: off by {allan.worst_ratio:.2g} at {allan.worst_tau_s:.3g} s"
         return f"{off}; white {allan.white:.3g} {white_unit(axis)}"
-    _, white, flicker, *_ = allan.coefficients
+    _, white, flicker, *_ = allan.coefficients[0].tolist()
     return f"N {white:.3g} {white_unit(axis)}, B {flicker:.3g} {allan.unit}"
 
 
@@ -83,7 +83,7 @@ def noticed(axis: AxisLook) -> list[str]:
         words.append(f"{figures.outliers} outliers, up to {figures.largest_outlier:.3g}")
     if figures.steps:
         words.append(
-            "steps " + ", ".join(f"{step.size:+.3g} at {step.time_s:.4g}" for step in figures.steps[:_MOST])
+            "steps " + ", ".join(f"{size:+.3g} at {time_s:.4g}" for time_s, size in figures.steps[:_MOST])
         )
     if figures.limits:
         words.append("saturates at " + ", ".join(f"{limit:.5g}" for limit in figures.limits))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
 
 _GAP = 1.5
 """Times the usual step from which on rows are missing."""
@@ -17,7 +18,8 @@ _BRIDGED = 3
 """Missing rows in a row that are interpolated; a longer gap cuts the record."""
 _STUCK = 50
 """Equal values one after the other from which on a changing column counts as stuck."""
-_LOOK_AT_START = 8
+_MOST_TIMES, _ALWAYS = 100, 1_000_000
+"""Times as many places as rows, and as many places always, that a log's gaps may make."""
 _PAD = 4
 """Rows at an end that only repeat one value from which on they are padding."""
 
@@ -60,50 +62,65 @@ class Grid:
 
     def put(self, values: Array) -> Array:
         """Return a column (rows,) on the grid (count,): up to 3 missing values interpolated, others NaN."""
-        if self.count == len(values) and self.slot[-1] == self.count - 1 and bool((self.slot >= 0).all()):
-            placed = values
-        else:
+        placed = values
+        if self.count != len(values) or (self.slot < 0).any():
             placed = np.full(self.count, np.nan)
             placed[self.slot[self.slot >= 0]] = values[self.slot >= 0]
         missing = ~np.isfinite(placed)
         if not missing.any() or missing.all():
             return placed
-        placed = placed.copy()
-        bridged = np.zeros(self.count, np.bool_)
-        for start, stop in stretches(missing):
-            bridged[start:stop] = stop - start <= _BRIDGED and start > 0 and stop < self.count
+        placed = np.where(missing, np.nan, placed)
         known = np.flatnonzero(~missing)
-        at = np.flatnonzero(bridged)
+        for start, stop in stretches(missing):
+            if stop - start <= _BRIDGED and start > 0 and stop < self.count:
+                missing[start:stop] = False
+        at = np.flatnonzero(~missing & np.isnan(placed))
         placed[at] = np.interp(at, known, placed[known])
         return placed
 
 
-def clock_of(time_s: Array | None, rows: int, rate_hz: float | None, source: str) -> tuple[Clock, Grid]:
-    """Return clock and grid of a log: by its times (rows,), else by a rate that was told, else by row."""
+def clock_of(
+    time_s: Array | None, rows: int, rate_hz: float | None, source: str, *, in_s: bool
+) -> tuple[Clock, Grid]:
+    """Return clock and grid of a log: by its times (rows,), else by a rate that was told, else by row.
+
+    `in_s`: the times' unit is known; else they only say where rows are missing.
+    """
     if time_s is None:
-        whole = Grid(np.arange(rows), rows)
-        return Clock(rate_hz or np.nan, source if rate_hz else "nobody", 0.0, rows), whole
+        return Clock(rate_hz or np.nan, source if rate_hz else "nobody", 0.0, rows), Grid(
+            np.arange(rows), rows
+        )
+    known = np.isfinite(time_s)
+    time_s = np.where(known, time_s, np.maximum.accumulate(np.where(known, time_s, time_s[np.argmax(known)])))
     step = np.diff(time_s)
     forward = step > 0.0
     usual = float(np.median(step[forward]))
     even = forward & (step < _GAP * usual) & (step > usual / _GAP)
     if even.mean() > 0.5:
         usual = float(step[even].mean())
+    unit_s = 1.0 if in_s else 1.0 / (usual * (rate_hz or 1.0))
     late = forward & (step > _GAP * usual)
-    lost = np.rint(step[late] / usual - 1.0)
-    slot = np.zeros(rows, np.int64)
-    slot[1:] = np.cumsum(np.where(late, np.rint(np.where(late, step, 0.0) / usual), 1.0 * forward))
-    slot[1:][~forward] = -1
+    ahead = np.where(late, np.rint(step / usual), 1.0 * forward).astype(np.int64)
+    if ahead.sum() > _MOST_TIMES * rows + _ALWAYS:
+        at = int(np.argmax(ahead))
+        raise ConfigurationError(
+            "the times are none of a recording",
+            where=f"row {at + 1}",
+            found=f"{time_s[at]:.9g}, then {time_s[at + 1]:.9g}",
+            expected="gaps not far longer than the record",
+            remedy="leave out the rows before or after",
+        )
+    slot = np.concatenate(([0], np.where(forward, np.cumsum(ahead), -1)))
     clock = Clock(
-        rate_hz or 1.0 / usual,
-        source if rate_hz else "the time column",
-        float(time_s[0]),
+        rate_hz or (1.0 / usual if in_s else np.nan),
+        source if rate_hz else "the time column" if in_s else "nobody",
+        float(time_s[0]) * unit_s,
         rows,
         int(late.sum()),
-        int(lost.sum()),
-        float(step[late].max(initial=0.0)),
+        int((ahead[late] - 1).sum()),
+        float(step[late].max(initial=0.0)) * unit_s,
         int((~forward).sum()),
-        float(step[even].std()) if even.any() else 0.0,
+        float(step[even].std()) * unit_s if even.any() else 0.0,
     )
     return clock, Grid(slot, int(slot.max()) + 1)
 
@@ -111,18 +128,15 @@ def clock_of(time_s: Array | None, rows: int, rate_hz: float | None, source: str
 def without_padding(columns: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:
     """Leave out empty columns, rows at the ends that hold nothing, and first rows unlike the rest."""
     remarks = []
-    empty = [name for name, values in columns.items() if not np.isfinite(values).any()]
-    if empty:
+    kept = {name: values for name, values in columns.items() if np.isfinite(values).any()}
+    if empty := [name for name in columns if name not in kept]:
         remarks.append(f"left out, no numbers: {', '.join(empty)}")
-    kept = {name: values for name, values in columns.items() if name not in empty}
-    if not kept:
-        return {}, remarks
-    rows = len(next(iter(kept.values())))
-    varying = [values for values in kept.values() if not _grows(values)]
-    begin, end = _begin(varying), rows
-    if varying:
-        end = rows - _repeated_at_end([values[::-1] for values in varying])
-        begin = max(begin, _repeated_at_end(varying))
+    rows = len(next(iter(kept.values()), ()))
+    varying = [values for values in kept.values() if not bool(np.all(np.diff(values[:1000]) > 0.0))]
+    begin, end = 0, rows
+    if varying and rows > 1:
+        begin = max(_broken(varying), _idle(varying))
+        end = rows - _idle([values[::-1] for values in varying])
     if begin or end < rows:
         remarks.append(
             f"left out: {begin} rows before the first and {rows - end} after the last one with values"
@@ -130,63 +144,41 @@ def without_padding(columns: Mapping[str, Array]) -> tuple[dict[str, Array], lis
     return {name: values[begin:end] for name, values in kept.items()}, remarks
 
 
-def _grows(values: Array) -> bool:
-    return len(values) > 1 and bool(np.all(np.diff(values[:1000]) > 0.0))
+def _broken(columns: list[Array]) -> int:
+    """Return how many of the first 8 rows are a header of numbers: fractions above columns of whole numbers."""
+    broken = ~np.all([values[:1000] == np.rint(values[:1000]) for values in columns], axis=0)
+    return 0 if len(broken) < 80 or broken[8:].any() else int(np.flatnonzero(broken).max(initial=-1)) + 1
 
 
-def _begin(columns: list[Array]) -> int:
-    """Return how many first rows are a header of numbers: fractions above columns of whole numbers."""
-    whole = [values[:1000] == np.rint(values[:1000]) for values in columns]
-    if not whole or len(whole[0]) < 10 * _LOOK_AT_START:
-        return 0
-    broken = ~np.all(whole, axis=0)
-    if broken[_LOOK_AT_START:].any() or not broken.any():
-        return 0
-    return int(np.flatnonzero(broken)[-1]) + 1
-
-
-def _repeated_at_end(columns: list[Array]) -> int:
+def _idle(columns: list[Array]) -> int:
     """Return how many first rows say nothing: no value, or at least `_PAD` times the same in all columns."""
-    rows = len(columns[0])
-    same = np.ones(rows - 1, np.bool_)
-    blank = np.ones(rows, np.bool_)
-    for values in columns:
-        same &= (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
-        blank &= np.isnan(values)
-    changes = np.flatnonzero(~same)
-    run = int(changes[0]) + 1 if len(changes) else 0
-    first = np.flatnonzero(~blank)
-    blank_run = int(first[0]) if len(first) else 0
-    return max(blank_run, run if run >= _PAD else 0)
+    same = np.all([(c[1:] == c[:-1]) | (np.isnan(c[1:]) & np.isnan(c[:-1])) for c in columns], axis=0)
+    blank = np.all([np.isnan(c) for c in columns], axis=0)
+    run = int(np.argmin(same)) + 1 if not same.all() else 0
+    return max(0 if blank.all() else int(np.argmin(blank)), run if run >= _PAD else 0)
 
 
 def held_remarks(columns: Mapping[str, Array]) -> list[str]:
-    """Say which columns are stuck, are copies of another, or are only renewed now and then.
-
-    `columns`: those that measure something, name -> (n,).
-    """
+    """Say which columns (n,) are stuck, are copies of another, or are only renewed now and then."""
     remarks = []
     names = list(columns)
     for number, name in enumerate(names):
         values = columns[name]
-        twin = next(
-            (one for one in names[:number] if np.array_equal(columns[one], values, equal_nan=True)), None
-        )
-        if twin is not None:
-            remarks.append(f"{name} is a copy of {twin}")
-            continue
-        same = values[1:] == values[:-1]
-        if same.all():
+        twins = [one for one in names[:number] if np.array_equal(columns[one], values, equal_nan=True)]
+        changes = np.flatnonzero(values[1:] != values[:-1]) + 1
+        if twins:
+            remarks.append(f"{name} is a copy of {twins[0]}")
+        elif not len(changes):
             remarks.append(f"{name} is stuck at {values[0]:g}")
-            continue
-        runs = stretches(same)
-        length = runs[:, 1] - runs[:, 0] + 1 if len(runs) else np.zeros(0, np.int64)
-        usual = max(_STUCK, 20.0 * len(values) / (1 + int((~same).sum())))
-        for start, stop in runs[length > usual][:3]:
-            remarks.append(
-                f"{name} is stuck at {values[start]:g} for {stop - start + 1} rows from row {start + 1} on"
-            )
-        renewed = np.diff(np.flatnonzero(~same))
-        if len(renewed) > 100 and np.median(renewed) >= 2 and (renewed == np.median(renewed)).mean() > 0.8:
-            remarks.append(f"{name} is renewed every {int(np.median(renewed))} rows only")
+        else:
+            edges = np.concatenate(([0], changes, [len(values)]))
+            length = np.diff(edges)
+            long = length > max(_STUCK, 20.0 * len(values) / (1 + len(changes)))
+            for start, rows in zip(edges[:-1][long][:3], length[long], strict=False):
+                remarks.append(
+                    f"{name} is stuck at {values[start]:g} for {rows} rows from row {start + 1} on"
+                )
+            usual = int(np.median(length[1:-1])) if len(changes) > 100 else 1
+            if usual >= 2 and (length[1:-1] == usual).mean() > 0.8:
+                remarks.append(f"{name} is renewed every {usual} rows only")
     return remarks

@@ -18,13 +18,14 @@ from bench.analysis.look._channels import (
     Channel,
     Columns,
     assign,
-)  # fmt: skip
+    is_gyro,
+)
 from bench.analysis.look._clock import Clock, clock_of, held_remarks, without_padding
 from bench.analysis.look._noise import AllanLook, allan_of
 from bench.analysis.look._rest import Motion, motion_of
 from bench.analysis.look._spectrum import Spectrum, spectrum_of
-from bench.analysis.look._table import TIME_OF_FILE, Table, read_table
 from bench.analysis.look._temperature import FASTEST_K_PER_S, TemperatureLook, dependence, fastest_change
+from bench.record.exchange import read_table
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
@@ -38,8 +39,8 @@ _FEWEST = 64
 class LookOptions:
     """What the log does not say: separator, lines before the first row, table, DBC files, sample rate.
 
-    `columns` are texts KIND=NAME,NAME, `units` texts NAME=UNIT; both take globs. `still`: the unit never turned,
-    whatever its gyros say; else rest and turning are found from the data.
+    `columns` are texts KIND=NAME,NAME, `units` texts NAME=UNIT; both take globs. `still`: the unit never
+    turned, whatever its gyros say; else rest and turning are found from the data.
     """
 
     separator: str = ""
@@ -92,10 +93,17 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
     """Look at a log of gyros and accelerometers; ConfigurationError if it cannot be read or has none."""
     options = options or LookOptions()
     table = read_table(
-        log, separator=options.separator, skip=options.skip, group=options.group, dbc=options.dbc
+        log,
+        separator=options.separator,
+        skip=options.skip,
+        group=options.group,
+        dbc=options.dbc,
+        sought=is_gyro,
     )
     sound, remarks = without_padding(table.columns)
-    columns = assign(sound, table.units, _told(options, sound), options.units)
+    told = [f"{TIME}={table.time}", *options.columns] if table.time in sound else options.columns
+    units = table.units | ({table.time: "s"} if table.time else {})
+    columns = assign(sound, units, told, options.units, options.rate_hz or table.rate_hz)
     if not any(channel.kind in (GYRO, ACCELEROMETER) for channel in columns.channels):
         raise ConfigurationError(
             "the log has no gyro and no accelerometer",
@@ -104,37 +112,19 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
             expected="names such as gyro_x, acc_z",
             remedy="say --column gyro=NAME,NAME",
         )
-    clock, axes, temperatures, motion = _on_grid(table, sound, columns, options)
-    questions = [*columns.questions, *_clock_questions(clock, columns, temperatures)]
-    held = held_remarks({channel.name: sound[channel.name] for channel in columns.channels})
-    heat = next(iter(temperatures.items()), None)
-    looks = [_axis(channel, values, motion, clock, heat) for channel, values in axes.items()]
-    return Look(
-        log, clock, columns, motion, tuple(looks), temperatures,
-        (*table.remarks, *remarks, *columns.remarks, *held), tuple(questions),
-    )  # fmt: skip
-
-
-def _told(options: LookOptions, sound: Mapping[str, Array]) -> Sequence[str]:
-    return [f"{TIME}={TIME_OF_FILE}", *options.columns] if TIME_OF_FILE in sound else options.columns
-
-
-def _on_grid(
-    table: Table, sound: Mapping[str, Array], columns: Columns, options: LookOptions
-) -> tuple[Clock, dict[Channel, Array], dict[str, Array], Motion]:
-    """Return the clock, axes and temperatures on its grid, and where the unit rests."""
-    rows = len(next(iter(sound.values())))
-    time_s = sound[columns.time.name] * columns.time.factor if columns.time else None
+    time = columns.time
+    time_s = sound[time.name] * time.scale.factor if time else None
     rate_hz, source = options.rate_hz, "you"
-    if rate_hz is None and time_s is None:
+    if rate_hz is None and (time is None or not time.unit):
         rate_hz, source = table.rate_hz, "the header"
-    clock, grid = clock_of(time_s, rows, rate_hz, source)
+    rows = len(next(iter(sound.values())))
+    clock, grid = clock_of(time_s, rows, rate_hz, source, in_s=time is not None and bool(time.unit))
     placed = {}
     for channel in columns.channels:
-        factor = channel.factor * (clock.per_s if channel.per_sample else 1.0)
-        placed[channel] = grid.put(sound[channel.name] * factor + channel.offset)
-    axes = {channel: values for channel, values in placed.items() if channel.kind != TEMPERATURE}
+        factor = channel.scale.factor * (clock.per_s if channel.scale.per_sample else 1.0)
+        placed[channel] = grid.put(sound[channel.name] * factor + channel.scale.offset)
     temperatures = {channel.name: values for channel, values in placed.items() if channel.kind == TEMPERATURE}
+    axes = {channel: values for channel, values in placed.items() if channel.kind != TEMPERATURE}
     gyros = [channel for channel in axes if channel.kind == GYRO and not options.still]
     motion = motion_of(
         [axes[channel] for channel in gyros],
@@ -144,21 +134,25 @@ def _on_grid(
         clock.per_s,
         all(channel.unit for channel in gyros),
     )
-    return clock, axes, temperatures, motion
+    heat = next(iter(temperatures.items()), None)
+    looks = tuple(_axis(channel, values, motion, clock, heat) for channel, values in axes.items())
+    questions = (*columns.questions, *_clock_questions(clock, columns.questions, temperatures))
+    held = held_remarks({channel.name: sound[channel.name] for channel in columns.channels})
+    remarks = [*table.remarks, *remarks, *columns.remarks, *held]
+    return Look(log, clock, columns, motion, looks, temperatures, tuple(remarks), questions)
 
 
-def _clock_questions(clock: Clock, columns: Columns, temperatures: Mapping[str, Array]) -> list[str]:
+def _clock_questions(clock: Clock, asked: list[str], temperatures: Mapping[str, Array]) -> list[str]:
     if not clock.known:
+        if any("the unit of" in question and "Hz" in question for question in asked):
+            return []
         return ["the sample rate is not in the log: say --rate HZ; until then times count samples"]
-    questions = []
-    for name, values in temperatures.items():
-        change = fastest_change(values, clock.per_s)
-        if change > FASTEST_K_PER_S:
-            questions.append(
-                f"{name} would change by {change:.0f} K/s: the log's times are not those of the recording; "
-                "say --rate HZ"
-            )
-    return questions
+    changes = {name: fastest_change(values, clock.per_s) for name, values in temperatures.items()}
+    return [
+        f"{name} would change by {change:.0f} K/s: the log's times are not those of the recording; say --rate HZ"
+        for name, change in changes.items()
+        if change > FASTEST_K_PER_S
+    ]
 
 
 def _axis(
@@ -172,18 +166,15 @@ def _axis(
         rest = np.zeros(len(values), np.bool_)
         rest[part] = True
     figures, clean = figures_of(values, rest, clock.per_s)
-    stretch = clean[part]
-    in_dph = channel.base_unit == "deg/s"
-    allan = allan_of(
-        stretch * (DPH_PER_DPS if in_dph else 1.0), clock.per_s, "deg/h" if in_dph else channel.base_unit
-    )
+    stretch, per_s = clean[part], clock.per_s
+    factor, unit = (DPH_PER_DPS, "deg/h") if channel.base_unit == "deg/s" else (1.0, channel.base_unit)
     return AxisLook(
         channel,
         figures,
-        part.start / clock.per_s,
-        part.stop / clock.per_s,
-        allan,
-        spectrum_of(stretch, clock.per_s) if len(stretch) >= _FEWEST else None,
+        part.start / per_s,
+        part.stop / per_s,
+        allan_of(stretch * factor, per_s, unit),
+        spectrum_of(stretch, per_s) if len(stretch) >= _FEWEST else None,
         dependence(clean, heat[1], motion.rest, heat[0]) if heat else None,
         values,
     )
@@ -191,14 +182,16 @@ def _axis(
 
 def _plain(value: Any) -> Any:
     if is_dataclass(value):
-        pairs = ((field.name, getattr(value, field.name)) for field in fields(value))
+        pairs = {
+            part.name: getattr(value, part.name) for part in fields(value) if part.name != "temperatures"
+        }
         return {
             name: _plain(entry)
-            for name, entry in pairs
-            if name != "temperatures" and not (isinstance(entry, np.ndarray) and entry.size > _MOST_VALUES)
+            for name, entry in pairs.items()
+            if not (isinstance(entry, np.ndarray) and entry.size > _MOST_VALUES)
         }
-    if isinstance(value, np.ndarray):
-        return value.tolist()
     if isinstance(value, list | tuple):
         return [_plain(entry) for entry in value]
-    return str(value) if isinstance(value, Path) else value
+    return (
+        value.tolist() if isinstance(value, np.ndarray) else str(value) if isinstance(value, Path) else value
+    )

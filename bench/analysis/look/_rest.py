@@ -55,67 +55,47 @@ def motion_of(
 ) -> Motion:
     """Tell rest from turning by windows of half a second.
 
-    `gyros` and `heavy` (accelerometers), each (n,), on one grid; `dps`: the gyros' unit is known. A window rests
-    if it scatters no more than the quietest fifth by three times and its mean is near the level of the slowest
-    quiet windows: of a log that turns at one rate all the time, that rate is taken for the bias.
+    `gyros` and `heavy` (accelerometers), each (n,), on one grid; `dps`: the gyros' unit is known. A window
+    rests if it scatters no more than the quietest fifth by three times and its mean is near the level of the
+    slowest quiet windows: of a log that turns at one rate all the time, that rate is taken for the bias.
     """
     length = max(_FEWEST, round(_WINDOW_S * per_s))
     windows = count // length
     if not gyros or windows < 4:
         return Motion(np.ones(count, np.bool_), (), (), 0.0, judged=False)
-    mean, scatter, middle = _windows(gyros, length, windows)
-    quiet = _quiet(scatter)
-    if heavy:
-        quiet &= _quiet(_windows(heavy, length, windows)[1])
+    blocks = [values[: windows * length].reshape(windows, length) for values in (*gyros, *heavy)]
+    mean, scatter, middle = (
+        np.stack([of(block, axis=1) for block in blocks], axis=1) for of in (np.mean, np.std, np.median)
+    )
+    usual = np.maximum(np.nanmedian(scatter, axis=0) * 1e-3, np.nanquantile(scatter, 0.2, axis=0))
+    quiet = (scatter <= _SHAKEN * np.maximum(usual, 1e-15)).all(axis=1)
+    mean, scatter, middle = (part[:, : len(gyros)] for part in (mean, scatter, middle))
     if not quiet.any():
         quiet = scatter.sum(axis=1) <= np.nanquantile(scatter.sum(axis=1), 0.2)
     noise = np.median(scatter[quiet], axis=0)
     size = np.sqrt((middle**2).sum(axis=1))
-    slow = quiet & (size <= np.quantile(size[quiet], 0.25))
-    level = np.median(middle[slow], axis=0)
+    level = np.median(middle[quiet & (size <= np.quantile(size[quiet], 0.25))], axis=0)
     # A gyro whose unit is not known tells turning by its own scatter only.
     edge = np.maximum(0.5 * noise, _LEVEL_DPS) if dps else np.maximum(3.0 * noise, 1e-12)
     turning = np.asarray((np.abs(mean - level) > edge).any(axis=1), np.bool_)
-    onset = np.asarray((np.abs(np.diff(middle, axis=0)) > _ONSET * noise).any(axis=1), np.bool_)
+    onset = (np.abs(np.diff(middle, axis=0)) > _ONSET * noise).any(axis=1)
     for start, stop in stretches(turning):
-        ends = [onset[max(edge - 2, 0) : edge + 2].any() for edge in (start, stop)]
-        turning[start:stop] = any(ends)
-    rest = quiet & ~turning
+        turning[start:stop] = any(onset[max(border - 2, 0) : border + 2].any() for border in (start, stop))
+    rest = np.asarray(quiet & ~turning, np.bool_)
     for start, stop in stretches(~rest & ~turning):
         rest[start:stop] = stop - start == 1  # a single window that scatters has an outlier in it
     seconds = length / per_s
     turns = []
-    for start, stop in stretches(turning):
-        if stop - start >= _SHORTEST:
-            angles = (mean[start:stop] - level).sum(axis=0) * seconds
-            most = int(np.argmax(np.abs(angles)))
-            angle = float(angles[most])
-            length_s = float(stop - start) * seconds
-            turns.append(
-                Turn(float(start) * seconds, float(stop) * seconds, axes[most], angle / length_s, angle)
-            )
-    rests = [
-        (float(start) * seconds, float(stop) * seconds)
-        for start, stop in stretches(rest)
-        if stop - start >= _SHORTEST
-    ]
-    mask = np.zeros(count, np.bool_)
+    for start, stop in _long(turning):
+        angles = (mean[start:stop] - level).sum(axis=0) * seconds
+        most = int(np.argmax(np.abs(angles)))
+        rate = float(angles[most]) / ((stop - start) * seconds)
+        turns.append(Turn(start * seconds, stop * seconds, axes[most], rate, float(angles[most])))
+    rests = tuple((start * seconds, stop * seconds) for start, stop in _long(rest))
+    mask = np.full(count, rest.all())
     mask[: windows * length] = np.repeat(rest, length)
-    if rest.all():
-        mask[:] = True
-    return Motion(mask, tuple(rests), tuple(turns), float((~rest & ~turning).sum() * seconds))
+    return Motion(mask, rests, tuple(turns), float((~rest & ~turning).sum() * seconds))
 
 
-def _windows(columns: Sequence[Array], length: int, windows: int) -> tuple[Array, Array, Array]:
-    """Return mean, standard deviation and median of every window, (windows, columns) each; NaN over a gap."""
-    blocks = [values[: windows * length].reshape(windows, length) for values in columns]
-    mean, scatter, middle = (
-        np.stack([of(block, axis=1) for block in blocks], axis=1) for of in (np.mean, np.std, np.median)
-    )
-    return mean, scatter, middle
-
-
-def _quiet(scatter: Array) -> NDArray[np.bool_]:
-    floor = np.nanquantile(scatter, 0.2, axis=0)
-    usual = np.maximum(np.nanmedian(scatter, axis=0) * 1e-3, floor)
-    return np.asarray((scatter <= _SHAKEN * np.maximum(usual, 1e-15)).all(axis=1))
+def _long(mask: NDArray[np.bool_]) -> list[list[int]]:
+    return [run for run in stretches(mask).tolist() if run[1] - run[0] >= _SHORTEST]

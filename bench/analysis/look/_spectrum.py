@@ -57,15 +57,14 @@ class Spectrum:
 
 def spectrum_of(values: Array, per_s: float) -> Spectrum:
     """Return the spectrum of an unbroken record (n,) by Welch's method (Hann, half overlap), and its lines."""
-    size = min(_LONGEST, 1 << max(4, int(np.log2(max(2 * len(values) // (_AVERAGES + 1), 16)))))
-    size = min(size, len(values))
+    longest = 1 << max(4, int(np.log2(max(2 * len(values) // (_AVERAGES + 1), 16))))
+    size = min(_LONGEST, longest, len(values))
     frequency, density = welch(values, per_s, "hann", nperseg=size, detrend="linear")
     frequency, density = frequency[1:], np.maximum(density[1:], np.finfo(np.float64).tiny)
     averages = max(1, 2 * len(values) // size - 1)
     # Segments half over each other under a Hann window count as 36/38 of as many apart (Welch 1967).
     freedom = 2.0 * averages * (36.0 / 38.0 if averages > 1 else 1.0)
-    upper = density[len(density) // 2 : -1]
-    white = float(np.sqrt(np.median(upper) / _median(freedom))) if len(upper) else np.nan
+    white = float(np.sqrt(np.median(density[len(density) // 2 : -1]) / _median(freedom)))
     return Spectrum(frequency, density, averages, white, _lines(frequency, density, freedom))
 
 
@@ -82,26 +81,16 @@ def _lines(frequency: Array, density: Array, freedom: float) -> tuple[Line, ...]
     limit = max(float(chi2.isf(_FALSE_ALARM / count, freedom) / freedom), _LEAST_EXCESS)
     above = np.flatnonzero(ratio > limit)
     above = above[(above >= _LOWEST) & (above < count - 1)]
-    if not len(above):
-        return ()
     step = float(frequency[1] - frequency[0])
     lines = []
-    for group in np.split(above, np.flatnonzero(np.diff(above) > 2 * _MAIN_LOBE) + 1):
+    for group in np.split(above, np.flatnonzero(np.diff(above) > 2 * _MAIN_LOBE) + 1) if len(above) else ():
         top = int(group[np.argmax(ratio[group])])
-        low, high = max(group[0] - _MAIN_LOBE, 0), min(group[-1] + _MAIN_LOBE + 1, count)
-        excess = np.maximum(density[low:high] - floor[low:high], 0.0)
-        near = slice(max(top - 1, 0), top + 2)
+        span = slice(max(group[0] - _MAIN_LOBE, 0), group[-1] + _MAIN_LOBE + 1)
+        near = slice(top - 1, top + 2)
         strong = int((ratio[group] > 0.5 * ratio[top]).sum())
         centre = float(density[near] @ frequency[near] / density[near].sum())
-        lines.append(
-            Line(
-                centre,
-                float(np.sqrt(2.0 * excess.sum() * step)),
-                strong * step,
-                float(ratio[top]),
-                strong > _BROAD,
-            )
-        )
+        amplitude = float(np.sqrt(2.0 * np.maximum(density[span] - floor[span], 0.0).sum() * step))
+        lines.append(Line(centre, amplitude, strong * step, float(ratio[top]), strong > _BROAD))
     strongest = sorted(lines, key=lambda line: -line.amplitude)[:_MOST]
     return tuple(sorted(strongest, key=lambda line: line.frequency_hz))
 
@@ -116,7 +105,6 @@ def _floor(density: Array) -> Array:
     edges[-1] = count
     if len(edges) > 2 and edges[-1] - edges[-2] < _FEWEST:
         del edges[-2]
-    bands = list(pairwise(edges))
-    centre = np.array([np.median(np.log(index[low:high])) for low, high in bands])
-    level = np.array([np.median(np.log(density[low:high])) for low, high in bands])
+    bands = [slice(*edge) for edge in pairwise(edges)]
+    centre, level = ([float(np.median(np.log(part[band]))) for band in bands] for part in (index, density))
     return np.asarray(np.exp(np.interp(np.log(index), centre, level)))

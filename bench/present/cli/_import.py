@@ -14,7 +14,9 @@ app = Typer()
 
 @app.command("import")
 def import_(
-    log: Annotated[list[Path], Argument(help="logs of another bench: CSV, Parquet or MDF")],
+    log: Annotated[
+        list[Path], Argument(help="logs of another bench: text, Parquet, MAT, NPY, NPZ, HDF5 or MDF")
+    ],
     mapping: Annotated[Path, Option(help="mapping file (TOML): columns, units, phases")],
     out: Annotated[Path, Option(help="folder that holds the runs")] = DEFAULT_RUNS,
 ) -> None:

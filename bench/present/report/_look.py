@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.present.look_words import (
-    clock_words,
-    motion_words,
-    noise_words,
-    noticed,
-    nyquist_words,
-)  # fmt: skip
+from bench.present.look_words import clock_words, motion_words, noise_words, noticed, nyquist_words
 from bench.present.report._figures import Curve, Lane, Panel, lanes, panels
 from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import Cell, Fact, Figures, Key, Notes, Page, Section, Table, Verdict, named
 from bench.present.report._palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, SAND, Paint
 from bench.present.report._parts import interval, made
+from drivers.base.arrays import Array
 
 if TYPE_CHECKING:
     from bench.analysis.look import AxisLook, Look
@@ -32,10 +28,7 @@ _TERMS = [
         "Fit",
         "The five coefficients describe the curve if they leave its 99.9 % interval by less than a fifth.",
     ),
-    (
-        "Line",
-        "A bin that noise reaches once in 1000 spectra; amplitude of the sine, and times the noise around.",
-    ),
+    ("Line", "A bin that noise reaches once in 1000 spectra; amplitude of the sine, times the noise around."),
     ("Follows", "Part of the variance of each leg of temperature that a fit on the other legs foretells."),
 ]
 
@@ -46,6 +39,9 @@ def look_page(found: Look, *, checksum: str, created_utc: str) -> Page:
     sentences = [f"{clock_words(found)}.", f"{motion_words(found)}."]
     if unfit:
         sentences.append(f"The five noises do not describe the Allan deviation of {', '.join(unfit)}.")
+    verdict = Verdict("Read", "good", sentences)
+    if found.questions:
+        verdict = Verdict("Some things cannot be known", "doubt", sentences)
     return Page(
         title=f"A look at {found.log.name}",
         kind="Gyros and accelerometers of a log, at its full rate",
@@ -54,10 +50,7 @@ def look_page(found: Look, *, checksum: str, created_utc: str) -> Page:
             Fact("SHA-256", checksum, code=True),
             Fact("Report made", moment(created_utc)),
         ],
-        verdict=Verdict(
-            "Some things cannot be known" if found.questions else "Read", "doubt" if found.questions else "good",
-            sentences,
-        ),
+        verdict=verdict,
         sections=[
             Section("Not known from the log", [Notes(found.questions, "doubt")]),
             Section("How it was read", [Notes(found.remarks)]),
@@ -67,26 +60,11 @@ def look_page(found: Look, *, checksum: str, created_utc: str) -> Page:
         ],
         terms=_TERMS,
         colophon=made(created_utc),
-    )  # fmt: skip
+    )
 
 
 def _axes(found: Look) -> Table:
-    rows = [
-        named(
-            axis.channel.name,
-            axis.channel.kind,
-            unit_text(axis.channel.base_unit),
-            significant(axis.figures.mean, 5),
-            significant(axis.figures.mean_sigma, 2),
-            significant(axis.figures.sigma, 3),
-            significant(axis.figures.drift_per_h, 3),
-            significant(axis.figures.drift_sigma, 2),
-            significant(axis.figures.quantum, 3),
-            "; ".join(noticed(axis)) or DASH,
-        )
-        for axis in found.axes
-    ]
-    heads = [
+    heads = (
         "Axis",
         "Kind",
         "Unit",
@@ -95,26 +73,42 @@ def _axes(found: Look) -> Table:
         ">1σ of samples",
         ">Drift [1/h]",
         ">1σ of drift",
-    ]
+    )
+    rows = []
+    for axis in found.axes:
+        kind, unit, own = axis.channel.kind, unit_text(axis.channel.base_unit), axis.figures
+        figures = (
+            (own.mean, 5),
+            (own.mean_sigma, 2),
+            (own.sigma, 3),
+            (own.drift_per_h, 3),
+            (own.drift_sigma, 2),
+        )
+        cells = [significant(*figure) for figure in (*figures, (own.quantum, 3))]
+        rows.append(named(axis.channel.name, kind, unit, *cells, "; ".join(noticed(axis)) or DASH))
     return Table([*heads, ">Quantum", "Noticed"], rows, "Figures at rest, in the unit of the row.")
 
 
 def _courses(found: Look) -> Figures:
-    plots = []
-    for label, axes in _groups(found):
-        curves = []
-        for axis in axes:
-            x = np.arange(len(axis.values)) / found.clock.per_s
-            curves.append(Curve(axis.channel.axis or axis.channel.name, x, axis.values, _paint(axis)))
-        plots.append(Lane(label, curves, height=120.0))
-    plots += [
-        Lane("Temperature, °C", [Curve(name, np.arange(len(values)) / found.clock.per_s, values, SAND)], 90.0)
-        for name, values in list(found.temperatures.items())[:1]
+    def lane(label: str, values: dict[str, tuple[Array, Paint]], height: float) -> Lane:
+        curves = [
+            Curve(name, np.arange(len(column)) / found.clock.per_s, column, paint)
+            for name, (column, paint) in values.items()
+        ]
+        return Lane(label, curves, height)
+
+    plots = [
+        lane(label, {one.channel.axis or one.channel.name: (one.values, _paint(one)) for one in axes}, 120.0)
+        for label, axes in _groups(found)
     ]
-    turns = [(turn.start_s, turn.stop_s, f"turn {turn.axis}") for turn in found.motion.turns]
-    caption = "Extremes of every bucket of samples." + (" Shaded: the unit turns." if turns else "")
-    shading = [part for turn in turns for part in (turn, (turn[1], turn[1], ""))]
-    return lanes("course", plots, _time_label(found), caption, phases=shading)
+    for name, values in list(found.temperatures.items())[:1]:
+        plots.append(lane("Temperature, °C", {name: (values, SAND)}, 90.0))
+    shading = []
+    for turn in found.motion.turns:
+        shading += [(turn.start_s, turn.stop_s, f"turn {turn.axis}"), (turn.stop_s, turn.stop_s, "")]
+    caption = "Extremes of every bucket of samples." + (" Shaded: the unit turns." if shading else "")
+    label = "Time since the first row, s" if found.clock.known else "Row"
+    return lanes("course", plots, label, caption, phases=shading)
 
 
 def _groups(found: Look) -> list[tuple[str, list[AxisLook]]]:
@@ -125,84 +119,72 @@ def _groups(found: Look) -> list[tuple[str, list[AxisLook]]]:
     return list(groups.items())
 
 
-def _time_label(found: Look) -> str:
-    return "Time since the first row, s" if found.clock.known else "Row"
-
-
 def _noise(found: Look) -> Table:
     rows = []
     for axis in found.axes:
-        allan = axis.allan
-        if allan is None:
+        if axis.allan is None:
             continue
-        fit = Cell("fits", "good") if allan.fits else Cell(noise_words(axis), "bad")
-        parts = zip(
-            _COEFFICIENTS, allan.coefficients, allan.coefficient_low, allan.coefficient_high, strict=True
-        )
-        for number, (name, value, low, high) in enumerate(parts):
-            heading = (axis.channel.name, unit_text(allan.unit)) if number == 0 else ("", "")
-            cells = (name, significant(value, 3), interval(low, high))
-            rows.append(named(*heading, *cells, fit if number == 0 else ""))
+        fit = Cell("fits", "good") if axis.allan.fits else Cell(noise_words(axis), "bad")
+        for number, (name, part) in enumerate(zip(_COEFFICIENTS, axis.allan.coefficients.T, strict=True)):
+            heads = (axis.channel.name, unit_text(axis.allan.unit)) if number == 0 else ("", "")
+            value, low, high = part.tolist()
+            rows.append(
+                named(*heads, name, significant(value, 3), interval(low, high), fit if number == 0 else "")
+            )
     caption = "Coefficients with 95 % intervals, in the axis' unit, times in h."
     return Table(["Axis", "Unit", "Coefficient", ">Value", ">95 % interval", "Fit"], rows, caption)
 
 
 def _allans(found: Look) -> list[Figures]:
-    figures = []
-    for number, (label, axes) in enumerate(_groups(found)):
-        plots = []
-        for axis in axes:
-            if axis.allan is None:
-                continue
-            tau = np.log10(axis.allan.tau_s)
-            with np.errstate(divide="ignore"):
-                curves = [
-                    Curve("measured", tau, np.log10(axis.allan.deviation), BLUE),
-                    Curve("low", tau, np.log10(axis.allan.low), MUTED, ":"),
-                    Curve("high", tau, np.log10(axis.allan.high), MUTED, ":"),
-                    Curve("fit", tau, np.log10(axis.allan.fitted), ORANGE, "--"),
-                ]
-            plots.append(Panel(curves, axis.channel.name, noise_words(axis), description=axis.channel.name))
-        if plots:
-            keys = (Key("measured", BLUE), Key("95 % interval", MUTED), Key("five noises fitted", ORANGE))
-            unit = unit_text(axes[0].allan.unit if axes[0].allan else axes[0].channel.base_unit)
-            caption = f"Allan deviation: {label.split(',')[0].lower()}."
-            x_label = f"log10 of averaging time, {'s' if found.clock.known else 'samples'}"
-            y_label = f"log10 of deviation, {unit}"
-            figures.append(panels(f"allan-{number}", plots, caption, keys, x_label=x_label, y_label=y_label))
-    return figures
+    def panel(axis: AxisLook) -> Panel | None:
+        if (allan := axis.allan) is None:
+            return None
+        tau = np.log10(allan.tau_s)
+        with np.errstate(divide="ignore"):
+            curves = [
+                Curve("measured", tau, np.log10(allan.deviation), BLUE),
+                Curve("low", tau, np.log10(allan.low), MUTED, ":"),
+                Curve("high", tau, np.log10(allan.high), MUTED, ":"),
+                Curve("fit", tau, np.log10(allan.fitted), ORANGE, "--"),
+            ]
+        return Panel(curves, axis.channel.name, noise_words(axis), description=axis.channel.name)
+
+    keys = (Key("measured", BLUE), Key("95 % interval", MUTED), Key("five noises fitted", ORANGE))
+    x_label = f"log10 of averaging time, {'s' if found.clock.known else 'samples'}"
+    return _figures(found, "Allan deviation", panel, keys, x_label, "log10 of deviation, {}")
 
 
 def _spectra(found: Look) -> list[Figures]:
+    def panel(axis: AxisLook) -> Panel | None:
+        if (spectrum := axis.spectrum) is None:
+            return None
+        curve = Curve("", *_thinned(spectrum.frequency_hz, spectrum.density), _paint(axis), width=0.9)
+        return Panel(
+            [curve], axis.channel.name, f"{spectrum.averages} segments", description=axis.channel.name
+        )
+
+    x_label = f"log10 of frequency, {'Hz' if found.clock.known else '1/sample'}"
+    return _figures(found, "Amplitude density, extremes of buckets", panel, (), x_label, "log10, {}/√Hz")
+
+
+def _figures(
+    found: Look, what: str, panel: Callable[[AxisLook], Panel | None], keys: tuple[Key, ...],
+    x_label: str, y_label: str,
+) -> list[Figures]:  # fmt: skip
     figures = []
     for number, (label, axes) in enumerate(_groups(found)):
-        plots = []
-        for axis in axes:
-            if axis.spectrum is None:
-                continue
-            x, y = _thinned(axis.spectrum.frequency_hz, axis.spectrum.density)
-            note = f"{axis.spectrum.averages} segments"
-            plots.append(
-                Panel([Curve("", x, y, _paint(axis), width=0.9)], axis.channel.name, note, description=label)
-            )
-        if plots:
-            unit = axes[0].channel.base_unit
-            x_label = "log10 of frequency, Hz" if found.clock.known else "log10 of frequency, 1/sample"
-            caption = f"Amplitude density: {label.split(',')[0].lower()}, extremes of buckets."
+        if plots := [plot for plot in map(panel, axes) if plot is not None]:
+            allan = axes[0].allan if what.startswith("Allan") else None
+            unit = unit_text(allan.unit if allan else axes[0].channel.base_unit)
+            caption = f"{what}: {label.split(',')[0].lower()}."
+            figure_id = f"{what.split()[0].lower()}-{number}"
             figures.append(
-                panels(
-                    f"psd-{number}",
-                    plots,
-                    caption,
-                    (),
-                    x_label=x_label,
-                    y_label=f"log10, {unit_text(unit)}/√Hz",
-                )
+                panels(figure_id, plots, caption, keys, x_label=x_label, y_label=y_label.format(unit))
             )
     return figures
 
 
-def _thinned(frequency: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _thinned(frequency: Array, density: Array) -> tuple[Array, Array]:
     """Return log10 of frequency and amplitude density: lowest and highest of buckets equal in log frequency."""
     x, y = np.log10(frequency), 0.5 * np.log10(density)
     if len(x) <= _MOST_POINTS:
@@ -227,9 +209,8 @@ def _lines(found: Look) -> Table:
         for line in (axis.spectrum.lines if axis.spectrum else ())
     ]
     heads = ["Axis", ">Frequency [Hz]", ">Amplitude", "Unit", ">Times the noise", "Shape"]
-    return Table(
-        heads, rows, "Lines by the frequency that they have in the record; the 12 strongest of an axis."
-    )
+    caption = "Lines by the frequency that they have in the record; the 12 strongest of an axis."
+    return Table(heads, rows, caption)
 
 
 def _paint(axis: AxisLook) -> Paint:

@@ -2,16 +2,23 @@
 
 from bench.record.exchange._export import export_run
 from bench.record.exchange._import import decode_imported, import_log
-from bench.record.exchange._log import load_asammdf, read_log
+from bench.record.exchange._log import read_log
 from bench.record.exchange._mapping import LogEntry, Mapping, read_mapping
+from bench.record.exchange._table import Table, read_table
+from bench.record.exchange._units import BASE_UNITS, Scale, scale_of, unit_error
 
 __all__ = [
+    "BASE_UNITS",
     "LogEntry",
     "Mapping",
+    "Scale",
+    "Table",
     "decode_imported",
     "export_run",
     "import_log",
-    "load_asammdf",
     "read_log",
     "read_mapping",
+    "read_table",
+    "scale_of",
+    "unit_error",
 ]

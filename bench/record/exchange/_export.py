@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from bench.record.exchange._log import load_asammdf
+from bench.record.exchange._table import load_asammdf
 from bench.record.recording import Run, unit_of
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -27,9 +27,9 @@ def export_run(folder: Path, kind: str, out: Path | None = None) -> Path:
     """Write a run in another format and return where.
 
     `kind`: csv, mdf4, blf or parquet. `out`: a folder for csv and parquet (a file a table and one of events), a
-    file for mdf4 and blf; default the run's name in the working directory. It must not exist, and is there whole
-    or not at all. ConfigurationError for a format or a run that has nothing for it, RecordError for a file that
-    cannot be written.
+    file for mdf4 and blf; default the run's name in the working directory. It must not exist, and is there
+    whole or not at all. ConfigurationError for a format or a run that has nothing for it, RecordError for a
+    file that cannot be written.
     """
     if kind not in _FORMATS:
         raise ConfigurationError("no such export format", found=kind, expected=", ".join(_FORMATS))

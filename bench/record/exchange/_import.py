@@ -40,7 +40,8 @@ def import_log(log: Path, mapping_file: Path, runs: Path) -> Path:
     """Make a run folder below `runs` from a log and return it.
 
     Everything is checked before anything is written; the folder takes its name when it is complete.
-    ConfigurationError for a mapping or log that cannot be used, RecordError for a folder that cannot be written.
+    ConfigurationError for a mapping or log that cannot be used, RecordError for a folder that cannot be
+    written.
     """
     mapping = read_mapping(mapping_file)
     entry = mapping.entry_for(log, mapping_file)

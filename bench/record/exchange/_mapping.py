@@ -26,9 +26,9 @@ class Column(_Part):
 class Columns(_Part):
     """What the columns are. `output`: the rate under the axis of test; `valid`: zero where it is none.
 
-    `t_in`: the gyro's own temperature, `t_out` that of its case, `air` and `set_point` the chamber's; `angle` and
-    `table_rate` the table's, `elevation` that of the input axis (read by the gap diagnosis, not kept in runs).
-    MDF files have times of their own: `time` is left out for them.
+    `t_in`: the gyro's own temperature, `t_out` that of its case, `air` and `set_point` the chamber's; `angle`
+    and `table_rate` the table's, `elevation` that of the input axis (read by the gap diagnosis, not kept in
+    runs). MDF files have times of their own: `time` is left out for them.
     """
 
     time: Column | None = None
@@ -54,8 +54,8 @@ class LogEntry(_Part):
     """One recording: `file` from the mapping's folder (or a pattern such as "*.csv"), and what is not in it.
 
     `angle_deg`: of the table, where no column says it. `elevation_deg` of the input axis: 0 level, 90 up.
-    `power_on_s`: how long the unit had been on at the first row. `profile` is the same for recordings through the
-    same temperatures, `condition` what differs between them.
+    `power_on_s`: how long the unit had been on at the first row. `profile` is the same for recordings through
+    the same temperatures, `condition` what differs between them.
     """
 
     file: str = "*"

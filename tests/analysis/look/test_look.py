@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -71,7 +72,6 @@ def test_decimal_commas_comments_and_a_units_row(tmp_path):
 
 
 def test_npy_npz_parquet_and_mat_say_the_same(tmp_path):
-    import pandas as pd
     from scipy.io import savemat
 
     data = columns(5000)
@@ -102,7 +102,7 @@ def test_mean_drift_and_white_noise_come_out_with_their_uncertainty(tmp_path):
     assert axis.figures.mean_sigma > steady.figures.mean_sigma
     assert abs(axis.figures.drift_per_h - 0.006) < 4.0 * axis.figures.drift_sigma
     assert axis.allan is not None and axis.allan.fits
-    assert axis.allan.coefficients[1] == pytest.approx(0.2, rel=0.02)
+    assert axis.allan.coefficients[0, 1] == pytest.approx(0.2, rel=0.02)
     assert axis.spectrum is not None and axis.spectrum.lines == ()
     assert axis.spectrum.white == pytest.approx(sigma * np.sqrt(2.0 / RATE), rel=0.03)
 
@@ -138,8 +138,8 @@ def test_steps_outliers_limits_and_the_grid(tmp_path):
     data["gyro_z [deg/s]"][10_000:14_000] = np.clip(data["gyro_z [deg/s]"][10_000:14_000] + turn, -250, 250)
     found = look(written(tmp_path / "log.csv", data))
     x, y, z = (axis.figures for axis in found.axes)
-    assert [step.time_s for step in x.steps] == pytest.approx([400.0], abs=3.0)
-    assert x.steps[0].size == pytest.approx(0.02, rel=0.2)
+    assert [time_s for time_s, _ in x.steps] == pytest.approx([400.0], abs=3.0)
+    assert x.steps[0][1] == pytest.approx(0.02, rel=0.2)
     assert (x.outliers, x.first_outlier_s) == (2, pytest.approx(12.34))
     assert x.largest_outlier == pytest.approx(-2.0, abs=0.2)
     assert y.quantum == pytest.approx(0.005) and np.isnan(z.quantum)
@@ -271,3 +271,43 @@ def test_counts_that_stay_at_the_end_of_their_range():
     assert found.clock.rate_hz == 100.0 and found.clock.source == "the header"
     assert found.axes[0].channel.name == "gx" and found.axes[0].figures.limits == (-32768.0,)
     assert found.motion.rests_s[0][1] == pytest.approx(36.5, abs=2.0)  # the header's initialisation time
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "rate_hz"),
+    [("timestamp", 1.7e12 + np.arange(3000), 1000.0), ("timestamp", 1.7e18 + 1e7 * np.arange(3000), 100.0),
+     ("time", 1.7e9 + np.arange(3000), 1.0), ("time", np.arange(3000.0), None),
+     ("t_ms", np.arange(3000.0), 1000.0)],
+)  # fmt: skip
+def test_a_time_without_a_unit_is_known_since_1970_or_asked(tmp_path, name, values, rate_hz):
+    """A step of 1 may be 1 s or 1 ms: neither is stated as a fact; counted from 1970, only one is in our time."""
+    rows = np.column_stack([values, noise(3000, 1.0, 1)])
+    np.savetxt(tmp_path / "log.csv", rows, "%.0f,%.9g", header=f"{name},gyro_x", comments="")
+    found = look(tmp_path / "log.csv", LookOptions(units=["gyro_x=deg/s"]))
+    if rate_hz is None:
+        assert not found.clock.known
+        assert any("s: 1 Hz, ms: 1000 Hz" in question for question in found.questions)
+    else:
+        assert found.clock.rate_hz == pytest.approx(rate_hz) and found.questions == ()
+
+
+def test_a_units_word_that_fits_no_gyro_is_asked_and_a_tables_rate_is_no_gyro(tmp_path):
+    count = 3000
+    data = {"t [s]": np.arange(count) / RATE, "gyro_x [mg]": noise(count, 1.0, 1)}
+    data |= {"yaw_rate [deg/s]": noise(count, 1.0, 2), "table_rate [deg/s]": np.full(count, 5.0)}
+    data |= {"rate_demand [deg/s]": np.full(count, 5.0)}
+    found = look(written(tmp_path / "log.csv", data))
+    assert [(axis.channel.name, axis.channel.axis) for axis in found.axes] == [
+        ("gyro_x", "x"),
+        ("yaw_rate", "z"),
+    ]
+    assert found.columns.ignored == ("table_rate", "rate_demand")
+    assert "gyro_x: the log's unit, mg, is none of a gyro" in found.remarks and len(found.questions) == 1
+
+
+def test_a_clock_that_jumps_by_years_is_refused_with_its_row(tmp_path):
+    data = columns(3000)
+    data["time [s]"][2000:] += 1.7e9
+    pd.DataFrame(data).to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(ConfigurationError, match="row 2000: the times are none of a recording"):
+        look(tmp_path / "log.csv")

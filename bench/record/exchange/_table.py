@@ -1,0 +1,343 @@
+"""The one way to read a log of other software, whatever its format: columns of numbers."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet
+
+from bench.record.exchange._text import layout_of, names_and_units, read_rows
+from bench.record.recording import check_room
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+
+TIME_OF_FILE = "time of the file"
+"""Name of the times, in s, that an MDF file has beside its channels."""
+MDF_ENDINGS = (".mf4", ".mdf", ".dat")
+_PACKED = (".gz", ".bz2", ".zst", ".lz4", ".br", ".zip", ".xz")
+_KINDS = "text, Parquet (.parquet, .pq), MAT, NPY, NPZ, HDF5 (.h5) or MDF (.mf4)"
+_SHOWN = 20
+_NO_PERIODS: Mapping[str, float] = {}
+Sought = Callable[[str], bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of a log, name -> shape (n,), NaN where a value is missing or no number.
+
+    `units` and `rate_hz`: what the file says of units and of the sample rate; `time`: the column that it says
+    is the time, in s (date-times since 1970), "" without; `words`: a cell that is no number, by column;
+    `remarks`: what was guessed or left out.
+    """
+
+    columns: dict[str, Array]
+    remarks: list[str] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
+    rate_hz: float | None = None
+    time: str = ""
+    words: dict[str, str] = field(default_factory=dict)
+
+
+def read_table(
+    file: Path, names: Sequence[str] = (), *, separator: str = "", skip: int | None = None, group: str = "",
+    dbc: Sequence[Path] = (), periods: Mapping[str, float] = _NO_PERIODS, sought: Sought = lambda name: False,
+) -> Table:  # fmt: skip
+    """Read a log, by the ending of its name; `names`: these columns only, all of which must be there.
+
+    `separator` and `skip` (lines before the first row of numbers) are for text, `group` names one of several
+    tables in an NPZ, MAT or HDF5 file, `dbc` decode the CAN frames of an MDF file. Channels of an MDF file are
+    put on the times of the first of `names` (`periods`: by how much a column jumps after a turn); without
+    names, they are those of the group with most channels `sought`, of equal ones the longest.
+    ConfigurationError for a file that cannot be read or lacks a column.
+    """
+    if not file.is_file():
+        raise ConfigurationError("the log cannot be read: there is no such file", where=str(file))
+    ending = file.suffix.lower()
+    try:
+        if ending in _PACKED:
+            raise OSError("it is packed, and a packed file can be of any size: unpack it first")
+        if ending in (".parquet", ".pq"):
+            return _parquet(file, names)
+        if ending == ".npy":
+            return _arrays(file, {file.stem: np.load(file, mmap_mode="r", allow_pickle=False)}, names, group)
+        if ending == ".npz":
+            return _arrays(file, dict(np.load(file, allow_pickle=False)), names, group)
+        if ending in (".mat", ".h5", ".hdf5", ".hdf"):
+            return _arrays(file, _mat(file) if ending == ".mat" else _hdf5(file), names, group)
+        if ending in MDF_ENDINGS:
+            return _mdf(file, names, dbc, periods, sought)
+        layout = layout_of(file, separator, skip)
+        labels, units = _labelled(names, layout.headers, layout.units, file)
+        frame = read_rows(file, layout, list(labels)).rename(columns=labels)
+        return _table(frame, layout.decimal, [layout.remark], units, layout.rate_hz)
+    except ConfigurationError:
+        raise
+    except (OSError, MemoryError, ValueError, KeyError, pa.ArrowException) as error:
+        raise _unreadable(file, str(error).splitlines()[0] if str(error) else type(error).__name__) from error
+
+
+def _unreadable(file: Path, found: str) -> ConfigurationError:
+    return ConfigurationError("the log cannot be read", where=str(file), found=found, expected=_KINDS)
+
+
+def _labelled(
+    wanted: Sequence[str], headers: Sequence[str], stated: Sequence[str], file: Path
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return header -> label of the columns wanted (by header, or its name without unit), and units by label."""
+    names, units = names_and_units(headers)
+    by_name = dict(zip(names, headers, strict=True)) | {header: header for header in headers}
+    _checked(wanted, [*names, *(header for header in headers if header in wanted)], file)
+    labels = {by_name[name]: name for name in wanted} or dict(zip(headers, names, strict=True))
+    pairs = zip(headers, units, stated, strict=True)
+    return labels, {
+        labels[header]: own or below for header, own, below in pairs if header in labels and (own or below)
+    }
+
+
+def _checked(names: Sequence[str], present: Sequence[str], file: Path) -> list[str]:
+    """Return the names wanted, all if none are; ConfigurationError for one that the file lacks."""
+    if missing := [name for name in names if name not in present]:
+        more = f" and {len(present) - _SHOWN} more" if len(present) > _SHOWN else ""
+        raise ConfigurationError(
+            "the file has no such column",
+            where=str(file),
+            found=", ".join(missing),
+            expected=(", ".join(present[:_SHOWN]) or "columns") + more,
+        )
+    return list(dict.fromkeys(names or present))
+
+
+def _table(
+    frame: pd.DataFrame, decimal: str, remarks: list[str], units: dict[str, str], rate_hz: float | None = None
+) -> Table:
+    """Return the columns of a frame: numbers as they are, date-times as s since 1970, other text left out."""
+    table = Table({}, remarks, units, rate_hz)
+    time = ""
+    for name, values in frame.items():
+        numbers, word, dated = _numbers(values, decimal)
+        if word:
+            table.words[str(name)] = word
+        if numbers is None:
+            continue
+        table.columns[str(name)] = numbers
+        if dated:
+            units[str(name)] = "s"
+            time = time or (str(name) if bool((np.diff(numbers) > 0.0).mean() > 0.9) else "")
+    left_out = [name for name in map(str, frame.columns) if name not in table.columns]
+    if left_out:
+        remarks.append(f"left out, no numbers: {', '.join(left_out)}")
+    if words := [f"{name} ({word})" for name, word in table.words.items() if name in table.columns]:
+        remarks.append(f"cells that are no numbers count as missing: {', '.join(words)}")
+    return Table(table.columns, remarks, units, rate_hz, time, table.words)
+
+
+def _numbers(values: pd.Series, decimal: str) -> tuple[Array | None, str, bool]:
+    """Return numbers (None: text), a cell that is no number, and whether they are made of dates or times."""
+    if pd.api.types.is_numeric_dtype(values):
+        return np.asarray(values.to_numpy(np.float64, na_value=np.nan)), "", False
+    if pd.api.types.is_timedelta64_dtype(values):
+        values = pd.Timestamp(0) + values
+    if not pd.api.types.is_datetime64_any_dtype(values):
+        text = values.astype("string").str.strip()
+        numbers = pd.to_numeric(text.str.replace(",", ".") if decimal == "," else text, errors="coerce")
+        known = text.notna().to_numpy(np.bool_)
+        odd = known & ~np.isfinite(numbers.to_numpy(np.float64, na_value=np.nan))
+        odd &= ~text.str.lower().isin(["nan", "inf", "-inf"]).to_numpy(np.bool_)
+        word = f"{text.iloc[int(np.argmax(odd))]!r} in row {int(np.argmax(odd)) + 1}" if odd.any() else ""
+        if not known.any() or odd.sum() < 0.5 * known.sum():
+            return np.asarray(numbers.to_numpy(np.float64, na_value=np.nan)), word, False
+        values = _dates(text)
+        if values.notna().sum() < 0.5 * known.sum():
+            return None, word, False
+    seconds = values.dt.tz_localize(None) if getattr(values.dt, "tz", None) is not None else values
+    counts = seconds.to_numpy("datetime64[ns]").astype(np.int64)
+    return np.where(seconds.isna().to_numpy(), np.nan, counts * 1e-9), "", True
+
+
+def _dates(text: pd.Series) -> pd.Series:
+    """Return times of day or date-times; day and month in the order that misses fewest and spans least."""
+    first = str(text.dropna().iloc[0])
+    if re.match(r"\d{1,2}:\d\d", first):
+        return pd.Timestamp(0) + pd.to_timedelta(text, errors="coerce")
+    if not re.match(r"\d", first):
+        return pd.Series(pd.NaT, index=text.index, dtype="datetime64[ns]")
+    ways: list[dict[str, Any]] = [{"format": "ISO8601"}, {"dayfirst": True}, {"dayfirst": False}]
+    if not re.match(r"\d{4}", first):
+        del ways[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # pandas remarks on the orders that do not fit
+        tried = [pd.to_datetime(text, errors="coerce", utc=True, **way) for way in ways]
+    return min(tried, key=lambda found: (found.isna().sum(), found.max() - found.min()))
+
+
+def _parquet(file: Path, names: Sequence[str]) -> Table:
+    with pyarrow.parquet.ParquetFile(file) as parquet:
+        schema = parquet.schema_arrow
+        stated = [(part.metadata or {}).get(b"unit", b"").decode() for part in schema]
+        labels, units = _labelled(names, schema.names, stated, file)
+        check_room(str(file), parquet.metadata.num_rows, len(labels) + 1)
+        table = parquet.read(columns=list(labels))
+    frame = pd.DataFrame({label: table[name].to_pandas() for name, label in labels.items()})
+    return _table(frame, ".", [], units)
+
+
+def _arrays(file: Path, arrays: dict[str, Any], names: Sequence[str], group: str) -> Table:
+    """Return the columns of a file's arrays: vectors by their names, columns of matrices by number."""
+    tables = {name: np.atleast_1d(np.squeeze(array)) for name, array in arrays.items()}
+    tables = {
+        name: array
+        for name, array in tables.items()
+        if array.dtype.names or (array.dtype.kind in "iufb" and array.ndim in (1, 2))
+    }
+    if group:
+        tables = {group: tables[_checked([group], list(tables), file)[0]]}
+    rows = max((max(array.shape) for array in tables.values()), default=0)
+    columns: dict[str, Array] = {}
+    for name, array in tables.items():
+        if max(array.shape) != rows:
+            continue
+        if array.dtype.names:
+            columns |= {key: np.array(array[key], np.float64).ravel() for key in array.dtype.names}
+        elif array.ndim == 1:
+            columns[name] = np.array(array, np.float64)
+        else:
+            upright = array if array.shape[0] == rows else array.T
+            check_room(str(file), *upright.shape)
+            prefix = name if len(tables) > 1 else "c"
+            columns |= {f"{prefix}{k + 1}": np.array(row, np.float64) for k, row in enumerate(upright.T)}
+    left_out = [name for name, array in tables.items() if max(array.shape) != rows]
+    wanted = _checked(names, list(columns), file)
+    remarks = [f"left out, of another length: {', '.join(left_out)}"] if left_out else []
+    return Table({name: columns[name] for name in wanted}, remarks)
+
+
+def _mat(file: Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(file, squeeze_me=True, struct_as_record=True)
+    except NotImplementedError:  # MATLAB 7.3 writes HDF5
+        return _hdf5(file)
+    arrays: dict[str, Any] = {}
+    for name, value in content.items():
+        if not isinstance(value, np.ndarray):
+            continue
+        if value.dtype.names and value.ndim == 0:  # a struct: its fields
+            arrays |= {f"{name}.{key}": np.asarray(value[key].item()) for key in value.dtype.names}
+        else:
+            arrays[name] = value
+    return arrays
+
+
+def _hdf5(file: Path) -> dict[str, Any]:
+    h5py = _extra("h5py", "HDF5 files (MATLAB 7.3 too)")
+    arrays: dict[str, Any] = {}
+    with h5py.File(file) as content:
+        content.visititems(
+            lambda name, node: arrays.update({name: node[()]}) if isinstance(node, h5py.Dataset) else None
+        )
+    return {name: value for name, value in arrays.items() if isinstance(value, np.ndarray)}
+
+
+def _mdf(
+    file: Path, names: Sequence[str], dbc: Sequence[Path], periods: Mapping[str, float], sought: Sought
+) -> Table:
+    asammdf = load_asammdf()
+    try:
+        with asammdf.MDF(file) as opened:
+            mdf = opened.extract_bus_logging({"CAN": [(str(path), 0) for path in dbc]}) if dbc else opened
+            groups = _groups(mdf)
+            if names:
+                places = {name: place for group in groups for name, place in group.items()}
+                _checked(names, sorted(places), file)
+                if twice := [name for name in names if sum(name in group for group in groups) > 1]:
+                    raise _unreadable(file, f"{', '.join(twice)} in more than one group of the file")
+            else:
+                places = max(groups, key=lambda group: sum(map(sought, group)), default={})
+            signals = {name: _signal(mdf, *places[name]) for name in names or places}
+    except ConfigurationError:
+        raise
+    except Exception as error:  # whatever asammdf raises on a damaged file
+        raise _unreadable(file, f"{type(error).__name__}: {error}") from error
+    if not signals:
+        raise ConfigurationError(
+            "the MDF file has no channels of numbers", where=str(file), remedy="say --dbc",
+            expected="signals, or CAN frames and a DBC file",
+        )  # fmt: skip
+    time_s = np.asarray(next(iter(signals.values())).timestamps, np.float64)
+    columns = {}
+    for name, signal in signals.items():
+        if signal.samples.dtype.kind in "iufb" and signal.samples.ndim == 1:
+            columns[name] = _on_times(time_s, signal, periods.get(name, 0.0))
+    remarks = [f"the group of {len(columns)} channels, one of {len(groups)} in the file"]
+    words = {name: "text" for name in signals if name not in columns}
+    if words:
+        remarks.append(f"left out, no numbers: {', '.join(words)}")
+    units = {name: str(signals[name].unit) for name in columns if signals[name].unit}
+    return Table({TIME_OF_FILE: time_s, **columns}, remarks, units, None, TIME_OF_FILE, words)
+
+
+def _groups(mdf: Any) -> list[dict[str, tuple[str, int, int]]]:
+    """Return the channels of every group with rows, the longest group first: name -> name, group and index."""
+    by_rows = sorted(
+        range(len(mdf.groups)), key=lambda number: -int(mdf.groups[number].channel_group.cycles_nr)
+    )
+    groups = []
+    for number in by_rows:
+        if mdf.groups[number].channel_group.cycles_nr > 0:
+            places: dict[str, tuple[str, int, int]] = {}
+            for index, channel in enumerate(mdf.groups[number].channels):
+                if index != mdf.masters_db.get(number):
+                    name = channel.name if channel.name not in places else f"{channel.name}_{index}"
+                    places[name] = (channel.name, number, index)
+            groups.append(places)
+    return groups
+
+
+def _signal(mdf: Any, name: str, group: int, index: int) -> Any:
+    """Return a signal with all its rows; the numbers behind words where it has both."""
+    signal = mdf.get(name, group, index, ignore_invalidation_bits=True)
+    if signal.samples.dtype.kind not in "iufb":
+        raw = mdf.get(name, group, index, ignore_invalidation_bits=True, raw=True)
+        return raw if raw.samples.dtype.kind in "iufb" else signal
+    return signal
+
+
+def _on_times(time_s: Array, signal: Any, period: float) -> Array:
+    """Return a signal at times (n,), interpolated, NaN where marked invalid; `period`: it jumps by a turn."""
+    values = np.array(signal.samples, np.float64)
+    if signal.invalidation_bits is not None:
+        values[np.asarray(signal.invalidation_bits, np.bool_)] = np.nan
+    own_s = np.asarray(signal.timestamps, np.float64)
+    if len(own_s) == len(time_s) and bool((own_s == time_s).all()):
+        return values
+    known = np.isfinite(values)
+    if not known.any():
+        return np.full(len(time_s), np.nan)
+    values = np.unwrap(values[known], period=period) if period else values[known]
+    return np.asarray(np.interp(time_s, own_s[known], values))
+
+
+def load_asammdf() -> Any:
+    """Return the module that reads and writes MDF files; ConfigurationError without it."""
+    return _extra("asammdf", "MDF files")
+
+
+def _extra(package: str, what: str) -> Any:
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise ConfigurationError(
+            f"{what} need the package {package}",
+            found="it is not installed",
+            remedy="install gyrobench with its extra 'exchange'",
+        ) from error

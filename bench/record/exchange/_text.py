@@ -1,0 +1,186 @@
+"""Text logs: separator, comments, header, units and first row from the head of the file; then read in one go."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv
+
+from drivers.base.errors import ConfigurationError
+
+_HEAD_BYTES = 1 << 17
+_COMMENTS = ("#", "%", "//", "!", "*")
+_SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "blank": " ", "bar": "|"}
+"""In the order in which they are tried; blanks count as one."""
+_MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "-"]
+_RATE = re.compile(
+    r"(?:\bfs\b|(?:sampl\w*|output|data)[ _-]*(?:rate|freq\w*)|^\W*frequency)[^\w.]*(?:\[?k?hz\]?\W*)?"
+    r"([\d.]+)\s*(k?hz)?|(?:sampl\w*|\brate|freq\w*)\W*([\d.]+)\s*(k?hz)",
+    re.I,
+)
+_UNIT = re.compile(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$")
+_PLAIN_UNIT = re.compile(
+    r"(?:deg|rad|arcsec|m|g|mg|ms|us|ns|s|°|c|k|v|lsb|hz|dps|dph|-)\b[\w/^°.()* -]*|°[\w/]*", re.I
+)
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """How a text is laid out: rows begin after `skip` lines; `headers` of the columns, and `units` below them.
+
+    `rate_hz`: the sample rate that the lines before the rows state; `remark`: the layout in words.
+    """
+
+    separator: str
+    decimal: str
+    skip: int
+    headers: list[str]
+    units: list[str]
+    rate_hz: float | None
+    remark: str
+
+
+def layout_of(file: Path, separator: str, skip: int | None) -> TextLayout:
+    """Return the layout of a text log, guessed where it is not told; ConfigurationError for one without rows."""
+    with file.open("rb") as source:
+        head = source.read(_HEAD_BYTES)
+    if b"\0" in head[:4096]:
+        raise ConfigurationError(
+            "the log cannot be read: it is binary, of a kind that its name does not say",
+            where=str(file),
+            expected="text, or a name that ends in .parquet, .mat, .npy, .npz, .h5, .mf4",
+            remedy="describe its frames (docs/frames.md), or save it as one of these",
+        )
+    text = head.decode("utf-8-sig", "replace")
+    text = head.decode("latin-1") if "\ufffd" in text[:-4] else text
+    lines = text.splitlines()
+    lines = lines[:-1] if len(head) == _HEAD_BYTES else lines  # the last one may be cut
+    told = _SEPARATORS.get(separator, separator)
+    start, width, used, decimal = max(
+        (_first_row(lines, one, skip) for one in ([told] if told else _SEPARATORS.values())),
+        key=lambda found: found[1],
+    )
+    if width == 0:
+        raise ConfigurationError(
+            "the log cannot be read: no rows of numbers in the head of the text",
+            where=str(file),
+            found=repr(lines[0][:60]) if lines else "nothing",
+            expected="columns of numbers",
+            remedy="name the separator and the lines to skip (`gyrobench look` takes --separator and --skip)",
+        )
+    before = [line for line in lines[:start] if line.strip()]
+    ends = lines[start].rstrip(" ").endswith(used) and used != " "
+    headers, units = _header(before, used, width - ends, width)
+    named = next((name for name, value in _SEPARATORS.items() if value == used), used)
+    remark = (
+        f"text separated by {named}{', decimal comma' if decimal == ',' else ''}, {width} columns, "
+        f"{'names in the header' if headers else 'no header: c1, c2 ...'}"
+        + (f", {start} lines before the first row" if start > 1 else "")
+    )
+    headers = headers or [f"c{k + 1}" for k in range(width)]
+    return TextLayout(used, decimal, start, headers, units, _stated_rate(before), remark)
+
+
+def read_rows(file: Path, layout: TextLayout, wanted: Sequence[str]) -> pd.DataFrame:
+    """Return columns of a text as they stand: numbers, times, or text where a cell is neither."""
+    if layout.separator == " ":
+        return pd.read_csv(
+            file, sep=r"\s+", header=None, skiprows=layout.skip, names=layout.headers, usecols=list(wanted),
+            on_bad_lines="skip", encoding_errors="replace", index_col=False, low_memory=False,
+        )  # fmt: skip
+    read = pa.csv.ReadOptions(skip_rows=layout.skip, column_names=layout.headers, block_size=1 << 24)
+    parse = pa.csv.ParseOptions(delimiter=layout.separator, invalid_row_handler=lambda row: "skip")
+
+    def rows(types: dict[str, pa.DataType]) -> pd.DataFrame:
+        convert = pa.csv.ConvertOptions(
+            column_types=types, decimal_point=layout.decimal, null_values=_MISSING, check_utf8=False,
+            strings_can_be_null=True, include_columns=list(wanted),
+        )  # fmt: skip
+        table = pa.csv.read_csv(file, read_options=read, parse_options=parse, convert_options=convert)
+        return pd.DataFrame(table.to_pandas())
+
+    try:
+        return rows({})
+    except pa.ArrowInvalid:  # a column of numbers has words further down
+        return rows(dict.fromkeys(wanted, pa.string()))
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    return line.split() if separator == " " else [part.strip() for part in line.split(separator)]
+
+
+def _first_row(lines: list[str], separator: str, skip: int | None) -> tuple[int, int, str, str]:
+    """Return line of the first row of numbers, columns (0: none), separator and decimal mark."""
+    kept = [(number, line) for number, line in enumerate(lines) if line.strip() and number >= (skip or 0)]
+    kept = [(number, line) for number, line in kept if not line.lstrip().startswith(_COMMENTS)]
+    sample = [_fields(line, separator) for _, line in kept[len(kept) // 2 :][-200:]]
+    width, often = Counter(map(len, sample)).most_common(1)[0] if sample else (0, 0)
+    for decimal in (".", ",") if separator != "," else (".",):
+        numeric = np.mean([_numeric(row, decimal) for row in sample if len(row) == width] or [0.0])
+        if often > 0.8 * len(sample) and numeric > 0.5 and (width > 1 or separator == " "):
+            rows = ((n, _fields(line, separator)) for n, line in kept)
+            start = next(n for n, row in rows if len(row) == width and _numeric(row, decimal) > 0.5)
+            return start, width, separator, decimal
+    return 0, 0, separator, "."
+
+
+def _numeric(row: list[str], decimal: str) -> float:
+    """Return the part of a row's fields that are numbers or times; empty ones may be."""
+    filled = [part.strip("\"'") for part in row if part]
+    return sum(_is_number(part, decimal) for part in filled) / max(len(filled), 1)
+
+
+def _is_number(part: str, decimal: str) -> bool:
+    try:
+        float(part.replace(",", ".") if decimal == "," else part)
+    except ValueError:
+        return bool(re.match(r"\d+[-/.:]\d+[-/.:]\d", part))
+    return True
+
+
+def _header(before: list[str], separator: str, least: int, width: int) -> tuple[list[str], list[str]]:
+    """Return names of the columns, empty if there are none, and units below them from the lines before the rows.
+
+    A header has `width` fields, or `least` where every row ends with a separator.
+    """
+    rows = [_fields(line.lstrip("#%!*/ "), separator) for line in before]
+    rows = [[part.strip("\"' ,") for part in row] + [""] * (width - len(row)) for row in rows
+            if least <= len(row) <= width]  # fmt: skip
+    stated = rows.pop() if len(rows) > 1 and _all_units(rows[-1]) else [""] * width
+    headers: list[str] = []
+    for number, part in enumerate(rows[-1] if rows else (), 1):
+        part = (part if _UNIT.search(part) else part.strip("[]")) or f"c{number}"  # [a, b, c] is a list
+        headers.append(part if part not in headers else f"{part}_{number}")
+    return headers, [unit.strip("[]() ") for unit in stated]
+
+
+def names_and_units(headers: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the names in headers such as "rate [deg/s]", each once, and the units, "" without."""
+    names: list[str] = []
+    units = []
+    for header in headers:
+        match = _UNIT.search(header)
+        name = header[: match.start()].strip() if match else header
+        names.append(name if name and name not in names else header)
+        units.append(match.group(1) if match else "")
+    return names, units
+
+
+def _all_units(row: list[str]) -> bool:
+    return any(row) and all(not part or _PLAIN_UNIT.fullmatch(part.strip("[]() ")) for part in row)
+
+
+def _stated_rate(before: list[str]) -> float | None:
+    for match in filter(None, map(_RATE.search, before)):
+        number, unit = (match.group(1) or match.group(3)).rstrip("."), match.group(2) or match.group(4) or ""
+        rate_hz = float(number or 0.0) * (1e3 if unit.lower() == "khz" else 1.0)
+        if 0.0 < rate_hz < 1e6:
+            return rate_hz
+    return None
