@@ -136,7 +136,7 @@ def test_logs_say_in_their_own_units_what_happened(made, tmp_path):
         rate = stage.in_rows(sensed_dph(stage, family.latitude_deg))
         write_case(tmp_path, family, [Logged(stage, rate, *family.read(unit, stage, rng))])
         mapping = read_mapping(tmp_path / "runs.toml")
-        log = read_log(tmp_path / mapping.run[0].file, mapping.columns)
+        log = read_log(tmp_path / mapping.run[0].file, mapping)
         output = log.columns["output"][1:]
         np.testing.assert_allclose(
             3600.0 * output, np.where(stage.valid, rate, np.nan)[stage.kept], rtol=1e-9

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +33,13 @@ def read_mapped_runs(path: Path) -> list[GapRun]:
     ConfigurationError says what a mapping or file lacks.
     """
     mapping = read_mapping(path)
-    return [_run(entry, mapping, path.parent / entry.file) for entry in mapping.run]
+    logs = mapping.logs(path)
+    runs = [_run(entry, mapping, file) for entry, file in logs]
+    same = Counter(entry.run_id for entry, _ in logs)
+    return [
+        replace(run, run_id=file.stem) if same[entry.run_id] > 1 else run
+        for run, (entry, file) in zip(runs, logs, strict=True)
+    ]
 
 
 def read_imported_run(run: Run) -> GapRun:
@@ -46,7 +53,14 @@ def read_imported_run(run: Run) -> GapRun:
 
 
 def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
-    log = read_log(file, mapping.columns)
+    log = read_log(file, mapping)
+    if "output" not in log.columns:
+        raise ConfigurationError(
+            "the mapping file names no gyro",
+            where=file.name,
+            found=", ".join(log.columns),
+            expected="output, or gyros with the axis of test: the gap is looked for in its rate",
+        )
     rows = log.columns["output"]
     held = held_rows(rows)
     steps = Steps.of(log.time_s - log.time_s[0], ~np.isnan(rows) & ~held)
@@ -57,7 +71,8 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
     t_in, t_out = (interpolated(means(key)) if key in log.columns else None for key in ("t_in", "t_out"))
     t_in, t_out = stand_ins(t_in, t_out, steps.count)
     output = np.where(steps.whole, DPH_PER_DPS * steps.means(rows, steps.use), np.nan)
-    angle, edge_rate = np.full(steps.count + 1, entry.angle_deg or 0.0), None
+    angle, edge_rate = entry.table_angle_deg(steps.edges_s), None
+    angle = np.zeros(steps.count + 1) if angle is None else angle
     if "angle" in log.columns:
         angle, edge_rate = steps.angles(log.columns["angle"])
     elevation = np.full(steps.count, entry.elevation_deg)

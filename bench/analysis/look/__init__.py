@@ -2,5 +2,6 @@
 
 from bench.analysis.look._files import write_files
 from bench.analysis.look._look import AxisLook, Look, LookOptions, look
+from bench.analysis.look._pair import HalfDifference, half_differences
 
-__all__ = ["AxisLook", "Look", "LookOptions", "look", "write_files"]
+__all__ = ["AxisLook", "HalfDifference", "Look", "LookOptions", "half_differences", "look", "write_files"]

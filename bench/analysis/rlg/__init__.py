@@ -1,7 +1,7 @@
 """Ring-laser gyro over temperature: ramp runs, candidate variables, stepwise regression, compensation."""
 
 from bench.analysis.rlg._compensation import RlgCompensation
-from bench.analysis.rlg._cycle import CycleStudy, load_chamber_cycle, study_chamber_cycle
+from bench.analysis.rlg._cycle import CycleStudy, Spread, load_chamber_cycle, study_chamber_cycle
 from bench.analysis.rlg._dataset import load_ramp_runs, study_units
 from bench.analysis.rlg._rows import RampRun
 from bench.analysis.rlg._study import BeforeAfter, RlgStudy, StepwiseVariant
@@ -14,6 +14,7 @@ __all__ = [
     "RampRun",
     "RlgCompensation",
     "RlgStudy",
+    "Spread",
     "StepwiseVariant",
     "load_chamber_cycle",
     "load_ramp_runs",

@@ -25,6 +25,8 @@ _MOVING_SHARE = 0.5
 _RATE_RATIO = 1.3
 _RANGE_K = 5.0
 _BIN_K = 2.0
+_SAME_COLUMN = 1e-5
+"""Part of T2's spread that a straight line of T1 may leave if both are one column (in another unit, too)."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +34,9 @@ class BeforeAfter:
     """What an equation does to the stability of 100 s means (1 sigma, deg/h) on one run it was not fitted on.
 
     `differs` says how the run differs from those fitted. With a truth: `oracle_dph` after subtracting the true
-    drift, `attained` = improvement over the oracle's. `outside_rows`: rows beyond what the training runs covered.
-    `hysteresis_before_dph`, `hysteresis_after_dph`: rms difference between warming and cooling at the same case
-    temperature, NaN for a run that goes one way only.
+    drift, `attained` = improvement over the oracle's. `outside_rows`: rows beyond what the training runs
+    covered. `hysteresis_before_dph`, `hysteresis_after_dph`: rms difference between warming and cooling at the
+    same case temperature, NaN for a run that goes one way only.
     """
 
     run_id: str
@@ -95,12 +97,13 @@ def run_rlg_study(
 ) -> RlgStudy:
     """Regress the bias of the training runs on the variables, judge every equation on the tests.
 
-    The five terms of the paper stand beside the selections as an equation of their own, fitted with all five in.
-    ConfigurationError for runs of several units, a run both fitted and judged, or fewer rows than variables.
+    The five terms of the paper stand beside the selections as an equation of their own, fitted with all five
+    in. ConfigurationError for runs of several units, a run both fitted and judged, or fewer rows than
+    variables.
     """
     require_separate(training, tests)
     x, y = candidate_matrix(training, variables), np.concatenate([run.bias_dph for run in training])
-    usable, left_out = _usable(x, variables)
+    usable, left_out = _usable(x, variables, twins=_one_column(training))
     if len(y) < len(usable) + 3 or not usable:
         raise ConfigurationError(
             "too few rows for that many variables",
@@ -239,12 +242,24 @@ def _compensation(training: Sequence[RampRun], result: StepwiseResult) -> RlgCom
     )
 
 
-def _usable(x: Array, names: Sequence[str]) -> tuple[tuple[str, ...], list[tuple[str, str]]]:
-    """Return the variables that vary, and those that do not with the reason."""
+def _one_column(runs: Sequence[RampRun]) -> bool:
+    """Return whether T1 and T2 are one temperature: what of T2 is no straight line of T1 is rounding only."""
+    t1, t2 = (np.concatenate([getattr(run, name) for run in runs]) for name in ("case_c", "block_c"))
+    line = np.column_stack([t1, np.ones(len(t1))])
+    left = t2 - line @ np.linalg.lstsq(line, t2, rcond=None)[0]
+    return bool(np.std(left) <= _SAME_COLUMN * max(np.std(t2), 1e-12))
+
+
+def _usable(x: Array, names: Sequence[str], *, twins: bool) -> tuple[tuple[str, ...], list[tuple[str, str]]]:
+    """Return the variables that vary, and those that do not with the reason; `twins`: T1 and T2 are one."""
     spread, size = np.ptp(x, axis=0), np.abs(x).max(axis=0)
     usable, left_out = [], []
     for name, width, largest in zip(names, spread, size, strict=True):
-        if width > 1e-9 * max(largest, 1e-12):
+        if twins and "T2" in name:
+            left_out.append(
+                (name, "T1 and T2 are one column in the training runs: one temperature was recorded")
+            )
+        elif width > 1e-9 * max(largest, 1e-12):
             usable.append(name)
         else:
             left_out.append((name, "constant in the training runs: nothing can be learnt from it"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +12,7 @@ from typer import Argument, BadParameter, Option, Typer
 from bench.present.cli._options import Json
 
 if TYPE_CHECKING:
-    from bench.analysis.look import AxisLook, Look
+    from bench.analysis.look import AxisLook, HalfDifference, Look
     from bench.present.cli._console import Terminal
 
 app = Typer()
@@ -40,11 +41,14 @@ def look(
     unit_id: Annotated[
         str, Option(help="serial number of the unit, for --write; default the log's name")
     ] = "",
+    turned: Annotated[
+        Path | None, Option(help="log of the same unit turned over: bias and half difference of every axis")
+    ] = None,
     report: Annotated[Path | None, Option(help="HTML file for the report")] = None,
     as_json: Json = False,
 ) -> None:
     """Look at a log of gyros and accelerometers: what it holds, and each axis at its full rate."""
-    from bench.analysis.look import LookOptions, write_files
+    from bench.analysis.look import LookOptions, half_differences, write_files
     from bench.analysis.look import look as look_at
     from bench.present.cli._console import Terminal
 
@@ -56,7 +60,10 @@ def look(
     )
     with console.status(f"looking at {log.name}"):
         found = look_at(log, options)
+        pair = half_differences(found, look_at(turned, options), latitude) if turned else ()
     _say(console, found)
+    if turned:
+        _say_pair(console, pair, f"{log.name} and {turned.name}, turned over")
     files = [] if write is None or latitude is None else write_files(
         found, write, latitude_deg=latitude, unit_id=unit_id
     )  # fmt: skip
@@ -69,7 +76,12 @@ def look(
         files.append(write_report(report, look_page(found, checksum=checksum, created_utc=utc_now())))
     for path in files:
         console.say(f"{path}", soft_wrap=True)
-    console.say_json("look", **found.facts(), files=[str(path) for path in files])
+    console.say_json(
+        "look",
+        **found.facts(),
+        half_differences=[vars(axis) for axis in pair],
+        files=[str(path) for path in files],
+    )
 
 
 def _say(console: Terminal, found: Look) -> None:
@@ -88,6 +100,24 @@ def _say(console: Terminal, found: Look) -> None:
         for sentence in _noticed(axis):
             console.say(f"  {sentence}")
     console.say(nyquist_words(found), style="dim")
+
+
+def _say_pair(console: Terminal, pair: Sequence[HalfDifference], title: str) -> None:
+    rows = [
+        (
+            axis.name,
+            axis.unit,
+            f"{axis.bias:.5g}",
+            f"{axis.half_difference:.5g}",
+            f"{axis.sigma:.2g}",
+            "-" if axis.earth_rate is None else f"{axis.earth_rate:.4g}",
+        )
+        for axis in pair
+    ]
+    console.table(("axis", "unit", "bias", "half difference", "1 sigma", "Earth rate there"), rows, title)
+    console.say(
+        "1 sigma is that of the records' noise: a bias that changed between them is not seen", style="dim"
+    )
 
 
 def _row(axis: AxisLook) -> tuple[str, ...]:

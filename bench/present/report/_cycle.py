@@ -23,13 +23,14 @@ from bench.present.report._page import (
 from bench.present.report._palette import AFTER, BEFORE, GREEN, SAND
 
 if TYPE_CHECKING:
-    from bench.analysis.rlg import CycleStudy
+    from bench.analysis.rlg import CycleStudy, Spread
 
 _TERMS = [
     (
         "Before",
-        "Sample standard deviation of the means of 25 rows on the held-out leg, 1σ, in the table's unit.",
+        "Standard deviation of the row means on the held-out leg about their own mean, 1σ, in the table's unit.",
     ),
+    ("rms", "The same about what the fitted legs foretell: an offset between the legs counts in it."),
     ("Temperature only", "Stepwise selection from T, T², T³ on the fitted legs."),
     (
         "Rate and past",
@@ -54,19 +55,31 @@ def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created
     ]
     if losing:
         sentences.append(f"At least one equation makes {', '.join(losing)} worse than no compensation.")
+    failed = [f"Axis {name} was not judged: {why}" for name, why in study.failed]
     rows = [
         named(
             axis.axis,
-            significant(axis.before, 4),
-            significant(axis.after_static, 4),
+            *_spread(axis.before),
+            *_spread(axis.after_static),
             _gain(axis.static_pct),
-            significant(axis.after_dynamic, 4),
+            *_spread(axis.after_dynamic),
             _gain(axis.dynamic_pct),
             axis.verdict,
         )
         for axis in study.axes
     ]
-    heads = ["Axis", ">Before", ">Temperature only", ">Gain [%]", ">Rate and past", ">Gain [%]", "Verdict"]
+    heads = [
+        "Axis",
+        ">Before",
+        ">rms",
+        ">Temperature only",
+        ">rms",
+        ">Gain [%]",
+        ">Rate and past",
+        ">rms",
+        ">Gain [%]",
+        "Verdict",
+    ]
     terms = [
         named(axis.axis, ", ".join(axis.terms_static) or "none", ", ".join(axis.terms_dynamic) or "none")
         for axis in study.axes
@@ -85,7 +98,7 @@ def chamber_cycle_page(study: CycleStudy, *, source: str, checksum: str, created
         ),
         sections=[
             Section("Held-out leg", [judged, _courses(study)]),
-            Section("Left out of the recording", [Notes(study.remarks)]),
+            Section("Left out of the recording", [Notes([*study.remarks, *failed])]),
             Section(
                 "Terms",
                 [Table(["Axis", "Temperature only", "Rate and past"], terms)],
@@ -110,8 +123,12 @@ def _courses(study: CycleStudy) -> Figures:
         ]
         plots.append(Lane(f"Axis {axis.axis}", curves, height=110.0))
     legs = [(0.0, float(study.turn), "fitted"), (float(study.turn), number[-1], "held out")]
-    caption = "Means of 25 rows, in the table's unit, from their mean over the held-out leg."
+    caption = f"Means of {study.block} rows, in the table's unit, from their mean over the held-out leg."
     return lanes("cycle", plots, "Number of the mean", caption, phases=legs)
+
+
+def _spread(spread: Spread) -> tuple[str, str]:
+    return significant(spread.sigma, 4), significant(spread.rms, 4)
 
 
 def _gain(percent: float) -> Cell:

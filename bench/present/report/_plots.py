@@ -53,9 +53,10 @@ def trace_figure(figure_id: str, trace: Trace) -> list[Block]:
         return []
     end_h = max(float(curve.x[-1]) for plot in plots for curve in plot.curves if len(curve.x))
     starts = [start / _HOUR for start, _ in trace.phases]
+    ends = [*starts[1:], end_h][: len(starts)]  # a run of another bench may have no phases
     phases = [
         (start, end, name)
-        for start, end, (_, name) in zip(starts, [*starts[1:], end_h], trace.phases, strict=True)
+        for start, end, (_, name) in zip(starts, ends, trace.phases, strict=True)
         if end > start
     ]
     what = " and ".join(plot.y_label.split(",")[0].lower() for plot in plots)

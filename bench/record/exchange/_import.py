@@ -6,6 +6,7 @@ import platform
 import re
 import shutil
 import tempfile
+from collections.abc import Callable
 from datetime import datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record.events.run import Measured, Note, Outcome, PhaseBegun
+from bench.record.events import Event
+from bench.record.events.run import AirDemand, AngleDemand, Measured, Note, Outcome, PhaseBegun, RateDemand
 from bench.record.exchange._log import Log, read_log
 from bench.record.exchange._mapping import LogEntry, Mapping, read_mapping
 from bench.record.recording import (
@@ -46,7 +48,7 @@ def import_log(log: Path, mapping_file: Path, runs: Path) -> Path:
     mapping = read_mapping(mapping_file)
     entry = mapping.entry_for(log, mapping_file)
     started = _started(entry, mapping_file)
-    data = read_log(log, mapping.columns)
+    data = read_log(log, mapping)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", entry.run_id or log.stem).strip(".-") or "imported"
     target = runs / name
     if not log.name.isprintable() or log.name == _MAPPING or max(len(name), len(log.name)) > _LONGEST_NAME:
@@ -87,7 +89,7 @@ def decode_imported(folder: Path, out: Path) -> dict[str, StreamReport]:
         raise RecordError("this run was not imported", where=str(folder))
     mapping = read_mapping(folder / imported.mapping)
     log = folder / imported.log
-    return _write_tables(out, mapping, mapping.entry_for(log, log), read_log(log, mapping.columns))
+    return _write_tables(out, mapping, mapping.entry_for(log, log), read_log(log, mapping))
 
 
 def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: Log, started: str) -> None:
@@ -95,8 +97,8 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
     streams = _write_tables(folder, mapping, entry, data)
     events = EventLog(folder)
     events.event(0.0, Note(f"imported from {log}"))
-    for phase in entry.phases:
-        events.event(phase.start_s, PhaseBegun(phase.name))
+    for time_s, event in sorted([*_phases(entry), *_demands(data)], key=lambda row: row[0]):
+        events.event(time_s, event)
     events.event(duration_s, Outcome("completed", "imported", sealed=True))
     events.close()
     ended = datetime.fromisoformat(started) + timedelta(seconds=duration_s)
@@ -114,11 +116,12 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
         bench={
             "bench": {"name": mapping.bench, "latitude_deg": mapping.latitude_deg},
             "gyro": [
-                {"name": mapping.gyro, "unit": mapping.unit_id, "axis": mapping.axis, "driver": "imported"}
+                {"name": name, "unit": mapping.unit_id, "axis": mapping.axis, "driver": "imported"}
+                for name in streams
             ],
         },
         devices={
-            mapping.gyro: DeviceEntry(
+            name: DeviceEntry(
                 kind="imported",
                 role="gyro",
                 maker=mapping.maker,
@@ -127,8 +130,9 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
                 axis=mapping.axis,
                 case_sensor=_CASE_SENSOR if mapping.columns.t_out else None,
             )
+            for name in streams
         },
-        units={mapping.gyro: mapping.unit_id},
+        units=dict.fromkeys(streams, mapping.unit_id),
         imported=Imported(log=f"raw/{log}", mapping=f"raw/{_MAPPING}"),
         software={"python": platform.python_version(), "gyrobench": version("gyrobench")},
         stream={name: vars(report) for name, report in streams.items()},
@@ -141,12 +145,13 @@ def _write_tables(out: Path, mapping: Mapping, entry: LogEntry, data: Log) -> di
     """Write gyro, turntable and chamber tables; bench time starts with the first row."""
     time_s = data.time_s - data.time_s[0]
     columns = data.columns
-    report = _write_gyro(out / f"gyro_{mapping.gyro}.parquet", mapping.gyro, time_s, data)
+    streams = {}
+    if "output" in columns:
+        path = out / f"gyro_{mapping.gyro}.parquet"
+        streams[mapping.gyro] = _write_gyro(path, mapping.gyro, time_s, data)
     grid_s = np.append(np.arange(0.0, time_s[-1]), time_s[-1])
-    if "angle" in columns or entry.angle_deg is not None:
-        angle = np.full(len(grid_s), entry.angle_deg or 0.0)
-        if "angle" in columns:
-            angle = _on(grid_s, time_s, columns["angle"])
+    angle = _on(grid_s, time_s, columns["angle"]) if "angle" in columns else entry.table_angle_deg(grid_s)
+    if angle is not None:
         rate = np.gradient(angle, grid_s)
         if "table_rate" in columns:
             rate = _on(grid_s, time_s, columns["table_rate"])
@@ -157,7 +162,29 @@ def _write_tables(out: Path, mapping: Mapping, entry: LogEntry, data: Log) -> di
     if chamber:
         with table_writer(out / "chamber.parquet", "chamber, imported") as writer:
             writer.write({"time_ns": _ns(grid_s), **chamber})
-    return {mapping.gyro: report}
+    return streams
+
+
+def _phases(entry: LogEntry) -> list[tuple[float, Event]]:
+    return [(phase.start_s, PhaseBegun(phase.name)) for phase in entry.phases]
+
+
+def _demands(data: Log) -> list[tuple[float, Event]]:
+    """Return what chamber and table were told, and when: a column's first value and changes, one each second."""
+    kinds: dict[str, Callable[[float], Event]] = {
+        "set_point": lambda value: AirDemand("chamber", value),
+        "rate_demand": lambda value: RateDemand("turntable", "table", value),
+        "angle_demand": lambda value: AngleDemand("turntable", "table", value),
+    }
+    demands = []
+    since_s = data.time_s - data.time_s[0]
+    _, seconds = np.unique(np.floor(since_s), return_index=True)
+    for name, demand in kinds.items():
+        values = data.columns.get(name, np.full(len(since_s), np.nan))
+        told = seconds[np.isfinite(values[seconds])]
+        told = told[np.diff(values[told], prepend=np.nan) != 0.0]
+        demands += [(float(since_s[at]), demand(float(values[at]))) for at in told]
+    return demands
 
 
 def _write_gyro(path: Path, gyro: str, time_s: Array, data: Log) -> StreamReport:
@@ -179,6 +206,7 @@ def _write_gyro(path: Path, gyro: str, time_s: Array, data: Log) -> StreamReport
                 "status": np.zeros(len(time_s), np.uint8),
                 "valid": valid,
                 "rate_dps": rate.astype(np.float32),
+                **{f"{name}{unit}": data.columns[name].astype(np.float32) for name, unit in _others(data)},
                 "temp_c": data.columns.get("t_in", np.full(len(time_s), np.nan)).astype(np.float32),
             }
         )
@@ -189,6 +217,13 @@ def _write_gyro(path: Path, gyro: str, time_s: Array, data: Log) -> StreamReport
         sample_rate_hz=1.0 / period_s,
         warnings=("imported: lost samples are gaps in the time column",),
     )
+
+
+def _others(data: Log) -> list[tuple[str, str]]:
+    """Return the columns of an IMU's other axes, each with its unit as names in tables end."""
+    return [(name, "_dps") for name in data.columns if name.startswith("rate_") and name != "rate_demand"] + [
+        (name, "_mps2") for name in data.columns if name.startswith("accelerometer_")
+    ]
 
 
 def _on(grid_s: Array, time_s: Array, values: Array) -> Array:

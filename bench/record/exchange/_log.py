@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import abc
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from bench.record.exchange._mapping import Column, Columns
+from bench.record.exchange._mapping import Column, Mapping
 from bench.record.exchange._table import MDF_ENDINGS, TIME_OF_FILE, read_table
-from bench.record.exchange._units import ANGLE, RATE, TEMPERATURE, TIME, Scale, scale_of, unit_error
+from bench.record.exchange._units import ANGLE, FORCE, RATE, TEMPERATURE, TIME, Scale, scale_of, unit_error
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 _QUANTITIES = {
-    "time": TIME, "output": RATE, "table_rate": RATE, "angle": ANGLE, "elevation": ANGLE, "t_in": TEMPERATURE,
-    "t_out": TEMPERATURE, "air": TEMPERATURE, "set_point": TEMPERATURE,
+    "time": TIME, "output": RATE, "rate": RATE, "accelerometer": FORCE, "table_rate": RATE, "rate_demand": RATE,
+    "angle": ANGLE, "angle_demand": ANGLE, "elevation": ANGLE, "t_in": TEMPERATURE, "t_out": TEMPERATURE,
+    "air": TEMPERATURE, "set_point": TEMPERATURE,
 }  # fmt: skip
 LONGEST_S = 3.2e7
 """A year: a run's time grid has a point each second."""
@@ -32,26 +33,26 @@ class Log:
     """
 
     time_s: Array
-    columns: Mapping[str, Array]
+    columns: abc.Mapping[str, Array]
 
 
-def read_log(file: Path, columns: Columns) -> Log:
+def read_log(file: Path, mapping: Mapping) -> Log:
     """Read a log of any format that `read_table` knows.
 
     ConfigurationError for a file that cannot be read, columns that are not there, are no numbers or have a unit
     that is not known, and times that do not grow.
     """
-    wanted = {name: column for name, column in columns if column is not None}
+    wanted = mapping.named()
     scales = {name: _scale(name, column, file) for name, column in wanted.items()}
     own_times = file.suffix.lower() in MDF_ENDINGS
     if own_times:
         wanted.pop("time", None)
-    elif "time" not in wanted:
+    elif "time" not in wanted and mapping.rate_hz is None:
         raise ConfigurationError(
             "the mapping file is not complete",
             where=file.name,
             found="without columns.time",
-            expected="a time",
+            expected="a time, or rate_hz",
         )
     periods = {wanted["angle"].name: 360.0 / scales["angle"].factor} if "angle" in wanted else {}
     names = sorted(wanted, key=lambda name: name != "output")  # whose times an MDF file's other channels take
@@ -65,22 +66,29 @@ def read_log(file: Path, columns: Columns) -> Log:
                 expected="numbers; of times also date-times",
             )
     values = {name: table.columns[column.name] for name, column in wanted.items()}
-    time_s = table.columns[TIME_OF_FILE] if own_times else values.pop("time")
-    if not own_times and wanted["time"].name != table.time:  # date-times are s already
-        time_s = time_s * scales["time"].factor
+    if own_times:
+        time_s = table.columns[TIME_OF_FILE]
+    elif "time" not in values:
+        time_s = np.arange(len(next(iter(values.values()), ()))) / (mapping.rate_hz or 1.0)
+    else:
+        dated = wanted["time"].name == table.time  # date-times are s already
+        time_s = values.pop("time") * (1.0 if dated else scales["time"].factor)
     _check_time(time_s, file)
-    values = {name: column * scales[name].factor + scales[name].offset for name, column in values.items()}
+    per_s = 1.0 / float(np.median(np.diff(time_s)))
+    for name, scale in scales.items():
+        if name in values:
+            values[name] = values[name] * (scale.factor * (per_s if scale.per_sample else 1.0)) + scale.offset
     if "angle" in values:
         values["angle"] = _unwrapped(values["angle"])
     return Log(time_s, values)
 
 
 def _scale(name: str, column: Column, file: Path) -> Scale:
-    quantity = _QUANTITIES.get(name)
-    if quantity is None:
+    if name == "valid":
         return Scale(1.0)
+    quantity = _QUANTITIES[name.rpartition("_")[0] if name[-2:] in ("_x", "_y", "_z") else name]
     scale = scale_of(quantity, column.unit)
-    if scale is None or scale.per_sample:
+    if scale is None:
         raise unit_error(quantity, column.unit, f"{file.name}: {name} ({column.name})")
     return scale
 

@@ -6,10 +6,14 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import read_settings
+
+Axis = Literal["x", "y", "z"]
 
 
 class _Part(BaseModel):
@@ -26,13 +30,17 @@ class Column(_Part):
 class Columns(_Part):
     """What the columns are. `output`: the rate under the axis of test; `valid`: zero where it is none.
 
-    `t_in`: the gyro's own temperature, `t_out` that of its case, `air` and `set_point` the chamber's; `angle`
-    and `table_rate` the table's, `elevation` that of the input axis (read by the gap diagnosis, not kept in
-    runs). MDF files have times of their own: `time` is left out for them.
+    `gyros` and `accelerometers`: those of an IMU by axis; the gyro of the axis of test is then the output. A
+    log of a chamber or a table alone has neither. `t_in`: the gyro's own temperature, `t_out` that of its case,
+    `air` and `set_point` the chamber's; `angle` and `table_rate` the table's, `rate_demand` and `angle_demand`
+    what it was told, `elevation` that of the input axis (read by the gap diagnosis, not kept in runs). MDF
+    files have times of their own: `time` is left out for them.
     """
 
     time: Column | None = None
-    output: Column
+    output: Column | None = None
+    gyros: dict[Axis, Column] = Field(default_factory=dict)
+    accelerometers: dict[Axis, Column] = Field(default_factory=dict)
     t_in: Column | None = None
     t_out: Column | None = None
     angle: Column | None = None
@@ -40,14 +48,19 @@ class Columns(_Part):
     table_rate: Column | None = None
     air: Column | None = None
     set_point: Column | None = None
+    rate_demand: Column | None = None
+    angle_demand: Column | None = None
     valid: Column | None = None
 
 
 class PhaseEntry(_Part):
-    """A phase, from `start_s` after the first row to the next one."""
+    """A phase, from `start_s` after the first row to the next one; where no column has the table's angle, it
+    turns at `rate_dps` in it, from `angle_deg` or where the last phase left it."""
 
     name: str = Field(min_length=1)
     start_s: float = Field(ge=-3.2e7, le=3.2e7)
+    rate_dps: float = Field(default=0.0, ge=-1e5, le=1e5)
+    angle_deg: float | None = None
 
 
 class LogEntry(_Part):
@@ -69,9 +82,28 @@ class LogEntry(_Part):
     started_utc: str = ""
     phases: tuple[PhaseEntry, ...] = ()
 
+    def table_angle_deg(self, time_s: Array) -> Array | None:
+        """Return the table's angle, turns counted, at times (n,) from the first row; None if nothing says it."""
+        if self.angle_deg is None and all(
+            part.angle_deg is None and not part.rate_dps for part in self.phases
+        ):
+            return None
+        at = self.angle_deg or 0.0
+        angle, since_s, rate_dps = np.full(len(time_s), at), 0.0, 0.0
+        for part in sorted(self.phases, key=lambda part: part.start_s):
+            at += rate_dps * (part.start_s - since_s)
+            at, since_s, rate_dps = (
+                at if part.angle_deg is None else part.angle_deg,
+                part.start_s,
+                part.rate_dps,
+            )
+            later = time_s >= since_s
+            angle[later] = at + rate_dps * (time_s[later] - since_s)
+        return angle
+
 
 class Mapping(_Part):
-    """A mapping file."""
+    """A mapping file. `rate_hz`: of the rows, where no column has the time."""
 
     format: Literal[1]
     unit_id: str = Field(min_length=1)
@@ -79,11 +111,42 @@ class Mapping(_Part):
     columns: Columns
     run: tuple[LogEntry, ...] = (LogEntry(),)
     gyro: str = Field(default="gyro", pattern=r"^[a-z][a-z0-9_]{0,31}$")
-    axis: Literal["x", "y", "z"] = "x"
+    axis: Axis = "x"
+    rate_hz: float | None = Field(default=None, gt=0.0, le=1e6)
     maker: str = ""
     model: str = ""
     bench: str = "another bench"
     procedure: str = ""
+
+    def named(self) -> dict[str, Column]:
+        """Return the columns by what they are: `output`, `rate_y`, `accelerometer_x`, `t_in`, ..."""
+        columns = self.columns
+        found = {name: column for name, column in columns if isinstance(column, Column)}
+        if "output" not in found and self.axis in columns.gyros:
+            found["output"] = columns.gyros[self.axis]
+        found |= {f"rate_{axis}": column for axis, column in columns.gyros.items() if axis != self.axis}
+        return found | {f"accelerometer_{axis}": column for axis, column in columns.accelerometers.items()}
+
+    def logs(self, where: Path) -> list[tuple[LogEntry, Path]]:
+        """Return every recording of the mapping file `where` with its entry, patterns resolved, each once.
+
+        ConfigurationError for a pattern that fits no file.
+        """
+        found: dict[Path, LogEntry] = {}
+        for entry in self.run:
+            files = [where.parent / entry.file]
+            if not files[0].is_file() and any(letter in entry.file for letter in "*?["):
+                files = sorted(where.parent.glob(entry.file))
+                files = [file for file in files if file.is_file() and file.suffix != where.suffix]
+                if not files:
+                    raise ConfigurationError(
+                        "no log fits the pattern",
+                        where=str(where),
+                        found=entry.file,
+                        expected="files beside it",
+                    )
+            found |= {file: entry for file in files if file not in found}
+        return [(entry, file) for file, entry in found.items()]
 
     def entry_for(self, log: Path, where: Path) -> LogEntry:
         """Return the entry of a log, by its name; ConfigurationError when none fits."""
@@ -113,5 +176,5 @@ def read_mapping(path: Path) -> Mapping:
             else "the mapping file has keys that cannot be used",
             where=str(path),
             found="; ".join([*(["without " + ", ".join(missing)] if missing else []), *wrong]),
-            expected="format = 1, unit_id, latitude_deg, columns time, output (docs/exchange.md)",
+            expected="format = 1, unit_id, latitude_deg, columns (docs/exchange.md)",
         ) from error

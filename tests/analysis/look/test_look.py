@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bench.analysis.gap import read_model, read_recordings
-from bench.analysis.look import LookOptions, look, write_files
+from bench.analysis.look import LookOptions, half_differences, look, write_files
 from bench.present.cli._app import app
 from drivers.base.errors import ConfigurationError
 
@@ -311,3 +311,38 @@ def test_a_clock_that_jumps_by_years_is_refused_with_its_row(tmp_path):
     pd.DataFrame(data).to_csv(tmp_path / "log.csv", index=False)
     with pytest.raises(ConfigurationError, match="row 2000: the times are none of a recording"):
         look(tmp_path / "log.csv")
+
+
+def test_a_pair_up_and_down_gives_bias_and_the_earths_rate(tmp_path):
+    """z up, then down at 48 deg north: bias +- 15.041 deg/h sin 48 deg; the accelerometers say which axis."""
+    earth, logs = 15.041 * np.sin(np.radians(48.0)) / 3600.0, []
+    for name, sign, seed in (("up", 1.0, 10), ("down", -1.0, 20)):
+        data = {"t [s]": np.arange(60_000) / RATE}
+        for number, axis in enumerate("xyz"):
+            up = sign * (axis == "z")
+            data[f"gyro_{axis} [deg/s]"] = 0.01 + up * earth + noise(60_000, 0.02, seed + number)
+            data[f"acc_{axis} [m/s^2]"] = 0.1 + up * 9.8 + noise(60_000, 0.1, seed + 5 + number)
+        pd.DataFrame(data).to_csv(tmp_path / f"{name}.csv", index=False)
+        logs.append(str(tmp_path / f"{name}.csv"))
+    for first, second, sign in ((logs[0], logs[1], 1.0), (logs[1], logs[0], -1.0)):
+        result = CliRunner().invoke(app, ["look", first, "--turned", second, "--latitude", "48", "--json"])
+        assert result.exit_code == 0, result.output
+        pair = {row["name"]: row for row in json.loads(result.output)["half_differences"]}
+        z, heavy = pair["gyro_z"], pair["acc_z"]
+        assert z["earth_rate"] == pytest.approx(sign * earth, rel=1e-4) and z["sigma"] < earth / 20.0
+        assert z["half_difference"] == pytest.approx(sign * earth, abs=4.0 * z["sigma"])
+        assert z["bias"] == pytest.approx(0.01, abs=4.0 * z["sigma"])
+        assert heavy["half_difference"] == pytest.approx(sign * 9.8, abs=1e-3)
+        assert heavy["bias"] == pytest.approx(0.1, abs=1e-3) and pair["gyro_x"]["earth_rate"] is None
+
+
+def test_a_recorded_pair_up_and_down():
+    """Its readme says that x points up and down: what the accelerometer changes by is gravity."""
+    first, second = (recording(f"mems_adi_updown/x_adi_{name}.txt") for name in ("up", "down"))
+    options = LookOptions(
+        columns=["time=c1", "gyro=c2,c3,c4", "accelerometer=c5,c6,c7"], units=["c[234]=deg/s"]
+    )
+    pair = {axis.name: axis for axis in half_differences(look(first, options), look(second, options), 32.0)}
+    assert abs(pair["c5"].half_difference) == pytest.approx(9.81, abs=0.06)
+    assert abs(pair["c6"].half_difference) < 0.5 > abs(pair["c7"].half_difference)
+    assert pair["c2"].earth_rate is not None and pair["c3"].earth_rate is None

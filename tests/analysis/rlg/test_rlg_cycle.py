@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from asammdf import MDF, Signal
 from markupsafe import escape
 from scipy.signal import lfilter
 from typer.testing import CliRunner
 
 from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
 from bench.present.cli._app import app
-from drivers.base.errors import RecordError
+from drivers.base.errors import ConfigurationError, RecordError
 
 RECORDING = (
     Path(__file__).parents[3]
@@ -62,7 +63,7 @@ def test_the_leg_after_the_last_turn_is_held_out() -> None:
     assert study.turn == 4000 // 25 and study.remarks == ()
     (axis,) = study.axes
     last = axis.means[study.turn + 1 :]
-    assert axis.before == pytest.approx(np.std(last, ddof=1), rel=0.02)
+    assert axis.before.sigma == pytest.approx(np.std(last, ddof=1), rel=0.02)
     assert not axis.gains and axis.terms_static == ("T",)
     assert np.std(axis.left_static[: study.turn]) < 1e-4 < np.std(axis.left_static[study.turn :])
 
@@ -80,11 +81,53 @@ def test_odd_rows_are_left_out_and_named() -> None:
     assert study.axes[1].static_pct > 95.0
 
 
+def test_an_offset_between_legs_counts_in_the_rms_and_is_said() -> None:
+    """1 sigma is blind to it: rms^2 = sigma^2 + offset^2, and a compensation would be wrong by the offset."""
+    temp, rates = made()
+    moved = rates["y"] + np.where(np.arange(6000) >= 3000, 5e-3, 0.0)
+    plain, offset = study_chamber_cycle(temp, {"y": rates["y"], "moved": moved}).axes
+    assert offset.after_static.sigma < 2e-4
+    assert plain.after_static.rms < 2.0 * plain.after_static.sigma and "apart" not in plain.verdict
+    assert offset.after_static.rms == pytest.approx(5e-3, rel=0.1)
+    assert "the legs lie 0.005" in offset.verdict
+
+
+def test_an_axis_that_fails_leaves_the_others_alone() -> None:
+    temp, rates = made()
+    rates |= {"x": np.full(6000, 0.25), "z": np.full(6000, np.nan)}
+    study = study_chamber_cycle(temp, rates, block=50)
+    assert [axis.axis for axis in study.axes] == ["y"] and study.axes[0].static_pct > 95.0
+    assert len(study.temp_c) == 120 and dict(study.failed).keys() == {"x", "z"}
+    assert "0.25 in all rows" in dict(study.failed)["x"]
+    with pytest.raises(RecordError, match="no axis can be judged"):
+        study_chamber_cycle(temp, {"x": rates["x"]})
+
+
+def test_a_mapping_says_which_columns_in_any_format(tmp_path: Path) -> None:
+    temp, rates = made()
+    with MDF(version="4.10") as mdf:
+        time_s = np.arange(6000) / 10.0
+        columns = {"rate_y": np.radians(rates["y"]), "oven": temp + 273.15}
+        mdf.append([Signal(values, time_s, name=name) for name, values in columns.items()])
+        mdf.save(tmp_path / "log.mf4")
+    (tmp_path / "map.toml").write_text(
+        'format = 1\nunit_id = "U"\nlatitude_deg = 40\n'
+        '[columns]\nt_out = { name = "oven", unit = "K" }\n'
+        '[columns.gyros]\ny = { name = "rate_y", unit = "rad/s" }\n'
+    )
+    heat, read = load_chamber_cycle(tmp_path / "log.mf4", tmp_path / "map.toml")
+    np.testing.assert_allclose(heat, temp)
+    np.testing.assert_allclose(read["y"], rates["y"])
+    words = ["fit", "chamber-cycle", str(tmp_path / "log.mf4"), "--mapping", str(tmp_path / "map.toml")]
+    result = CliRunner().invoke(app, [*words, "--block", "50", "--out", str(tmp_path / "cycle.html")])
+    assert result.exit_code == 0 and "Means of 50 rows" in (tmp_path / "cycle.html").read_text()
+
+
 def test_what_is_no_cycle_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="no cycle"):
         study_chamber_cycle(np.linspace(0, 50, 3000), {"x": np.zeros(3000) + np.arange(3000) % 7 * 1e-6})
     (tmp_path / "other.csv").write_text("time\tgyro\n1\t2\n")
-    with pytest.raises(RecordError, match="lacks columns"):
+    with pytest.raises(ConfigurationError, match="no such column"):
         load_chamber_cycle(tmp_path / "other.csv")
 
 
@@ -96,15 +139,15 @@ def test_the_command_writes_a_table_and_a_report(tmp_path: Path) -> None:
     np.savetxt(log, table, delimiter="\t", header=heads, comments="")
     result = CliRunner().invoke(app, ["fit", "chamber-cycle", str(log), "--out", str(out)])
     assert result.exit_code == 0, result.output
-    study, page = study_chamber_cycle(temp, rates), out.read_text()
+    study, page, said = study_chamber_cycle(temp, rates), out.read_text(), " ".join(result.output.split())
     for axis in study.axes:
-        assert f"{axis.static_pct:.1f}" in result.output and axis.verdict in result.output.replace("\n", " ")
+        assert f"{axis.static_pct:.1f}" in result.output and axis.verdict in said
         assert (
             f"{axis.dynamic_pct:.1f}".replace("-", "\N{MINUS SIGN}") in page and escape(axis.verdict) in page
         )
     assert "held out" in page and "2 of 3 axes gain" in page and ONE_WAY in page
     missing = CliRunner().invoke(app, ["fit", "chamber-cycle", str(tmp_path / "none.csv")])
-    assert isinstance(missing.exception, RecordError) and "no such recording" in str(missing.exception)
+    assert isinstance(missing.exception, ConfigurationError) and "no such file" in str(missing.exception)
 
 
 @pytest.mark.skipif(not RECORDING.exists(), reason="the recording of a real chamber cycle is not there")

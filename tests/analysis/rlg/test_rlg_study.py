@@ -122,10 +122,24 @@ def test_a_dead_channel_and_a_sum_are_left_out_with_a_reason(runs: Runs) -> None
     assert "adds nothing" in reasons["T1-T2"] and "T1" in study.variant(PLAIN).result.selected
 
 
+def test_one_temperature_recorded_twice_is_noticed(runs: Runs) -> None:
+    """Also in another unit and rounded to float32, as an import leaves it; two real temperatures are two."""
+    made = runs(1)
+    for twin in (lambda t: t, lambda t: (1.8 * t + 32.0).astype(np.float32).astype(float)):
+        same = [replace(run, block_c=twin(run.case_c), block_rate=run.case_rate) for run in (made["train"],)]
+        study = run_rlg_study(same, [])
+        left = dict(study.left_out)
+        assert {name for name in CANDIDATES if "T2" in name} <= set(left)
+        assert "one temperature was recorded" in left["T1-T2"]
+        assert not any("T2" in name for name in study.chosen.compensation.variables)
+    assert not any("one temperature" in why for _, why in run_rlg_study([made["train"]], []).left_out)
+
+
 def test_what_cannot_be_fitted_is_refused(runs: Runs) -> None:
     train = runs(0)["train"]
     short = ramp_run("short", "RLG-0", **series(1000))
     short = replace(short, case_rate=np.random.default_rng(1).normal(size=10), block_rate=np.arange(10.0))
+    short = replace(short, block_c=np.arange(10.0) ** 2)
     with pytest.raises(ConfigurationError, match="too few rows"):
         run_rlg_study([short], [])
     with pytest.raises(ConfigurationError, match="of one unit"):

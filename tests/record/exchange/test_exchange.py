@@ -19,6 +19,7 @@ from bench.analysis.gap._run_folder import load_gap_runs
 from bench.analysis.thermal import load_runs
 from bench.control.run_record import decode_run
 from bench.present.report import render_page, run_content, run_page
+from bench.record.events.run import AirDemand
 from bench.record.exchange import export_run, import_log
 from bench.record.recording import Run, checksum, read_manifest, verify, write_manifest
 from drivers.base.errors import ConfigurationError
@@ -216,6 +217,68 @@ def test_a_run_is_never_overwritten(tmp_path: Path) -> None:
         import_log(log, mapping, tmp_path / "runs")
     assert checksum(folder / "manifest.json") == before
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["log"]
+
+
+IMU = """
+format = 1
+unit_id = "G7"
+latitude_deg = 48.0
+axis = "z"
+[columns]
+time = { name = "t", unit = "s" }
+t_in = { name = "counts", unit = "0.00294118 degC + 36.53" }
+set_point = { name = "set", unit = "degC" }
+[columns.gyros]
+x = { name = "gx", unit = "0.01 deg/s" }
+z = { name = "gz", unit = "rad/s" }
+[columns.accelerometers]
+y = { name = "ay", unit = "g" }
+[[run]]
+file = "day_*.csv"
+phases = [{ name = "rest", start_s = 0 }, { name = "turning", start_s = 129, rate_dps = 20 },
+          { name = "back", start_s = 189, rate_dps = -20 }]
+"""
+
+
+def test_an_imu_with_counts_turns_and_set_point(tmp_path: Path) -> None:
+    """All axes are in the table of the unit; phases say how the table turned, the set point is a demand."""
+    t = np.arange(2501) / 10.0
+    rows = {"t": t, "counts": -340.0, "set": np.where(t < 50, 20.0, -5.0), "gx": 3.0, "gz": 0.1, "ay": 1.0}
+    for name in ("day_1", "day_2"):
+        pd.DataFrame(rows).to_csv(tmp_path / f"{name}.csv", index=False)
+    (tmp_path / "map.toml").write_text(IMU)
+    run = Run.open(import_log(tmp_path / "day_1.csv", tmp_path / "map.toml", tmp_path / "runs"))
+    table = run.gyro("gyro")
+    for column, value in {"rate_dps": math.degrees(0.1), "rate_x_dps": 0.03, "accelerometer_y_mps2": 9.80665,
+                          "temp_c": 35.53}.items():  # fmt: skip
+        np.testing.assert_allclose(table[column], value, rtol=1e-6)
+    turned = run.table_angle_deg(np.array([100.0, 144.0, 189.0, 190.5]))
+    np.testing.assert_allclose(turned - turned[0], [0.0, 300.0, 1200.0, 1170.0], atol=1e-6)
+    assert [(time_s, event.set_point_c) for time_s, event in run.of(AirDemand)] == [(0.0, 20.0), (50.0, -5.0)]
+    assert "G7" in render_page(run_page(run_content(run)))
+    first, second = read_mapped_runs(tmp_path / "map.toml")  # the pattern fits two files
+    assert (first.run_id, second.run_id) == ("day_1", "day_2")
+    assert first.stimulus.table_rate_dps[[100, 150, 200]] == pytest.approx([0.0, 20.0, -20.0])
+    assert verify(tmp_path / "runs" / "day_1", decode_run).passed
+    (tmp_path / "map.toml").write_text(IMU.replace("day_", "night_"))
+    with pytest.raises(ConfigurationError, match=r"no log fits the pattern\. Found: night_"):
+        read_mapped_runs(tmp_path / "map.toml")
+
+
+def test_a_chambers_log_alone(tmp_path: Path) -> None:
+    """Without a gyro the run has a chamber table and a report; the diagnosis and fits say what is missing."""
+    text = IMU.split("axis =")[0] + '\nrate_hz = 2\n[columns]\nair = { name = "air", unit = "degC" }\n'
+    (tmp_path / "map.toml").write_text(text)
+    pd.DataFrame({"air": 20.0 + 0.01 * np.arange(600), "x": 0}).to_csv(tmp_path / "log.csv", index=False)
+    folder = import_log(tmp_path / "log.csv", tmp_path / "map.toml", tmp_path / "runs")
+    run = Run.open(folder)
+    assert run.tables == ("chamber",) and run.gyros == () and run.manifest.duration_s == 299.5
+    chamber = run.chamber()
+    np.testing.assert_allclose(chamber["air_temp_c"], 20.0 + 0.02e-9 * chamber["time_ns"])
+    assert verify(folder, decode_run).passed and "<svg" in render_page(run_page(run_content(run)))
+    for read in (read_mapped_runs, load_gap_runs):
+        with pytest.raises(ConfigurationError, match="no gyro"):
+            read(tmp_path / "map.toml" if read is read_mapped_runs else folder)
 
 
 @pytest.fixture

@@ -14,9 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from bench.record.exchange import read_table, scale_of
-from bench.record.exchange._log import read_log
-from bench.record.exchange._mapping import Columns
+from bench.record.exchange import Mapping, read_log, read_table, scale_of
 from drivers.base.errors import ConfigurationError
 
 T = np.arange(200) / 100.0
@@ -118,9 +116,12 @@ def test_a_word_is_a_missing_value_and_is_said(tmp_path: Path) -> None:
     table = read_table(path)
     assert np.isnan(table.columns["gyro_x"][100]) and table.words == {"gyro_x": "'ERR' in row 101"}
     assert any("gyro_x ('ERR' in row 101)" in remark for remark in table.remarks)
-    columns = {"time": {"name": "t", "unit": "s"}, "output": {"name": "gyro_x", "unit": "deg/s"}}
+    columns: dict[str, object] = {
+        "time": {"name": "t", "unit": "s"},
+        "output": {"name": "gyro_x", "unit": "deg/s"},
+    }
     with pytest.raises(ConfigurationError, match=r"not one of numbers.*ERR"):
-        read_log(path, Columns.model_validate(columns))
+        read_log(path, Mapping(format=1, unit_id="U", latitude_deg=0.0, columns=columns))
 
 
 @pytest.mark.parametrize(

@@ -143,7 +143,12 @@ def _print_equations(console: Terminal, study: RlgStudy) -> None:
 
 
 def chamber_cycle(
-    log: Annotated[Path, Argument(help="tab-separated table: imu.gyro.x|y|z, imu.temperature")],
+    log: Annotated[Path, Argument(help="log of gyros and a temperature; see `gyrobench look` for formats")],
+    mapping: Annotated[
+        Path | None,
+        Option(help="mapping file (TOML) that says which columns; default imu.gyro.x|y|z, imu.temperature"),
+    ] = None,
+    block: Annotated[int, Option(help="rows that make a mean", min=1)] = 25,
     out: Annotated[Path, Option(help="HTML report")] = Path("chamber-cycle.html"),
 ) -> None:
     """Regression over temperature on a recorded chamber cycle, judged axis by axis on its last leg."""
@@ -151,24 +156,26 @@ def chamber_cycle(
     from bench.present.report import chamber_cycle_page, write_report
     from bench.record.recording import checksum
 
-    console, study = Terminal(), study_chamber_cycle(*load_chamber_cycle(log))
+    console, study = Terminal(), study_chamber_cycle(*load_chamber_cycle(log, mapping), block)
     page = chamber_cycle_page(study, source=log.name, checksum=checksum(log).sha256, created_utc=utc_now())
     write_report(out, page)
     rows = [
         (
             axis.axis,
-            f"{axis.before:.4g}",
-            f"{axis.after_static:.4g}",
+            f"{axis.before.sigma:.4g} ({axis.before.rms:.4g})",
+            f"{axis.after_static.sigma:.4g} ({axis.after_static.rms:.4g})",
             f"{axis.static_pct:.1f}",
-            f"{axis.after_dynamic:.4g}",
+            f"{axis.after_dynamic.sigma:.4g} ({axis.after_dynamic.rms:.4g})",
             f"{axis.dynamic_pct:.1f}",
         )
         for axis in study.axes
     ]
     heads = ("axis", "before", "T only", "gain %", "T, rate, past", "gain %")
-    console.table(heads, rows, f"1 sigma of {log.name} on its last leg")
+    console.table(heads, rows, f"1 sigma (rms with the offset between legs) of {log.name} on its last leg")
     for axis in study.axes:
         console.say(f"{axis.axis}: {axis.verdict}")
+    for name, why in study.failed:
+        console.say(f"{name}: not judged: {why}", style="yellow")
     for remark in study.remarks:
         console.say(remark, style="yellow")
     console.say(f"{out}")
