@@ -89,7 +89,7 @@ def test_an_offset_between_legs_counts_in_the_rms_and_is_said() -> None:
     assert offset.after_static.sigma < 2e-4
     assert plain.after_static.rms < 2.0 * plain.after_static.sigma and "apart" not in plain.verdict
     assert offset.after_static.rms == pytest.approx(5e-3, rel=0.1)
-    assert "the legs lie 0.005" in offset.verdict
+    assert "the legs lie 0.00497 apart" in offset.verdict
 
 
 def test_an_axis_that_fails_leaves_the_others_alone() -> None:
