@@ -36,7 +36,8 @@ def motion_words(found: Look) -> str:
         return "rest and turning were not looked for: the whole log counts as rest"
     rest = sum(stop - start for start, stop in motion.rests_s)
     words = (
-        f"at rest {rest:.4g} {unit} in {len(motion.rests_s)} stretches, shaken {motion.shaken_s:.4g} {unit}, "
+        f"taken for rest, as the quietest: {rest:.4g} {unit} in {len(motion.rests_s)} stretches; "
+        f"shaken {motion.shaken_s:.4g} {unit}; "
     )
     words += f"{len(motion.turns)} turns"
     shown = [

@@ -47,8 +47,13 @@ class Figures:
     quantum: float
 
 
-def figures_of(values: Array, rest: NDArray[np.bool_], per_s: float) -> tuple[Figures, Array]:
-    """Return the figures of an axis (n,), NaN where it has no value, and the axis with outliers interpolated."""
+def figures_of(
+    values: Array, rest: NDArray[np.bool_], per_s: float, recorded: Array
+) -> tuple[Figures, Array]:
+    """Return the figures of an axis (n,), NaN where it has no value, and the axis with outliers interpolated.
+
+    `recorded` (rows,) are its values as they stand in the log: an interpolated one would be on no grid.
+    """
     finite = np.isfinite(values)
     index = np.flatnonzero(finite & rest)
     flat = values[index]
@@ -65,7 +70,7 @@ def figures_of(values: Array, rest: NDArray[np.bool_], per_s: float) -> tuple[Fi
     figures = Figures(
         int(finite.sum()), int((~finite).sum()), mean, mean_sigma, spread, drift, drift_sigma,
         _steps(clean, finite & rest, per_s), len(odd), float(first_s), float(largest),
-        _limits(values[finite]), _quantum(values[finite]),
+        _limits(recorded), _quantum(recorded),
     )  # fmt: skip
     return figures, clean
 

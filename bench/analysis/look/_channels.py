@@ -16,8 +16,10 @@ from drivers.base.errors import ConfigurationError
 
 TIME, GYRO, ACCELEROMETER, TEMPERATURE = "time", "gyro", "accelerometer", "temperature"
 QUANTITIES = {TIME: "time", GYRO: "rate", ACCELEROMETER: "specific force", TEMPERATURE: "temperature"}
+_INERTIAL = ("rate", "specific force")
 _NAMES = {
-    TIME: r"^(t|ts|stamp|sec(onds)?|utc\w*|date\w*|\w*timestamps?\w*|t_?\(?m?u?n?s\)?)$|^time|^elapsed",
+    TIME: r"^(t|ts|stamp|sec(onds)?|utc\w*|date\w*|\w*timestamps?\w*|t_?\(?m?u?n?s\)?)$|"
+    r"^time|^elapsed|(^|[ _])i?tow$",
     TEMPERATURE: r"temp(?!l|or)|^t_?(in|out|gyro|imu|c)$|thermo",
     ACCELEROMETER: r"acc(?!ur)|^[af]_?[xyz](?![a-z])|specific",
     GYRO: r"gyr|omega|ang\w*[_ .]?(vel|rate)|^[wg]_?[xyz](?![a-z])|^[pqr]$|"
@@ -25,14 +27,14 @@ _NAMES = {
 }
 """In this order: a temperature of a gyro is a temperature."""
 _OTHERWISE = re.compile(
-    r"bias|status|valid|flag|std|cov|samples|_?count(er)?$|mag(n|_|$)|demand|command|set_?point|target|"
+    r"bias|status|valid|^est_|estimate|flag|std|cov|samples|_?count(er)?$|mag(n|_|$)|demand|command|set_?point|target|"
     r"(table|sampl\w*|frame|data|baud|heart|turntable)[_ ]?(rate|ang)"
 )
 """Columns that are none of these in spite of their names."""
 _COUNTER = re.compile(r"sample|row|index|count|^n$|^i$|frame|seq|packet")
 _IN_NAME = {
     "rad/s": r"rad_?(per_?|/)?s(ec)?|rads", "deg/s": r"dps|deg_?(per_?|/)?s(ec)?",
-    "deg/h": r"dph|deg_?(per_?|/)?h", "m/s^2": r"m_?(per_?|/)?s\^?2|mps2|ms2", "mg": "_mg", "g": "_g",
+    "deg/h": r"dph|deg_?(per_?|/)?h", "m/s^2": r"m_?(per_?|/)?s\^?2|mps2|ms2", "mg": "_mg", "g": "_gs?",
     "degC": "deg_?c|_c", "K": "_k",
     "ns": "_ns|nano(s\\w*)?", "us": "_us|micro(s\\w*)?", "ms": "_ms|milli(s\\w*)?", "s": "_s|_sec(onds)?",
 }  # fmt: skip
@@ -106,7 +108,10 @@ def assign(
     remarks: list[str] = []
     questions: list[str] = []
     kinds = {name: _kind_of(name) for name in columns} | said
-    if not {GYRO, ACCELEROMETER} & set(kinds.values()):
+    foreign = [
+        name for name, unit in units.items() if not any(scale_of(q, unit) for q in ("time", *_INERTIAL))
+    ]
+    if not {GYRO, ACCELEROMETER, TEMPERATURE} & set(kinds.values()) and not set(foreign) & set(columns):
         kinds |= _by_values(columns, remarks) | said
     known = {name: _known(name, kinds[name], units, said_units, remarks) for name in columns}
     time = _time(columns, kinds, known, TIME in said.values(), rate_hz, questions)
@@ -197,7 +202,7 @@ def _known(
     if stated := units.get(name, ""):
         if scale_of(quantity, stated) is not None:
             return stated
-        remarks.append(f"{name}: the log's unit, {stated}, is none of a {kind}")
+        remarks.append(f"{name}: what the log has for a unit, {stated}, is none for {kind}s")
         return ""
     ends = r"(?:{})(?![a-z0-9^])"
     named = (unit for unit in _IN_NAME if scale_of(quantity, unit) is not None)

@@ -20,6 +20,8 @@ _STUCK = 50
 """Equal values one after the other from which on a changing column counts as stuck."""
 _MOST_TIMES, _ALWAYS = 100, 1_000_000
 """Times as many places as rows, and as many places always, that a log's gaps may make."""
+_CAUGHT_UP = 3
+"""Rows after a late one by which it is made up for."""
 _PAD = 4
 """Rows at an end that only repeat one value from which on they are padding."""
 
@@ -99,8 +101,11 @@ def clock_of(
     if even.mean() > 0.5:
         usual = float(step[even].mean())
     unit_s = 1.0 if in_s else 1.0 / (usual * (rate_hz or 1.0))
-    late = forward & (step > _GAP * usual)
-    ahead = np.where(late, np.rint(step / usual), 1.0 * forward).astype(np.int64)
+    # A row that came late is none missing where those after it come early by as much: a bus or a host was busy.
+    early = np.append(np.where(forward, np.clip(1.0 - step / usual, 0.0, 1.0), 0.0), np.zeros(_CAUGHT_UP))
+    after = sum(early[k : len(step) + k] for k in range(1, _CAUGHT_UP + 1))
+    ahead = np.where(forward, np.maximum(np.rint(step / usual - after), 1.0), 0.0).astype(np.int64)
+    late = ahead > 1
     if ahead.sum() > _MOST_TIMES * rows + _ALWAYS:
         at = int(np.argmax(ahead))
         raise ConfigurationError(

@@ -119,10 +119,11 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
         rate_hz, source = table.rate_hz, "the header"
     rows = len(next(iter(sound.values())))
     clock, grid = clock_of(time_s, rows, rate_hz, source, in_s=time is not None and bool(time.unit))
-    placed = {}
+    recorded, placed = {}, {}
     for channel in columns.channels:
         factor = channel.scale.factor * (clock.per_s if channel.scale.per_sample else 1.0)
-        placed[channel] = grid.put(sound[channel.name] * factor + channel.scale.offset)
+        recorded[channel] = sound[channel.name] * factor + channel.scale.offset
+        placed[channel] = grid.put(recorded[channel])
     temperatures = {channel.name: values for channel, values in placed.items() if channel.kind == TEMPERATURE}
     axes = {channel: values for channel, values in placed.items() if channel.kind != TEMPERATURE}
     gyros = [channel for channel in axes if channel.kind == GYRO and not options.still]
@@ -135,7 +136,9 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
         all(channel.unit for channel in gyros),
     )
     heat = next(iter(temperatures.items()), None)
-    looks = tuple(_axis(channel, values, motion, clock, heat) for channel, values in axes.items())
+    looks = tuple(
+        _axis(channel, values, recorded[channel], motion, clock, heat) for channel, values in axes.items()
+    )
     questions = (*columns.questions, *_clock_questions(clock, columns.questions, temperatures))
     held = held_remarks({channel.name: sound[channel.name] for channel in columns.channels})
     remarks = [*table.remarks, *remarks, *columns.remarks, *held]
@@ -156,7 +159,12 @@ def _clock_questions(clock: Clock, asked: list[str], temperatures: Mapping[str, 
 
 
 def _axis(
-    channel: Channel, values: Array, motion: Motion, clock: Clock, heat: tuple[str, Array] | None
+    channel: Channel,
+    values: Array,
+    recorded: Array,
+    motion: Motion,
+    clock: Clock,
+    heat: tuple[str, Array] | None,
 ) -> AxisLook:
     part = longest(np.isfinite(values) & motion.rest)
     if part.stop - part.start < _FEWEST:
@@ -165,7 +173,7 @@ def _axis(
     if motion.turns and channel.kind == ACCELEROMETER:  # after a turn gravity is another one
         rest = np.zeros(len(values), np.bool_)
         rest[part] = True
-    figures, clean = figures_of(values, rest, clock.per_s)
+    figures, clean = figures_of(values, rest, clock.per_s, recorded[np.isfinite(recorded)])
     stretch, per_s = clean[part], clock.per_s
     factor, unit = (DPH_PER_DPS, "deg/h") if channel.base_unit == "deg/s" else (1.0, channel.base_unit)
     return AxisLook(

@@ -38,7 +38,7 @@ class Turn:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """`rest`, shape (n,): samples at rest. Stretches (start, stop) at rest in s, and turns; shaken for the rest.
+    """`rest`, shape (n,): samples taken for rest. Stretches (start, stop) of it in s, turns, and s of shaking.
 
     `judged`: without gyros nothing is known, and everything counts as rest.
     """
@@ -94,7 +94,8 @@ def motion_of(
     rests = tuple((start * seconds, stop * seconds) for start, stop in _long(rest))
     mask = np.full(count, rest.all())
     mask[: windows * length] = np.repeat(rest, length)
-    return Motion(mask, rests, tuple(turns), float((~rest & ~turning).sum() * seconds))
+    shaken = ~rest & ~turning & np.isfinite(mean).all(axis=1)  # neither in a gap
+    return Motion(mask, rests, tuple(turns), float(shaken.sum() * seconds))
 
 
 def _long(mask: NDArray[np.bool_]) -> list[list[int]]:

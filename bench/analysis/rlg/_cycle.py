@@ -5,7 +5,7 @@ For tables with gyros and one temperature. Where a table has no usable time, the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +62,7 @@ class AxisGain:
     means: Array
     left_static: Array
     left_dynamic: Array
+    one_way: bool = False
 
     @property
     def static_pct(self) -> float:
@@ -98,7 +99,10 @@ class AxisGain:
         if past and self.dynamic_pct > self.static_pct + 5.0:
             return f"depends on the temperature's past or rate ({', '.join(past)}){apart}"
         part = "" if self.best_pct >= _MOSTLY_PCT else " in part"
-        return f"follows temperature{part}; rate and past explain nothing more{apart}"
+        beyond = (
+            "one leg tells nothing of rate and past" if self.one_way else "rate and past explain nothing more"
+        )
+        return f"follows temperature{part}; {beyond}{apart}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +156,8 @@ def study_chamber_cycle(temp_c: Array, rates: dict[str, Array], block: int = BLO
     gains = []
     for axis, values in known.items():
         try:
-            gains.append(_gain(axis, block_means(values[use], block), temp, fitted, ~fitted & covered))
+            gain = _gain(axis, block_means(values[use], block), temp, fitted, ~fitted & covered)
+            gains.append(replace(gain, one_way=len(turns) == 1))
         except (BenchError, np.linalg.LinAlgError) as error:
             failed[axis] = str(error)
     if not gains:

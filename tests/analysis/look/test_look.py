@@ -302,7 +302,10 @@ def test_a_units_word_that_fits_no_gyro_is_asked_and_a_tables_rate_is_no_gyro(tm
         ("yaw_rate", "z"),
     ]
     assert found.columns.ignored == ("table_rate", "rate_demand")
-    assert "gyro_x: the log's unit, mg, is none of a gyro" in found.remarks and len(found.questions) == 1
+    assert (
+        "gyro_x: what the log has for a unit, mg, is none for gyros" in found.remarks
+        and len(found.questions) == 1
+    )
 
 
 def test_a_clock_that_jumps_by_years_is_refused_with_its_row(tmp_path):
@@ -346,3 +349,55 @@ def test_a_recorded_pair_up_and_down():
     assert abs(pair["c5"].half_difference) == pytest.approx(9.81, abs=0.06)
     assert abs(pair["c6"].half_difference) < 0.5 > abs(pair["c7"].half_difference)
     assert pair["c2"].earth_rate is not None and pair["c3"].earth_rate is None
+
+
+def test_a_chambers_log_is_not_taken_for_gyros(tmp_path):
+    """Columns whose units or names are those of other things are not looked at as gyros for want of any."""
+    data = {
+        "Time (sec)": np.arange(600.0),
+        "Heater 1 (%)": np.arange(600.0) % 7,
+        "Temperature 1 (degC)": noise(600, 1.0, 1),
+    }
+    with pytest.raises(ConfigurationError, match="no gyro and no accelerometer"):
+        look(written(tmp_path / "log.csv", data))
+    del data["Temperature 1 (degC)"]
+    with pytest.raises(ConfigurationError, match="no gyro and no accelerometer"):
+        look(written(tmp_path / "log.csv", data))
+
+
+def test_a_gap_is_neither_rest_nor_shaking(tmp_path):
+    data = columns(6000)
+    data["time [s]"][3000:] += 1000.0
+    pd.DataFrame(data).to_csv(tmp_path / "log.csv", index=False)
+    found = look(tmp_path / "log.csv")
+    assert found.clock.lost == 100_000 and found.motion.shaken_s <= 1.0
+
+
+def test_names_of_a_flight_computer(tmp_path):
+    """GPS time of week is a time, "gs" a unit; what a filter estimated is no sensor."""
+    data = {"GPS TOW": 137649.0 + np.arange(3000) / 100.0, "raw_acceleration_x_gs": noise(3000, 1.0, 1)}
+    data |= {f"{name}_angular_rate_z_deg_per_s": noise(3000, 1.0, 2) for name in ("raw", "est")}
+    pd.DataFrame(data).to_csv(tmp_path / "log.csv", index=False)
+    found = look(tmp_path / "log.csv")
+    assert found.clock.rate_hz == pytest.approx(100.0) and found.questions == ()
+    assert [axis.channel.name[:3] for axis in found.axes] == ["raw", "raw"]
+    assert found.columns.ignored == ("est_angular_rate_z_deg_per_s",)
+
+
+def test_rows_that_come_late_and_are_made_up_for_are_not_lost(tmp_path):
+    """A busy bus holds rows back; the ones after come early. A row that is missing is never made up for."""
+    data = columns(9000)
+    data["time [s]"][1000:8000:100] += 0.9 / RATE
+    data["time [s]"][1001:8001:100] += 0.45 / RATE
+    pd.DataFrame(data).drop(index=[5050, 8500]).to_csv(tmp_path / "log.csv", index=False)
+    clock = look(tmp_path / "log.csv").clock
+    assert (clock.gaps, clock.lost, clock.odd) == (2, 2, 0) and clock.rate_hz == pytest.approx(RATE, rel=1e-3)
+
+
+def test_the_grid_of_values_is_that_of_the_log_not_of_what_was_filled_in():
+    """Rate in steps of 0.25 deg/s, acceleration of 0.125 m/s^2 by the DBC file; rows are missing in places."""
+    path = recording("can_canmod_gps/00000005-60FEB5A8.MF4")
+    found = look(path, LookOptions(dbc=[path.with_name("canmod-gps.dbc")]))
+    quanta = {axis.channel.name: axis.figures.quantum for axis in found.axes}
+    assert {quanta[f"AngularRate{axis}"] for axis in "XYZ"} == {0.25}
+    assert {quanta[f"Acceleration{axis}"] for axis in "XYZ"} == {0.125}
