@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.analysis.gap._findings import Cause, rivals_of
-from bench.analysis.gap._fit import Solution
+from bench.analysis.gap._fit import Solution, solve, weighted_gram
 from bench.analysis.gap._generic import absorbed
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._unknown import CREDIBLE, credibility
@@ -78,6 +78,23 @@ def causes_of(
         else:
             named.append(stated)
     return tuple(named), tuple(doubtful)
+
+
+def models_with_and_without(
+    found: Found, variants: Sequence[Variant], model: Model, names: Sequence[str]
+) -> list[Model]:
+    """Return the nominal model with all of the best set, then without each of `names`, all else fitted again."""
+    posterior, best, q = found.posterior, found.best, len(model.sigmas)
+    gram = weighted_gram(found.data.cells, found.variance)
+    models = []
+    for gone in ("", *names):
+        members = [each for each in sorted(best.members) if posterior.candidates[each].effect != gone]
+        columns = [column + q for each in members for column in posterior.candidates[each].columns]
+        solution = solve(gram, model.sigmas, columns) if gone else best.solution
+        nominal = model.moved(solution.values, np.sqrt(np.diag(solution.covariance)))
+        terms = [_fitted(each, solution, found, variants, q) for each in members]
+        models.append(replace(nominal, terms=(*nominal.terms, *terms), noise=found.data.noise.noise))
+    return models
 
 
 def _one_of(

@@ -15,7 +15,7 @@ from bench.analysis.gap._data import GapRun, check_runs, group_runs
 from bench.analysis.gap._disturbed import without_disturbances
 from bench.analysis.gap._findings import SIGNIFICANT, Shrinkage, refuse_judges
 from bench.analysis.gap._fit import Floor, counts
-from bench.analysis.gap._model_file import Model, Term
+from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._stack import stacked, transformed
 from bench.analysis.gap._where import holm, in_time
@@ -160,17 +160,16 @@ def _shares_by_phase(
     }
 
 
-def holding(closed: Model, terms: Sequence[Term], runs: Sequence[GapRun], floor: Floor) -> list[float]:
-    """Return for terms of a closed model which part of what each adds is there in held-out runs: 1 for all of it.
+def holding(closed: Model, without: Sequence[Model], runs: Sequence[GapRun], floor: Floor) -> list[float]:
+    """Return which part of what a model adds to each of others is there in some runs: 1 for all of it.
 
-    Below one half the runs come nearer without the term. NaN for one that does nothing in them.
+    Below one half the runs come nearer with the other model. NaN where both say the same.
     """
-    without = [replace(closed, terms=tuple(one for one in closed.terms if one is not term)) for term in terms]
     runs = without_disturbances(runs, closed).runs
     cells = rescaled(judged_cells((closed, *without), runs), floor.ratio)
-    products = np.sum([cell.products(np.arange(1 + len(terms))) for cell in cells], axis=0)
+    products = np.sum([cell.products(np.arange(1 + len(without))) for cell in cells], axis=0)
     parts = []
-    for place in range(1, 1 + len(terms)):
+    for place in range(1, 1 + len(without)):
         added = products[0, 0] + products[place, place] - 2.0 * products[0, place]
         gone = products[place, place] - products[0, 0]
         parts.append(0.5 + 0.5 * float(gone / added) if added > _SEEN else math.nan)

@@ -11,11 +11,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
+import numpy as np
 from scipy.special import expit
 
-from bench.analysis.gap._fit import MISFIT, TOLERANCE, Solution
+from bench.analysis.gap._cells import Cell
+from bench.analysis.gap._fit import MISFIT, TOLERANCE, Solution, counts
 from bench.analysis.gap._generic import FreeCurve, absorbed
-from bench.analysis.gap._unknown import Remainder
+from bench.analysis.gap._unknown import Remainder, active
 from drivers.base.arrays import Array
 from simulators.effects import Effect, Input
 
@@ -68,6 +70,10 @@ class Judged:
         return float(expit(self.rest.total + self.line - _UNKNOWN_PRIOR))
 
 
+LeftWithout = Callable[[Judged, frozenset[str]], Array]
+"""Energy that a set leaves in each cell, (cells,), fitted again without some of its effects."""
+
+
 def instead_of(
     curve: str,
     names: frozenset[str],
@@ -91,7 +97,7 @@ def instead_of(
 
 def curves_that_matter(
     judged: Sequence[Judged],
-    left_without: Callable[[Judged, frozenset[str]], float],
+    left_without: LeftWithout,
     effects: Mapping[str, Effect],
 ) -> list[Judged]:
     """Return the sets less those with a free curve that is no better than a formula's misfit lets it be.
@@ -102,7 +108,7 @@ def curves_that_matter(
 
     def enough(curved: Judged, curve: str, other: Judged) -> bool:
         instead = other.names - curved.names
-        theirs = left_without(other, instead or other.names) - float(other.left.sum())
+        theirs = float((left_without(other, instead or other.names) - other.left).sum())
         same = all(absorbed(effects[name], [effects[curve]]) for name in instead) and bool(instead)
         gained = float(other.left.sum()) - float(curved.left.sum())
         return gained > (TOLERANCE if same else MISFIT) ** 2 * theirs
@@ -135,7 +141,7 @@ def correcting(names: frozenset[str], effects: Mapping[str, Effect]) -> Iterator
 
 def less_forms(
     judged: Sequence[Judged],
-    left_without: Callable[[Judged, frozenset[str]], float],
+    left_without: LeftWithout,
     effects: Mapping[str, Effect],
 ) -> list[Judged]:
     """Return the sets less those whose weaker members only correct the form of the others.
@@ -154,7 +160,7 @@ def less_forms(
         for name in smaller.names:
             part = min(_missed(effects[name], effects[other]) or math.inf for other in gone)
             if math.isfinite(part):
-                theirs = left_without(smaller, frozenset([name])) - whole
+                theirs = float(left_without(smaller, frozenset([name])).sum()) - whole
                 missed = max(missed, part**2 * theirs)
         return whole - float(one.left.sum()) <= missed
 
@@ -182,28 +188,43 @@ def less_forms(
 
 
 def told_by_form(
-    judged: Sequence[Judged], left: Sequence[float], gap: float, effects: Mapping[str, Effect]
+    judged: Sequence[Judged],
+    left_without: LeftWithout,
+    cells: Sequence[Cell],
+    effects: Mapping[str, Effect],
 ) -> list[Judged]:
     """Return the sets, those made more probable that only the form of one effect tells from the best.
 
     What a formula leaves of the real effect is no noise: it repeats from run to run. Of unknown size and with few
     independent parts, its log likelihood is Student's, -n/2 ln(energy left), and not -1/2 energy left (Box and
-    Tiao, Bayesian Inference in Statistical Analysis, 1973, section 2.4). `left` (sets,) is the energy above the
-    noise that each leaves of the `gap`; no formula is trusted to leave less than a small part of it.
+    Tiao, Bayesian Inference in Statistical Analysis, 1973, section 2.4). No formula is trusted to leave less than
+    a small part of what its effect takes away; what is left where another effect acts is not the formula's.
     """
-    least = _EXACT[0] + _EXACT[1] * gap
-    best = max(range(len(judged)), key=lambda index: judged[index].log_evidence)
+    best = max(judged, key=lambda one: one.log_evidence)
+    lowest: dict[str, float] = {}
+
+    def formula_leaves(name: str) -> float:
+        """Return the energy above the noise that is left of an effect of the best set, at least what may be."""
+        if name not in lowest:
+            without = left_without(best, frozenset([name]))
+            taken = np.maximum(without - best.left, 0.0)
+            own = active(cells, taken + counts(cells))
+            part = taken / np.maximum(np.maximum(without - counts(cells), taken), 1e-12)
+            excess = np.maximum(best.left - counts(cells), 0.0)
+            lowest[name] = _EXACT[0] + _EXACT[1] * float(taken.sum()) + float((part * excess)[own].sum())
+        return lowest[name]
+
     result = []
-    for one, energy in zip(judged, left, strict=True):
-        theirs, ours = one.names - judged[best].names, judged[best].names - one.names
+    for one in judged:
+        theirs, ours = one.names - best.names, best.names - one.names
         if len(theirs) == len(ours) == 1:
             other, own = effects[next(iter(theirs))], effects[next(iter(ours))]
-            further = len(other.parameters) - len(own.parameters)
-            behind = 0.5 * _PARTS * math.log((least + energy) / (least + left[best]))
-            behind = max(behind + 0.5 * further * math.log(1.0 + _PARTS), _BEHIND)
             if _missed(own, other) and not isinstance(other, FreeCurve):
-                lowest = judged[best].log_evidence - behind
-                one = replace(one, log_evidence=max(one.log_evidence, lowest))
+                more = max(float((one.left - best.left).sum()), 0.0)
+                behind = 0.5 * _PARTS * math.log1p(more / formula_leaves(own.name))
+                further = len(other.parameters) - len(own.parameters)
+                behind = max(behind + 0.5 * further * math.log(1.0 + _PARTS), _BEHIND)
+                one = replace(one, log_evidence=max(one.log_evidence, best.log_evidence - behind))
         result.append(one)
     return result
 

@@ -11,7 +11,7 @@ from scipy.fft import idct
 
 from bench.analysis.gap._align import aligned
 from bench.analysis.gap._candidates import candidate_variants
-from bench.analysis.gap._causes import causes_of
+from bench.analysis.gap._causes import causes_of, models_with_and_without
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
 from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
@@ -34,7 +34,9 @@ from simulators.effects import Variant
 _DOUBTED = 0.1
 """Probability of no gap from which on no cause is named, however probable one is beside it."""
 _LEAST_HELD = 0.5
-"""Part of what a cause adds that held-out runs must show for its name to stand."""
+"""Part of what a cause adds that held-out runs, or each repeat, must show for its name to stand."""
+_DIFFERS = 0.5
+"""Probability that repeats differ by more than noise from which each must show a cause."""
 _LONG_S = 3600.0
 _LOST_FRACTION = 1e-4
 
@@ -142,7 +144,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         model = _corrected(data.model, best.solution, ready.noise.noise)
         named = [cause.term for cause in causes]
         closing = learned(ready, data.model, named) if unnamed > 0.5 else None
-        return RateFinding(
+        finding = RateFinding(
             signal="rate",
             unit="deg/h",
             verdict=_verdict(bool(causes or stochastic), unknown, runs),
@@ -174,28 +176,52 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             latitude_deg=runs[0].stimulus.latitude_deg,
             learned=closing,
         )
+        if differs < _DIFFERS:
+            return finding
+        # what one repeat shows and another does not may resemble any effect in their mean
+        parts = [self._holding(finding, data, sets, runs) for runs in _by_repeat(ready.groups)]
+        return _doubted(finding, np.nan_to_num(parts, nan=0.0).min(axis=0).tolist(), "in every repeat")
 
     def judged(
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
     ) -> RateFinding:
-        used = {run.run_id: run.checksum for run in data.disturbed.runs}
-
-        def closed(found: RateFinding) -> Model:
-            fitted = tuple(term for term in found.terms if isinstance(term, Term))
-            return replace(found.nominal, terms=found.nominal.terms + fitted, fitted_on=used)
-
-        terms = [cause.term for cause in finding.causes]
-        parts = holding(closed(finding), terms, held_out, finding.floor) if terms else []
-        finding = _doubted(finding, parts)
+        finding = _doubted(finding, self._holding(finding, data, sets, held_out), "in held-out runs")
         ready = data.data
         # what the nominal model's own parameters take away is no part of the gap
         alone = nominal_solution(ready.cells, data.model.sigmas)
         before = _corrected(data.model, alone, ready.noise.noise)
-        return replace(finding, held_out=(shrinkage(before, closed(finding), held_out, finding.floor),))
+        after = _closed(finding, data.disturbed.runs)
+        return replace(finding, held_out=(shrinkage(before, after, held_out, finding.floor),))
+
+    def _holding(
+        self, finding: RateFinding, data: _Ready, sets: _Sets, runs: Sequence[GapRun]
+    ) -> list[float]:
+        """Return for the causes which part of what each adds is there in some runs; NaN where it adds nothing."""
+        if not finding.causes:
+            return []
+        names = [cause.name for cause in finding.causes]
+        whole, *without = models_with_and_without(*sets, data.model, names)
+        return holding(whole, without, runs, finding.floor)
 
 
-def _doubted(finding: RateFinding, parts: Sequence[float]) -> RateFinding:
-    """Return a finding without the causes of which held-out runs show less than half, `parts` (causes,)."""
+def _closed(finding: RateFinding, used: Sequence[GapRun]) -> Model:
+    """Return the nominal model as fitted to the runs `used`, with the terms of a finding."""
+    fitted = tuple(term for term in finding.terms if isinstance(term, Term))
+    checksums = {run.run_id: run.checksum for run in used}
+    return replace(finding.nominal, terms=finding.nominal.terms + fitted, fitted_on=checksums)
+
+
+def _by_repeat(groups: Sequence[Group]) -> list[list[GapRun]]:
+    """Return the runs of all groups by the number of their repeat."""
+    most = max(len(repeats) for group in groups for repeats in group.runs)
+    return [
+        [repeats[number] for group in groups for repeats in group.runs if number < len(repeats)]
+        for number in range(most)
+    ]
+
+
+def _doubted(finding: RateFinding, parts: Sequence[float], where: str) -> RateFinding:
+    """Return a finding without the causes of which less than half is there `where` named, `parts` (causes,)."""
     kept = tuple(cause for cause, part in zip(finding.causes, parts, strict=True) if not part < _LEAST_HELD)
     if len(kept) == len(finding.causes):
         return finding
@@ -206,7 +232,7 @@ def _doubted(finding: RateFinding, parts: Sequence[float]) -> RateFinding:
         causes=kept,
         resembles=(*finding.resembles, *gone),
         terms=tuple(term for term in finding.terms if all(term is not cause.term for cause in gone)),
-        warnings=(*finding.warnings, f"not named, held-out runs come no nearer with it: {names}"),
+        warnings=(*finding.warnings, f"not named, less than half of it is there {where}: {names}"),
         verdict="explained in part" if kept else "unknown",
         unknown_probability=max(finding.unknown_probability, max(cause.probability for cause in gone)),
     )

@@ -38,7 +38,7 @@ from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._prepare import Prepared, gathered, narrowed, noise_beside, with_columns
 from bench.analysis.gap._refine import best_of_each, between_grid_points, sets_of_note
-from bench.analysis.gap._unknown import active, remainder
+from bench.analysis.gap._unknown import Remainder, remainder
 from drivers.base.arrays import Array
 from simulators.effects import Input, Variant
 
@@ -155,34 +155,42 @@ def _judge_sets(
     kept += [names for names in dict.fromkeys(simpler) if names in by_effects and names not in kept]
     instead = (instead_of(curve, names, by_effects, posterior.curves) for names in kept for curve in names)
     kept = list(dict.fromkeys([*kept, *(names for names in instead if names is not None), frozenset()]))
-    strict = tolerated(data.cells, before, MISFIT)
     best = posterior.best_variants()
     solutions = {names: solve(gram, sigmas, _columns(posterior, best[names], len(sigmas))) for names in kept}
     used = np.unique(np.concatenate([[0], *(each.indices for each in solutions.values())]))
     products = np.stack([cell.products(used) for cell in data.cells])
+    number = counts(data.cells)
+
+    def rest_of(solution: Solution, left: Array) -> Remainder:
+        """Return what a fit leaves; its effects' formulas may miss a part of what they do in a cell, no more."""
+        own, values = solution.indices[len(sigmas) :], solution.values[len(sigmas) :]
+        action = np.array([values @ cell.products(own) @ values for cell in data.cells])
+        misfit = np.minimum(action, np.maximum(np.maximum(before, left) - number, 0.0))
+        return remainder(data.cells, tolerated(data.cells, number + misfit, MISFIT), before, left, data.floor)
+
     judged = []
     for names in kept:
         members, solution = best[names], solutions[names]
         at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
         left = left_energies(products[:, at[:, None], at], solution.values)
-        rest = remainder(data.cells, strict, before, left, data.floor)
+        rest = rest_of(solution, left)
         known = frozenset(member for member in members if not posterior.candidates[member].curve)
         alone = solve(gram, sigmas, _columns(posterior, known, len(sigmas))) if known != members else solution
         judged.append(
             Judged(names, members, by_effects[names], solution, left, rest, alone, solution, posterior.curves)
         )
 
-    def left_without(one: Judged, names: frozenset[str]) -> float:
+    def left_without(one: Judged, names: frozenset[str]) -> Array:
         rest = frozenset(member for member in one.members if posterior.candidates[member].effect not in names)
         solution = solve(gram, sigmas, _columns(posterior, rest, len(sigmas)))
         at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
-        return float(left_energies(products[:, at[:, None], at], solution.values).sum())
+        return left_energies(products[:, at[:, None], at], solution.values)
 
     def in_form(one: Judged) -> Judged:
         """Take out what curves over the very inputs of a set's effects take away, if that may be their form."""
         members = set(one.members)
         for name in sorted(one.names):
-            theirs = left_without(one, frozenset([name])) - float(one.left.sum())
+            theirs = float((left_without(one, frozenset([name])) - one.left).sum())
             for curve in curves:
                 if not absorbed(effects[name], [variants[curve].effect]):
                     continue
@@ -193,8 +201,7 @@ def _judge_sets(
         if members == one.members:
             return one
         solution = solve(gram, sigmas, _columns(posterior, frozenset(members), len(sigmas)))
-        rest = remainder(data.cells, strict, before, energies(data.cells, solution), data.floor)
-        return replace(one, rest=rest, in_form=solution)
+        return replace(one, rest=rest_of(solution, energies(data.cells, solution)), in_form=solution)
 
     effects = {candidate.effect: variants[candidate.variant].effect for candidate in posterior.candidates}
     curves = [
@@ -204,9 +211,7 @@ def _judge_sets(
     ]
     matter = curves_that_matter(judged, left_without, effects)
     matter = less_forms(matter, left_without, effects)
-    number, clear = counts(data.cells), active(data.cells, before)
-    excess = [max(float((one.left - number)[clear].sum()), 0.0) for one in matter]
-    matter = told_by_form(matter, excess, float((before - number)[clear].sum()), effects)
+    matter = told_by_form(matter, left_without, data.cells, effects)
     return [in_form(each) if each.rest.total and not each.curved else each for each in matter]
 
 
