@@ -20,6 +20,8 @@ from benchmarks.gap_exam._stage import Stage
 from drivers.base.arrays import Array
 from drivers.base.constants import ZERO_CELSIUS_K
 
+SEALED_S = 0.2
+"""Step of a sealed effect: what comes round in a second differs between means over 1 s and over a log's rows."""
 _PER_DPH = {"deg/h": 1.0, "deg/s": 1.0 / 3600.0, "rad/s": math.radians(1.0) / 3600.0}
 _PER_DEG = {"deg": 1.0, "rad": math.radians(1.0)}
 FOLDERS = ("cases", "sealed", "answers")
@@ -60,7 +62,7 @@ def read_seal(path: Path) -> Seal:
 
 
 def write_seal(folder: Path, name: str, seal: Seal, parts: Mapping[str, Array]) -> None:
-    """Write sealed/NAME.json and .npz; `parts` has each effect in each run, means of 1 s, deg/h."""
+    """Write sealed/NAME.json and .npz; `parts` has each effect in each run, means of SEALED_S, deg/h."""
     write_arrays(folder / f"{name}.npz", parts)
     (folder / f"{name}.json").write_text(json.dumps(asdict(seal)), encoding="utf-8")
 
@@ -75,6 +77,12 @@ def read_arrays(path: Path) -> dict[str, Array]:
     """Return the arrays of a file by name."""
     with np.load(path) as file:
         return {key: np.asarray(file[key], np.float64) for key in file}
+
+
+def sealed_step_s(gap: Array, covers_s: float) -> float:
+    """Return the step of a sealed gap (m,) by the time that it covers: plants of others seal whole seconds."""
+    step_s = covers_s / len(gap)
+    return SEALED_S if step_s < 0.5 else max(1.0, round(step_s))
 
 
 def gap_of(parts: Mapping[str, Array], effects: Sequence[str], key: str) -> Array:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.gap_exam._family import Effect, Family, Unit
-from benchmarks.gap_exam._files import FOLDERS, Logged, Seal, write_case, write_seal
+from benchmarks.gap_exam._files import FOLDERS, SEALED_S, Logged, Seal, write_case, write_seal
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._signals import drawn
 from benchmarks.gap_exam._stage import Stage
@@ -126,7 +126,7 @@ def make_case(family: Family, folder: Path, what: Plan) -> str:
         logs.append(Logged(stage, output, *family.read(unit, stage, rng)))
     write_case(folder / "cases" / what.name, family, logs)
     parts = {
-        f"{name}|{stage.key}": stage.in_seconds(own[k])
+        f"{name}|{stage.key}": stage.in_seconds(own[k], SEALED_S)
         for name, own in signals.items()
         for k, stage in enumerate(stages)
     }

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.gap_exam._files import Seal, gap_of, read_arrays, read_seal
+from benchmarks.gap_exam._files import Seal, gap_of, read_arrays, read_seal, sealed_step_s
 from benchmarks.gap_exam._mechanisms import BESIDE, CHANGING, DISTURBANCES, NAMES
 from benchmarks.gap_exam._separable import indistinct
 from benchmarks.gap_exam._whitening import NoiseLevels, Part, remaining, resampled
@@ -249,13 +249,10 @@ def _share(parts: Sequence[Part], noise: NoiseLevels) -> float:
 
 
 def _part(gap: Array, answered: Mapping[str, Array], key: str) -> Part:
-    """Return gap and what closes it in a run, on the coarser of their periods.
-
-    The sealed gap has a period of 1 s, or a longer one if its length says so.
-    """
+    """Return gap and what closes it in a run, on the coarser of their periods."""
     closing, nominal, seen = (answered[f"{what}|{key}"] for what in ("closed", "nominal", "seen"))
     period_s = float(answered[f"period|{key}"][0])
-    apart_s = max(1.0, round(len(closing) * period_s / len(gap)))
+    apart_s = sealed_step_s(gap, len(closing) * period_s)
     coarse = max(apart_s, period_s)
     gap = resampled(gap[None], apart_s, coarse)
     closing = resampled(closing[None], period_s, coarse)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.analysis.gap import read_model, read_recordings
-from benchmarks.gap_exam._files import gap_of, held_out_ids, read_arrays, run_keys
+from benchmarks.gap_exam._files import gap_of, held_out_ids, read_arrays, run_keys, sealed_step_s
 from benchmarks.gap_exam._whitening import NoiseLevels, Part, remaining, resampled
 from simulators.effects import Effect, Variant, catalogue
 
@@ -40,7 +40,7 @@ def indistinct(
             if variant is not None:
                 nominal = np.concatenate((nominal, variant.columns(run.stimulus)))
             period_s = run.stimulus.period_s
-            apart_s = max(1.0, round(nominal.shape[1] * period_s / len(gap)))
+            apart_s = sealed_step_s(gap, nominal.shape[1] * period_s)
             signal = resampled(gap[None], apart_s, period_s)
             n = min(signal.shape[1], nominal.shape[1])
             seen = np.isfinite(run.output_dph)[:n]

@@ -83,9 +83,10 @@ class Stage:
         """Return the means of a signal (m,) over the rows, (n,)."""
         return self._means(signal, self.edges_s)
 
-    def in_seconds(self, signal: Array) -> Array:
-        """Return the means of a signal (m,) over whole seconds from the first row's start, (seconds,)."""
-        return self._means(signal, self.edges_s[0] + np.arange(self.seconds + 1.0))
+    def in_seconds(self, signal: Array, step_s: float = 1.0) -> Array:
+        """Return the means of a signal (m,) over steps from the first row's start, (seconds / step_s,)."""
+        steps = round(self.seconds / step_s)
+        return self._means(signal, self.edges_s[0] + np.arange(steps + 1) * step_s)
 
     def at_edges(self, angle_deg: Array) -> Array:
         """Return what a signal at the fine edges (m + 1,) is at the rows' edges, (n + 1,)."""
