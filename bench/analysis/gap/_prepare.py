@@ -13,9 +13,12 @@ from bench.analysis.gap._fit import Floor, Solution, floor_from_repeats
 from bench.analysis.gap._generic import smooth
 from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._stack import Stack, stacked
-from bench.analysis.gap._stochastic import NoiseVerdict, floor_data, judge_noise
+from bench.analysis.gap._stochastic import DATA_SHEET, NoiseVerdict, floor_data, judge_noise
 from drivers.base.arrays import Array
 from simulators.effects import Variant
+
+_SHEET_SIGMA = 0.5
+"""Relative uncertainty of the noise's power by a data sheet alone: a class of gyros, no unit on a bench."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ def gathered(
     for group, stack in zip(groups, stacks, strict=True):
         cells += group_cells(group, stack, noise.noise)
     floor = floor_from_repeats(cells, model.sigmas, solution)
+    if noise.source == DATA_SHEET:
+        floor = replace(floor, sigma=np.maximum(floor.sigma, _SHEET_SIGMA))
     return Prepared(groups, stacks, noise, tuple(rescaled(cells, floor.ratio)), floor)
 
 

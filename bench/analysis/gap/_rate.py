@@ -25,7 +25,7 @@ from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise, power_of
 from bench.analysis.gap._prepare import Prepared, prepare
 from bench.analysis.gap._signal import Signal
-from bench.analysis.gap._stochastic import NoiseVerdict
+from bench.analysis.gap._stochastic import DATA_SHEET, NoiseVerdict
 from bench.analysis.gap._where import RegimePlace, phase_map, places, regime_map
 from bench.analysis.gap._which import Found, judged_sets, left_of_runs, second_look, set_weights
 from drivers.base.arrays import Array
@@ -321,7 +321,7 @@ def _warnings(data: Prepared) -> tuple[str, ...]:
     notes = []
     if not data.floor.from_repeats:
         notes.append("no repeated runs: the noise floor rests on " + data.noise.source)
-    if data.noise.source == "data sheet":
+    if data.noise.source == DATA_SHEET:
         notes.append("no repeats and no quiet run: a wrong data sheet would look like a gap")
     runs = [run for group in data.groups for run in group.flat]
     hidden = {text for run in runs if (text := unseen(run.stimulus))}

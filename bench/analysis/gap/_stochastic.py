@@ -47,6 +47,7 @@ _CORRELATIONS = tuple(
 _DIFFERS_PENALTY = 10.0
 _QUIET_SPAN_K = 2.0
 REPEATS = "differences of repeats"
+DATA_SHEET = "data sheet"
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class NoiseVerdict:
 def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> NoiseVerdict:
     """Fit the noise with the sheet's values, and with each coefficient set free in turn, and compare."""
     if not data:
-        return NoiseVerdict(sheet, {"": 1.0}, "data sheet", {}, sheet)
+        return NoiseVerdict(sheet, {"": 1.0}, DATA_SHEET, {}, sheet)
     widths = {name: width for name, width in _SHEET_WIDTHS.items() if getattr(sheet, name) > 0.0}
     base = fit_noise(data, sheet, widths)
     fits = {"": base}
@@ -165,7 +166,7 @@ def floor_data(
                 alone = Group(group.profile, ("0",), ((run,),))
                 left = _less_nominal(mixed_whitened(alone, own[None], sheet), sigmas)
                 quiet.append(_coloured(group, left, sheet, skip=5))
-    return quiet, "quiet runs" if quiet else "data sheet"
+    return quiet, "quiet runs" if quiet else DATA_SHEET
 
 
 def _less_nominal(parity_runs: Array, sigmas: Array) -> Array:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bench.analysis.gap._causes import _one_of
+from bench.analysis.gap._cells import Cell
 from bench.analysis.gap._fit import Solution
 from bench.analysis.gap._judged import Judged, correcting, less_forms, told_by_form
 from bench.analysis.gap._unknown import Remainder
+from drivers.base.arrays import Array
 from simulators.effects import Effect
 from tests.analysis.gap.conftest import effect
 
@@ -42,8 +45,8 @@ def _judged(energy: float, *names: str, evidence: float = 0.0, rest: float = 0.0
 def _less(sets: list[Judged], without: Mapping[frozenset[str], float]) -> dict[frozenset[str], Judged]:
     """Sets less forms; `without` has the energy that is left when a set loses names."""
 
-    def left(one: Judged, gone: frozenset[str]) -> float:
-        return without[one.names - gone]
+    def left(one: Judged, gone: frozenset[str]) -> Array:
+        return np.array([without[one.names - gone]])
 
     return {one.names: one for one in less_forms(sets, left, _EFFECTS)}
 
@@ -110,29 +113,57 @@ def test_fewest_members_go_first_and_one_always_stays() -> None:
     assert gone == [frozenset({"gradient"}), frozenset({"shupe"})]
 
 
+def _told(sets: list[Judged], without_best: list[float], counts: list[float]) -> dict[str, float]:
+    """Log evidence by the one name of a set; `without_best` is the energy by cell that nothing explains."""
+    cells = [_cell(count) for count in counts]
+
+    def left(one: Judged, gone: frozenset[str]) -> Array:
+        return np.array(without_best)
+
+    return {next(iter(one.names)): one.log_evidence for one in told_by_form(sets, left, cells, _EFFECTS)}
+
+
+def _cell(count: float) -> Cell:
+    return Cell("shock", "common", True, 0, count, 1, np.arange(1), np.ones((1, 1)), 1.0, 1)
+
+
+def _of_cells(name: str, evidence: float, *energies: float) -> Judged:
+    return replace(_judged(0.0, name, evidence=evidence), left=np.array(energies))
+
+
 def test_akin_effects_are_told_by_students_likelihood() -> None:
     sets = [
-        _judged(0.0, "gradient", evidence=0.0),
-        _judged(0.0, "thermal_lag", evidence=-80.0),
-        _judged(0.0, "shupe", evidence=-80.0),
-        _judged(0.0, "saturation", evidence=-80.0),
+        _of_cells("gradient", 0.0, 200.0),
+        _of_cells("thermal_lag", -80.0, 210.0),
+        _of_cells("shupe", -80.0, 200.0),
+        _of_cells("saturation", -80.0, 200.0),
     ]
-    told = {
-        next(iter(one.names)): one
-        for one in told_by_form(sets, [100.0, 110.0, 100.0, 100.0], 10000.0, _EFFECTS)
-    }
-    assert told["gradient"].log_evidence == 0.0
-    # fifty parts; nobody trusts a formula to leave less than 10 + 0.003 gap
-    assert told["thermal_lag"].log_evidence == pytest.approx(-25.0 * math.log(150.0 / 140.0))
+    told = _told(sets, [10_100.0], [100.0])
+    assert told["gradient"] == 0.0
+    # fifty parts. The gradient takes 9900 away, and 99 % of what is left above the noise, 100, is its formula's;
+    # nobody trusts one to leave less than 10 + 0.003 of what it takes away
+    assert told["thermal_lag"] == pytest.approx(-25.0 * math.log1p(10.0 / (10.0 + 29.7 + 99.0)))
     # as good, with one parameter more: half of ln 51 behind
-    assert told["shupe"].log_evidence == pytest.approx(-0.5 * math.log(51.0))
-    assert told["saturation"].log_evidence == -80.0
+    assert told["shupe"] == pytest.approx(-0.5 * math.log(51.0))
+    assert told["saturation"] == -80.0
+
+
+def test_what_is_left_where_another_effect_acts_is_not_the_formulas() -> None:
+    alone = _told([_of_cells("gradient", 0.0, 0.0), _of_cells("thermal_lag", -80.0, 90.0)], [1000.0], [0.0])
+    sets = [_of_cells("gradient", 0.0, 0.0, 5000.0), _of_cells("thermal_lag", -80.0, 90.0, 5000.0)]
+    assert _told(sets, [1000.0, 5000.0], [0.0, 0.0]) == alone
+
+
+def test_what_many_faint_cells_tell_is_not_forgiven() -> None:
+    # in no cell a clear gap: 40 of 100 above the noise, everywhere
+    sets = [_of_cells("gradient", 0.0, *[100.0] * 10), _of_cells("thermal_lag", -190.0, *[140.0] * 10)]
+    told = _told(sets, [140.0] * 10, [100.0] * 10)
+    assert told["thermal_lag"] == pytest.approx(-25.0 * math.log1p(400.0 / (10.0 + 0.003 * 400.0)))
 
 
 def test_nothing_becomes_less_probable() -> None:
-    sets = [_judged(0.0, "gradient"), _judged(0.0, "shupe", evidence=-1.0)]
-    told = told_by_form(sets, [1.0, 1e6], 1e6, _EFFECTS)
-    assert [one.log_evidence for one in told] == [0.0, -1.0]
+    sets = [_of_cells("gradient", 0.0, 1.0), _of_cells("shupe", -1.0, 1e6)]
+    assert _told(sets, [2e6], [0.0]) == {"gradient": 0.0, "shupe": -1.0}
 
 
 def test_a_set_grows_until_one_of_it_surely_acts() -> None:

@@ -1,0 +1,75 @@
+"""A cause stands if each repeat shows it, beside all that it was fitted with, whatever acts elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap import Model, Term, diagnose
+from bench.analysis.gap._cells import BANDS
+from bench.analysis.gap._close import holding
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._fit import Floor
+from drivers.base.arrays import Array
+from simulators.effects import Stimulus
+from tests.analysis.gap.conftest import made_run, stimulus
+
+_FLOOR = Floor(np.ones(len(BANDS)), np.zeros(len(BANDS)), True)
+Extra = Callable[[Stimulus, int], Array]
+
+
+def _runs(rng: np.random.Generator, extra: Extra) -> list[GapRun]:
+    runs = []
+    for name, n in (("short", 4000), ("long", 7000), ("longer", 9000)):
+        for repeat in range(3):
+            s = stimulus(n)
+            runs.append(made_run(f"{name} {repeat}", s, rng, extra(s, repeat), profile=name))
+    return runs
+
+
+@pytest.mark.parametrize("part", [1.0, 0.5, 0.0, -0.5])
+def test_the_part_of_a_term_that_runs_show_is_the_one_that_is_in_them(
+    nominal: Model, term: Term, part: float
+) -> None:
+    rng = np.random.default_rng(2)
+    size = np.asarray(term.values)
+    runs = _runs(rng, lambda s, _: part * size @ term.variant.columns(s))
+    with_it = Model("closed", (*nominal.terms, term), nominal.noise)
+    (shown,) = holding(with_it, [nominal], runs, _FLOOR)
+    assert shown == pytest.approx(part, abs=0.05)
+    assert np.isnan(holding(nominal, [nominal], runs, _FLOOR)).all()
+
+
+def test_what_some_repeats_show_and_one_does_not_is_no_cause(nominal: Model) -> None:
+    """A part cracks after the first repeat: its answer to cold is no law of the unit."""
+
+    def cracked(s: Stimulus, repeat: int) -> Array:
+        return np.asarray((repeat > 0) * 0.012 * s.warm_k)
+
+    found = diagnose(_runs(np.random.default_rng(4), cracked), nominal).rate
+    assert not found.causes
+    assert found.unknown_probability > 0.9
+    assert "the repeat" in [part.follows for part in found.unknown_parts]
+    assert any("in every repeat" in text for text in found.warnings)
+
+
+def test_a_cause_stays_named_beside_something_larger_that_acts_elsewhere(nominal: Model) -> None:
+    """Turning heats the unit slowly, which no formula of the catalogue says; a gradient acts in the shocks."""
+    rng = np.random.default_rng(1)
+    runs = _runs(rng, lambda s, _: 0.03 * s.gradient_k)
+    for repeat in range(3):
+        s = _turning(4000)
+        heat = 8.0 * s.lagged((s.table_rate_dps / 20.0) ** 2, 900.0)
+        runs.append(made_run(f"steps {repeat}", s, rng, heat, profile="steps"))
+    found = diagnose(runs, nominal).rate
+    assert [cause.name for cause in found.causes] == ["gradient"]
+    assert found.unknown_probability > 0.9
+
+
+def _turning(n: int) -> Stimulus:
+    still = stimulus(n, cold=False)
+    rates_dps = np.repeat([0.0, 20.0, 0.0, -20.0, 0.0, 10.0, 0.0, -10.0], n // 8)
+    angle_deg = 10.0 + np.concatenate(([0.0], np.cumsum(rates_dps)))
+    return Stimulus(still.time_s, still.t_in_c, still.t_out_c, angle_deg, still.elevation_deg, 39.1)
