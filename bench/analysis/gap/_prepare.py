@@ -99,7 +99,7 @@ def _stack(group: Group, model: Model, variants: Sequence[Variant]) -> Stack:
 
 def noise_beside(data: Prepared, solution: Solution, model: Model) -> NoiseVerdict:
     """Judge the noise again with a solution's effects taken out of the differences of repeats."""
-    if data.noise.source == "data sheet":
+    if data.noise.source == DATA_SHEET:
         return data.noise
     q = len(model.sigmas)
     extra, values = solution.indices[q:], solution.values[q:]
