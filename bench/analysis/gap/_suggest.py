@@ -7,7 +7,7 @@ Gaussian models); the stimulus is simulated with a plain two-lag unit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,28 +76,37 @@ def suggest(found: Diagnosis, most: int = 4) -> list[Suggestion]:
     return [each for each in result if each.log_odds > 1.0][:most]
 
 
-def _open_questions(found: RateFinding) -> Iterator[tuple[str, Term, Term | None]]:
+def _open_questions(found: RateFinding) -> Iterator[tuple[str, Sequence[Term], Sequence[Term]]]:
     """Yield candidates that these runs cannot tell apart well; with none, the size of each cause."""
     doubtful = [cause for cause in found.causes if cause.rivals]
     for cause in doubtful:
         for name, rival in cause.rivals.items():
-            yield f"{cause.name} or {name}", cause.term, rival
-    for part in found.unknown_parts:
-        if part.term is not None:
-            near = found.resembles[0] if found.resembles else None
-            other = near.name if near else "nothing"
-            yield f"free curve over {part.follows} or {other}", part.term, near.term if near else None
+            yield f"{cause.name} or {name}", (cause.term,), (rival,)
+    near = found.resembles[:1]
+    other = near[0].name if near else "nothing"
+    curves = {part.follows: part.term for part in found.unknown_parts if part.term is not None}
+    for follows, curve in curves.items():
+        yield f"free curve over {follows} or {other}", (curve,), [cause.term for cause in near]
+    learned = found.learned.terms if found.learned else ()
+    if learned and not curves:
+        yield (
+            f"{' and '.join(term.name for term in learned)} or {other}",
+            learned,
+            [cause.term for cause in near],
+        )
     if not doubtful and not found.unknown_parts:
         for cause in found.causes:
-            yield f"size of {cause.name}", cause.term, None
+            yield f"size of {cause.name}", (cause.term,), ()
 
 
-def _log_odds(plan: _Plan, first: Term, second: Term | None, model: Model) -> float:
+def _log_odds(plan: _Plan, first: Sequence[Term], second: Sequence[Term], model: Model) -> float:
     """Return the log odds expected; a formula that is not quite the real effect is allowed its tolerance."""
     odds = 0.0
     for number, s in enumerate(plan.stimuli):
-        whole = np.asarray(first.values) @ first.variant.columns(s)
-        other = 0.0 if second is None else np.asarray(second.values) @ second.variant.columns(s)
+        whole, other = (
+            sum((np.asarray(term.values) @ term.variant.columns(s) for term in terms), np.zeros(len(s)))
+            for terms in (first, second)
+        )
         phase = np.full(len(s), "run")
         left = []
         for signal in (whole - other, whole):

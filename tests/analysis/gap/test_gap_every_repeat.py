@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
-from bench.analysis.gap import Model, Term, diagnose
+from bench.analysis.gap import Model, Term, diagnose, suggest
 from bench.analysis.gap._cells import BANDS
 from bench.analysis.gap._close import holding
 from bench.analysis.gap._data import GapRun
@@ -68,8 +68,32 @@ def test_a_cause_stays_named_beside_something_larger_that_acts_elsewhere(nominal
     assert found.unknown_probability > 0.9
 
 
-def _turning(n: int) -> Stimulus:
+def test_the_next_run_is_one_that_shows_what_was_learned_without_a_name(nominal: Model) -> None:
+    rng = np.random.default_rng(1)
+    runs = []
+    for name, rates_dps in _RATES.items():
+        for repeat in range(3):
+            s = _turning(4000, rates_dps)
+            heat = 6.0 * s.lagged((s.table_rate_dps / 20.0) ** 2, 900.0)
+            runs.append(made_run(f"{name} {repeat}", s, rng, heat, profile=name))
+    found = diagnose(runs, nominal)
+    assert found.rate.learned is not None
+    assert [term.name for term in found.rate.learned.terms] == ["learned: heat of turning"]
+    first = suggest(found)[0]
+    assert first.procedure == "standard-test"  # of all it turns fastest
+    assert first.decides == "learned: heat of turning or nothing"
+
+
+_STEPS_DPS = (0.0, 20.0, 0.0, -20.0, 0.0, 10.0, 0.0, -10.0)
+_RATES = {
+    "steps": (0.0, 20.0, 0.0, -20.0),
+    "once": (0.0, 10.0, -20.0, 20.0, 0.0, 0.0, 0.0, 0.0),
+    "early": (20.0, 0.0, -15.0, 0.0, 0.0),
+}
+
+
+def _turning(n: int, rates_dps: Sequence[float] = _STEPS_DPS) -> Stimulus:
     still = stimulus(n, cold=False)
-    rates_dps = np.repeat([0.0, 20.0, 0.0, -20.0, 0.0, 10.0, 0.0, -10.0], n // 8)
-    angle_deg = 10.0 + np.concatenate(([0.0], np.cumsum(rates_dps)))
+    each_dps = np.repeat(rates_dps, n // len(rates_dps))
+    angle_deg = 10.0 + np.concatenate(([0.0], np.cumsum(each_dps)))
     return Stimulus(still.time_s, still.t_in_c, still.t_out_c, angle_deg, still.elevation_deg, 39.1)
