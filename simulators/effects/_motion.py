@@ -48,11 +48,16 @@ def _tilt(s: Stimulus, _: Shape) -> Array:
 
 
 def _misalignment(s: Stimulus, _: Shape) -> Array:
-    """Sensitive axis leaning in its frame: an upright one picks up level Earth rate, a level one the table's."""
-    upright, level = np.sin(np.radians(s.elevation_deg)), np.cos(np.radians(s.elevation_deg))
-    cosine, sine = s.harmonic(1) * earth_rate_north_dph(s.latitude_deg) * np.abs(upright)
+    """Sensitive axis leaning in its frame: an upright one picks up level Earth rate, a level one the table's.
+
+    It stays a unit vector: of a lean towards (|up|, level) only what is square to the axis turns it.
+    """
+    up, level = np.sin(np.radians(s.elevation_deg)), np.cos(np.radians(s.elevation_deg))
+    cosine, sine = s.harmonic(1) * earth_rate_north_dph(s.latitude_deg)
     vertical = earth_rate_up_dph(s.latitude_deg) + 3600.0 * s.table_rate_dps
-    return np.asarray(math.radians(1.0) * np.stack((cosine + level * vertical, sine)))
+    along = level * np.abs(up) + up * level
+    turned = (np.abs(up) - along * level) * cosine + (level - along * up) * vertical
+    return np.asarray(math.radians(1.0) * np.stack((turned, np.abs(up) * sine)))
 
 
 ALIGNMENT_EFFECTS = (

@@ -15,9 +15,9 @@ _SIDES: tuple[Shape, ...] = tuple({"side": side} for side in (0.0, 0.5, -0.5, 1.
 def _change(s: Stimulus, shape: Shape) -> Array:
     """Return rate at the end less rate at the start of each sample.
 
-    Side 0.5 has changes of rate begin at samples' edges, -0.5 has them end there, 0 is between; a step right at
-    an edge moves into the sample before if samples are late (side 1), into the one after if early (side -1).
-    Where the rate at the edges is known there is nothing to choose.
+    Side 0.5 has changes of rate begin at samples' edges, -0.5 has them end there, 0 is for a smooth rate; a step
+    right at an edge moves into the sample before if samples are late (side 1), into the one after if early (side
+    -1). Where the rate at the edges is known there is nothing to choose.
     """
     if s.edge_rate_dps is not None:
         return np.asarray(3600.0 * np.diff(s.edge_rate_dps) * np.sin(np.radians(s.elevation_deg)))
@@ -25,9 +25,20 @@ def _change(s: Stimulus, shape: Shape) -> Array:
     forward, backward = _edge_values(rate), _edge_values(rate[::-1])[::-1]
     late = np.append(rate, rate[-1])
     early = np.insert(rate, 0, rate[0])
-    edges = (early, backward, forward, late)
-    weights = np.array([np.interp(side, (-1.0, -0.5, 0.5, 1.0), row) for row in np.eye(4)])
+    edges = (early, backward, _smooth_edges(rate), forward, late)
+    weights = np.array([np.interp(side, (-1.0, -0.5, 0.0, 0.5, 1.0), row) for row in np.eye(5)])
     return np.diff(np.einsum("i,ij->j", weights, np.stack(edges)))
+
+
+def _smooth_edges(means: Array) -> Array:
+    """Return values at the edges (n + 1,) of a smooth signal from its means (n,), never beyond both neighbours.
+
+    Fourth order: Colella and Woodward, J. Comput. Phys. 54, 1984, eq. 1.9.
+    """
+    wide = np.pad(means, 2, mode="edge")
+    left, right = wide[1:-2], wide[2:-1]
+    edges = (7.0 * (left + right) - wide[:-3] - wide[3:]) / 12.0
+    return np.asarray(np.clip(edges, np.minimum(left, right), np.maximum(left, right)))
 
 
 def _edge_values(means: Array) -> Array:

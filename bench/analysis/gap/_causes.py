@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.analysis.gap._findings import Cause, rivals_of
-from bench.analysis.gap._fit import Solution, solve, weighted_gram
+from bench.analysis.gap._fit import Solution, weighted_gram
 from bench.analysis.gap._generic import absorbed
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._unknown import CREDIBLE, credibility
@@ -83,17 +83,30 @@ def causes_of(
 def models_with_and_without(
     found: Found, variants: Sequence[Variant], model: Model, names: Sequence[str]
 ) -> list[Model]:
-    """Return the nominal model with all of the best set, then without each of `names`, all else fitted again."""
+    """Return the nominal model with all of the best set, then without each of `names`, itself fitted again."""
     posterior, best, q = found.posterior, found.best, len(model.sigmas)
-    gram = weighted_gram(found.data.cells, found.variance)
+    gram, solution = weighted_gram(found.data.cells, found.variance), best.solution
+    terms = {
+        posterior.candidates[member].effect: _fitted(member, solution, found, variants, q)
+        for member in sorted(best.members)
+    }
     models = []
     for gone in ("", *names):
-        members = [each for each in sorted(best.members) if posterior.candidates[each].effect != gone]
-        columns = [column + q for each in members for column in posterior.candidates[each].columns]
-        solution = solve(gram, model.sigmas, columns) if gone else best.solution
-        nominal = model.moved(solution.values, np.sqrt(np.diag(solution.covariance)))
-        terms = [_fitted(each, solution, found, variants, q) for each in members]
-        models.append(replace(nominal, terms=(*nominal.terms, *terms), noise=found.data.noise.noise))
+        kept = [term for name, term in terms.items() if name != gone]
+        change = solution.values[:q]
+        if gone and q:
+            own = [
+                column + q
+                for member in best.members
+                if posterior.candidates[member].effect == gone
+                for column in posterior.candidates[member].columns
+            ]
+            taken = np.where(np.isin(solution.indices, own), 0.0, solution.values)[q:]
+            nominal, others = np.arange(1, 1 + q), solution.indices[q:]
+            normal = gram[np.ix_(nominal, nominal)] + np.diag(1.0 / model.sigmas**2)
+            change = np.linalg.solve(normal, gram[nominal, 0] - gram[np.ix_(nominal, others)] @ taken)
+        moved = model.moved(change, model.sigmas)
+        models.append(replace(moved, terms=(*moved.terms, *kept), noise=found.data.noise.noise))
     return models
 
 

@@ -163,16 +163,20 @@ def _shares_by_phase(
 def holding(closed: Model, without: Sequence[Model], runs: Sequence[GapRun], floor: Floor) -> list[float]:
     """Return which part of what a model adds to each of others is there in some runs: 1 for all of it.
 
-    Below one half the runs come nearer with the other model. NaN where both say the same.
+    Below one half the runs come nearer with the other model. NaN where both say the same. What both leave in a
+    cell beyond its noise is something else, and makes the cell count less.
     """
     runs = without_disturbances(runs, closed).runs
     cells = rescaled(judged_cells((closed, *without), runs), floor.ratio)
-    products = np.sum([cell.products(np.arange(1 + len(without))) for cell in cells], axis=0)
+    products = np.stack([cell.products(np.arange(1 + len(without))) for cell in cells])
+    number, own = counts(cells), products[:, 0, 0]
     parts = []
     for place in range(1, 1 + len(without)):
-        added = products[0, 0] + products[place, place] - 2.0 * products[0, place]
-        gone = products[place, place] - products[0, 0]
-        parts.append(0.5 + 0.5 * float(gone / added) if added > _SEEN else math.nan)
+        other = products[:, place, place]
+        weight = 1.0 / np.maximum(np.minimum(own, other) / number, 1.0)
+        added = float(weight @ (own + other - 2.0 * products[:, 0, place]))
+        gone = float(weight @ (other - own))
+        parts.append(0.5 + 0.5 * gone / added if added > _SEEN else math.nan)
     return parts
 
 

@@ -240,6 +240,6 @@ def _missed(one: Effect, other: Effect) -> float:
     common = one.inputs & other.inputs
     if isinstance(one, FreeCurve) or isinstance(other, FreeCurve):
         return TOLERANCE if common & _TEMPERATURES else 0.0
-    if (one.inputs & _TEMPERATURES and other.inputs & _TEMPERATURES) or common & Input.TIME:
+    if (one.inputs & _TEMPERATURES and other.inputs & _TEMPERATURES) or common & (Input.TIME | Input.CLOCKS):
         return TOLERANCE
     return _OF_ATTITUDE if common & _DIRECTIONS else 0.0
