@@ -95,6 +95,15 @@ def instead_of(
     return max(possible, key=lambda each: by_effects[each], default=None)
 
 
+def missed_beside(curve: Effect) -> float:
+    """Return what an effect's formula may miss beside a curve over its very input, as a part of its amplitude.
+
+    A table turns unevenly with any harmonics of its angle: half of the energy may be in those of no formula.
+    """
+    waves = isinstance(curve, FreeCurve) and curve.orders and curve.curve.of_rate
+    return 1.0 if waves else TOLERANCE
+
+
 def curves_that_matter(
     judged: Sequence[Judged],
     left_without: LeftWithout,
@@ -111,23 +120,23 @@ def curves_that_matter(
         theirs = float((left_without(other, instead or other.names) - other.left).sum())
         same = all(absorbed(effects[name], [effects[curve]]) for name in instead) and bool(instead)
         gained = float(other.left.sum()) - float(curved.left.sum())
-        return gained > (TOLERANCE if same else MISFIT) ** 2 * theirs
+        return gained > (missed_beside(effects[curve]) if same else MISFIT) ** 2 * theirs
 
-    matter = []
-    for each in judged:
-        curves = each.names & each.curves
+    def matters(one: Judged) -> bool:
         pairs = [
             (curve, other)
-            for curve in curves
+            for curve in one.names & one.curves
             for other in judged
-            if each.names - {curve} <= other.names
-            and len(other.names) <= len(each.names)
-            and not (other.names - each.names) & other.curves
+            if one.names - {curve} <= other.names
+            and len(other.names) <= len(one.names)
+            and not (other.names - one.names) & other.curves
             and curve not in other.names
         ]
-        if all(enough(each, *pair) for pair in pairs):
-            matter.append(each)
-    return matter
+        return all(enough(one, *pair) for pair in pairs)
+
+    form = [one.names for one in judged if not matters(one)]
+    # what is added to a form makes no effect of it
+    return [one for one in judged if not any(names <= one.names for names in form)]
 
 
 def correcting(names: frozenset[str], effects: Mapping[str, Effect]) -> Iterator[frozenset[str]]:

@@ -31,6 +31,7 @@ from bench.analysis.gap._judged import (
     curves_that_matter,
     instead_of,
     less_forms,
+    missed_beside,
     told_by_form,
 )
 from bench.analysis.gap._lines import SpectralLine, strongest_line
@@ -196,7 +197,7 @@ def _judge_sets(
                     continue
                 solution = solve(gram, sigmas, _columns(posterior, one.members | {curve}, len(sigmas)))
                 gained = float(one.left.sum()) - float(energies(data.cells, solution).sum())
-                if gained <= TOLERANCE**2 * theirs:
+                if gained <= missed_beside(effects[posterior.candidates[curve].effect]) ** 2 * theirs:
                     members.add(curve)
         if members == one.members:
             return one
@@ -212,7 +213,11 @@ def _judge_sets(
     matter = curves_that_matter(judged, left_without, effects)
     matter = less_forms(matter, left_without, effects)
     matter = told_by_form(matter, left_without, data.cells, effects)
-    return [in_form(each) if each.rest.total and not each.curved else each for each in matter]
+    # a line may be what a ripple's formula leaves
+    turning = {name for name, effect in effects.items() if Input.TURN in effect.inputs}
+    return [
+        in_form(one) if (one.rest.total or one.names & turning) and not one.curved else one for one in matter
+    ]
 
 
 def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:
