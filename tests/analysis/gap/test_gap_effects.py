@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from drivers.base.constants import EARTH_RATE_DPH
-from simulators.effects import CATALOGUE, Effect, Stimulus, catalogue
+from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
+from simulators.effects import CATALOGUE, Effect, SlowRates, Stimulus, catalogue
 from tests.analysis.gap.conftest import effect, stimulus
 
 
@@ -96,6 +96,53 @@ def test_time_offset_is_a_shift_of_the_samples() -> None:
     for side in (-1.0, 0.0, 1.0):
         column = effect("time_offset").columns(s, {"side": side})[0]
         assert column[10:-10] == pytest.approx(np.full(580, 0.72), rel=1e-6)
+
+
+def test_a_smooth_rate_is_shifted_at_the_samples_own_edges() -> None:
+    """A swing of 12 samples, against the closed form: rate at the end less rate at the start of each."""
+    n, period = 240, 12.0
+    turn = 2.0 * np.pi * np.arange(n + 1.0) / period
+    angle_deg = 30.0 * np.sin(turn)
+    still = stimulus(n, cold=False)
+    s = Stimulus(still.time_s, still.t_in_c, still.t_out_c, angle_deg, still.elevation_deg, 39.1)
+    edges_dps = 30.0 * 2.0 * np.pi / period * np.cos(turn)
+    exact = 1e-3 * 3600.0 * np.diff(edges_dps)
+    column = effect("time_offset").columns(s, {"side": 0.0})[0]
+    # at a crest the edge's value never goes beyond its neighbours
+    crests = np.maximum(np.abs(np.cos(turn[:-1])), np.abs(np.cos(turn[1:]))) > 0.999
+    inside = slice(3, -3)
+    off = np.abs(column - exact)[inside] / np.abs(exact).max()
+    assert off[~crests[inside]].max() < 0.005
+    assert off.max() < 0.1
+
+
+def test_a_leaning_axis_stays_a_unit_vector() -> None:
+    """At any elevation: the column against the exact rotation of a unit vector, by finite differences."""
+    lean = 1e-6
+    for elevation_deg in (-90.0, 0.0, 20.0, 45.0, 90.0):
+        s = stimulus(100, rate_dps=3.0, elevation_deg=elevation_deg, cold=False)
+        up, level = np.sin(np.radians(elevation_deg)), np.cos(np.radians(elevation_deg))
+        axis = np.array([level + lean * abs(up), up + lean * level])
+        axis /= np.linalg.norm(axis)
+        along = s.harmonic(1)[0] * earth_rate_north_dph(39.1)
+        vertical = earth_rate_up_dph(39.1) + 3600.0 * s.table_rate_dps
+        change = (axis[0] - level) * along + (axis[1] - up) * vertical
+        column = effect("axis_misalignment").columns(s, {})[0]
+        assert column == pytest.approx(math.radians(1.0) * change / lean, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("at_c", [-60.0, 12.5, 48.0])
+def test_a_mode_hop_is_looked_for_at_every_temperature_of_the_runs(at_c: float) -> None:
+    s = stimulus(4000)
+    t_in_c = s.t_in_c + (at_c - 10.0)
+    warm = Stimulus(s.time_s, t_in_c, t_in_c, s.angle_deg, s.elevation_deg, 39.1)
+    none = np.zeros(0)
+    propose = effect("mode_hop").propose
+    assert propose is not None
+    shapes = propose(SlowRates(none, none, none.astype(np.int64), [(warm, np.zeros(4000))]))
+    assert min(abs(shape["at_c"] - at_c) for shape in shapes) <= 2.5
+    flat = Stimulus(s.time_s, np.full(4000, 20.0), t_in_c, s.angle_deg, s.elevation_deg, 39.1)
+    assert not propose(SlowRates(none, none, none.astype(np.int64), [(flat, np.zeros(4000))]))
 
 
 def test_earth_rate_constant() -> None:
