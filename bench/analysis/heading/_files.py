@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -10,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
-from pyarrow.types import is_boolean, is_floating, is_integer
 
 from bench.analysis.heading._frames import earth_rotation_deg
 from bench.analysis.heading._lagged import Form
 from bench.analysis.heading._log import PlatformLog, Site, log_from_positions
 from bench.analysis.heading._study import HeadingStudy, study_heading
 from bench.record.benchfile import bench_file_from
+from bench.record.exchange import read_table as read_log_table
 from bench.record.recording import Run, checksum, read_table, table_name
 from bench.record.run_folder import url_of
 from drivers.base.arrays import Array
@@ -117,7 +115,7 @@ def unit_of_log(path: Path) -> str:
 def load_log(
     path: Path, site: Site, columns: Mapping[str, str] | None = None
 ) -> tuple[PlatformLog, Array | None]:
-    """Return (log, other temperature or None) of a .csv (with a header line) or .parquet file or of a run folder.
+    """Return (log, other temperature or None) of a log of any format that imports read, or of a run folder.
 
     `columns` names columns that are not called as in `_COLUMNS`; a `time_ns` column serves as time. Empty cells
     are missing values, and so is a position that the unit itself called not valid (a column `valid`; it was
@@ -137,13 +135,11 @@ def load_log(
         wanted = {"other_temp_c": "cabinet_temp_c", **wanted}
         turned = run.turntable(_ANGLE) if "turntable" in run.tables else None
     elif path.exists():
-        table = _parquet(path) if path.suffix == ".parquet" else _csv(path)
+        table = _table(path)
         beside = path.with_name("turntable.parquet")
         turned = read_table(beside, _ANGLE) if beside.exists() else None
     else:
-        raise RecordError(
-            "there is no such log", where=str(path), expected="a .csv or .parquet file, or a run"
-        )
+        raise RecordError("there is no such log", where=str(path), expected="a file, or a run")
     if "time_ns" in table and wanted["time_s"] not in table:
         table = {**table, wanted["time_s"]: table["time_ns"] * 1e-9}
     if wanted["heading_deg"] not in table and "time_ns" in table and turned:
@@ -182,35 +178,9 @@ def _navigating(values: Mapping[str, Array], valid: NDArray[np.bool_]) -> dict[s
     return kept
 
 
-def _parquet(path: Path) -> dict[str, Array]:
-    with pq.ParquetFile(path) as file:
-        table = file.read(use_threads=False)
-    # Element by element: pyarrow's own conversion of a whole column would import pandas.
-    return {
-        name: np.array([np.nan if value is None else value for value in table[name].to_pylist()], np.float64)
-        for name, kind in zip(table.column_names, table.schema.types, strict=True)
-        if is_boolean(kind) or is_integer(kind) or is_floating(kind)
-    }
-
-
-def _csv(path: Path) -> dict[str, Array]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.reader(file))
-    if len(rows) < 2:
-        raise RecordError("the log is empty", where=str(path), expected="a header line and rows of numbers")
-    header = [name.strip() for name in rows[0]]
-    columns: dict[str, Array] = {}
-    for at, name in enumerate(header):
-        try:
-            cells = [row[at].strip() for row in rows[1:] if row]
-            columns[name] = np.array([float(cell) if cell else np.nan for cell in cells], np.float64)
-        except IndexError as error:
-            raise RecordError(
-                "a line of the log is too short",
-                where=str(path),
-                found=f"no {name!r} in some line",
-                expected=f"{len(header)} cells a line",
-            ) from error
-        except ValueError:
-            continue  # text, e.g. a date: not a quantity of ours unless asked for, and then it is missing
-    return columns
+def _table(path: Path) -> dict[str, Array]:
+    """Return the columns of numbers of a log; a column with words in it is none of ours."""
+    log = read_log_table(path)
+    if odd := log.words.pop("", ""):
+        raise RecordError("the log's rows are not all alike", where=str(path), found=odd)
+    return {name: column for name, column in log.columns.items() if name not in log.words}

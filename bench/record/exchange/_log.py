@@ -57,11 +57,11 @@ def read_log(file: Path, mapping: Mapping) -> Log:
     periods = {wanted["angle"].name: 360.0 / scales["angle"].factor} if "angle" in wanted else {}
     names = sorted(wanted, key=lambda name: name != "output")  # whose times an MDF file's other channels take
     table = read_table(file, [wanted[name].name for name in names], periods=periods)
-    for column in wanted.values():
-        if word := table.words.get(column.name, ""):
+    for name in ("", *(column.name for column in wanted.values())):
+        if word := table.words.get(name, ""):
             raise ConfigurationError(
-                "a column is not one of numbers",
-                where=f"{file}: {column.name}",
+                "a column is not one of numbers" if name else "the log's rows are not all alike",
+                where=f"{file}: {name}" if name else str(file),
                 found=word,
                 expected="numbers; of times also date-times",
             )

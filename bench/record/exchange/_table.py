@@ -77,8 +77,14 @@ def read_table(
             return _mdf(file, names, dbc, periods, sought)
         layout = layout_of(file, separator, skip)
         labels, units = _labelled(names, layout.headers, layout.units, file)
-        frame = read_rows(file, layout, list(labels)).rename(columns=labels)
-        return _table(frame, layout.decimal, [layout.remark], units, layout.rate_hz)
+        frame, odd = read_rows(file, layout, list(labels))
+        table = _table(frame.rename(columns=labels), layout.decimal, [layout.remark], units, layout.rate_hz)
+        if odd:
+            table.words[""] = (
+                f"{len(odd)} rows with another number of cells left out, the first {odd[0][:60]!r}"
+            )
+            table.remarks.append(table.words[""])
+        return table
     except ConfigurationError:
         raise
     except (OSError, MemoryError, ValueError, KeyError, pa.ArrowException) as error:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -88,17 +89,28 @@ def layout_of(file: Path, separator: str, skip: int | None) -> TextLayout:
     return TextLayout(used, decimal, start, headers, units, _stated_rate(before), remark)
 
 
-def read_rows(file: Path, layout: TextLayout, wanted: Sequence[str]) -> pd.DataFrame:
-    """Return columns of a text as they stand: numbers, times, or text where a cell is neither."""
+def read_rows(file: Path, layout: TextLayout, wanted: Sequence[str]) -> tuple[pd.DataFrame, list[str]]:
+    """Return columns of a text as they stand (numbers, times, or text where a cell is neither), and odd rows.
+
+    Odd rows have another number of cells; they are left out. Comments are none.
+    """
     if layout.separator == " ":
         return pd.read_csv(
             file, sep=r"\s+", header=None, skiprows=layout.skip, names=layout.headers, usecols=list(wanted),
             on_bad_lines="skip", encoding_errors="replace", index_col=False, low_memory=False,
-        )  # fmt: skip
+        ), []  # fmt: skip
+    odd: list[str] = []
+
+    def skip(row: Any) -> str:
+        if not row.text.lstrip().startswith(_COMMENTS):
+            odd.append(row.text)
+        return "skip"
+
     read = pa.csv.ReadOptions(skip_rows=layout.skip, column_names=layout.headers, block_size=1 << 24)
-    parse = pa.csv.ParseOptions(delimiter=layout.separator, invalid_row_handler=lambda row: "skip")
+    parse = pa.csv.ParseOptions(delimiter=layout.separator, invalid_row_handler=skip)
 
     def rows(types: dict[str, pa.DataType]) -> pd.DataFrame:
+        odd.clear()
         convert = pa.csv.ConvertOptions(
             column_types=types, decimal_point=layout.decimal, null_values=_MISSING, check_utf8=False,
             strings_can_be_null=True, include_columns=list(wanted),
@@ -107,9 +119,9 @@ def read_rows(file: Path, layout: TextLayout, wanted: Sequence[str]) -> pd.DataF
         return pd.DataFrame(table.to_pandas())
 
     try:
-        return rows({})
+        return rows({}), odd
     except pa.ArrowInvalid:  # a column of numbers has words further down
-        return rows(dict.fromkeys(wanted, pa.string()))
+        return rows(dict.fromkeys(wanted, pa.string())), odd
 
 
 def _fields(line: str, separator: str) -> list[str]:

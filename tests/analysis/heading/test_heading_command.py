@@ -115,11 +115,11 @@ def test_wrong_files_are_named(logs: tuple[Path, Path], tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=r"no such quantity.*depth"):
         load_log(logs[0], site, {"depth": "z"})
     short = tmp_path / "short.csv"
-    short.write_text("time_s,latitude_deg\n1,2\n3\n")
-    with pytest.raises(RecordError, match="too short"):
+    short.write_text("time_s,latitude_deg\n1,2\n3\n" + 10 * "4,5\n")
+    with pytest.raises(RecordError, match=r"not all alike.*1 rows with another number of cells.*'3'"):
         load_log(short, site)
     short.write_text("time_s\n")
-    with pytest.raises(RecordError, match="empty"):
+    with pytest.raises(ConfigurationError, match="no rows of numbers"):
         load_log(short, site)
     with pytest.raises(RecordError, match="not a readable compensation"):
         HeadingCompensation.load(short)

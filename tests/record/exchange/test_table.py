@@ -154,3 +154,18 @@ def test_units_with_factor_and_offset(quantity: str, unit: str, raw: float, valu
 def test_a_unit_is_known_or_none(text: str) -> None:
     scale = scale_of("rate", text)
     assert scale is None or np.isfinite(scale.factor)
+
+
+def test_rows_of_another_length_are_said_and_not_imported(tmp_path: Path) -> None:
+    """A logger that lost a cell moves the others by one column; comments between rows are none."""
+    path = tmp_path / "log.csv"
+    path.write_text(rows("t;gyro_x;gyro_y\n", middle="# a pause\n1.00;0.5\n"))
+    table = read_table(path)
+    assert len(table.columns["t"]) == 200
+    assert table.remarks[-1] == "1 rows with another number of cells left out, the first '1.00;0.5'"
+    columns: dict[str, object] = {
+        "time": {"name": "t", "unit": "s"},
+        "output": {"name": "gyro_x", "unit": "deg/s"},
+    }
+    with pytest.raises(ConfigurationError, match="rows are not all alike"):
+        read_log(path, Mapping(format=1, unit_id="U", latitude_deg=0.0, columns=columns))
