@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -95,10 +96,14 @@ def read_rows(file: Path, layout: TextLayout, wanted: Sequence[str]) -> tuple[pd
     Odd rows have another number of cells; they are left out. Comments are none.
     """
     if layout.separator == " ":
-        return pd.read_csv(
-            file, sep=r"\s+", header=None, skiprows=layout.skip, names=layout.headers, usecols=list(wanted),
-            on_bad_lines="skip", encoding_errors="replace", index_col=False, low_memory=False,
-        ), []  # fmt: skip
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            frame = pd.read_csv(
+                file, sep=r"\s+", header=None, skiprows=layout.skip, names=layout.headers,
+                comment="#", on_bad_lines="warn", encoding_errors="replace", low_memory=False,
+            )  # fmt: skip
+        said = "\n".join(str(warning.message) for warning in caught)
+        return frame[list(wanted)], re.findall(r"line \d+(?=: expected)", said)
     odd: list[str] = []
 
     def skip(row: Any) -> str:

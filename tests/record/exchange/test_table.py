@@ -156,13 +156,16 @@ def test_a_unit_is_known_or_none(text: str) -> None:
     assert scale is None or np.isfinite(scale.factor)
 
 
-def test_rows_of_another_length_are_said_and_not_imported(tmp_path: Path) -> None:
-    """A logger that lost a cell moves the others by one column; comments between rows are none."""
+@pytest.mark.parametrize(("separator", "odd"), [(";", "1.00;0.5"), (" ", "line 103")])
+def test_rows_of_another_length_are_said_and_not_imported(tmp_path: Path, separator: str, odd: str) -> None:
+    """A logger that lost or doubled a cell moves the others by one column; comments between rows are none."""
     path = tmp_path / "log.csv"
-    path.write_text(rows("t;gyro_x;gyro_y\n", middle="# a pause\n1.00;0.5\n"))
+    wrong = "1.00;0.5" if separator == ";" else "1.0 0.5 0.25 4.0"
+    text = rows("t;gyro_x;gyro_y\n", middle=f"# a pause\n{wrong}\n")
+    path.write_text(text.replace(";", separator))
     table = read_table(path)
     assert len(table.columns["t"]) == 200
-    assert table.remarks[-1] == "1 rows with another number of cells left out, the first '1.00;0.5'"
+    assert table.remarks[-1] == f"1 rows with another number of cells left out, the first {odd!r}"
     columns: dict[str, object] = {
         "time": {"name": "t", "unit": "s"},
         "output": {"name": "gyro_x", "unit": "deg/s"},
