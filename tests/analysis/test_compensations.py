@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import struct
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from bench.analysis.calibration import ImuCompensation
 from bench.analysis.common.compensation import FittedCompensation, UnitMismatch
-from bench.analysis.common.state_file import read_state, write_state
+from bench.analysis.common.state_file import JSON_ENTRY, read_state, write_state
 from bench.analysis.compensations import KINDS, load_compensation
 from bench.analysis.heading import HeadingCompensation
 from bench.analysis.heading._lagged import Evidence, LaggedModel
@@ -37,7 +40,8 @@ def made(*shape: int) -> st.SearchStrategy[np.ndarray]:
 
 @st.composite
 def imu(draw: st.DrawFn) -> ImuCompensation:
-    parts = draw(st.tuples(made(24), made(24), made(24, 24), made(2, 3), NUMBERS, NAMES, NUMBERS))
+    parameters = arrays(np.float64, (24,), elements=st.floats(-0.1, 0.1))
+    parts = draw(st.tuples(parameters, made(24), made(24, 24), made(2, 3), NUMBERS, NAMES, NUMBERS))
     return ImuCompensation(draw(NAMES), *parts, runs=draw(SUMS), declared=("a doubt",))
 
 
@@ -66,7 +70,7 @@ def heading(draw: st.DrawFn) -> HeadingCompensation:
         terms[0],
         draw(made(3, terms[1])),
         draw(made(3, terms[1])),
-        draw(NUMBERS),
+        draw(st.floats(1.0, 1e6)),
         reference,
         0.0,
         40.0,
@@ -174,6 +178,14 @@ def changed(value: object, place: tuple[str, ...], to: object) -> object:
         ("thermal", ("unit_id",), None, "KeyError.*unit_id"),
         ("thermal", ("state", "centre"), np.zeros(1), "not a readable"),
         ("thermal", ("inputs", "t_in", "valid_range"), [1.0], "not a readable"),
+        ("thermal", ("state", "scale"), np.zeros(14), "scale that is not above zero"),
+        ("thermal", ("state", "scale"), np.ones(1), "not a readable"),
+        ("thermal", ("k_ref",), 0.0, "ZeroDivisionError"),
+        ("thermal", ("step_s",), 0, "step_s is 0"),
+        ("whirl", ("travel_deg",), 0.0, "travel_deg is 0"),
+        ("heading", ("tau_s",), 0.0, "tau_s is 0"),
+        ("heading", ("reference", "coefficients"), np.zeros(16), "not a readable"),
+        ("imu", ("parameters_si",), np.full(24, -1.0), "Singular matrix"),
     ],
 )
 def test_wrong_shapes_and_what_is_no_number_are_refused(name, place, to, words, tmp_path) -> None:
@@ -184,6 +196,85 @@ def test_wrong_shapes_and_what_is_no_number_are_refused(name, place, to, words, 
         state = changed(state, place, to)
     write_state(tmp_path / "x", state)
     with pytest.raises(RecordError, match=words):
+        load_compensation(tmp_path / "x")
+
+
+def spoilt(path: Path, out: Path, entry: str, content: bytes) -> Path:
+    """A copy of a file with another content of one entry."""
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(out, "w") as new:
+        for name in old.namelist():
+            new.writestr(name, content if name == entry else old.read(name))
+    return out
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("text", ["NaN", "Infinity", "-1e999"])
+def test_no_number_of_any_file_may_be_none(name: str, text: str, tmp_path: Path) -> None:
+    path = OLD / f"{name}.gyrocomp"
+    with zipfile.ZipFile(path) as archive:
+        described = archive.read(JSON_ENTRY).decode()
+        arrays = [entry for entry in archive.namelist() if entry.endswith(".npy")]
+        sizes = {entry: len(archive.read(entry)) for entry in arrays}
+        contents = {entry: archive.read(entry) for entry in arrays}
+    numbers = list(re.finditer(r"(?<=[ \n])-?\d+\.[\de.+-]+(?=[,\n])", described))
+    assert len(numbers) > 5
+    for number in numbers:
+        changed_text = described[: number.start()] + text + described[number.end() :]
+        spoilt(path, tmp_path / "x", JSON_ENTRY, changed_text.encode())
+        with pytest.raises(RecordError, match="not a readable"):
+            load_compensation(tmp_path / "x")
+    for entry in arrays:
+        for end in (sizes[entry] - 8, sizes[entry] - 1, 20):  # an array that lost its end
+            spoilt(path, tmp_path / "x", entry, contents[entry][:end])
+            with pytest.raises(RecordError, match="not a readable"):
+                load_compensation(tmp_path / "x")
+        last = struct.pack("<d", float(text))
+        spoilt(path, tmp_path / "x", entry, contents[entry][:-8] + last)
+        with pytest.raises(RecordError, match="not all of it numbers"):
+            load_compensation(tmp_path / "x")
+
+
+@pytest.mark.parametrize(
+    ("place", "to", "words"),
+    [
+        (("weights", "input_high"), np.array([-50.0, 3.5, 25.0]), "range is empty"),
+        (("weights", "w_output"), np.zeros((2, 3)), "w_output of shape"),
+        (("weights", "bias"), np.full(8, np.nan), "not all of it numbers"),
+    ],
+)
+def test_a_network_that_gives_nothing_is_refused(place, to, words, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    shapes = {"w_input": (8, 3), "w_hidden": (8, 2), "bias": (8,), "w_output": (2, 2), "b_output": (2,)}
+    network = {
+        "settings": {"hidden": 2},
+        "weights": {name: rng.normal(size=shape) for name, shape in shapes.items()}
+        | {"input_low": np.array([-50.0, -3.5, -15.0]), "input_high": np.array([26.0, 3.5, 25.0])}
+        | {"target_mid": np.zeros(2), "target_scale": np.array([0.25, 0.0])},
+    }
+    state = read_state(OLD / "thermal.gyrocomp") | {"model": "lstm", "state": network}
+    write_state(tmp_path / "whole", state)
+    load_compensation(tmp_path / "whole")  # a target that was not trained has scale 0
+    write_state(tmp_path / "x", changed(state, ("state", *place), to))
+    with pytest.raises(RecordError, match=words):
+        load_compensation(tmp_path / "x")
+
+
+@pytest.mark.parametrize("name", ["k_in", "k_relax", "width_c"])
+def test_a_grey_box_without_exchange_is_refused(name: str, tmp_path: Path) -> None:
+    parameters = {"k_in": 0.02, "k_out": 0.01, "k_layer": 0.2, "k_relax": 5e-4}
+    parameters |= {"transition_c": -20.0, "width_c": 8.0}
+    state = read_state(OLD / "thermal.gyrocomp") | {"model": "grey_box"}
+    linear = {
+        "centre": np.zeros(10),
+        "scale": np.ones(10),
+        "coef": np.ones((10, 2)),
+        "intercept": np.zeros(2),
+    }
+    state["state"] = {"step_s": 10.0, **linear, "parameters": parameters}
+    write_state(tmp_path / "whole", state)
+    load_compensation(tmp_path / "whole")
+    write_state(tmp_path / "x", changed(state, ("state", "parameters", name), 0.0))
+    with pytest.raises(RecordError, match="not above zero"):
         load_compensation(tmp_path / "x")
 
 

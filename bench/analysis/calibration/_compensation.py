@@ -70,10 +70,15 @@ class ImuCompensation(FittedCompensation):
             )
         if not (np.isfinite(rate).all() and np.isfinite(force).all()):
             raise RecordError("samples that are no numbers", expected="an unbroken stretch")
-        moved = Increments(period_s, np.radians(rate) * period_s, force * period_s)
-        every = np.concatenate([self.parameters, self.lever_m.ravel(), [self.lag_s]])
-        clean = compensate(moved, every)
+        clean = self._compensated(Increments(period_s, np.radians(rate) * period_s, force * period_s))
         return np.degrees(clean.angle_rad) / period_s, clean.velocity_mps / period_s
+
+    def _compensated(self, moved: Increments) -> Increments:
+        return compensate(moved, np.concatenate([self.parameters, self.lever_m.ravel(), [self.lag_s]]))
+
+    def _trial(self) -> Any:
+        clean = self._compensated(Increments(1.0, np.zeros((3, 3)), np.ones((3, 3))))
+        return clean.angle_rad, clean.velocity_mps
 
     def _described(self) -> dict[str, Any]:
         """Return parameters in printed units."""

@@ -22,6 +22,8 @@ from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError, RecordError
 
+_NOT_RESTORED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
+
 
 class UnitMismatch(ConfigurationError):
     """A compensation of one unit, asked to correct another."""
@@ -41,6 +43,8 @@ class FittedCompensation:
     FORMAT: ClassVar[int] = 1
     SHAPES: ClassVar[Mapping[str, tuple[int | str, ...]]] = {}
     """Arrays among the attributes and their shapes; a word stands for a length, equal wherever it is said."""
+    POSITIVE: ClassVar[tuple[str, ...]] = ()
+    """Attributes that are divided by, or are times: above zero, all of them."""
     NAMES: ClassVar[Mapping[str, str]] = {}
     """Attributes that have another name in the file, and which."""
 
@@ -63,6 +67,10 @@ class FittedCompensation:
         kinds = get_type_hints(cls)
         own = {name: _typed(state[cls.NAMES.get(name, name)], kinds[name]) for name in cls._own()}
         return cls(unit_id=state["unit_id"], **own, **metadata)
+
+    def _trial(self) -> Any:
+        """Return what this kind makes of an ordinary input; a file that makes no finite numbers is refused."""
+        return 0.0
 
     @classmethod
     def _own(cls) -> list[str]:
@@ -95,12 +103,16 @@ class FittedCompensation:
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all and without pickle; RecordError for what is no number."""
         state = {**self.describe(), **self._arrays()}
-        self.check(state, path)
+        _require_numbers(state, path)
+        self.require_usable(path)
         write_state(path, state)
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a file; RecordError if it is damaged, of another kind or format, or has arrays of other shapes."""
+        """Read a file; RecordError if it is damaged, of another kind or format, or corrects nothing.
+
+        All its numbers are finite, its arrays of their shapes, and what it gives on an ordinary input is finite.
+        """
         state = read_state(path)
         if (state.get("kind"), state.get("format")) != (cls.KIND, cls.FORMAT):
             raise RecordError(
@@ -111,19 +123,17 @@ class FittedCompensation:
                 remedy="`bench.analysis.compensations.load_compensation` reads every kind; of an older format, "
                 "fit again",
             )
+        _require_numbers(state, path)
         try:
             named = {name: dict(state.get(name, {})) for name in ("runs", "software")}
             made = cls._restored(state, {**named, "created_utc": str(state.get("created_utc", ""))})
-        except (LookupError, TypeError, ValueError, AttributeError) as error:
+        except _NOT_RESTORED as error:
             raise unreadable(path, f"{type(error).__name__}: {error}") from error
-        made.check(state, path)
+        made.require_usable(path)
         return made
 
-    def check(self, state: Mapping[str, Any], path: Path) -> None:
-        """Raise RecordError for arrays that are no finite numbers or of another shape than `SHAPES` says."""
-        for place, array in _arrays_in(state):
-            if array.dtype.kind not in "fciub" or not np.isfinite(array).all():
-                raise unreadable(path, f"{place}: not all of it numbers")
+    def require_usable(self, path: Path) -> None:
+        """Raise RecordError for another shape than `SHAPES`, what is not `POSITIVE`, a trial that fails."""
         lengths: dict[str, int] = {}
         for name, shape in self.SHAPES.items():
             found = np.shape(attrgetter(name)(self))
@@ -133,6 +143,16 @@ class FittedCompensation:
             )
             if len(found) != len(shape) or found != wanted:
                 raise unreadable(path, f"{name} of shape {found}, not {shape}")
+        for name in self.POSITIVE:
+            if not (value := attrgetter(name)(self)) > 0.0:
+                raise unreadable(path, f"{name} is {value}, not above zero")
+        try:
+            with np.errstate(all="ignore"):
+                usable = np.isfinite(self._trial()).all()
+        except _NOT_RESTORED as error:
+            raise unreadable(path, f"{type(error).__name__} where it is used: {error}") from error
+        if not usable:
+            raise unreadable(path, "it gives no finite correction of an ordinary input")
 
 
 def _plain(value: Any) -> Any:
@@ -166,8 +186,14 @@ def software_versions(*names: str) -> dict[str, str]:
     return {**packages, "python": platform.python_version()}
 
 
+def _require_numbers(state: Mapping[str, Any], path: Path) -> None:
+    for place, array in _arrays_in(state):
+        if array.dtype.kind not in "fciub" or not np.isfinite(array).all():
+            raise unreadable(path, f"{place}: not all of it numbers")
+
+
 def _arrays_in(value: Any, place: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
-    if isinstance(value, np.ndarray | float):
+    if isinstance(value, np.ndarray | float | int):
         yield place, np.asarray(value)
     elif isinstance(value, Mapping):
         for key, part in value.items():

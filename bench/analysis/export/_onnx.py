@@ -14,6 +14,7 @@ import numpy as np
 
 from bench.analysis.thermal._lstm import LstmModel
 from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
 
 IR_VERSION = 7
 OPSET = 14
@@ -27,7 +28,8 @@ def lstm_to_onnx(model: LstmModel) -> bytes:
 
     Inputs `features` (steps, 1, 3) in the order t_in degC, dt_60 degC/min, gradient degC; `h0`, `c0` (1, 1,
     hidden). Outputs `drift` (steps, 1, 2) in deg/h and ppm; `h1`, `c1`. Start with h0 = c0 = 0 and feed the
-    first sample `warm_up` times (in the metadata) before the run. ConfigurationError for an unfitted model.
+    first sample `warm_up` times (in the metadata) before the run. ConfigurationError for an unfitted model, and
+    for a weight that is no number.
     """
     weights, n = model.weights, model.weights.hidden
     w_input, w_hidden, bias = (
@@ -110,7 +112,17 @@ def _node(
 
 def _tensor(name: str, value: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> bytes:
     whole = np.issubdtype(value.dtype, np.integer)
-    raw = value.astype("<i8" if whole else "<f4").tobytes()
+    with np.errstate(over="ignore"):
+        stored = value.astype("<i8" if whole else "<f4")
+    if not np.isfinite(stored).all():
+        raise ConfigurationError(
+            "a constant is no number, or beyond the range of a float32",
+            where="ONNX export",
+            found=f"{name}: {value[~np.isfinite(stored)][0]}",
+            expected="finite weights and ranges",
+            remedy="fit the network again",
+        )
+    raw = stored.tobytes()
     dims = b"".join(_int_field(1, size) for size in value.shape)
     return dims + _int_field(2, _INT64 if whole else _FLOAT) + _field(8, name.encode()) + _field(9, raw)
 

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
 
+import numpy as np
+
 from bench.analysis.common.compensation import FittedCompensation, provenance
 from bench.analysis.heading._compensator import HeadingCompensator
-from bench.analysis.heading._lagged import Evidence, LaggedModel
+from bench.analysis.heading._lagged import Evidence, LaggedModel, regressors
 from bench.analysis.heading._temperature import ReferenceTemperature
 
 _SAME = ("form", "tau_s", "reference_heading_deg", "latitude_deg", "headings", "hours")
@@ -29,6 +31,8 @@ class HeadingCompensation(FittedCompensation):
         "model.swing": (3, 4),
         "model.reference.coefficients": ("harmonics",),
     }
+
+    POSITIVE = ("model.tau_s",)
 
     model: LaggedModel
 
@@ -55,6 +59,11 @@ class HeadingCompensation(FittedCompensation):
             "largest": self.model.largest,
             "swing": self.model.swing,
         }
+
+    def _trial(self) -> Any:
+        model = self.model
+        rows = regressors(np.zeros(2), np.zeros(2), 1.0, model.reference, model.tau_s, model.form)
+        return rows @ model.gain.T
 
     @classmethod
     def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:

@@ -58,6 +58,7 @@ class Compensation(FittedCompensation):
 
     KIND = None
     WHAT = "thermal drift"
+    POSITIVE = ("step_s",)
 
     model: ThermalModel
     step_s: int
@@ -120,6 +121,12 @@ class Compensation(FittedCompensation):
     def _arrays(self) -> dict[str, Any]:
         return {"state": self.model.to_state()}
 
+    def _trial(self) -> Any:
+        bias_dph, sf_error_ppm = self.model.stepper().step(
+            self.reference_temp_c, self.reference_temp_c, 0.0, 0.0
+        )
+        return bias_dph, sf_error_ppm, 1.0 / self.k_ref
+
     @classmethod
     def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
         inputs = {name: _interval(state["inputs"][name]["valid_range"]) for name in FEATURES}
@@ -127,9 +134,6 @@ class Compensation(FittedCompensation):
         training = tuple(map(_read_paper, state["training_runs"]))
         metadata["runs"] = {run.run_id: run.checksum for run in training}
         model = restore_model(state["model"], state["state"])
-        tried = model.stepper().step(state["reference_temp_c"], state["reference_temp_c"], 0.0, 0.0)
-        if not np.isfinite(tried).all() or np.shape(tried) != (2,):
-            raise ValueError(f"the model gives {tried} at its reference temperature")
         return cls(
             unit_id=state["unit_id"],
             model=model,

@@ -132,6 +132,8 @@ class GreyBoxModel(MappedModel):
         model = super().from_state(state)
         parameters = {key: float(value) for key, value in state["parameters"].items()}
         model.parameters = GreyBoxParameters(**parameters)
+        if not min(value for name, value in parameters.items() if name != "transition_c") > 0.0:
+            raise ValueError("an exchange rate or a width that is not above zero")
         return model
 
 

@@ -133,5 +133,7 @@ class LstmModel:
         for key, shape in shapes.items():
             if getattr(weights, key).shape != shape:
                 raise ValueError(f"{key} of shape {getattr(weights, key).shape}, not {shape}")
+        if not (weights.input_high > weights.input_low).all():
+            raise ValueError("an input whose range is empty")
         model._weights = weights
         return model

@@ -51,7 +51,10 @@ class LinearMap:
         shapes, terms = [array.shape for array in arrays], len(arrays[2])
         if shapes != [(terms,), (terms,), (terms, 2), (2,)]:
             raise ValueError(f"{', '.join(_SAVED)} of shapes {shapes}")
-        return cls(*arrays)
+        restored = cls(*arrays)
+        if not (restored.scale > 0.0).all():
+            raise ValueError("a scale that is not above zero")
+        return restored
 
 
 class MappedModel(ABC):

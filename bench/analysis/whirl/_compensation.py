@@ -29,6 +29,7 @@ class WhirlCompensation(FittedCompensation):
     KIND = "whirl"
     WHAT = "whirl"
     SHAPES: ClassVar = {"lines": ("l",), "amplitudes_arcsec": ("l",), "sd_arcsec": ("l",)}
+    POSITIVE = ("travel_deg",)
 
     lines: tuple[float, ...]
     amplitudes_arcsec: Complex

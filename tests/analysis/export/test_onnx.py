@@ -12,6 +12,7 @@ from bench.analysis.thermal import FeatureRun, ThermalRun, prepare
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._lstm import LstmModel
 from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -76,3 +77,12 @@ def test_large_dimension_takes_more_than_one_varint_byte() -> None:
     from bench.analysis.export._onnx import _varint
 
     assert _varint(300) == bytes([0xAC, 0x02]) and _varint(0) == b"\0" and _varint(127) == b"\x7f"
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e39])
+def test_a_weight_that_is_no_float_is_not_exported(model: LstmModel, value: float) -> None:
+    state = model.to_state()
+    weights = {name: array.copy() for name, array in state["weights"].items()}
+    weights["w_output"][1, 3] = value
+    with pytest.raises(ConfigurationError, match=r"ONNX export.*w_output"):
+        lstm_to_onnx(LstmModel.from_state({**state, "weights": weights}))
