@@ -48,14 +48,15 @@ def _is_open(folder: Path) -> bool:
 def recover(folder: Path) -> Manifest:
     """Decode and seal a run that was never closed, as aborted; return its manifest. A closed run stays as it is.
 
-    BenchInUse while somebody has its bench, for then the run may still go on; RecordError if the folder cannot be
-    read or written.
+    BenchInUse while somebody has had its bench since before the run began, for then it may still go on;
+    RecordError if the folder cannot be read or written.
     """
     manifest = read_manifest(local_run(folder))
     if manifest.complete:
         return manifest
     holder = lease_holder(bench_file_from(manifest.bench))
-    if holder is not None:
+    # A run, its watchdog included, keeps its lease from before it begins until it ends: a later one is another's.
+    if holder is not None and holder.since_utc <= manifest.started_utc:
         raise BenchInUse(
             "the run may still be going on",
             where=str(folder),

@@ -55,9 +55,9 @@ SILENT = json.dumps({"dependencies": [REPORT["dependencies"][2]], "fixes": []})
 
 
 @pytest.mark.parametrize("text", ["", "Traceback ...", "{}", "[]", SILENT])
-def test_an_index_that_does_not_answer_is_said_aloud_and_fails_nothing(monkeypatch, capsys, text):
+def test_an_audit_in_which_nothing_was_audited_fails(monkeypatch, capsys, text):
     answered(monkeypatch, text)
-    assert audit.main() == 0
+    assert audit.main() == 2
     assert "AUDIT NOT MADE" in capsys.readouterr().err
 
 

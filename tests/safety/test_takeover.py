@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from itertools import pairwise
@@ -210,7 +211,7 @@ def test_a_folder_that_another_watchdog_left_is_gone_on_with(bench):
 class Heard:
     """What the watchdog's process hears and says, and the takeover that it makes of it."""
 
-    def __init__(self, monkeypatch, said, *, runner=None, confirmed=True, lease=(), ready=None):
+    def __init__(self, monkeypatch, said, *, runner=None, confirmed=True, lease=(), ready=None, armed=False):
         self.said, self.written, self.taken = list(said), [], []
         system = SimpleNamespace(
             pidfd_open=runner or (lambda pid: 7), write=ready or self.write, read=lambda *_: self.said.pop(0)
@@ -222,7 +223,7 @@ class Heard:
             "select": SimpleNamespace(select=lambda readers, *_: (readers, [], [])),
             "runqueue_wait_s": lambda pid: 0.0,
             "host_seconds": lambda: 100.3,
-            "_read_order": lambda: _process.Order(Path(), 1, lease, {}),
+            "_read_order": lambda: _process.Order(Path(), 1, lease, {}, armed),
             "_take_over": lambda order, runner, silent_s: self.taken.append((runner, silent_s)) or confirmed,
         }.items():
             monkeypatch.setattr(_process, name, stand_in)
@@ -246,8 +247,9 @@ def ended(pid):
         ([b""], {}),  # the runner ended before anything was moved
         ([ARM, FIRST, DISMISS], {}),
         ([ARM + FIRST, FIRST[:3], FIRST[3:] + DISMISS], {}),
-        ([], {"runner": ended}),
-        ([], {"ready": lost}),
+        ([b""], {"runner": ended}),
+        ([DISMISS], {"ready": lost}),
+        ([DISMISS], {"ready": lost, "armed": True}),
     ],
 )
 def test_a_watchdog_that_is_not_needed_ends_without_a_word(monkeypatch, said, settings):
@@ -267,9 +269,59 @@ def test_a_watchdog_takes_over_lets_go_of_the_lease_and_says_how_it_went(monkeyp
     assert not lease.exists()
 
 
+@pytest.mark.parametrize(("settings", "runner"), [({}, 7), ({"ready": lost}, 7), ({"runner": ended}, None)])
+def test_one_that_takes_the_place_of_a_lost_watchdog_guards_from_its_start(monkeypatch, settings, runner):
+    """The runner that ordered it died before it was up."""
+    heard = Heard(monkeypatch, [b""], armed=True, **settings)
+    assert _process.main() == 0
+    assert heard.taken == [(runner, None)]
+
+
+FROZEN = """
+import sys
+from bench.control.watchdog import _process
+_process.UNARMED_S = 0.5
+sys.exit(_process.main())
+"""
+
+
+def test_a_runner_that_is_stopped_before_its_first_command_is_ended_and_its_lease_given_back(tmp_path):
+    runner = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    os.kill(runner.pid, signal.SIGSTOP)
+    with (tmp_path / "lease").open("w") as lease:
+        order = {
+            "bench": load_bench_file(DEMO).model_dump(mode="json"),
+            "run_folder": str(tmp_path),
+            "runner": runner.pid,
+            "lease": [lease.fileno()],
+            "armed": False,
+        }
+        guard = subprocess.Popen(
+            [sys.executable, "-c", FROZEN],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            pass_fds=[lease.fileno()],
+        )
+        guard.stdin.write(json.dumps(order).encode() + b"\n")
+        guard.stdin.flush()
+        assert runner.wait(60) == -signal.SIGKILL
+        assert guard.wait(60) == 0
+    assert b"before its first command" in guard.stderr.read()
+    assert not (tmp_path / "lease").exists() and not (tmp_path / "watchdog").exists()
+    for pipe in (runner.stdin, guard.stdin, guard.stdout, guard.stderr):
+        pipe.close()
+
+
 def test_the_order_is_read_to_the_end_of_its_line(monkeypatch):
     file = load_bench_file(DEMO)
-    order = {"bench": file.model_dump(mode="json"), "run_folder": "/runs/r", "runner": 42, "lease": [3, 4]}
+    order = {
+        "bench": file.model_dump(mode="json"),
+        "run_folder": "/runs/r",
+        "runner": 42,
+        "lease": [3, 4],
+        "armed": True,
+    }
     sent = bytearray(json.dumps(order).encode() + b"\n" + ARM)
 
     def read(descriptor, count):
@@ -280,7 +332,7 @@ def test_the_order_is_read_to_the_end_of_its_line(monkeypatch):
 
     monkeypatch.setattr(_process.os, "read", read)
     found = _process._read_order()
-    assert (found.run_folder, found.runner, found.lease) == (Path("/runs/r"), 42, (3, 4))
+    assert (found.run_folder, found.runner, found.lease, found.armed) == (Path("/runs/r"), 42, (3, 4), True)
     assert list(found.openers) == ["table", "chamber"]
     assert bytes(sent) == ARM  # it is for the loop that comes after
 

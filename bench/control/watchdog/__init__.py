@@ -23,13 +23,19 @@ from contextlib import suppress
 from pathlib import Path
 
 from bench.control.lease import Lease
-from bench.control.watchdog._silence import HUNG_S, STARVED_S, SilenceTimeout, runqueue_wait_s
+from bench.control.watchdog._silence import (
+    HUNG_S,
+    STARVED_S,
+    UNARMED_S,
+    SilenceTimeout,
+    runqueue_wait_s,
+)
 from bench.record.benchfile import BenchFile
 from bench.record.events.run import Alarm, Invalid
 from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError
 
-__all__ = ["HUNG_S", "STARVED_S", "Watchdog"]
+__all__ = ["HUNG_S", "STARVED_S", "UNARMED_S", "Watchdog"]
 
 UNANSWERED_S = 1.0
 """A watchdog that has not answered a beat for so long is taken for hung: beats come twice a second at least."""
@@ -162,20 +168,26 @@ class Watchdog:
         stop: Callable[[str], None],
     ) -> None:
         self._lease, self._tell, self._stop = lease, tell, stop
-        order = {
+        self._order = {
             "bench": file.model_dump(mode="json"),
             "run_folder": str(run_folder.resolve()),
             "runner": os.getpid(),
             "lease": lease.descriptors,
         }
-        self._order = json.dumps(order).encode() + b"\n"
         self._beaten_s = host_seconds()
         self._watched = self._dismissed = False
         self._replaced = 0
-        self._process = _Process(self._order, lease)
+        self._process = self._start()
+
+    def _start(self) -> _Process:
+        order = self._order | {"armed": self._watched}
+        return _Process(json.dumps(order).encode() + b"\n", self._lease)
 
     def arm(self) -> None:
-        """Wait until the watchdog is ready, and begin to be watched; BenchError if it does not come up."""
+        """Wait until the watchdog is ready, and begin to be watched; BenchError if it does not come up.
+
+        Until then nothing moves: a runner that stands still is ended after `UNARMED_S`, for its lease.
+        """
         process = self._process
         until_s = process.started_s + READY_TIMEOUT_S
         while not (process.ready or process.ended) and host_seconds() < until_s:
@@ -193,10 +205,13 @@ class Watchdog:
     def beat(self) -> None:
         """Say that the runner lives and hear whether the watchdog does; costs nothing when called often."""
         now_s = host_seconds()
-        if now_s - self._beaten_s < _BEAT_EVERY_S or not self._watched:
+        if now_s - self._beaten_s < _BEAT_EVERY_S or self._dismissed:
             return
         self._beaten_s = now_s
         process = self._process
+        if not self._watched:  # what has not been armed answers when it has come up, which nobody waits for
+            process.write(beat_line(0, now_s))
+            return
         process.listen()
         silent_s = process.silent_s(now_s)
         late = not process.ready and now_s - process.started_s > REPLACED_S
@@ -219,7 +234,7 @@ class Watchdog:
         if lost.ready and self._replaced < _MOST_REPLACED:
             with suppress(OSError):
                 self._replaced += 1
-                self._process = _Process(self._order, self._lease)
+                self._process = self._start()
                 return
         self._watched, self._dismissed = False, True
         why = "the watchdog is lost and no other one came up"

@@ -21,7 +21,7 @@ from bench.control.devices import open_chamber, open_table
 from bench.control.lease import device_at
 from bench.control.safe_state import Reading, bring_to_rest
 from bench.control.watchdog import ARMED, DISMISSED, FOLDER, READY, sent_s
-from bench.control.watchdog._silence import SilenceTimeout, runqueue_wait_s
+from bench.control.watchdog._silence import HUNG_S, UNARMED_S, SilenceTimeout, runqueue_wait_s
 from bench.record.benchfile import bench_file_from
 from bench.record.events import Event
 from bench.record.events.safe import SafeState, Takeover, TakeoverEnded
@@ -47,12 +47,13 @@ class _Replaced(BenchError):
 
 @dataclass(frozen=True)
 class Order:
-    """What the runner wants guarded."""
+    """What the runner wants guarded; `armed`: from the beginning, in place of a watchdog that was lost."""
 
     run_folder: Path
     runner: int
     lease: tuple[int, ...]
     openers: dict[str, _Opener]
+    armed: bool = False
 
 
 def main() -> int:
@@ -60,20 +61,19 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # whoever stops the runner must not stop what guards it
     order = _read_order()
-    try:
+    runner: int | None = None
+    with suppress(ProcessLookupError):
         runner = os.pidfd_open(order.runner)
-    except ProcessLookupError:
-        return 0
-    try:
+    with suppress(
+        BrokenPipeError
+    ):  # dismissed while it came up, or the runner has ended: both are read below
         os.write(1, READY + b"\n")
-    except BrokenPipeError:  # dismissed while it came up: nothing was moved
-        return 0
-    armed, unread = False, b""
-    timeout = SilenceTimeout(host_seconds(), runqueue_wait_s(order.runner))
+    armed, unread = order.armed, b""
+    timeout = SilenceTimeout(host_seconds(), runqueue_wait_s(order.runner), HUNG_S if armed else UNARMED_S)
     while True:
         waited_s = runqueue_wait_s(order.runner)
         left_s = timeout.left_s(host_seconds(), waited_s)
-        ready, _, _ = select.select([0], [], [], left_s if armed else None)
+        ready, _, _ = select.select([0], [], [], left_s)
         said = os.read(0, 4096) if ready else b""
         *lines, unread = (unread + said).split(b"\n")
         if DISMISSED in lines or (ready and not said and not armed):
@@ -86,11 +86,17 @@ def main() -> int:
             armed = armed or ARMED in lines
             with suppress(OSError):
                 os.write(1, lines[-1] + b"\n")
-            timeout = SilenceTimeout(now_s if lines[-1] == ARMED else sent_s(lines[-1]), waited_s)
-        elif armed and not timeout.left_s(now_s, runqueue_wait_s(order.runner)):
+            heard_s = now_s if lines[-1] == ARMED else sent_s(lines[-1])
+            timeout = SilenceTimeout(heard_s, waited_s, HUNG_S if armed else UNARMED_S)
+        elif not timeout.left_s(now_s, runqueue_wait_s(order.runner)):
             silent_s = now_s - timeout.heard_s
             break
-    confirmed = _take_over(order, runner, silent_s)
+    if armed:
+        confirmed = _take_over(order, runner, silent_s)
+    else:
+        confirmed = True
+        _end(runner)
+        _tell(f"the runner stood still for {silent_s:.0f} s before its first command: it was ended")
     for descriptor in order.lease:
         with suppress(OSError):
             Path(f"/proc/self/fd/{descriptor}").readlink().unlink()
@@ -107,6 +113,7 @@ def _read_order() -> Order:
         run_folder=Path(data["run_folder"]),
         runner=int(data["runner"]),
         lease=tuple(data["lease"]),
+        armed=bool(data["armed"]),
         openers={
             "table": _of(file.table.port, partial(open_table, file)),
             "chamber": _of(file.chamber.port, partial(open_chamber, file)),
@@ -129,14 +136,12 @@ def _of(port: str, opener: _Opener) -> _Opener:
     return opened
 
 
-def _take_over(order: Order, runner: int, silent_s: float | None) -> bool:
+def _take_over(order: Order, runner: int | None, silent_s: float | None) -> bool:
     """End the runner and bring the bench to rest; return whether all of it confirmed that.
 
     `silent_s`: for how long the runner gave no sign of life; None: its process has ended.
     """
-    with suppress(ProcessLookupError):
-        signal.pidfd_send_signal(runner, signal.SIGKILL)  # it must not come to and command the table again
-    select.select([runner], [], [], 1.0)
+    _end(runner)
     clock = WallClock()
     notes = _Notes(order.run_folder / FOLDER, clock)
     cause: Literal["runner_ended", "runner_silent"] = "runner_ended" if silent_s is None else "runner_silent"
@@ -150,6 +155,15 @@ def _take_over(order: Order, runner: int, silent_s: float | None) -> bool:
     notes.say(ended)
     notes.close()
     return ended.confirmed
+
+
+def _end(runner: int | None) -> None:
+    """End the runner for good: it must not come to and command the table again."""
+    if runner is None:
+        return
+    with suppress(ProcessLookupError):
+        signal.pidfd_send_signal(runner, signal.SIGKILL)
+    select.select([runner], [], [], 1.0)
 
 
 class _Ports:

@@ -8,6 +8,9 @@ from pathlib import Path
 HUNG_S = 2.0
 """A runner that has not waited on its clock for so long is taken for hung: polls are a second apart."""
 
+UNARMED_S = 60.0
+"""The same before its first command, where nothing moves yet: it opens ports and reads its settings."""
+
 STARVED_S = 8.0
 """Most that is added for a process that was ready to run and got no processor: longer, it guards nothing."""
 

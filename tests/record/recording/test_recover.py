@@ -98,11 +98,21 @@ def test_a_disk_without_inodes_is_told_and_the_run_can_be_recovered_later(crashe
     assert recover(folder).outcome == "aborted" and not verify(folder, decode_run).problems
 
 
-def test_a_run_whose_bench_is_in_use_is_left_alone(crashed):
+def test_a_run_whose_lease_is_still_held_is_left_alone(crashed):
     file, folder = crashed
-    with take_lease(file, "run r"), pytest.raises(BenchInUse, match="may still be going on"):
-        recover(folder)
-    assert read_manifest(folder).outcome == "running"
+    with take_lease(file, "run s"):
+        going_on = RunRecord.create(folder.parent, "s", "test", {}, file, None).folder
+        with pytest.raises(BenchInUse, match="may still be going on"):
+            recover(going_on)
+    assert read_manifest(going_on).outcome == "running"
+
+
+def test_who_took_the_bench_after_the_run_began_does_not_hold_up_its_recovery(crashed, monkeypatch):
+    """A later run, or another lab whose terminals have the numbers that the killed one's had."""
+    file, folder = crashed
+    monkeypatch.setattr("bench.control.lease.utc_now", lambda: "2999-01-01T00:00:00.000+00:00")
+    with take_lease(file, "run of another lab"):
+        assert recover(folder).outcome == "aborted"
 
 
 def test_what_the_watchdog_did_is_told(crashed):
