@@ -159,6 +159,8 @@ class CampaignRunner:
                 count=len(runs),
                 run=run.name,
                 left_s=left_s,
+                bench=self._file.bench.name,
+                emulated=folder.plant is not None,
             )
             result = self._run_one(run, number)
             if result.outcome == "aborted":

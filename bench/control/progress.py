@@ -10,6 +10,7 @@ from bench.control.history import History
 from bench.control.stream_stations import GyroStation
 
 _RATE_WINDOW_S = 60.0
+SILENT_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,11 @@ class GyroProgress:
     lost: int = 0
     rejected: Mapping[str, int] = field(default_factory=dict)
     age_s: float = float("nan")
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing has come for so long that its values are old."""
+        return not self.age_s <= SILENT_S
 
 
 @dataclass(frozen=True)
@@ -46,11 +52,26 @@ class Progress:
     demands: Mapping[str, Mapping[str, Any] | None]
     """What was asked of each axis of the table last, as in its event; None: nothing yet, it is at rest."""
     gyros: Mapping[str, GyroProgress]
+    air_age_s: float = 0.0
+    table_age_s: float = 0.0
+    """How old what chamber and table said last is, bench time."""
+    poll_s: float = 1.0
+    """How often they are asked."""
+    standing_s: float = 0.0
+    """Bench time so far that went by waiting for a human: questions and pauses."""
     paused: bool = False
     alarms: tuple[Mapping[str, Any], ...] = ()
     """The last 20 events that an operator has to see at once, as in events.jsonl."""
     log: tuple[Mapping[str, Any], ...] = ()
     """The last 20 events, as in events.jsonl."""
+
+    def stale(self, age_s: float) -> bool:
+        """Return whether a value of that age is old: two polls were missed, and a moment more."""
+        return not age_s <= 2.0 * self.poll_s + 3.0
+
+    def left_s(self, expected_s: float) -> float:
+        """Return what is left of a run expected to take `expected_s`: waiting for a human is no progress."""
+        return max(0.0, expected_s - (self.time_s - self.standing_s))
 
 
 def air_rate_k_per_min(history: History, now_s: float) -> float:

@@ -106,6 +106,8 @@ def _run(request: RunRequest) -> RunResult:
             expected_s=request.procedure.expected_duration_s(request.parameters),
             started_utc=record.started_utc,
             units={gyro.name: gyro.unit for gyro in request.file.gyro},
+            bench=request.file.bench.name,
+            auxiliary={str(number): name for number, name in request.file.chamber.auxiliary.items()},
             emulated=bool(request.emulated or request.file.bench.emulated or request.file.bench.clock),
         )
     outcome, reason, duration_s = "aborted", "", 0.0

@@ -83,6 +83,8 @@ class Bench:
         self._record = record
         self._displays = displays
         self._steering = steering
+        self._standing_s = 0.0
+        self._standing_from_s: float | None = None
         self._paused = False
         self._resumed_by = ""
         self._alarms: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
@@ -157,14 +159,25 @@ class Bench:
         """Put a question to the operator and wait, telemetry running, for the answer."""
         self.event(Prompt(question))
         answered = self.operator.ask(Question(question, act))
-        while (reply := answered()) is None:
-            self._stream_watchdog.excuse_until(self.clock.now() + 1.0)
-            self.wait(0.2, f"operator: {question}")
+        with self._standing():
+            while (reply := answered()) is None:
+                self._stream_watchdog.excuse_until(self.clock.now() + 1.0)
+                self.wait(0.2, f"operator: {question}")
         more = {key: value for key, value in act.items() if key not in ("act", "mounting")}
         self.event(Answer(question, reply.answer, reply.by, act.get("act"), act.get("mounting"), more))
         if reply.answer.strip().lower() in ("no", "n", "abort"):
             raise RunAborted(f"the operator answered {reply.answer!r} to: {question}")
         return reply.answer
+
+    @contextmanager
+    def _standing(self) -> Iterator[None]:
+        """Count the bench time meanwhile as waiting for a human."""
+        self._standing_from_s = self.clock.now()
+        try:
+            yield
+        finally:
+            self._standing_s += self.clock.now() - self._standing_from_s
+            self._standing_from_s = None
 
     @contextmanager
     def polling(self, every_s: float) -> Iterator[None]:
@@ -326,6 +339,11 @@ class Bench:
                 name: demand.fields() if demand else None for name, demand in self.table.demands.items()
             },
             gyros={name: gyro_progress(station, now) for name, station in self.gyros.items()},
+            air_age_s=now - air.get("time_s", nan),
+            table_age_s=now - turned.get("time_s", nan),
+            poll_s=self._poll_s,
+            standing_s=self._standing_s
+            + (0.0 if (since_s := self._standing_from_s) is None else now - since_s),
             paused=self._paused,
             alarms=tuple(self._alarms),
             log=tuple(self._log),
@@ -339,9 +357,10 @@ class Bench:
         self._note_requests()
         self.event(Paused(by))
         self._paused = True
-        while steering.pause_wanted:
-            steering.wait()
-            self.wait(0.2, f"paused by {by} before: {before}")
+        with self._standing():
+            while steering.pause_wanted:
+                steering.wait()
+                self.wait(0.2, f"paused by {by} before: {before}")
         self._paused = False
         self._note_requests()
         self.event(Resumed(self._resumed_by))

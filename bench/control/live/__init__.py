@@ -2,8 +2,10 @@
 
 from bench.control.live._files import (
     Action,
+    acknowledge,
     drop_answer,
     drop_request,
+    read_acknowledged,
     read_lines,
     read_now,
 )
@@ -12,8 +14,10 @@ from bench.control.live._session import Live
 __all__ = [
     "Action",
     "Live",
+    "acknowledge",
     "drop_answer",
     "drop_request",
+    "read_acknowledged",
     "read_lines",
     "read_now",
 ]

@@ -6,23 +6,27 @@ import itertools
 import json
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from bench.control.lease import process_start
+from bench.control.live._shape import checked_now
 from bench.record.events.run import Note, Requested
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
 
+ACKNOWLEDGED_FILE = "acknowledged.jsonl"
 LIVE_FOLDER = "live"
 NOW_FILE = "now.json"
 HISTORY_FILE = "history.jsonl"
 Action = Literal["pause", "resume", "abort"]
 _LONGEST = 4096
 """Bytes of an answer or a request; a longer file is not one."""
+_LONGEST_NAME, _LONGEST_KEY = 200, 400
 _BLOCK_BYTES = 4 << 20
 """Read at once; the caller comes again for the rest."""
 _order = itertools.count()
@@ -40,18 +44,18 @@ class Answer:
 def read_now(session: Path) -> dict[str, Any] | None:
     """Return now.json of a session folder with `alive` (whether its process still runs), None if there is none.
 
-    Raises RecordError for a file that is not one.
+    What is in it has the types of docs/events.md. Raises RecordError for a file that is not one.
     """
     path = session / LIVE_FOLDER / NOW_FILE
     try:
-        found = parse_json(read_bounded(path, SETTINGS_BYTES))
-        if not isinstance(found, dict) or found.get("format") != 1:
-            raise ValueError("not an object of format 1")
+        found = checked_now(parse_json(read_bounded(path, SETTINGS_BYTES)))
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
         raise RecordError("the live state cannot be read", where=str(path), found=str(error)) from error
-    return found | {"alive": found.get("state") != "ended" and _runs(found.get("pid"))}
+    return found | {
+        "alive": found.get("state") != "ended" and _runs(found.get("pid"), found.get("process_start"))
+    }
 
 
 def read_lines(path: Path, offset: int = 0) -> tuple[list[dict[str, Any]], int]:
@@ -118,7 +122,7 @@ def drop_request(session: Path, action: Action, by: str) -> Requested:
     """Ask a session for pause, resume or abort."""
     if action not in get_args(Action):
         raise ConfigurationError("an unknown request", found=action, expected=", ".join(get_args(Action)))
-    request = Requested(action, by.strip()[:200] or "unknown", utc_now())
+    request = Requested(action, by.strip()[:_LONGEST_NAME] or "unknown", utc_now())
     # the name sorts by time, then by the order in this process, so that requests are taken in order
     name = f"{epoch_seconds() * 1e3:.0f}-{next(_order):06d}-{secrets.token_hex(4)}.json"
     path = session / LIVE_FOLDER / "requests" / name
@@ -127,6 +131,34 @@ def drop_request(session: Path, action: Action, by: str) -> Requested:
     except OSError as error:
         raise _unwritable(path.parent, error) from error
     return request
+
+
+def acknowledge(session: Path, keys: Sequence[str], by: str) -> None:
+    """Write down who has seen alarms: their keys are the readers' own. ConfigurationError without a name."""
+    if not by.strip():
+        raise ConfigurationError(
+            "nobody acknowledges", found="no name", expected="the name of whoever has seen the alarm"
+        )
+    path = session / LIVE_FOLDER / ACKNOWLEDGED_FILE
+    line = {"keys": [key[:_LONGEST_KEY] for key in keys], "by": by.strip()[:_LONGEST_NAME], "utc": utc_now()}
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            os.write(descriptor, json.dumps(line).encode() + b"\n")
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def read_acknowledged(session: Path) -> dict[str, tuple[str, str]]:
+    """Return who has acknowledged which alarm of a session, and when (UTC), by its key."""
+    found: dict[str, tuple[str, str]] = {}
+    for row in read_lines(session / LIVE_FOLDER / ACKNOWLEDGED_FILE)[0]:
+        keys = row.get("keys")
+        for key in keys if isinstance(keys, list) else ():
+            found.setdefault(str(key), (str(row.get("by", ""))[:_LONGEST_NAME], str(row.get("utc", ""))[:40]))
+    return found
 
 
 def take_requests(session: Path) -> Iterator[Requested | Note]:
@@ -140,7 +172,7 @@ def take_requests(session: Path) -> Iterator[Requested | Note]:
                 action, by, utc = (str(found.get(key, "")) for key in ("action", "by", "utc"))
                 if action not in get_args(Action):
                     raise RecordError("this is not a request", where=str(path), found=repr(action[:40]))
-                yield Requested(action, by[:200] or "unknown", utc[:40])
+                yield Requested(action, by[:_LONGEST_NAME] or "unknown", utc[:40])
             except RecordError as error:
                 yield Note(str(error))
             finally:
@@ -179,8 +211,11 @@ def _read_small(path: Path) -> dict[str, Any] | None:
     return found
 
 
-def _runs(pid: object) -> bool:
+def _runs(pid: object, started: object) -> bool:
+    """Return whether a process still runs; one of its number that began at another time is another."""
     if not isinstance(pid, int) or pid <= 0:
+        return False
+    if isinstance(started, int) and started > 0 and process_start(pid) != started:
         return False
     try:
         os.kill(pid, 0)

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from bench.control.lease import process_start
 from bench.control.live._files import (
     HISTORY_FILE,
     LIVE_FOLDER,
@@ -33,7 +34,9 @@ from drivers.base.files import replace_file
 _EVERY_S = 0.1
 _HISTORY_S = 1.0
 _WAIT_S = 0.05
-_HISTORY_COLUMNS = ("air_temp_c", "set_point_c", "angle_deg", "rate_dps")
+_MOST_ALARMS = 20
+_AIR_COLUMNS = ("air_temp_c", "set_point_c")
+_TABLE_COLUMNS = ("angle_deg", "rate_dps")
 _ERROR_PARTS = ("what", "where", "found", "expected", "remedy")
 _NO_END: dict[str, Any] = {"outcome": "", "reason": "", "error": None, "safe": [], "warnings": []}
 
@@ -57,6 +60,7 @@ class Live:
         self._run_folder: Path | None = None
         self._run_started = host_seconds()
         self._progress: Progress | None = None
+        self._process_start = process_start(os.getpid())
         self._prompts: dict[int, dict[str, Any]] = {}
         self._next_id = int(epoch_seconds() * 1000.0)
         self._taken: deque[Requested | Note] = deque()
@@ -69,6 +73,8 @@ class Live:
         self._lock = threading.Lock()
         self._news, self._stop = threading.Event(), threading.Event()
         self._history_from_s = -math.inf
+        self._earlier: deque[dict[str, Any]] = deque(maxlen=_MOST_ALARMS)
+        """Alarms of the session's earlier runs."""
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Live:
@@ -87,11 +93,12 @@ class Live:
     # What the session says
 
     def campaign(self, **fields: Any) -> None:
-        """Say where the campaign is: title, folder, number, count, run, left_s."""
+        """Say where the campaign is: title, folder, number, count, run, left_s, bench, emulated."""
         self._campaign = fields
 
     def begin_run(self, folder: Path, **fields: Any) -> None:
-        """Say which run begins: run_id, procedure, expected_s, started_utc, units, emulated."""
+        """Say which run begins: run_id, procedure, expected_s, started_utc, units, bench, auxiliary, emulated."""
+        self._earlier.extend(self._alarms())
         self._run_folder, self._progress = folder.absolute(), None
         self._history_from_s = -math.inf
         self._run_started = host_seconds()
@@ -257,10 +264,20 @@ class Live:
         if progress is None or self._run_folder is None or progress.time_s < self._history_from_s:
             return
         self._history_from_s = progress.time_s + _HISTORY_S
+        ages_s = dict.fromkeys(_AIR_COLUMNS, progress.air_age_s)
+        ages_s |= dict.fromkeys(_TABLE_COLUMNS, progress.table_age_s)
+        no_air = progress.stale(progress.air_age_s)
         row = {
             "time_s": round(progress.time_s, 3),
-            **{name: getattr(progress, name) for name in _HISTORY_COLUMNS},
-            "gyros": {name: [gyro.latest_dps, gyro.temp_c] for name, gyro in progress.gyros.items()},
+            **{
+                name: None if progress.stale(age_s) else getattr(progress, name)
+                for name, age_s in ages_s.items()
+            },
+            "auxiliary_c": {} if no_air else progress.auxiliary_c,
+            "gyros": {
+                name: [None, None] if gyro.silent else [gyro.latest_dps, gyro.temp_c]
+                for name, gyro in progress.gyros.items()
+            },
         }
         folder = self._run_folder / LIVE_FOLDER
         folder.mkdir(exist_ok=True)
@@ -273,6 +290,7 @@ class Live:
             "format": 1,
             "utc": utc_now(),
             "pid": os.getpid(),
+            "process_start": self._process_start,
             "state": self._state(progress),
             **self._ending,
             "pause_wanted": bool(self.pause_wanted),
@@ -281,21 +299,33 @@ class Live:
             "prompts": list(self._prompts.values()),
         }
         if progress is None:
-            return {**now, **_NOTHING_YET}
+            return {**now, **_NOTHING_YET, "alarms": list(self._earlier)}
         expected_s = float((run or {}).get("expected_s") or 0.0)
         host_s = max(1e-3, host_seconds() - self._run_started)
+        ages = {
+            "chamber": {"age_s": progress.air_age_s, "stale": progress.stale(progress.air_age_s)},
+            "table": {"age_s": progress.table_age_s, "stale": progress.stale(progress.table_age_s)},
+        }
         shown = vars(progress) | {
-            "left_s": max(0.0, expected_s - progress.time_s),
+            "alarms": [*self._earlier, *self._alarms()][-_MOST_ALARMS:],
+            "left_s": progress.left_s(expected_s),
             "speed": progress.time_s / host_s,
             "chamber": {
                 "air_temp_c": progress.air_temp_c,
                 "set_point_c": progress.set_point_c,
                 "rate_k_per_min": progress.air_rate_k_per_min,
                 "auxiliary_c": progress.auxiliary_c,
+                **ages["chamber"],
             },
-            "table": {name: getattr(progress, name) for name in ("angle_deg", "rate_dps", "demands")},
+            "table": {name: getattr(progress, name) for name in (*_TABLE_COLUMNS, "demands")} | ages["table"],
+            "gyros": {name: {**plain(gyro), "stale": gyro.silent} for name, gyro in progress.gyros.items()},
         }
         return now | {name: shown[name] for name in _NOTHING_YET}
+
+    def _alarms(self) -> list[dict[str, Any]]:
+        """Return the alarms of the run that goes on, each with the run it belongs to."""
+        run_id = str((self._run or {}).get("run_id", ""))
+        return [{**row, "run": run_id} for row in (self._progress.alarms if self._progress else ())]
 
     def _state(self, progress: Progress | None) -> str:
         if self._ended:

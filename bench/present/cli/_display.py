@@ -67,7 +67,7 @@ class RunDisplay:
         return _PLAIN_AGAIN_S if same else self._every_s
 
     def _left_s(self, progress: Progress) -> float:
-        return max(0.0, self._expected_s - progress.time_s)
+        return progress.left_s(self._expected_s)
 
     def _left(self, progress: Progress) -> str:
         left = self._left_s(progress)

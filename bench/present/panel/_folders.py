@@ -5,16 +5,22 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
+from bench.control.live import read_lines
+from bench.present.sentences import event_of
+from bench.record.events.campaign import SetAside
 from bench.record.recording import Manifest, read_manifest
 from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.errors import BenchError
 
+EVENTS_FILE = "events.jsonl"
 _LISTED = 40
 _LOOKED_AT = 200
 _REHEARSED = 20
 NOW = Path("live") / "now.json"
-REPORTS = ("report.html", "certificate.html")
+PAPERS = {"certificate": "certificate.html", "report": "report.html"}
+"""What lies in a campaign's folder: name and file."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,7 @@ class RunsFolder:
     def __init__(self, root: Path) -> None:
         self.root = root.resolve()
         self._manifests: dict[Path, tuple[int, Entry]] = {}
+        self._journals: dict[Path, tuple[int, dict[str, str]]] = {}
 
     def inside(self, name: str) -> Path | None:
         """Return the folder or file of that relative name; None if it is not there or leads out."""
@@ -81,16 +88,32 @@ class RunsFolder:
         entries.sort(key=lambda entry: entry.manifest.started_utc if entry.manifest else "", reverse=True)
         return entries[:_LISTED]
 
-    def report_of(self, name: str) -> Path | None:
-        """Return the report that lies in a run or campaign folder, None if there is none."""
-        folder = self.inside(name)
-        if folder is None or not folder.is_dir():
-            return None
-        for report in REPORTS:
-            path = self.inside(str((folder / report).relative_to(self.root)))
-            if path is not None and path.is_file():
-                return path
-        return None
+    def page_in(self, name: str, file: str) -> Path | None:
+        """Return the report or certificate in a run or campaign folder ("." is the runs folder), or None."""
+        folder = self.root if name in ("", ".") else self.inside(name)
+        path = None if folder is None else self.within(folder / file)
+        return path if path is not None and path.is_file() else None
+
+    def papers(self, folder: Path) -> list[tuple[str, str]]:
+        """Return (what, address) of the certificate and the report that lie in a campaign's folder."""
+        name = str(folder.relative_to(self.root))
+        there = [(what, file) for what, file in PAPERS.items() if self.page_in(name, file) is not None]
+        return [(what, f"/{what}/{quote(name)}") for what, _ in there]
+
+    def set_aside(self, run: Path) -> str:
+        """Return why a campaign has set a run aside, empty if it has not."""
+        journal = self.within(run.parent.parent / EVENTS_FILE)
+        if journal is None:
+            return ""
+        try:
+            changed = journal.stat().st_mtime_ns
+        except OSError:
+            return ""
+        if self._journals.get(journal, (0, {}))[0] != changed:
+            events = [event_of(row) for row in read_lines(journal)[0]]
+            why = {event.folder: event.reason for event in events if isinstance(event, SetAside)}
+            self._journals[journal] = (changed, why)
+        return self._journals[journal][1].get(f"{run.parent.name}/{run.name}", "")
 
     def _entry(self, folder: Path) -> Entry | None:
         try:

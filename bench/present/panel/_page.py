@@ -6,37 +6,33 @@ import json
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from urllib.parse import quote
+from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
 from nicegui import ui
 
 from bench.control.live import Action, drop_answer, drop_request
-from bench.present.panel._folders import Entry
-from bench.present.panel._texts import duration
-from bench.present.panel._watch import LEVELS, Session, Watch
+from bench.present.panel._watch import LEVELS, Watch
 from drivers.base.errors import BenchError
 
 _HERE = Path(__file__).parent
 _CONTROL_S = 0.25
-_HISTORY_S = 2.0
 _NAME_TIMEOUT_S = 20.0
-_WORDS = {"completed": "✓ completed", "invalid": "! invalid", "aborted": "✕ aborted", "running": "● open"}
 
 
 def build_page(watch: Watch) -> None:
     """Build the page of one browser: what it shows is plain HTML and there at once, its controls follow."""
     dark = ui.dark_mode(value=None)
     ui.add_head_html(f"<style>{_style_sheet()}</style>")
-    ui.add_body_html(_first_paint(watch.values(), watch.news()["banner"]))
+    ui.add_body_html(_first_paint(watch.values(), watch.news()))
     ui.add_body_html('<script src="/panel/assets/panel.js"></script>')
     ui.query(".nicegui-content").classes("panel")
     ui.colors(primary="#005f96", negative="#b3261e", dark="#161d25", dark_page="#0d1116")
     controls = Controls(watch)
+    ui.element("div").props('data-place="benches"')
     with ui.element("header").classes("bar"):
         ui.element("div").classes("names").props('data-place="names"')
         controls.header(dark)
-    controls.others()
     ui.element("div").props('data-place="banner"')
     controls.questions()
     ui.element("div").props('data-place="cards"')
@@ -49,19 +45,7 @@ def build_page(watch: Watch) -> None:
         for plot in ("temperature", "gyro", "table"):
             ui.echart({"series": []}).classes("plot").props(f'data-plot="{plot}"')
     ui.element("div").props('data-place="lists"')
-    with ui.element("section").classes("card history"):
-        ui.html("<h2>Runs</h2>", sanitize=False)
-        table = _history_table()
-    shown: list[list[Entry]] = [[]]
-
-    def refresh_history() -> None:
-        if watch.entries != shown[0]:
-            shown[0] = watch.entries
-            table.rows = [_history_row(entry) for entry in watch.entries]
-            table.update()
-
-    refresh_history()
-    ui.timer(_HISTORY_S, refresh_history)
+    ui.element("div").props('data-place="runs"')
     ui.timer(_CONTROL_S, controls.refresh)
     controls.refresh()
 
@@ -74,7 +58,6 @@ class Controls:
         self._client = ui.context.client
         self._asked: list[int] = []
         self._answered: set[int] = set()
-        self._beside: list[Session] = []
 
     def header(self, dark: ui.dark_mode) -> None:
         """Build name, pause, resume, abort and the switch between light and dark."""
@@ -85,7 +68,7 @@ class Controls:
             ui.timer(0.1, self._recall_name, once=True)
             self._pause = self._button("Pause", "pause", lambda: self._request("pause"))
             self._resume = self._button("Resume", "play_arrow", lambda: self._request("resume"))
-            self._abort = self._button("Abort", "dangerous", lambda: self._dialog.open(), color="negative")
+            self._abort = self._button("Abort", "dangerous", self._ask_abort, color="negative")
             ui.button(icon="contrast", on_click=lambda: _toggle(dark)).props(
                 'flat round dense aria-label="light or dark"'
             ).classes("contrast")
@@ -95,16 +78,14 @@ class Controls:
                 "recorded is kept. The run cannot be continued; a campaign can be resumed later.</p>",
                 sanitize=False,
             )
+            self._aborter = ui.input(label="your name, for the record").props(
+                'dense outlined autofocus maxlength=40 data-testid="abort-name"'
+            )
             with ui.element("div").classes("choices"):
                 ui.button("Keep running", on_click=self._dialog.close).props("outline no-caps")
                 ui.button("Abort now", on_click=self._abort_now, color="negative").props(
                     'no-caps unelevated data-testid="abort-now"'
                 )
-
-    def others(self) -> None:
-        """Make the place of the links to sessions that are at work beside the one shown."""
-        self._links = ui.element("nav").classes("others").props('data-testid="others"')
-        self._links.set_visibility(False)
 
     def questions(self) -> None:
         """Make the place where questions appear."""
@@ -113,21 +94,13 @@ class Controls:
     def refresh(self) -> None:
         """Bring buttons and questions up to date."""
         watch = self._watch
-        now, steerable = watch.now or {}, watch.steerable
+        now, steerable = watch.now, watch.steerable
         paused = bool(now.get("pause_wanted")) or now.get("state") == "paused"
         self._pause.set_visibility(not paused)
         self._resume.set_visibility(paused)
         for button in (self._pause, self._resume, self._abort):
             if button.enabled != steerable:
                 button.set_enabled(steerable)
-        if watch.others != self._beside:
-            self._beside = watch.others
-            self._links.clear()
-            self._links.set_visibility(bool(self._beside))
-            with self._links:
-                ui.label("Also at work here:")
-                for other in self._beside:
-                    ui.link(other.text, f"/?session={quote(other.name, safe='')}")
         prompts = [prompt for prompt in watch.prompts if prompt["id"] not in self._answered]
         ids = [prompt["id"] for prompt in prompts]
         if ids != self._asked:
@@ -148,13 +121,16 @@ class Controls:
                 other.on("keydown.enter", lambda: self._answer(number, str(other.value or "")))
                 ui.button("No: abort", on_click=lambda: self._answer(number, "no")).props("no-caps outline")
 
+    def _ask_abort(self) -> None:
+        self._aborter.value = self._name.value
+        self._dialog.open()
+
     def _answer(self, number: int, answer: str) -> None:
-        session = self._watch.session
-        if session is None or not answer.strip():
+        session, by = self._watch.session, self._named()
+        if session is None or not answer.strip() or not by:
             return
-        by = self._by()
         try:
-            counted = drop_answer(session, number, answer, by)
+            counted = drop_answer(session.path, number, answer, by)
         except BenchError as error:
             ui.notify(str(error), type="negative")
             return
@@ -163,24 +139,34 @@ class Controls:
         self._answered.add(number)
         self.refresh()
 
-    def _request(self, action: Action) -> None:
+    def _request(self, action: Action, by: str = "") -> None:
         session = self._watch.session
         if session is None or not self._watch.steerable:
             ui.notify("Nothing runs.", type="warning")
             return
+        if not (by := by or self._named()):
+            return
         try:
-            drop_request(session, action, self._by())
+            drop_request(session.path, action, by)
         except BenchError as error:
             ui.notify(str(error), type="negative")
             return
         ui.notify(f"asked for {action}")
 
     def _abort_now(self) -> None:
+        """An abort waits for nobody: without a name the record says so."""
         self._dialog.close()
-        self._request("abort")
+        name = str(self._aborter.value or "").strip()
+        if name:
+            self._name.value = name
+        self._request("abort", name or f"somebody without a name at {self._client.ip}")
 
-    def _by(self) -> str:
-        return str(self._name.value or "").strip() or f"panel at {self._client.ip}"
+    def _named(self) -> str:
+        """Return who presses; empty, and said, if there is no name at the top of the page."""
+        name = str(self._name.value or "").strip()
+        if not name:
+            ui.notify("Type your name at the top of the page first: it goes into the record.", type="warning")
+        return name
 
     async def _recall_name(self) -> None:
         try:
@@ -214,40 +200,6 @@ def _toggle(dark: ui.dark_mode) -> None:
     ui.run_javascript("Quasar.Dark.toggle(); window.gyrobench && window.gyrobench.repaint()")
 
 
-def _history_table() -> ui.table:
-    labels = {"run": "Run", "procedure": "Procedure", "units": "Units", "started": "Started (UTC)"}
-    labels |= {"length": "Bench time", "outcome": "Outcome", "report": ""}
-    columns = [
-        {"name": name, "label": label, "field": name, "align": "left"} for name, label in labels.items()
-    ]
-    table = ui.table(columns=columns, rows=[], row_key="run", pagination=10).props("flat dense")
-    table.add_slot(
-        "body-cell-report",
-        '<q-td :props="props"><a v-if="props.row.link" :href="props.row.link" target="_blank">report</a></q-td>',
-    )
-    table.add_slot(
-        "body-cell-outcome",
-        '<q-td :props="props"><span :class="\'outcome \' + props.row.kind">{{ props.value }}</span></q-td>',
-    )
-    return table
-
-
-def _history_row(entry: Entry) -> dict[str, str]:
-    manifest = entry.manifest
-    row = {"run": entry.name, "procedure": "", "outcome": "cannot be read", "kind": "aborted", "link": ""}
-    if manifest is None:
-        return row
-    return row | {
-        "procedure": manifest.procedure,
-        "units": ", ".join(manifest.units.values()),
-        "started": manifest.started_utc[:19].replace("T", " "),
-        "length": duration(manifest.duration_s),
-        "outcome": _WORDS[manifest.outcome],
-        "kind": manifest.outcome,
-        "link": f"/report/{quote(entry.name)}" if manifest.complete else "",
-    }
-
-
 @cache
 def _style_sheet() -> str:
     """Return the style sheet; dark by the page's own switch, or by the browser's wish until that is there."""
@@ -259,9 +211,9 @@ def _style_sheet() -> str:
     )
 
 
-def _first_paint(values: Mapping[str, str], banner: Mapping[str, str]) -> str:
-    """Return names, banner, cards and lists with the values there are; panel.js moves them to their places."""
-    return _template().render(values=values, banner=banner)
+def _first_paint(values: Mapping[str, str], news: Mapping[str, Any]) -> str:
+    """Return benches, names, banner, cards and lists as they are now; panel.js moves them to their places."""
+    return _template().render(values=values, banner=news["banner"], benches=news["benches"])
 
 
 @cache

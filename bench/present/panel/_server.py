@@ -14,17 +14,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fastapi import WebSocket
+from fastapi import Body, WebSocket
 from fastapi.responses import FileResponse, PlainTextResponse, Response
 from nicegui import app, ui
 
 from bench.present.panel._access import LOCAL_NAMES, Access
-from bench.present.panel._folders import RunsFolder
+from bench.present.panel._benches import Benches
+from bench.present.panel._folders import PAPERS, RunsFolder
 from bench.present.panel._page import build_page
 from bench.present.panel._visitors import SERVER_LIMITS, Visitor
 from bench.present.panel._watch import Watch
 from bench.record.run_folder import MANIFEST_FILE
-from drivers.base.errors import ConfigurationError
+from drivers.base.errors import BenchError, ConfigurationError
 
 _TICK_S = 0.1
 _REPORT_TIMEOUT_S = 300.0
@@ -51,9 +52,9 @@ class PanelSettings:
 
     def check(self) -> None:
         """Raise ConfigurationError for a folder that is none, an open door without a token, a port in use."""
-        if not self.runs.is_dir():
+        if self.runs.exists() and not self.runs.is_dir():
             raise ConfigurationError(
-                "there is no such runs folder",
+                "this is no runs folder",
                 where=str(self.runs),
                 expected="the folder that `gyrobench run --runs` or `campaign run --out` writes to",
             )
@@ -103,6 +104,8 @@ def serve(settings: PanelSettings) -> None:
     scratch = tempfile.TemporaryDirectory(prefix="gyrobench-panel-")
     reports = Reports(folder, Path(scratch.name))
     app.get("/report/{name:path}")(reports.get)
+    app.get("/certificate/{name:path}")(reports.certificate)
+    app.post("/panel/acknowledge")(hubs.acknowledge)
     app.add_static_files("/panel/assets", Path(__file__).parent / "assets")
     ui.page("/", title="gyrobench panel", favicon=Path(__file__).parent / "assets" / "icon.svg")(hubs.page)
     try:
@@ -129,7 +132,8 @@ class Hubs:
 
     def __init__(self, folder: RunsFolder) -> None:
         self._folder = folder
-        self._hubs = {"": Hub(Watch(folder))}
+        self._benches = Benches(folder)
+        self._hubs = {"": Hub(Watch(folder, self._benches))}
 
     def page(self, session: str = "") -> None:
         """Build the page of one browser."""
@@ -141,6 +145,16 @@ class Hubs:
         """Send to one page until it goes."""
         await self._of(session).attend(page)
 
+    def acknowledge(self, session: str = Body(), by: str = Body()) -> Response:
+        """Write down that somebody has seen the alarms of a session's bench."""
+        found = next((one for one in self._benches.sessions if one.name == session), None)
+        if found is None:
+            return PlainTextResponse("There is no such session.", status_code=404)
+        try:
+            return PlainTextResponse(str(self._benches.acknowledge(found, by)))
+        except BenchError as error:
+            return PlainTextResponse(str(error), status_code=400)
+
     def tick(self) -> None:
         """Send news to all pages; what nobody looks at is not read."""
         for name, hub in list(self._hubs.items()):
@@ -151,7 +165,7 @@ class Hubs:
         if session not in self._hubs:
             for name in [name for name, hub in self._hubs.items() if name and not hub.watched][_IDLE_HUBS:]:
                 del self._hubs[name]
-            self._hubs[session] = Hub(Watch(self._folder, session))
+            self._hubs[session] = Hub(Watch(self._folder, self._benches, session))
         return self._hubs[session]
 
 
@@ -164,6 +178,7 @@ class Hub:
         self._pages: dict[WebSocket, asyncio.Queue[str]] = {}
         self._values: dict[str, str] = {}
         self._news: dict[str, Any] = {}
+        self._runs: list[dict[str, Any]] = []
         self._tails: dict[str, Any] = {}
         self._versions: tuple[int, ...] = ()
 
@@ -182,6 +197,8 @@ class Hub:
             message["values"] = changed
         if news != self._news:
             message["news"] = news
+        if watch.runs() != self._runs:
+            message["runs"] = self._runs = watch.runs()
         if watch.versions() != self._versions:
             message["curves"] = watch.snapshot()
         elif tails != self._tails:
@@ -220,7 +237,8 @@ class Hub:
         queue = self._pages.setdefault(page, asyncio.Queue(_WAITING))
         while not queue.empty():
             queue.get_nowait()
-        everything = {"values": self._values, "news": self._news, "curves": self.watch.snapshot()}
+        everything: dict[str, Any] = {"values": self._values, "news": self._news, "runs": self._runs}
+        everything["curves"] = self.watch.snapshot()
         queue.put_nowait(_encoded({"panel": self._name} | everything))
 
 
@@ -234,7 +252,7 @@ class Reports:
 
     async def get(self, name: str) -> Response:
         """Answer a request for the report of the run or campaign folder of that name."""
-        page = self._folder.report_of(name)
+        page = self._folder.page_in(name, PAPERS["report"])
         if page is None:
             run = self._folder.inside(name)
             if run is None or not (run / MANIFEST_FILE).is_file():
@@ -242,6 +260,13 @@ class Reports:
             page = await self._make(run)
         if page is None:
             return PlainTextResponse(f"No report could be made of {name}.", status_code=500)
+        return FileResponse(page, headers=_NO_SCRIPTS, media_type="text/html; charset=utf-8")
+
+    def certificate(self, name: str) -> Response:
+        """Answer a request for the certificate that lies in a folder."""
+        page = self._folder.page_in(name, PAPERS["certificate"])
+        if page is None:
+            return PlainTextResponse("There is no certificate here.", status_code=404)
         return FileResponse(page, headers=_NO_SCRIPTS, media_type="text/html; charset=utf-8")
 
     async def _make(self, run: Path) -> Path | None:

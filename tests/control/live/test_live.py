@@ -62,6 +62,30 @@ def test_what_is_written_is_what_is_read(session, tmp_path):
     assert now["gyros"]["fog_1"]["lost"] == 2 and now["gyros"]["fog_1"]["rejected"] == {"checksum": 1}
 
 
+def test_waiting_for_a_human_is_no_progress_and_old_values_are_none_in_the_history(session, tmp_path):
+    session._run_folder, session._run = tmp_path, {"expected_s": 100.0, "run_id": "a"}
+    for time_s, standing_s in ((30.0, 0.0), (300.0, 270.0)):
+        session(progress(time_s, standing_s=standing_s, air_age_s=270.0, table_age_s=0.5))
+        step(session)
+        now = read_now(tmp_path)
+        assert now["left_s"] == 70.0
+    assert now["chamber"]["stale"] and now["chamber"]["age_s"] == 270.0 and not now["table"]["stale"]
+    rows, _ = read_lines(tmp_path / "live" / "history.jsonl")
+    assert rows[-1]["air_temp_c"] is None and rows[-1]["angle_deg"] == 90.0 and rows[-1]["auxiliary_c"] == {}
+
+
+def test_alarms_of_a_campaigns_earlier_runs_stay(session, tmp_path):
+    session.begin_run(tmp_path / "a", run_id="a")
+    session._stop.set()
+    session(progress(1.0, alarms=({"time_s": 1.0, "kind": "alarm", "device": "table", "text": "x"},)))
+    session.begin_run(tmp_path / "b", run_id="b")
+    step(session)
+    assert [row["run"] for row in read_now(tmp_path)["alarms"]] == ["a"]
+    session(progress(2.0, alarms=({"time_s": 2.0, "kind": "alarm", "device": "table", "text": "y"},)))
+    step(session)
+    assert [row["run"] for row in read_now(tmp_path)["alarms"]] == ["a", "b"]
+
+
 def test_history_has_a_row_a_second_at_most_and_is_read_piece_by_piece(session, tmp_path):
     session._run_folder = tmp_path
     for time_s in (0.0, 0.4, 0.9, 1.0, 1.5, 2.5):

@@ -2,19 +2,29 @@
 
 import json
 import os
+import re
 import shutil
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.request import urlopen
 
 import pytest
 
 from bench.control.live import read_now
+from bench.lab.emulated import EmulatedLab, Plant
+from bench.record.benchfile import load_bench_file
 from drivers.base.clock import WallClock, utc_now
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+DEMO = Path(__file__).parents[3] / "examples" / "demo.toml"
+PROGRAM = Path(__file__).parents[2] / "reliability" / "runner_program.py"
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = [
     "--no-sandbox",
@@ -183,41 +193,149 @@ def test_an_operator_sees_answers_and_aborts(panel: Panel, session: subprocess.P
     assert outside == [] and wrong == []
 
 
-def write_now(session: Path, title: str) -> None:
+def write_now(session: Path, title: str, **more) -> None:
     """Write what a living session of that campaign writes."""
-    (session / "live" / "requests").mkdir(parents=True)
+    (session / "live" / "requests").mkdir(parents=True, exist_ok=True)
     now = {"format": 1, "utc": utc_now(), "pid": os.getpid(), "state": "running", "gyros": {}}
-    now |= {"campaign": {"title": title, "folder": str(session), "number": 1, "count": 2, "run": "one"}}
-    (session / "live" / "now.json").write_text(json.dumps(now | {"run": None, "prompts": []}))
+    campaign = {"title": title, "bench": f"bench of {title}", "number": 1, "count": 2, "run": "one"}
+    now |= {"campaign": campaign, "run": None, "prompts": []} | more
+    part = session / "live" / "now.json.part"
+    part.write_text(json.dumps(now))
+    part.replace(session / "live" / "now.json")
 
 
-def test_two_benches_in_one_folder_are_both_shown(panel: Panel) -> None:
+@contextmanager
+def browser_page(width: int = 1280) -> "Iterator[Page]":
     from playwright.sync_api import expect, sync_playwright
 
-    write_now(panel.runs / "first", "Lot <12>")
     expect.set_options(timeout=1000.0 * PATIENCE_S)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        context = browser.new_context()
+        context = browser.new_context(viewport={"width": width, "height": 900})
         context.set_default_timeout(1000.0 * PATIENCE_S)
-        page = context.new_page()
+        yield context.new_page()
+        browser.close()
+
+
+def test_every_page_has_the_strip_of_all_benches(panel: Panel) -> None:
+    from playwright.sync_api import expect
+
+    write_now(panel.runs / "first", "Lot <12>")
+    with browser_page() as page:
         page.goto(panel.url)
-        title, others = page.locator("[data-live=title]"), page.get_by_test_id("others")
+        title, strip = page.locator("[data-live=title]"), page.locator("[data-benches]")
         expect(title).to_contain_text("Lot <12>")
-        expect(others).to_be_hidden()
         write_now(panel.runs / "second lot", "Lot 13")
-        expect(others).to_contain_text("Lot 13")
+        expect(strip).to_contain_text("bench of Lot 13")
+        expect(strip.get_by_role("link")).to_have_count(2)
         expect(title).to_contain_text("Lot <12>")
-        page.get_by_role("link", name="Lot 13").click()
+        page.get_by_role("link", name="bench of Lot 13").click()
         expect(title).to_contain_text("Lot 13")
-        expect(page.get_by_role("link", name="Lot <12>")).to_be_visible()
+        expect(page.get_by_role("link", name="bench of Lot <12>")).to_be_visible()
         page.wait_for_function("window.gyrobench?.messages > 0")
-        expect(title).to_contain_text("Lot 13")
+        page.get_by_test_id("name").fill("Ada")
         page.get_by_test_id("abort").click()
         page.get_by_test_id("abort-now").click()
         dropped = panel.runs / "second lot" / "live" / "requests"
         until(lambda: any(dropped.iterdir()), "the request")
+        assert json.loads(next(dropped.iterdir()).read_text())["by"] == "Ada"
         assert not any((panel.runs / "first" / "live" / "requests").iterdir())
         page.goto(panel.url + "?session=../first")
         expect(page.get_by_test_id("state")).to_have_text("Not here")
-        browser.close()
+
+
+def test_one_benchs_malformed_live_file_stops_no_other_page(panel: Panel) -> None:
+    """Twenty live files that no session writes, one after the other, beside a bench that goes on."""
+    from playwright.sync_api import expect
+
+    write_now(panel.runs / "well", "well", time_s=1.0)
+    wrong = [
+        {"chamber": 5}, {"chamber": {"air_temp_c": "x"}}, {"chamber": {"auxiliary_c": [1]}}, {"table": [1]},
+        {"table": {"demands": 3}}, {"gyros": [1, 2]}, {"gyros": {"a": 5}}, {"gyros": {"a": {"rejected": 1}}},
+        {"run": "r"}, {"run": {"units": ["u"]}}, {"campaign": 1}, {"campaign": {"count": "2", "number": {}}},
+        {"alarms": {"a": 1}}, {"alarms": [1]}, {"prompts": 7}, {"state": ["running"]}, {"utc": 5},
+        {"time_s": 1e300}, {"time_s": "now"}, {"safe": 3}, {"error": [1]}, {"left_s": {}}, {"step": None},
+    ]  # fmt: skip
+    with browser_page() as page:
+        page.goto(f"{panel.url}?session=well")
+        for number, fields in enumerate(wrong):
+            write_now(panel.runs / "ill", "ill", **fields)
+            expect(page.locator("[data-benches]")).to_contain_text("Cannot be read")
+            elapsed = f"0:{number + 1:02d}:00"
+            write_now(panel.runs / "well", "well", time_s=60.0 * (number + 1))
+            expect(page.locator("[data-live=elapsed]")).to_have_text(elapsed)
+            write_now(panel.runs / "ill", "ill")
+            expect(page.locator("[data-benches]")).not_to_contain_text("Cannot be read")
+
+
+def test_alarms_stay_until_somebody_has_seen_them_by_name(panel: Panel) -> None:
+    from playwright.sync_api import expect
+
+    alarm = {"time_s": 5.0, "kind": "alarm", "device": "chamber", "text": "door open", "run": "one"}
+    write_now(panel.runs / "lot", "lot", alarms=[alarm])
+    with browser_page(390) as page:
+        page.goto(panel.url)
+        strip, list_ = page.locator("[data-benches]"), page.locator("[data-list=alarms]")
+        expect(strip).to_contain_text("1 alarm not seen")
+        write_now(panel.runs / "lot", "lot", alarms=[alarm], state="ended", outcome="completed")
+        panel.kill()
+        panel.start()
+        page.reload()
+        expect(strip).to_contain_text("1 alarm not seen")
+        page.get_by_test_id("acknowledge").click()
+        expect(page.locator("[data-unseen]")).to_contain_text("Type your name")
+        page.get_by_test_id("name").fill("Ada")
+        page.get_by_test_id("acknowledge").click()
+        expect(strip).not_to_contain_text("not seen")
+        expect(list_).to_contain_text("seen by Ada")
+        page.wait_for_function("document.documentElement.scrollWidth <= 390")
+
+
+def test_there_need_not_be_a_runs_folder_yet(tmp_path: Path) -> None:
+    from playwright.sync_api import expect
+
+    found = Panel(tmp_path / "later")
+    try:
+        with browser_page() as page:
+            page.goto(found.url)
+            banner = page.locator("[data-banner]")
+            expect(banner).to_contain_text("There is no folder")
+            expect(banner).to_contain_text("gyrobench run PROCEDURE")
+            (tmp_path / "later").mkdir()
+            expect(banner).to_contain_text("No run has begun")
+            write_now(tmp_path / "later" / "one", "one")
+            expect(page.locator("[data-live=title]")).to_have_text("one")
+    finally:
+        found.kill()
+
+
+def test_after_a_kill_the_page_says_what_the_watchdog_has_done(
+    panel: Panel, tmp_path: Path, monkeypatch
+) -> None:
+    """The runner is killed with the table at 10 deg/s; the watchdog brings it to rest, and the page says so."""
+    from playwright.sync_api import expect
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    with EmulatedLab(load_bench_file(DEMO), Plant(), clock="wall") as lab, browser_page() as page:
+        command = [sys.executable, str(PROGRAM), str(panel.runs)]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+        assert process.stdin is not None
+        process.stdin.write(json.dumps(lab.file.model_dump(mode="json")).encode() + b"\n")
+        process.stdin.flush()
+        try:
+            page.goto(panel.url)
+            page.wait_for_function(
+                "document.querySelector('[data-live=rate]').textContent.startsWith('+10.0')"
+            )
+            process.kill()
+            expect(page.get_by_test_id("state")).to_have_text("Stopped by the watchdog")
+            expect(page.locator("[data-live=rate]")).to_have_text("+0.0000")
+            done = page.locator("[data-part=done]")
+            expect(done).to_contain_text("table at rest: 0.0000 deg/s")
+            expect(done).to_contain_text("chamber at rest")
+            expect(page.locator("[data-part=press]")).to_contain_text("Nothing is urgent")
+            expect(page.locator(".history")).to_contain_text("not closed")
+            expect(page.locator("body")).to_have_class(re.compile("emulated"))
+        finally:
+            process.kill()
+            process.wait()

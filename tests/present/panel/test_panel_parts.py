@@ -7,15 +7,18 @@ import os
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench.control.lease import process_start
 from bench.control.live import read_now
 from bench.present.panel import PanelSettings
 from bench.present.panel._access import COOKIE, Access
-from bench.present.panel._advice import banner
+from bench.present.panel._advice import Situation, banner, nothing_yet
+from bench.present.panel._benches import Benches
 from bench.present.panel._folders import RunsFolder
 from bench.present.panel._series import MinMax
 from bench.present.panel._tails import EventTail, HistoryTail
@@ -31,8 +34,9 @@ from bench.record.events.run import (
     Measured,
     Outcome,
     RateDemand,
+    Requested,
 )
-from bench.record.events.safe import LastSeen, SafeState
+from bench.record.events.safe import LastSeen, SafeState, Takeover, TakeoverEnded
 from drivers.base.errors import ConfigurationError
 
 # Curves
@@ -178,13 +182,13 @@ def test_no_name_leads_out_of_the_runs_folder(runs: Path, name: str) -> None:
     (runs / "link").symlink_to(runs.parent / "secret")
     (runs / "one" / "linked").symlink_to(runs.parent / "secret" / "report.html")
     folder = RunsFolder(runs)
-    assert folder.inside(name) is None and folder.report_of(name) is None
+    assert folder.inside(name) is None and folder.page_in(name, "report.html") is None
 
 
 def test_a_report_that_is_a_link_out_is_not_served(runs: Path) -> None:
     (runs / "one" / "report.html").unlink()
     (runs / "one" / "report.html").symlink_to(runs.parent / "secret" / "report.html")
-    assert RunsFolder(runs).report_of("one") is None
+    assert RunsFolder(runs).page_in("one", "report.html") is None
 
 
 def test_a_session_cannot_point_the_panel_elsewhere(runs: Path) -> None:
@@ -195,7 +199,7 @@ def test_a_session_cannot_point_the_panel_elsewhere(runs: Path) -> None:
 
 def test_history_has_runs_and_the_runs_of_campaigns(runs: Path) -> None:
     assert [entry.name for entry in RunsFolder(runs).history()] == ["one", "campaign/runs/two"]
-    assert RunsFolder(runs).report_of("one") is not None
+    assert RunsFolder(runs).page_in("one", "report.html") is not None
     (runs / "one" / "manifest.json").write_text("{")
     entry = next(entry for entry in RunsFolder(runs).history() if entry.name == "one")
     assert entry.manifest is None and "cannot be read" in entry.problem
@@ -278,7 +282,7 @@ def test_another_sites_page_cannot_reach_a_panel_on_this_machine() -> None:
         ({"host": "bench-3"}, "needs a token"),
         ({"token": "short"}, "easy to guess"),
         ({"host": "203.0.113.7", "token": TOKEN}, "cannot listen"),
-        ({"runs": Path("/nowhere")}, "no such runs folder"),
+        ({"runs": Path("/etc/hostname")}, "no runs folder"),
     ],
 )
 def test_settings_that_cannot_be_used_are_refused(tmp_path: Path, settings: dict, says: str) -> None:
@@ -289,12 +293,16 @@ def test_settings_that_cannot_be_used_are_refused(tmp_path: Path, settings: dict
 # What it says
 
 
+def say(now, events, silent_s=0.0, **more):
+    return banner(Situation(now, events, silent_s=silent_s, **more))
+
+
 def test_idle_running_gone_silent() -> None:
-    assert banner(None, [], 0.0).word == "Idle"
-    assert banner({"state": "running", "alive": True}, [], 0.0).tone == "good"
-    gone = banner({"state": "running", "alive": False}, [], 0.0)
+    assert nothing_yet("/runs", False).word == "Idle"
+    assert say({"state": "running", "alive": True}, [], 0.0).tone == "good"
+    gone = say({"state": "running", "alive": False}, [], 0.0)
     assert gone.tone == "bad" and "Go and look" in gone.press
-    silent = banner({"state": "running", "alive": True}, [], 31.0)
+    silent = say({"state": "running", "alive": True}, [], 31.0)
     assert silent.tone == "bad" and "31 s" in silent.happened and "emergency stop" in silent.press
 
 
@@ -309,16 +317,16 @@ GONE = SafeState(
 
 def test_an_abort_says_why_what_was_done_and_that_nothing_is_urgent() -> None:
     now = {"state": "ended", "alive": False, "outcome": "aborted", "reason": "interlock open"}
-    told = banner(now, [*SAFE, Outcome("aborted", "interlock open")], 0.0)
+    told = say(now, [*SAFE, Outcome("aborted", "interlock open")], 0.0)
     assert (told.word, told.happened) == ("Aborted", "interlock open")
     assert told.done == (
         "bench made safe; table at rest: 0.0000 deg/s; chamber at rest: stopped, set point 25 degC"
     )
     assert told.press.startswith("Nothing is urgent")
-    closing = banner({"state": "running", "alive": True}, SAFE, 0.0)
+    closing = say({"state": "running", "alive": True}, SAFE, 0.0)
     assert (closing.word, closing.tone) == ("Closing", "bad") and "fault" in closing.happened
     end = [replace(state, cause="end_of_run", why="end of the run") for state in (TABLE, CHAMBER)]
-    assert banner({"state": "running", "alive": True}, end, 0.0).tone == "good"
+    assert say({"state": "running", "alive": True}, end, 0.0).tone == "good"
 
 
 def test_what_is_not_confirmed_safe_sends_the_operator_there() -> None:
@@ -327,44 +335,44 @@ def test_what_is_not_confirmed_safe_sends_the_operator_there() -> None:
         {"state": "running", "alive": True},
         {"state": "ended", "alive": False, "outcome": "aborted", "reason": "x"},
     ):
-        told = banner(now, [SAFE[0], TABLE, silent], 0.0)
+        told = say(now, [SAFE[0], TABLE, silent], 0.0)
         assert told.tone == "bad" and told.press.startswith("GO AND LOOK")
         assert told.done == "not confirmed safe: chamber: it is silent; table at rest: 0.0000 deg/s"
     lost = {"state": "ended", "outcome": "aborted", "reason": "disk full", "safe": [silent.fields()]}
-    assert "chamber: it is silent" in banner(lost, [], 0.0).done  # the record could not be written
+    assert "chamber: it is silent" in say(lost, [], 0.0).done  # the record could not be written
 
 
 def test_a_port_that_is_gone_is_told_while_it_is_looked_for_and_forgotten_when_it_came_back() -> None:
     gone = replace(GONE, state="pending", why="the port is gone.")
-    told = banner({"state": "running", "alive": True, "alarms": [gone.row(1.0)]}, [gone], 0.0)
+    told = say({"state": "running", "alive": True, "alarms": [gone.row(1.0)]}, [gone], 0.0)
     assert (told.word, told.press[:11], told.happened) == (
         "Not confirmed safe",
         "GO AND LOOK",
         "The port is gone.",
     )
     assert "turned at 7.000 deg/s" in told.done and told.done.endswith("STOP IT BY HAND")
-    back = banner({"state": "ended", "outcome": "aborted", "reason": "x"}, [gone, *SAFE[1:]], 0.0)
+    back = say({"state": "ended", "outcome": "aborted", "reason": "x"}, [gone, *SAFE[1:]], 0.0)
     assert back.press.startswith("Nothing is urgent") and "gone" not in back.done
-    moved = banner({"state": "running", "alive": True}, [gone, AngleDemand("table", "table", 1.0)], 0.0)
+    moved = say({"state": "running", "alive": True}, [gone, AngleDemand("table", "table", 1.0)], 0.0)
     assert moved.word == "Running"  # it was told to go on since
 
 
 def test_an_alarm_while_the_run_goes_on_says_that_nothing_was_stopped() -> None:
     now = {"state": "running", "alive": True, "alarms": [Alarm("chamber", "door open").row(1.0)]}
-    told = banner(now, [Alarm("chamber", "door open")], 0.0)
+    told = say(now, [Alarm("chamber", "door open")], 0.0)
     assert told.word == "Alarm" and told.happened == "chamber: door open" and "goes on" in told.done
 
 
 def test_a_run_already_invalid_does_not_look_well() -> None:
     alarms = [Invalid("unit_silent", "fog_1 fell silent at 1499.9 s", {"device": "fog_1"}).row(1.0)]
-    told = banner({"state": "running", "alive": True, "alarms": alarms}, [], 0.0)
+    told = say({"state": "running", "alive": True, "alarms": alarms}, [], 0.0)
     assert (told.tone, told.word) == ("doubt", "Running, invalid")
     assert told.happened == "fog_1 fell silent at 1499.9 s" and told.press.startswith("Nothing is urgent")
     air = Alarm("chamber", "the air stands at 25 degC: look at the chamber's panel", "air_stalled").row(2.0)
-    running = banner({"state": "running", "alive": True, "alarms": [*alarms, air]}, [], 0.0)
+    running = say({"state": "running", "alive": True, "alarms": [*alarms, air]}, [], 0.0)
     assert running.word == "Alarm"
     ended = {"state": "ended", "outcome": "invalid", "reason": "too slow", "alarms": [air, *alarms]}
-    assert banner(ended, [], 0.0).press.endswith(
+    assert say(ended, [], 0.0).press.endswith(
         "chamber: the air stands at 25 degC: look at the chamber's panel"
     )
 
@@ -375,9 +383,9 @@ def test_a_completed_run_shows_what_its_record_warns_of() -> None:
         "outcome": "completed",
         "warnings": ["fog_1: the measured sample rate is 10.1 Hz"],
     }
-    told = banner(now, SAFE[1:], 0.0)
+    told = say(now, SAFE[1:], 0.0)
     assert (told.tone, told.happened) == ("good", "fog_1: the measured sample rate is 10.1 Hz")
-    assert banner(now | {"warnings": []}, SAFE[1:], 0.0).happened == ""
+    assert say(now | {"warnings": []}, SAFE[1:], 0.0).happened == ""
 
 
 def test_an_unplugged_table_is_said_once_and_before_what_is_safe() -> None:
@@ -389,7 +397,7 @@ def test_an_unplugged_table_is_said_once_and_before_what_is_safe() -> None:
         "remedy": "check cable, adapter and the device's power",
     }
     now = {"state": "ended", "outcome": "aborted", "reason": "all of it", "error": error}
-    told = banner(now, [CHAMBER, GONE], 0.0)
+    told = say(now, [CHAMBER, GONE], 0.0)
     assert (told.word, told.happened) == (
         "Not confirmed safe",
         "table (/dev/ttyUSB0): the port is gone. Found: end of stream. Expected: an open port.",
@@ -422,24 +430,36 @@ def test_numbers_keep_their_width_and_say_when_they_are_not_known() -> None:
     found = texts(
         {"gyros": {"g": {"rate_dps": 0.003, "latest_dps": 5.0, "rejected": {"checksum": 2}, "age_s": 9}}}, 0
     )
-    assert found["last_read"] == ""
     for gone in ({"state": "ended"}, {"state": "running", "alive": False}):
-        assert texts(gone | {"table": {"rate_dps": 7.0}}, 0)["last_read"] == "last read, not now"
+        assert texts(gone | {"table": {"rate_dps": 7.0}}, 200)["table.age"] == "last read 3 min ago"
+    going = {"state": "running", "alive": True}
+    for age_s, stale, said in (
+        (0.4, False, "now"),
+        (7.0, False, "7 s ago"),
+        (23.0, True, "last read 23 s ago"),
+    ):
+        table = {"rate_dps": 7.0, "age_s": age_s, "stale": stale}
+        assert texts(going | {"table": table}, 0)["table.age"] == said
     assert found["gyro.g.mean"] == "+10.800" and found["gyro.g.rate_unit"] == "°/h"
-    assert found["gyro.g.rejected"] == "2" and found["gyro.g.silent"] == "no data for 9 s"
+    assert found["gyro.g.rejected"] == "2" and found["gyro.g.age"] == "9 s ago"
 
 
 # The watch
 
 
-def write_now(session: Path, run: Path, time_s: float, **fields) -> None:
+def watch_of(runs: Path, name: str = "") -> Watch:
+    folder = RunsFolder(runs)
+    return Watch(folder, Benches(folder), name)
+
+
+def write_now(session: Path, folder: Path, time_s: float, **fields) -> None:
     (session / "live").mkdir(parents=True, exist_ok=True)
     now = {
         "format": 1,
         "utc": f"2026-01-01T00:00:{time_s:06.3f}+00:00",
         "pid": os.getpid(),
         "state": "running",
-        "run": {"folder": str(run), "run_id": run.name, "units": {"g": "U-1"}},
+        "run": {"folder": str(folder), "run_id": folder.name, "units": {"g": "U-1"}},
         "time_s": time_s,
         "chamber": {"air_temp_c": 20.0 + time_s, "set_point_c": 20.0},
         "table": {"rate_dps": 1.0},
@@ -451,9 +471,9 @@ def write_now(session: Path, run: Path, time_s: float, **fields) -> None:
 def test_the_watch_follows_a_campaign_from_run_to_run(runs: Path) -> None:
     session = runs / "campaign"
     write_now(session, runs / "one", 1.0)
-    watch = Watch(RunsFolder(runs))
+    watch = watch_of(runs)
     watch.update()
-    assert watch.session == session.resolve() and watch.steerable
+    assert watch.session.path == session.resolve() and watch.steerable
     first = watch.epoch
     write_now(session, runs / "one", 2.0)
     watch.update()
@@ -467,20 +487,142 @@ def test_the_watch_follows_a_campaign_from_run_to_run(runs: Path) -> None:
 def test_the_watch_stays_with_a_living_session_and_reads_nothing_outside(runs: Path) -> None:
     write_now(runs / "one", runs.parent / "secret", 1.0)
     (runs.parent / "secret" / "events.jsonl").write_text('{"time_s": 1, "kind": "note", "text": "secret"}\n')
-    watch = Watch(RunsFolder(runs))
+    watch = watch_of(runs)
     watch.update()
     assert "secret" not in json.dumps(watch.news())
     write_now(runs / "campaign", runs / "one", 5.0)
     watch._look_at = 0.0
     watch.update()
-    assert watch.session == (runs / "one").resolve()
+    assert watch.session.path == (runs / "one").resolve()
     assert read_now(runs / "campaign") is not None
 
 
 def test_a_damaged_live_file_is_told_and_the_last_state_stays(runs: Path) -> None:
     write_now(runs / "one", runs / "one", 1.0)
-    watch = Watch(RunsFolder(runs))
+    watch = watch_of(runs)
     watch.update()
     (runs / "one" / "live" / "now.json").write_text("{")
     watch.update()
-    assert "cannot be read" in watch.problem and watch.values()["air"] == "21.00"
+    assert "cannot be read" in watch.news()["banner"]["happened"] and watch.values()["air"] == "21.00"
+
+
+VALID = {
+    "format": 1, "utc": "2026-01-01T00:00:00+00:00", "pid": 1, "process_start": 0, "state": "running",
+    "outcome": "", "reason": "", "warnings": ["w"], "error": {"what": "x", "where": None}, "safe": [],
+    "pause_wanted": False,
+    "campaign": {"title": "t", "number": 1, "count": 2, "run": "a", "left_s": 1.0,
+                 "bench": "b", "emulated": True},
+    "run": {"folder": "x", "run_id": "a", "procedure": "p", "units": {"g": "U"}, "auxiliary": {"1": "case"}},
+    "time_s": 1.0, "left_s": 2.0, "speed": 1.0, "step": "1", "doing": "d", "phase": "p",
+    "chamber": {"air_temp_c": 1.0, "set_point_c": 2.0, "auxiliary_c": {"1": 3.0}, "age_s": 0.1, "stale": False},
+    "table": {"angle_deg": 1.0, "rate_dps": 2.0, "demands": {"table": {"rate_dps": 1.0}}, "age_s": 0.1},
+    "gyros": {"g": {"rate_dps": 1.0, "latest_dps": 1.0, "temp_c": 2.0,
+              "frames": 3, "lost": 0, "rejected": {"crc": 1}}},
+    "alarms": [{"time_s": 1.0, "kind": "alarm", "device": "table", "text": "x"}],
+    "prompts": [{"id": 1, "question": "q", "utc": "u"}], "log": [{"time_s": 1.0, "kind": "note", "text": "x"}],
+}  # fmt: skip
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400),
+    lambda inner: (
+        st.lists(inner, max_size=2)
+        | st.dictionaries(st.sampled_from(["kind", "time_s", "a"]), inner, max_size=2)
+    ),
+    max_leaves=4,
+)  # fmt: skip
+
+
+def places(value, path=()):
+    yield path
+    for key in value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ():
+        yield from places(value[key], (*path, key))
+
+
+@given(st.sampled_from([place for place in places(VALID) if place]), ANYTHING)
+def test_whatever_stands_in_a_live_file_the_page_is_told_or_the_file_is_refused(place, value) -> None:
+    now = json.loads(json.dumps(VALID))
+    inner = now
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    with TemporaryDirectory() as runs:
+        session = Path(runs) / "one"
+        (session / "live").mkdir(parents=True)
+        (session / "live" / "now.json").write_text(json.dumps(now), encoding="utf-8", errors="surrogatepass")
+        watch = watch_of(Path(runs))
+        watch.update()
+        shown = [watch.values(), watch.news(), watch.snapshot(), watch.prompts, watch.benches.strip()]
+        json.dumps(shown, ensure_ascii=False, allow_nan=False).encode()
+
+
+def test_a_value_that_no_longer_comes_leaves_a_gap_in_its_curve(runs: Path) -> None:
+    watch = watch_of(runs)
+    gyro = {"latest_dps": 1.0, "temp_c": 30.0, "age_s": 0.1, "stale": False}
+    run = {"folder": str(runs / "one"), "run_id": "one", "units": {"g": "U-1"}, "auxiliary": {"1": "mirror"}}
+    for second in range(40):
+        gone = 10 <= second < 30
+        air = {
+            "air_temp_c": 20.0,
+            "set_point_c": 20.0,
+            "auxiliary_c": {"1": 3.0},
+            "age_s": 0.0,
+            "stale": gone,
+        }
+        write_now(
+            runs / "one", runs / "one", second, run=run, chamber=air, gyros={"g": gyro | {"stale": gone}}
+        )
+        watch.update()
+    names = [column.name for column in watch.columns]
+    assert names == ["air", "set point", "table rate", "g", "g inside", "mirror"]
+    rows = watch.snapshot()["levels"]["run"]["rows"]
+    for column, name in enumerate(names):
+        nothing = [row[0] for row in rows if row[1 + 2 * column] is None]
+        assert nothing == ([] if name == "table rate" else [second + 0.5 for second in range(10, 30)])
+
+
+def test_another_process_with_the_number_of_one_that_was_killed_is_not_it(runs: Path) -> None:
+    write_now(runs / "one", runs / "one", 1.0, process_start=process_start(os.getpid()))
+    assert read_now(runs / "one")["alive"]
+    write_now(runs / "one", runs / "one", 1.0, process_start=process_start(os.getpid()) + 1)
+    assert not read_now(runs / "one")["alive"]
+
+
+def test_a_run_of_a_killed_process_and_one_set_aside_are_not_running(runs: Path) -> None:
+    watch = watch_of(runs)
+    watch.update()
+    assert {row["outcome"] for row in watch.runs()} == {"✕ not closed"}
+    aside = {"kind": "set_aside", "time_s": 1.0, "run": "two", "folder": "runs/two", "reason": "not closed"}
+    (runs / "campaign" / "events.jsonl").write_text(json.dumps(aside) + "\n")
+    (runs / "campaign" / "certificate.html").write_text("<p>certificate</p>")
+    watch = watch_of(runs)
+    watch.update()
+    two = next(row for row in watch.runs() if row["run"] == "campaign/runs/two")
+    assert two["outcome"] == "✕ set aside" and two["papers"] == [("certificate", "/certificate/campaign")]
+    write_now(runs / "one", runs / "one", 1.0)
+    watch = watch_of(runs)
+    watch.update()
+    assert next(row for row in watch.runs() if row["run"] == "one")["outcome"] == "● running"
+
+
+def test_what_is_left_of_a_finished_campaign_is_nothing() -> None:
+    campaign = {"title": "t", "number": 5, "count": 5, "left_s": 26.0}
+    going = {"state": "running", "alive": True, "campaign": campaign, "left_s": 10.0}
+    assert texts(going, 0)["campaign_left"] == "campaign: 0:00:36 left"
+    ended = texts(going | {"state": "ended", "outcome": "completed"}, 0)
+    assert (ended["campaign_left"], ended["left"]) == ("", "0:00:00")
+
+
+def test_an_abort_says_who_pressed_it() -> None:
+    now = {"state": "ended", "alive": False, "outcome": "aborted", "reason": "stopped by Ada"}
+    assert say(now, [Requested("abort", "Ada", "2026"), *SAFE[1:]]).happened == "Ada pressed abort."
+
+
+def test_after_a_kill_the_watchdogs_word_counts() -> None:
+    gone = {"state": "running", "alive": False}
+    took = Takeover("runner_ended", "2026-11-23T11:21:31+00:00", 7)
+    at_work = say(gone, [], watchdog=[took])
+    assert at_work.word == "Watchdog at work" and "Nobody" not in at_work.done
+    rest = say(gone, [], watchdog=[took, TABLE, CHAMBER, TakeoverEnded(True)])
+    assert rest.word == "Stopped by the watchdog" and "table at rest" in rest.done and "11:21:31" in rest.done
+    failed = say(gone, [], watchdog=[took, GONE, CHAMBER, TakeoverEnded(False)])
+    assert failed.word == "Not confirmed safe" and failed.press.startswith("GO AND LOOK NOW")
+    assert "nobody has confirmed" in say(gone, []).done

@@ -3,7 +3,7 @@
 (() => {
   "use strict";
   const place = (selector) => document.querySelector(selector);
-  const state = { values: {}, columns: [], levels: {}, capacity: 0, level: "run", gyros: "", auxiliary: "" };
+  const state = { values: {}, session: "", columns: [], levels: {}, capacity: 0, level: "run", gyros: "", auxiliary: "" };
   const PLOTS = {
     temperature: { unit: "°C", title: "Temperature", least: 2 },
     gyro: { unit: "°/s", title: "Gyro rate", least: 1e-5 },
@@ -20,8 +20,12 @@
   function showValues(values) {
     for (const [key, text] of Object.entries(values)) {
       state.values[key] = text;
-      for (const node of document.querySelectorAll(`[data-live="${CSS.escape(key)}"]`)) setText(node, text);
+      for (const node of document.querySelectorAll(`[data-live="${CSS.escape(key)}"]`)) {
+        setText(node, text);
+        if (key.endsWith(".age")) node.closest(".card")?.classList.toggle("old", text.startsWith("last read"));
+      }
     }
+    if ("emulated" in values) document.body.classList.toggle("emulated", Boolean(values.emulated));
     if ("progress" in values) {
       const bar = place("[data-progress]");
       if (bar) bar.style.width = `${100 * Number(values.progress)}%`;
@@ -76,7 +80,10 @@
           pair("Lost", live(key("lost"), "", "value counter")),
           pair("CRC and others", live(key("rejected"), "", "value counter"), live(key("reasons"), "", "reasons")),
         );
-        card.append(head, main, element("p", "note", "mean of the last minute"), list, live(key("silent"), "", "late"));
+        const note = element("p", "note age", "mean of the last minute, ");
+        note.append(live(key("age"), "", ""));
+        card.append(head, main, note, list);
+        card.classList.toggle("old", (state.values[key("age")] ?? "").startsWith("last read"));
         return card;
       }),
     );
@@ -87,7 +94,7 @@
     if (found === state.auxiliary) return;
     state.auxiliary = found;
     place("[data-auxiliary]").replaceChildren(
-      ...names.map((name) => pair(`Sensor ${name}`, live(`aux.${name}`, "°C"))),
+      ...names.map(([number, name]) => pair(name, live(`aux.${number}`, "°C"))),
     );
   }
 
@@ -111,17 +118,87 @@
       node.parentElement.hidden = !head[part];
     }
     document.title = head.tone === "good" ? "gyrobench panel" : `${head.word} · gyrobench panel`;
-    for (const name of ["alarms", "log"]) {
-      const rows = news[name].map(([seconds, kind, text]) => {
-        const row = element("li", `k-${kind}`);
-        row.append(element("time", "", clock(seconds)), element("span", "", text));
-        return row;
-      });
-      if (!rows.length) rows.push(element("li", "k-none", name === "alarms" ? "No alarms in this run." : "Nothing yet."));
-      place(`[data-list="${name}"]`).replaceChildren(...rows);
-    }
+    fill("log", news.log.map(([seconds, kind, text]) => line(seconds, kind, text)), "Nothing yet.");
+    const own = news.alarms.map((alarm) => {
+      const row = line(alarm.time_s, alarm.kind === "log" ? "alarm" : alarm.kind, alarm.text);
+      row.classList.add(alarm.seen ? "seen" : "unseen");
+      row.lastChild.append(element("em", "", [alarm.run, alarm.seen].filter(Boolean).join(", ")));
+      return row;
+    });
+    fill("alarms", own, "No alarms.");
+    state.session = news.session;
+    place("[data-unseen]").hidden = !news.alarms.some((alarm) => !alarm.seen);
+    place("[data-papers]").replaceChildren(...news.papers.map(paper));
+    showBenches(news.benches, news.session);
     buildGyros(news.gyros);
     buildAuxiliary(news.auxiliary);
+  }
+
+  function line(seconds, kind, text) {
+    const row = element("li", `k-${kind}`);
+    row.append(element("time", "", clock(seconds)), element("span", "", text));
+    return row;
+  }
+
+  function fill(name, rows, nothing) {
+    place(`[data-list="${name}"]`).replaceChildren(...(rows.length ? rows : [element("li", "k-none", nothing)]));
+  }
+
+  function paper([what, address]) {
+    const link = element("a", "paper", what);
+    link.href = address;
+    link.target = "_blank";
+    return link;
+  }
+
+  function showBenches(benches, session) {
+    const nav = place("[data-benches]");
+    nav.replaceChildren(
+      ...benches.map((bench) => {
+        const link = element("a", `bench ${bench.tone}${bench.emulated ? " emulated" : ""}`);
+        link.href = bench.link;
+        if (bench.session === session) link.setAttribute("aria-current", "page");
+        link.append(element("b", "", bench.name), element("span", "state", bench.word), element("span", "what", bench.what));
+        if (bench.emulated) link.append(element("span", "mark", "emulated"));
+        if (bench.alarms) link.append(element("span", "count", bench.alarms === 1 ? "1 alarm not seen" : `${bench.alarms} alarms not seen`));
+        return link;
+      }),
+    );
+  }
+
+  function showRuns(runs) {
+    const rows = runs.map((run) => {
+      const row = element("li", "run-row");
+      const outcome = element("span", `outcome ${run.kind}`, run.outcome);
+      outcome.title = run.why || "";
+      const links = element("span", "papers");
+      links.append(...(run.papers || []).map(paper));
+      row.append(
+        element("span", "id", run.run), element("span", "", run.procedure || ""), element("span", "", run.units || ""),
+        element("span", "", run.bench || ""), element("span", "", run.started ? `${run.started} UTC` : ""),
+        element("span", "", run.length || ""), outcome, links,
+      );
+      if (run.why && run.kind !== "completed") row.append(element("span", "why", run.why));
+      return row;
+    });
+    place("[data-runs]").replaceChildren(...(rows.length ? rows : [element("li", "k-none", "No runs in this folder yet.")]));
+  }
+
+  async function acknowledge() {
+    const field = place('[data-testid="name"]');
+    const by = (field?.value || "").trim();
+    const said = place("[data-unseen] span");
+    if (!by) {
+      setText(said, "Type your name at the top of the page first: it goes into the record.");
+      field?.focus();
+      return;
+    }
+    const answer = await fetch("/panel/acknowledge", {
+      method: "POST",
+      headers: { "content-type": "application/json" },
+      body: JSON.stringify({ session: state.session, by }),
+    });
+    setText(said, answer.ok ? "" : await answer.text());
   }
 
   // Curves
@@ -140,12 +217,16 @@
     }
   }
 
+  // Where nothing came the line ends: a null, not a straight line to the next value.
   function points(rows, column, factor) {
     const found = [];
     for (const row of rows) {
       const low = row[1 + 2 * column];
       const high = row[2 + 2 * column];
-      if (low === null) continue;
+      if (low === null) {
+        found.push([row[0], null]);
+        continue;
+      }
       found.push([row[0], low * factor]);
       if (high !== low) found.push([row[0], high * factor]);
     }
@@ -164,7 +245,7 @@
   // A curve that does not move is drawn as a line in the middle, not as its last digit.
   function span(plot, series, factor) {
     let [low, high] = [Infinity, -Infinity];
-    for (const one of series) for (const [, y] of one.data) [low, high] = [Math.min(low, y), Math.max(high, y)];
+    for (const one of series) for (const [, y] of one.data) if (y !== null) [low, high] = [Math.min(low, y), Math.max(high, y)];
     const least = PLOTS[plot].least * factor;
     if (!(low <= high) || high - low >= least) return { min: null, max: null };
     const unit = least / 4;
@@ -180,14 +261,16 @@
     const paint = (name) => css.getPropertyValue(name).trim();
     const mine = state.columns.map((column, index) => ({ ...column, index })).filter((c) => c.plot === plot);
     const rows = level.rows;
-    let factor = 1;
-    let unit = PLOTS[plot].unit;
-    if (plot === "gyro") {
+    const lanes = plot === "gyro" ? mine.map((c) => [c]) : [mine];
+    const [factors, units] = [[], []];
+    for (const [c] of lanes) {
       let most = 0;
-      for (const row of rows)
-        for (const c of mine) most = Math.max(most, Math.abs(row[1 + 2 * c.index] ?? 0), Math.abs(row[2 + 2 * c.index] ?? 0));
-      if (most < 0.05) [factor, unit] = [3600, "°/h"];
+      for (const row of rows) most = Math.max(most, Math.abs(row[1 + 2 * c.index] ?? 0), Math.abs(row[2 + 2 * c.index] ?? 0));
+      const small = plot === "gyro" && most < 0.05;
+      factors.push(small ? 3600 : 1);
+      units.push(small ? "°/h" : PLOTS[plot].unit);
     }
+    const lane = (c) => (plot === "gyro" ? mine.indexOf(c) : 0);
     const last = rows.length ? rows[rows.length - 1][0] : 0;
     const from = level.span_s ? last - level.span_s : 0;
     const measured = mine.filter((c) => c.key !== "set");
@@ -201,17 +284,28 @@
       silent: true,
       lineStyle: { width: 1.5, color: colour(c), type: c.key === "set" ? "dashed" : "solid" },
       itemStyle: { color: colour(c) },
-      data: points(rows, c.index, factor),
+      xAxisIndex: lane(c),
+      yAxisIndex: lane(c),
+      data: points(rows, c.index, factors[lane(c)]),
     }));
     const axis = { axisLabel: { color: paint("--muted") }, axisLine: { onZero: false, lineStyle: { color: paint("--line") } } };
+    const height = 165;
+    const shownLanes = Math.max(1, lanes.length);
+    if (plot === "gyro" && chart.getHeight() !== height * shownLanes + 25) {
+      place('[data-plot="gyro"]').style.setProperty("height", `${height * shownLanes + 25}px`, "important");
+      chart.resize();
+    }
+    const name = (index) => (plot === "gyro" && mine[index] ? `${mine[index].name}, ${units[index]}` : `${PLOTS[plot].title}, ${units[index] ?? PLOTS[plot].unit}`);
+    const title = { left: 4, textStyle: { color: paint("--ink"), fontSize: 13, fontWeight: 600, fontFamily: paint("--sans") } };
+    const every = [...Array(shownLanes).keys()];
     const option = {
       animation: false,
-      title: { text: `${PLOTS[plot].title}, ${unit}`, left: 4, top: 2, textStyle: { color: paint("--ink"), fontSize: 13, fontWeight: 600, fontFamily: paint("--sans") } },
-      legend: { right: 8, top: 2, icon: "roundRect", itemWidth: 14, itemHeight: 3, textStyle: { color: paint("--muted") } },
-      grid: { left: 66, right: 14, top: 30, bottom: 24 },
+      title: every.map((index) => ({ ...title, text: name(index), top: 2 + index * height })),
+      legend: { show: plot !== "gyro", right: 8, top: 2, left: 170, type: "scroll", icon: "roundRect", itemWidth: 14, itemHeight: 3, textStyle: { color: paint("--muted") } },
+      grid: every.map((index) => (plot === "gyro" ? { left: 66, right: 14, top: 30 + index * height, height: height - 55 } : { left: 66, right: 14, top: 30, bottom: 24 })),
       tooltip: { trigger: "axis", confine: true, transitionDuration: 0, backgroundColor: paint("--paper"), borderColor: paint("--line"), textStyle: { color: paint("--ink") } },
-      xAxis: { ...axis, type: "value", min: Math.max(from, Math.min(0, from)), max: Math.max(last, from + 1), interval: step(last - Math.max(from, 0)), splitLine: { show: false }, axisLabel: { ...axis.axisLabel, formatter: clock, hideOverlap: true }, axisPointer: { label: { formatter: (p) => clock(p.value) } } },
-      yAxis: { ...axis, type: "value", scale: true, ...span(plot, series, factor), splitNumber: 4, splitLine: { lineStyle: { color: paint("--grid") } } },
+      xAxis: every.map((index) => ({ ...axis, gridIndex: index, type: "value", min: Math.max(from, Math.min(0, from)), max: Math.max(last, from + 1), interval: step(last - Math.max(from, 0)), splitLine: { show: false }, axisLabel: { ...axis.axisLabel, formatter: clock, hideOverlap: true }, axisPointer: { label: { formatter: (p) => clock(p.value) } } })),
+      yAxis: every.map((index) => ({ ...axis, gridIndex: index, type: "value", scale: true, ...span(plot, series.filter((one) => one.yAxisIndex === index), factors[index] ?? 1), splitNumber: plot === "gyro" ? 3 : 4, splitLine: { lineStyle: { color: paint("--grid") } } })),
       series,
     };
     chart.setOption(option, whole ? { notMerge: true, lazyUpdate: true } : { lazyUpdate: true });
@@ -237,6 +331,7 @@
   function take(message) {
     if (message.values) showValues(message.values);
     if (message.news) showNews(message.news);
+    if (message.runs) showRuns(message.runs);
     if (message.curves) {
       Object.assign(state, { columns: message.curves.columns, levels: message.curves.levels, capacity: message.curves.capacity });
       whole = true;
@@ -272,6 +367,8 @@
     messages: 0,
     show(level) { state.level = level; whole = true; redraw(); },
     repaint() { whole = true; redraw(); },
+    levels: () => state.levels,
+    columns: () => state.columns,
     rows: () => state.levels[state.level]?.rows.length ?? 0,
   };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => window.gyrobench.repaint());
@@ -283,6 +380,7 @@
     place("#first-paint")?.remove();
     redraw();
   }
+  place('[data-testid="acknowledge"]').addEventListener("click", acknowledge);
   connect();
   settle();
 })();
