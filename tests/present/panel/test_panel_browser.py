@@ -340,4 +340,5 @@ def test_after_a_kill_the_page_says_what_the_watchdog_has_done(
             expect(page.locator("body")).to_have_class(re.compile("emulated"))
         finally:
             process.kill()
+            process.stdin.close()
             process.wait()
