@@ -20,6 +20,7 @@ from bench.record.events.campaign import CampaignBegun, Checked, RunStarted
 from bench.record.events.run import Demand
 from bench.record.recording import Manifest, checksum, read_events, read_manifest, seal_state
 from bench.record.run_folder import MANIFEST_FILE
+from bench.record.shown import Shown
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import BenchInUse, ConfigurationError, RecordError
 from drivers.base.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded, replace_file
@@ -44,7 +45,7 @@ class RunState:
     duration_s: float | None = None
 
 
-class CampaignFolder:
+class CampaignFolder(Shown):
     """The folder of a campaign that was begun."""
 
     def __init__(self, path: Path) -> None:
@@ -90,6 +91,16 @@ class CampaignFolder:
         names = [run.name for run in campaign.runs]
         folder.event(CampaignBegun(campaign.title, campaign.sha256, file.sha256, names))
         return folder
+
+    def shown(self) -> dict[str, object]:
+        """Return the campaign, its bench, and how far it is."""
+        states = self.states()
+        return {
+            "campaign": self.campaign.title,
+            "bench": self.file.bench.name,
+            "folder": self.path,
+            "done": f"{sum(state.state == 'done' for state in states)} of {len(states)} runs",
+        }
 
     @property
     def runs(self) -> Path:

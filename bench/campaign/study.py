@@ -5,19 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.analysis.common.fan_out import FanOut
-from bench.analysis.thermal import Study, load_runs, run_study
+from bench.analysis.thermal import Study, study_folders
 from bench.campaign import Campaign
 
 
 def study_of(campaign: Campaign, folders: dict[str, Path], *, fan: FanOut) -> Study:
     """Return the study of a campaign's run folders, by run name."""
-    gyro = campaign.gyro or ""
     training, validation, tests = (
-        load_runs(
-            [folders[run.name] for run in campaign.runs if run.role == role],
-            gyro,
-            allow_invalid=role == "test",
-        )
+        [folders[run.name] for run in campaign.runs if run.role == role]
         for role in ("training", "validation", "test")
     )
-    return run_study(training, validation, tests, fan=fan)
+    return study_folders(training, validation, tests, campaign.gyro or "", fan=fan)

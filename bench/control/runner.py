@@ -22,6 +22,7 @@ from bench.control.stream_stations import GyroStation, PlatformStation, StreamSt
 from bench.control.watchdog import Watchdog
 from bench.record.benchfile import BenchFile
 from bench.record.events.safe import SafeState
+from bench.record.shown import Shown
 from drivers.base.clock import Clock, WallClock
 from drivers.base.errors import (
     BenchError,
@@ -62,8 +63,8 @@ class RunRequest:
     live: Live | None = None
 
 
-@dataclass
-class RunResult:
+@dataclass(repr=False)
+class RunResult(Shown):
     """How a run ended; `error` is what aborted it."""
 
     folder: Path
@@ -74,6 +75,15 @@ class RunResult:
     warnings: list[str] = field(default_factory=list)
     safe: tuple[SafeState, ...] = ()
     """What became of table and chamber when they were made safe; empty if nothing was opened yet."""
+
+    def shown(self) -> dict[str, object]:
+        """Return how the run ended and where it is."""
+        return {
+            "outcome": self.outcome,
+            **({"reason": self.reason} if self.reason else {}),
+            "folder": self.folder,
+            "bench time, s": self.duration_s,
+        }
 
 
 def run_procedure(request: RunRequest) -> RunResult:

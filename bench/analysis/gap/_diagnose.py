@@ -13,13 +13,14 @@ from bench.analysis.gap._findings import Cause, Finding, refuse_judges, refuse_s
 from bench.analysis.gap._model_file import ChannelTerm, DisturbanceTerm, Model, Term
 from bench.analysis.gap._position import PositionFinding, PositionRun, PositionSignal
 from bench.analysis.gap._rate import RateFinding, RateSignal
+from bench.record.shown import Shown
 from simulators.effects import CHANNEL_UNITS
 
 Recording = GapRun | ChannelSeries | PositionRun
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Shown):
     """What was found in each signal of a unit's runs, and the runs by checksum.
 
     `model` is the nominal one, its parameters for the rate as fitted beside the causes, without the causes.
@@ -62,6 +63,16 @@ class Diagnosis:
     def closing(self) -> tuple[str, ...]:
         """Names of the effects that the closed model has and the nominal one has not."""
         return tuple(name for finding in self.findings for name in finding.closing)
+
+    def shown(self) -> dict[str, object]:
+        """Return the verdict, and the causes named."""
+        return {
+            "unit": self.unit_id,
+            "model": self.model.name,
+            "runs": list(self.run_checksums),
+            "verdict": self.verdict,
+            "causes": [cause.name for cause in self.causes],
+        }
 
 
 def diagnose(

@@ -26,6 +26,7 @@ from bench.analysis.look._rest import Motion, motion_of
 from bench.analysis.look._spectrum import Spectrum, spectrum_of
 from bench.analysis.look._temperature import FASTEST_K_PER_S, TemperatureLook, dependence, fastest_change
 from bench.record.exchange import read_table
+from bench.record.shown import Shown
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
@@ -71,8 +72,8 @@ class AxisLook:
     values: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Look:
+@dataclass(frozen=True, eq=False, repr=False)
+class Look(Shown):
     """A log looked at. `remarks`: what was guessed or noticed; `questions`: what cannot be known from the log."""
 
     log: Path
@@ -83,6 +84,20 @@ class Look:
     temperatures: Mapping[str, Array]
     remarks: tuple[str, ...]
     questions: tuple[str, ...]
+
+    def shown(self) -> dict[str, object]:
+        """Return the log, its axes with mean and noise, and how much is open."""
+        return {
+            "log": self.log.name,
+            **{
+                f"{axis.channel.name}, {axis.channel.base_unit}": (
+                    f"{axis.figures.mean:.5g}, 1 sigma {axis.figures.sigma:.3g}"
+                )
+                for axis in self.axes
+            },
+            "remarks": len(self.remarks),
+            "not known": list(self.questions),
+        }
 
     def facts(self) -> dict[str, Any]:
         """Return all that was found as plain values, arrays of up to 64 values as lists, curves left out."""

@@ -4,7 +4,7 @@ from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._evaluate import Scores
 from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._lstm import LstmModel
-from bench.analysis.thermal._study import Study, load_runs, run_study
+from bench.analysis.thermal._study import Study, load_runs, study_folders
 from bench.analysis.thermal._types import FeatureRun, Prediction, Stepper, ThermalModel, ThermalRun
 
 __all__ = [
@@ -19,5 +19,5 @@ __all__ = [
     "ThermalRun",
     "load_runs",
     "prepare",
-    "run_study",
+    "study_folders",
 ]

@@ -16,11 +16,12 @@ from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._selection import ModelScore, fit_models, score_models
 from bench.analysis.thermal._types import ThermalModel, ThermalRun
 from bench.record.recording import Run
+from bench.record.shown import Shown
 from drivers.base.errors import ConfigurationError
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, repr=False)
+class Study(Shown):
     """What came out. `scores` holds, for every model, its figures on every test run, in the order of `tests`.
 
     Without test runs the validation runs stand in `tests` and `judged_on_chosen` says that the figures flatter.
@@ -39,6 +40,19 @@ class Study:
     def chosen(self) -> str:
         """Name of the chosen model."""
         return self.selection[0].name
+
+    def shown(self) -> dict[str, object]:
+        """Return what was fitted on what, the chosen model, and the stability it leaves on the runs that judge."""
+        rows = self.scores[self.chosen]
+        return {
+            "unit": self.train[0].unit_id,
+            "fitted on": len(self.train),
+            "chosen on": len(self.validation),
+            "judged on": len(self.tests),
+            "chosen": self.chosen,
+            "1 sigma of 100 s, deg/h": sum(row.stability_dph for row in rows) / len(rows),
+            "less by, %": sum(row.improvement_pct for row in rows) / len(rows),
+        }
 
 
 def run_study(
@@ -78,6 +92,23 @@ def run_study(
         },
         judged_on_chosen=not tests,
     )
+
+
+def study_folders(
+    train: Sequence[Path],
+    validation: Sequence[Path],
+    tests: Sequence[Path] = (),
+    gyro: str | None = None,
+    names: Sequence[str] | None = None,
+    *,
+    fan: FanOut = ALONE,
+) -> Study:
+    """Return the study of run folders. `gyro`: default the first of each; `names`: models, default all.
+
+    ConfigurationError as `run_study`, and for an invalid run to fit or to choose on: only a test run may be one.
+    """
+    training, choosing = load_runs(train, gyro), load_runs(validation, gyro)
+    return run_study(training, choosing, load_runs(tests, gyro, allow_invalid=True), names, fan=fan)
 
 
 def load_runs(

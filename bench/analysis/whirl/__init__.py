@@ -5,7 +5,13 @@ from bench.analysis.whirl._compensation import WhirlCompensation
 from bench.analysis.whirl._direct import Estimate
 from bench.analysis.whirl._gauge import FREE_PART, MEANING, Gauge
 from bench.analysis.whirl._runs import load_turns
-from bench.analysis.whirl._study import Judgement, WhirlStudy, integrated_residual, study_whirl
+from bench.analysis.whirl._study import (
+    Judgement,
+    WhirlStudy,
+    integrated_residual,
+    study_whirl,
+    study_whirl_runs,
+)
 
 __all__ = [
     "FREE_PART",
@@ -19,5 +25,6 @@ __all__ = [
     "load_turns",
     "remove_slow",
     "study_whirl",
+    "study_whirl_runs",
     "tilt_spectrum",
 ]

@@ -22,8 +22,10 @@ from bench.analysis.whirl._integral import body_lines, fit_integral, match_coeff
 from bench.analysis.whirl._kinematics import body_tilt
 from bench.analysis.whirl._lines import CANDIDATES, choose_lines, scan_lines
 from bench.analysis.whirl._residual import heading_from_body_rate
-from bench.analysis.whirl._runs import Turns
+from bench.analysis.whirl._runs import Turns, load_turns
 from bench.analysis.whirl._types import Complex, Finding, TurnRecord
+from bench.record.recording import Run
+from bench.record.shown import Shown
 from drivers.base.arrays import Array
 
 
@@ -47,8 +49,8 @@ class Judgement:
         return self.before.locked_arcsec / self.after.locked_arcsec
 
 
-@dataclass(frozen=True, eq=False)
-class WhirlStudy:
+@dataclass(frozen=True, eq=False, repr=False)
+class WhirlStudy(Shown):
     """All of a whirl fit. `judged_on_fitted`: there were no other runs to judge on."""
 
     fit: DirectFit
@@ -57,6 +59,24 @@ class WhirlStudy:
     judged_on_fitted: bool
     findings: tuple[Finding, ...]
     heading_deg: float
+
+    def shown(self) -> dict[str, object]:
+        """Return the unit, the lines fitted, and by how many times the locked part fell on the runs that judge."""
+        return {
+            "unit": self.compensation.unit_id,
+            "lines": [f"{line:+g}" for line in self.fit.lines],
+            "judged on": [row.record.run_id for row in self.judgements],
+            "times less": [row.locked_factor for row in self.judgements],
+        }
+
+
+def study_whirl_runs(
+    train: Sequence[Run], test: Sequence[Run] = (), gyro: str | None = None, *, gauge: Gauge
+) -> WhirlStudy:
+    """Return the study of recorded runs; `gyro`: default the first with axes x, y, z. Errors as `load_turns`."""
+    fitted, judging = ([load_turns(run, gyro) for run in runs] for runs in (train, test))
+    checksums = {run.manifest.run_id: run.checksum for run in train}
+    return study_whirl(fitted, judging, gauge=gauge, checksums=checksums)
 
 
 def study_whirl(

@@ -18,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from bench.record.shown import Shown
 from drivers.base.constants import earth_rate_north_dph
 from drivers.kit.config import (
     ChamberConfig,
@@ -191,7 +192,7 @@ class RecordingSection(Section):
     )
 
 
-class BenchFile(Section):
+class BenchFile(Shown, Section):
     """A bench, as its file describes it. `sha256` is the checksum of the file as it was read."""
 
     bench: BenchSection = Field(description="a [bench] section with name and latitude_deg")
@@ -212,6 +213,15 @@ class BenchFile(Section):
     def sha256(self) -> str:
         """SHA-256 of the bytes this was read from, in hexadecimal."""
         return self._sha256
+
+    def shown(self) -> dict[str, object]:
+        """Return the bench, its devices and its units."""
+        return {
+            "bench": self.bench.name,
+            "table": self.table.driver,
+            "chamber": self.chamber.driver,
+            **{f"{section.name}, {section.driver}": section.unit for section in (*self.gyro, *self.platform)},
+        }
 
     @property
     def units(self) -> dict[str, str]:

@@ -32,6 +32,7 @@ from bench.record.recording._tables import (
     seconds,
 )
 from bench.record.run_folder import MANIFEST_FILE, url_of
+from bench.record.shown import Shown
 from drivers.base.arrays import ARCHIVE_DAMAGE, Array, array_of, read_archive
 from drivers.base.constants import earth_rate_north_dph
 from drivers.base.errors import RecordError
@@ -51,8 +52,8 @@ class Phase:
     end_s: float
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """A run on disk or on object storage, read as asked for: the one way to what a run holds."""
 
     _folder: Path
@@ -69,6 +70,19 @@ class Run:
         """
         here = local_run(folder)
         return cls(here, read_manifest(here), url_of(folder))
+
+    def shown(self) -> dict[str, object]:
+        """Return what was run on what, when, for how long and how it ended."""
+        manifest = self.manifest
+        return {
+            "run": manifest.run_id,
+            "procedure": manifest.procedure,
+            "outcome": " ".join([manifest.outcome, *([f"({manifest.reason})"] if manifest.reason else [])]),
+            "units": list(manifest.units.values()),
+            "started": manifest.started_utc,
+            "bench time, s": "not closed" if manifest.duration_s is None else manifest.duration_s,
+            "tables": list(self.tables),
+        }
 
     @property
     def place(self) -> Path | str:

@@ -29,7 +29,7 @@ def whirl(
 ) -> None:
     """Whirl of a rotating mechanism from gyro and angle, and its compensation of the attitude."""
     from bench.analysis.common.state_file import saved_together
-    from bench.analysis.whirl import load_turns, study_whirl
+    from bench.analysis.whirl import study_whirl_runs
     from bench.present.report import whirl_page, write_report
     from bench.record.recording import Run
 
@@ -37,13 +37,9 @@ def whirl(
         raise ConfigurationError("no such gauge", where="--gauge", found=gauge, expected="mean or start")
     console = Terminal()
     opened = [Run.open(folder) for folder in (*runs, *(test or []))]
-    with console.status("reading runs"):
-        turns = [load_turns(run, gyro) for run in opened]
-    fitted = {run.manifest.run_id: run.checksum for run in opened[: len(runs)]}
     with console.status("fitting whirl"):
-        study = study_whirl(
-            turns[: len(runs)], turns[len(runs) :], gauge=cast("Gauge", gauge), checksums=fitted
-        )
+        fitted, judging = opened[: len(runs)], opened[len(runs) :]
+        study = study_whirl_runs(fitted, judging, gyro, gauge=cast("Gauge", gauge))
     with saved_together(out) as part:
         study.compensation.save(part / WHIRL_FILE)
         write_report(part / REPORT_FILE, whirl_page(study, opened, part / WHIRL_FILE))

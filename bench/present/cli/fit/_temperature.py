@@ -30,17 +30,14 @@ def cold_shock(
 ) -> None:
     """Fit bias and scale-factor models to cold shocks, choose on the validation runs, judge on the test runs."""
     from bench.analysis.common.fan_out import fan_out
-    from bench.analysis.thermal import load_runs, run_study
+    from bench.analysis.thermal import study_folders
     from bench.present.report import write_study
 
     console = Terminal()
     validate, test = validate or [], test or []
     names = [name.strip() for name in models.split(",")] if models else None
-    with console.status("loading runs"):
-        training, validation = (load_runs(folders, gyro) for folders in (runs, validate))
-        tests = load_runs(test, gyro, allow_invalid=True)
     with console.status("fitting models"), fan_out(jobs, cluster) as fan:
-        study = run_study(training, validation, tests, names, fan=fan)
+        study = study_folders(runs, validate, test, gyro, names, fan=fan)
     write_study(study, [*runs, *validate, *test], out, title="Cold-shock compensation")
     console.print(score_table(study))
     chosen_on = ", ".join(run.run_id for run in study.validation)
