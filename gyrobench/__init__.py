@@ -6,8 +6,8 @@
     run = gyrobench.open_run(result.folder)
     rate_dps = run.gyro("fog_1")["rate_dps"]
 
-Everything here is handed on from the rooms (`bench`, `drivers`, `simulators`), which is where it is built. A name is
-loaded when it is first used, so that `import gyrobench` costs nothing.
+Everything here is handed on from the rooms (`bench`, `drivers`, `simulators`), which is where it is built.
+A name is loaded when it is first used, so that `import gyrobench` costs nothing.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from gyrobench._rooms import check_rooms
 
 if TYPE_CHECKING:
+    from bench import __version__ as __version__
     from bench.analysis.calibration import Noise as Noise
     from bench.analysis.compensations import load_compensation as load_compensation
     from bench.analysis.gap import Diagnosis as Diagnosis
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from gyrobench._operate import run as run
 
 _HOMES = {
+    "bench": ("__version__",),
     "bench.analysis.calibration": ("Noise",),
     "bench.analysis.compensations": ("load_compensation",),
     "bench.analysis.gap": ("Diagnosis",),
@@ -95,19 +97,14 @@ _HOMES = {
 """Module -> the public names that it holds."""
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 
-__all__ = sorted((*_HOME_OF, "__version__"))  # noqa: PLE0605
+__all__ = sorted(_HOME_OF)
 
 
 def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        from importlib.metadata import version
-
-        value: Any = version("gyrobench")
-    elif name in _HOME_OF:
-        check_rooms()
-        value = getattr(import_module(_HOME_OF[name]), name)
-    else:
+    if name not in _HOME_OF:
         raise AttributeError(f"gyrobench has no {name!r}; docs/api.md lists what it has")
+    check_rooms()
+    value = getattr(import_module(_HOME_OF[name]), name)
     globals()[name] = value
     return value
 

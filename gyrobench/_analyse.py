@@ -1,4 +1,4 @@
-"""Look at logs, diagnose gaps, fit compensations. The methods are those of `bench.analysis`; runs are named by path.
+"""Look at logs, diagnose gaps, fit compensations, with the methods of `bench.analysis`.
 
 A run is a run folder or, on object storage, its URL.
 """
@@ -27,8 +27,8 @@ def look(log: Path | str, options: LookOptions | None = None) -> Look:
     """Look at anybody's log of gyros and accelerometers: text, Parquet, MAT, NPY, NPZ, HDF5 or MDF.
 
     The result has every axis at its full rate (`axes`: figures, Allan deviation, spectrum, dependence on
-    temperature, values of shape (n,) in `channel.base_unit`), the clock, what was guessed (`remarks`) and what a log
-    cannot tell (`questions`). `facts()` gives it as plain values. `options` says what the log does not.
+    temperature, values of shape (n,) in `channel.base_unit`), the clock, what was guessed (`remarks`) and what
+    a log cannot tell (`questions`). `facts()` gives it as plain values. `options` says what the log does not.
 
     ConfigurationError if the log cannot be read or has no gyro and no accelerometer.
     """
@@ -66,8 +66,8 @@ def fit_cold_shock(
 ) -> Study:
     """Fit bias and scale-factor models to cold shocks, choose one on `validate`, judge all on `test`.
 
-    `models`: names of those to fit, default all eight. `jobs`: processes, default 1. `study.chosen` is the name of
-    the chosen model, `study.scores` the figures of every model on every test run (deg/h, ppm), and
+    `models`: names of those to fit, default all. `jobs`: processes, default 1. `study.chosen` is the name
+    of the chosen model, `study.scores` the figures of every model on every test run (deg/h, ppm), and
     `study.compensation.save(path)` writes the compensation file. Patent CN115855016B; docs/decisions/0006.
 
     ConfigurationError without a validation run, for a run that was not completed, or for runs of several units.
@@ -81,10 +81,9 @@ def fit_cold_shock(
 def fit_stepwise(
     runs: Iterable[Path | str], test: Iterable[Path | str] = (), *, gyros: Iterable[str] = ()
 ) -> dict[str, RlgStudy]:
-    """Fit a ring-laser gyro's bias over temperature by stepwise regression; return the study of each unit by its id.
+    """Fit a ring-laser gyro's bias over temperature by stepwise regression; return each unit's study by its id.
 
-    `runs`, `test`: `thermal-ramp` run folders. `gyros`: these only. Bias in deg/h, temperature in degC, its rate in
-    K/min; docs/rlg.md has the equations. ConfigurationError for a training run that was not completed.
+    `runs`, `test`: `thermal-ramp` run folders. `gyros`: these only. Bias is in deg/h, temperature in degC; docs/rlg.md has the equations. ConfigurationError for a training run that was not completed.
     """
     return study_units(_paths(runs), _paths(test), tuple(gyros))
 
@@ -94,8 +93,8 @@ def fit_standard_test(
 ) -> tuple[list[StandardFigures], list[Figure]]:
     """Return the figures of IEEE Std 952 / 647 and GJB 2426A of one unit's `standard-test` runs.
 
-    First those of each run, then those over several runs, which are power-ons. Each figure has its value, unit and
-    95 % interval. ConfigurationError for runs of several units.
+    First those of each run, then those over several runs, which are power-ons. Each figure has its value, unit
+    and 95 % interval. ConfigurationError for runs of several units.
     """
     figures, over_runs = figures_of_unit(_paths(runs), gyro)
     return figures, list(over_runs)

@@ -17,7 +17,7 @@ from bench.record.benchfile import BenchFile, load_bench_file
 
 
 def rehearse(
-    procedure: str | Path | Procedure,
+    procedure: str | Procedure,
     bench: BenchFile | Path | str,
     /,
     runs: Path | str = "runs",
@@ -29,12 +29,12 @@ def rehearse(
 ) -> RunResult:
     """Run a procedure on an emulated lab that matches a bench file, in virtual time; return how it ended.
 
-    `procedure`: its name, a file (`./mine.py`) or the object. `runs`: folder that gets the run folder. `plant`:
-    the physics behind the emulated devices, or its file. `seed`: in place of the plant's. `show` is called with the
-    progress. `parameters`: as `gyrobench procedures NAME` lists them, with their units in their names.
+    `procedure`: its name or the object. `runs`: folder that gets the run folder. `plant`: the physics behind
+    the emulated devices, or its file. `seed`: in place of the plant's. `show` is called with the progress.
+    `parameters`: as `gyrobench procedures NAME` lists them, with their units in their names.
 
-    `result.outcome` is completed, invalid or aborted; `open_run(result.folder)` reads the record. ConfigurationError
-    for what cannot be asked for, before anything is written.
+    `result.outcome` is completed, invalid or aborted; `open_run(result.folder)` reads the record.
+    ConfigurationError for what cannot be asked for, before anything is written.
     """
     found = _procedure(procedure)
     values = found.parse(parameters)
@@ -45,7 +45,7 @@ def rehearse(
 
 
 def run(
-    procedure: str | Path | Procedure,
+    procedure: str | Procedure,
     bench: BenchFile | Path | str,
     /,
     runs: Path | str = "runs",
@@ -56,11 +56,11 @@ def run(
 ) -> RunResult:
     """Run a procedure on the devices of a bench file; return how it ended, with the bench in its safe state.
 
-    As `rehearse`, on real devices: the operator is asked at the terminal. `yes` answers every question beforehand,
-    for a bench that is prepared. Limits are checked before anything moves.
+    As `rehearse`, on real devices: the operator is asked at the terminal. `yes` answers every question
+    beforehand, for a bench that is prepared. Limits are checked before anything moves.
 
-    BenchInUse if somebody else has the bench, ConfigurationError for what cannot be asked for. What aborts the run
-    is not raised: it is `result.error`.
+    BenchInUse if somebody else has the bench, ConfigurationError for what cannot be asked for. What aborts the
+    run is not raised: it is `result.error`.
     """
     found = _procedure(procedure)
     values = found.parse(parameters)
@@ -70,8 +70,8 @@ def run(
         return run_procedure(RunRequest(found, values, _bench(bench), Path(runs), who, show, live=live))
 
 
-def _procedure(procedure: str | Path | Procedure) -> Procedure:
-    return procedure if isinstance(procedure, Procedure) else find_procedure(str(procedure))
+def _procedure(procedure: str | Procedure) -> Procedure:
+    return procedure if isinstance(procedure, Procedure) else find_procedure(procedure)
 
 
 def _bench(bench: BenchFile | Path | str) -> BenchFile:

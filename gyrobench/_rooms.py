@@ -19,11 +19,12 @@ def check_rooms() -> None:
             raise ImportError(
                 f"gyrobench is installed without its package {room!r}: install it again (pip install gyrobench)"
             )
-        place = Path(spec.origin).resolve() if spec.origin else Path(next(iter(spec.submodule_search_locations)))
+        folders = spec.submodule_search_locations or ()
+        place = Path(spec.origin or next(iter(folders))).resolve()
         if place.name == "__init__.py":
             place = place.parent
         if place.parent != _HOME:
             raise ImportError(
-                f"{place} hides the package {room!r} that gyrobench consists of: rename it, or start Python where "
-                "it is not in the module search path"
+                f"{place} hides the package {room!r} that gyrobench consists of: rename it, or start Python "
+                "where it is not in the module search path"
             )

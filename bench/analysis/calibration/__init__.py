@@ -1,6 +1,6 @@
 """System-level calibration of an IMU: error model, observability, schedules, their covariance and search."""
 
-from bench.analysis.calibration._calibrate import calibrate, load_record
+from bench.analysis.calibration._calibrate import Calibration, calibrate, load_record
 from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import (
     DPH_RAD_S,
@@ -44,6 +44,7 @@ __all__ = [
     "TABLES",
     "UNIT_SIZE",
     "BiasWander",
+    "Calibration",
     "CalibrationRun",
     "Effort",
     "Estimate",

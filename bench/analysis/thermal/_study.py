@@ -42,7 +42,7 @@ class Study(Shown):
         return self.selection[0].name
 
     def shown(self) -> dict[str, object]:
-        """Return what was fitted on what, the chosen model, and the stability it leaves on the runs that judge."""
+        """Return what was fitted on what, the chosen model, and the stability it leaves."""
         rows = self.scores[self.chosen]
         return {
             "unit": self.train[0].unit_id,
@@ -50,8 +50,8 @@ class Study(Shown):
             "chosen on": len(self.validation),
             "judged on": len(self.tests),
             "chosen": self.chosen,
-            "1 sigma of 100 s, deg/h": sum(row.stability_dph for row in rows) / len(rows),
-            "less by, %": sum(row.improvement_pct for row in rows) / len(rows),
+            "1 sigma of 100 s, deg/h": [row.stability_dph for row in rows],
+            "less by, %": [row.improvement_pct for row in rows],
         }
 
 

@@ -61,7 +61,7 @@ class WhirlStudy(Shown):
     heading_deg: float
 
     def shown(self) -> dict[str, object]:
-        """Return the unit, the lines fitted, and by how many times the locked part fell on the runs that judge."""
+        """Return the unit, the lines fitted, and by how many times the locked part fell."""
         return {
             "unit": self.compensation.unit_id,
             "lines": [f"{line:+g}" for line in self.fit.lines],

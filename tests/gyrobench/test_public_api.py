@@ -1,0 +1,103 @@
+"""`import gyrobench`: names and signatures are those of docs/api.md; it loads nothing; nobody hides a room."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import gyrobench
+from bench.record.benchfile import load_bench_file
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+
+
+def documented() -> dict[str, str]:
+    """Return name -> signature of the page's headings: `### name(parameters) -> result`, or a name alone."""
+    found = re.findall(r"^### `(\w+)(.*)`$", PAGE, re.MULTILINE)
+    return dict(found)
+
+
+def test_names_are_those_of_the_page() -> None:
+    assert sorted([*documented(), "__version__"]) == gyrobench.__all__ == dir(gyrobench)
+
+
+@pytest.mark.parametrize("name", sorted(documented()))
+def test_signature_is_that_of_the_page(name: str) -> None:
+    public = getattr(gyrobench, name)
+    signature = str(inspect.signature(public)).replace("'", "") if inspect.isfunction(public) else ""
+    assert signature == documented()[name]
+    assert inspect.getdoc(public)
+
+
+def test_type_checkers_are_told_the_names_that_there_are() -> None:
+    tree = ast.parse((ROOT / "gyrobench" / "__init__.py").read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    told = {
+        alias.asname: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert told == gyrobench._HOME_OF
+
+
+def test_version_is_that_of_the_distribution() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert gyrobench.__version__ == project["version"]
+
+
+def test_an_unknown_name_is_told() -> None:
+    with pytest.raises(AttributeError, match=r"no 'open_ran'; docs/api.md"):
+        _ = gyrobench.open_ran  # type: ignore[attr-defined]
+
+
+def test_import_loads_no_room() -> None:
+    code = "import sys, gyrobench; print(sorted({'bench', 'drivers', 'numpy', 'torch'} & set(sys.modules)))"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("room", ["bench", "drivers", "procedures", "simulators"])
+def test_a_folder_of_the_users_that_hides_a_room_is_named(tmp_path: Path, room: str) -> None:
+    (tmp_path / room).mkdir()
+    (tmp_path / room / "__init__.py").touch()
+    (tmp_path / "mine.py").write_text("import gyrobench\ngyrobench.open_run('runs/x')\n")
+    script = subprocess.run([sys.executable, "mine.py"], cwd=tmp_path, capture_output=True, text=True)
+    said = script.stderr.splitlines()[-1]
+    assert said.startswith(f"ImportError: {tmp_path / room} hides the package {room!r}"), script.stderr
+    command = subprocess.run(
+        [sys.executable, "-m", "gyrobench", "runs", "list"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert command.returncode == 2
+    assert command.stderr.startswith(f"error: {tmp_path / room} hides the package {room!r}")
+    assert len(command.stderr.splitlines()) == 1
+
+
+def test_a_bench_file_shows_itself_in_a_line_and_as_html() -> None:
+    bench = gyrobench.load_bench(ROOT / "examples" / "demo.toml")
+    assert bench == load_bench_file(ROOT / "examples" / "demo.toml")
+    assert repr(bench) == (
+        "<BenchFile: bench demo bench, table acutrol3000, chamber weiss, fog_1, kvh1750 FOG-001, "
+        "ellipse_1, sbg_ellipse ELL-001>"
+    )
+    assert "<td style='text-align:left'>weiss</td>" in bench._repr_html_()
+
+
+@pytest.mark.slow
+def test_a_rehearsal_from_python_is_read_back(tmp_path: Path) -> None:
+    result = gyrobench.rehearse("known-state", ROOT / "examples" / "demo.toml", tmp_path, seed=3)
+    run = gyrobench.open_run(result.folder)
+    assert result.outcome == run.manifest.outcome == "completed"
+    assert run.manifest.emulated is not None and run.manifest.emulated.seed == 3
+    assert len(repr(run)) < 400 and "procedure known-state, outcome completed" in repr(run)
+    assert run.gyro("fog_1", ["rate_dps"])["rate_dps"].ndim == 1
+    with pytest.raises(gyrobench.ConfigurationError, match="not a parameter"):
+        gyrobench.rehearse("known-state", ROOT / "examples" / "demo.toml", tmp_path, air=20)
