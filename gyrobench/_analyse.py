@@ -83,7 +83,8 @@ def fit_stepwise(
 ) -> dict[str, RlgStudy]:
     """Fit a ring-laser gyro's bias over temperature by stepwise regression; return each unit's study by its id.
 
-    `runs`, `test`: `thermal-ramp` run folders. `gyros`: these only. Bias is in deg/h, temperature in degC; docs/rlg.md has the equations. ConfigurationError for a training run that was not completed.
+    `runs`, `test`: `thermal-ramp` run folders. `gyros`: these only. Bias is in deg/h, temperature in degC; see
+    docs/rlg.md for the equations. ConfigurationError for a training run that was not completed.
     """
     return study_units(_paths(runs), _paths(test), tuple(gyros))
 
