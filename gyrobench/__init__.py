@@ -53,8 +53,8 @@ if TYPE_CHECKING:
     from gyrobench._analyse import fit_whirl as fit_whirl
     from gyrobench._analyse import look as look
     from gyrobench._open import load_bench as load_bench
-    from gyrobench._open import open_campaign as open_campaign
     from gyrobench._open import open_run as open_run
+    from gyrobench._operate import open_campaign as open_campaign
     from gyrobench._operate import rehearse as rehearse
     from gyrobench._operate import run as run
 
@@ -91,8 +91,8 @@ _HOMES = {
         "fit_whirl",
         "look",
     ),
-    "gyrobench._open": ("load_bench", "open_campaign", "open_run"),
-    "gyrobench._operate": ("rehearse", "run"),
+    "gyrobench._open": ("load_bench", "open_run"),
+    "gyrobench._operate": ("open_campaign", "rehearse", "run"),
 }
 """Module -> the public names that it holds."""
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}

@@ -1,10 +1,9 @@
-"""Open what is on disk: runs, campaigns, bench files."""
+"""Open what is on disk, on any operating system: runs and bench files."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from bench.campaign import CampaignFolder
 from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.recording import Run
 
@@ -20,15 +19,6 @@ def open_run(folder: Path | str) -> Run:
     RecordError if the folder is no run. A run that a crash left open is read as far as it was written.
     """
     return Run.open(folder)
-
-
-def open_campaign(folder: Path | str) -> CampaignFolder:
-    """Return a campaign that was begun: its file, its bench, its runs and how far each of them is.
-
-    `campaign.states()` gives the state of every run, `open_run(state.folder)` the record of one. RecordError or
-    ConfigurationError if the folder is no campaign.
-    """
-    return CampaignFolder(Path(folder))
 
 
 def load_bench(file: Path | str) -> BenchFile:

@@ -1,4 +1,4 @@
-"""Run procedures: on an emulated lab, or on the devices of a bench file."""
+"""Run procedures, on an emulated lab or on the devices of a bench file, and open campaigns. Needs POSIX."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from bench.campaign import CampaignFolder
 from bench.control.live import Live
 from bench.control.procedure import Procedure, find_procedure
 from bench.control.progress import Progress
@@ -14,6 +15,15 @@ from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.lab.emulated import Plant, load_plant
 from bench.lab.rehearsal import rehearse_procedure
 from bench.record.benchfile import BenchFile, load_bench_file
+
+
+def open_campaign(folder: Path | str) -> CampaignFolder:
+    """Return a campaign that was begun: its file, its bench, its runs and how far each of them is.
+
+    `campaign.states()` gives the state of every run, `open_run(state.folder)` the record of one. RecordError or
+    ConfigurationError if the folder is no campaign.
+    """
+    return CampaignFolder(Path(folder))
 
 
 def rehearse(

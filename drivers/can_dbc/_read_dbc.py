@@ -6,7 +6,6 @@ imports nothing of ours, which would take longer than all the rest.
 """
 
 import json
-import resource
 import sys
 from typing import Any
 
@@ -19,6 +18,8 @@ _OF_SIGNAL = (
 
 def main(memory_bytes: int, cpu_s: int) -> int:
     """Read one file; 1 if it cannot be read. Beyond `cpu_s` the kernel ends the process."""
+    import resource  # POSIX, and of this process alone: `messages_in` is imported elsewhere
+
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.modules["asammdf"] = None  # type: ignore[assignment]  # see drivers/kit/python_can.py

@@ -99,3 +99,14 @@ def test_every_file_named_exists(page: Path) -> None:
     )
     for name in named:
         assert (ROOT / name).exists(), f"{page.name}: no {name}"
+
+
+def test_the_readme_is_a_page() -> None:
+    assert len((ROOT / "README.md").read_text().split()) <= 700
+
+
+def test_the_version_is_the_same_everywhere() -> None:
+    version = re.search(r'^version = "(.+)"', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert version is not None
+    assert f"\nversion: {version[1]}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f"\n## {version[1]}\n" in (ROOT / "CHANGELOG.md").read_text()

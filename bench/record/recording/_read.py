@@ -352,6 +352,8 @@ def _stretch(
 
 def check_room(where: str, rows: int, columns: int) -> None:
     """Refuse what would not fit in memory, RecordError: a kilobyte can say that it has 10**9 equal rows."""
+    if not hasattr(os, "sysconf"):  # no POSIX: the allocation fails by itself
+        return
     room = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if 2 * 8 * rows * columns > room:  # once in Arrow, once as numpy
         raise RecordError(
