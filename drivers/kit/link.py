@@ -25,11 +25,11 @@ _RESOLUTION_S = 1e-6
 """Deadlines are met to this: a clock may count whole ns."""
 _QUIET_S = 0.1
 _NOISY_S = 2.0
-try:
-    from termios import error as _termios_error
-except ImportError:  # no POSIX: recorded runs are read there all the same
-    _termios_error = OSError
-_NOT_OPENED = (serial.SerialException, OSError, ValueError, _termios_error)
+_NOT_OPENED: tuple[type[Exception], ...] = (serial.SerialException, OSError, ValueError)
+with contextlib.suppress(ImportError):  # no POSIX: recorded runs are read there all the same
+    import termios
+
+    _NOT_OPENED = (*_NOT_OPENED, termios.error)
 """What pyserial raises; the last, on POSIX no OSError, when a port goes away while it is being set."""
 REOPEN_S = 0.3
 """How long `reopen` waits for a port; one that takes longer goes on being opened meanwhile."""
