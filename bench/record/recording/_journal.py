@@ -90,6 +90,8 @@ class _Direction:
         with self._lock:
             gathered, self._bytes = self._bytes, bytearray()
             marks, self._marks = self._marks, array("q")
+        if not (gathered or marks or self.data.pending or self._unwritten_marks or self.index.pending):
+            return
         self.data.pending += gathered
         self._handed_on += len(gathered)
         self._unwritten_marks.extend(marks)
