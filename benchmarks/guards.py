@@ -327,7 +327,7 @@ MECHANISMS = (
         2,
         "a way to the safe state that is cut off is not confirmed",
         f"{_CONTROL}.session:Bench.make_safe",
-        Swap("tuple(Reading(code='cut_off').fact(name, cause, why) for name in stations)", "()"),
+        Swap("tuple(Reading(code='cut_off').fact(name, cause, why) for name in devices)", "()"),
         _T_SESSION,
     ),
     Mechanism(
@@ -421,8 +421,8 @@ MECHANISMS = (
     Mechanism(
         2,
         "a platform's port is leased",
-        f"{_CONTROL}.lease:_paths",
-        Swap("[platform.port for platform in file.platform]", "[]"),
+        "bench.record.benchfile._model:BenchFile.ports",
+        Swap("{device.name: device.port for device in devices}", "{}"),
         _T_LEASE,
     ),
     Mechanism(

@@ -8,14 +8,13 @@ at other temperatures. Every interval of measurement is an event; the figures ar
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
-from bench.control.stream_stations import GyroStation
 from bench.record.events.run import Interval
+from procedures._power import power_cycle
 from procedures.thermal_ramp import go_to_end
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 
@@ -25,9 +24,6 @@ _RESOLUTION_DEG = 45.0
 _SETTLE_S = 20.0
 _EAST_BY_HAND = ("mems",)
 """Grades too noisy to find east by the Earth rate within the 2 deg that are accepted: it is what was mounted."""
-_STREAMS_S = 10.0
-"""A unit whose last sample is older than this is silent."""
-_BACK_S = 300.0
 _ALWAYS = (
     "bias",
     "bias stability, 10 s averages",
@@ -179,45 +175,6 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
         bench.phase("close")
         bench.table.stop()
         bench.chamber.stop()
-
-
-def power_cycle(bench: Bench, which: str, off_s: float) -> None:
-    """Have the units switched off and on, and wait until all of them stream again; the run is invalid if not."""
-    before = {name: gyro.frames for name, gyro in _living(bench).items()}
-
-    def back() -> bool:
-        return all(
-            gyro.frames > before[name] and bench.now_s - gyro.history.last["time_s"] < _STREAMS_S
-            for name, gyro in _living(bench).items()
-        )
-
-    with bench.units_off():
-        bench.ask(
-            f"Switch the units off, wait {off_s:.0f} s, switch them on again ({which}). Done?",
-            act="power_cycle",
-            off_s=off_s,
-        )
-        asked_s = bench.now_s
-        # An emulated unit goes off with the answer; a real one is on again by then.
-        bench.wait(min(off_s, 2.0 * _STREAMS_S), "power cycle")
-        on = bench.wait_until(back, timeout_s=off_s + _BACK_S, what="units to stream again")
-    if not on:
-        silent = [
-            n for n, g in _living(bench).items() if bench.now_s - g.history.last["time_s"] >= _STREAMS_S
-        ]
-        bench.invalidate(
-            f"{', '.join(silent)} did not stream again within {bench.now_s - asked_s:.0f} s of {which}",
-            "unit_stays_off",
-            devices=silent,
-            waited_s=bench.now_s - asked_s,
-        )
-
-
-def _living(bench: Bench) -> Mapping[str, GyroStation]:
-    """Return the gyros whose port is open, up to date."""
-    for gyro in bench.gyros.values():
-        gyro.update()
-    return {name: gyro for name, gyro in bench.gyros.items() if not gyro.gone}
 
 
 def small_steps(bench: Bench, test: str, angle_deg: float, plan: Grade) -> None:

@@ -9,8 +9,16 @@ from dataclasses import dataclass, field
 from types import UnionType
 from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
-from drivers.kit.config import ChamberConfig, GyroConfig, PlatformConfig, Section, TableConfig, key
-from drivers.kit.registry import ROLES, config_class
+from drivers.kit.config import (
+    ChamberConfig,
+    GyroConfig,
+    InstrumentConfig,
+    PlatformConfig,
+    Section,
+    TableConfig,
+    key,
+)
+from drivers.kit.registry import config_class, roles
 from simulators.faults import Fault
 
 
@@ -81,6 +89,14 @@ class PlatformInLab:
 
 
 @dataclass(frozen=True, kw_only=True)
+class InstrumentInLab:
+    """A supply, a logger or an instrument of another role: its section of the bench file."""
+
+    role: str
+    config: InstrumentConfig
+
+
+@dataclass(frozen=True, kw_only=True)
 class LabConfig:
     """A whole lab.
 
@@ -97,6 +113,7 @@ class LabConfig:
     chamber: ChamberConfig
     gyros: tuple[GyroInLab, ...]
     platforms: tuple[PlatformInLab, ...] = ()
+    instruments: tuple[InstrumentInLab, ...] = ()
     faults: tuple[Fault, ...] = ()
     rotation: Rotation = field(default_factory=Rotation)
     delivery_s: float = 1.0
@@ -124,9 +141,12 @@ def _restored(kind: Any, value: Any) -> Any:
         return value
     if get_origin(kind) is dict and get_args(kind)[0] is int:
         return {int(number): content for number, content in value.items()}
-    for role, shared in ROLES.items():
+    for role, shared in roles().items():
         if kind is shared:
             kind = config_class(role, value["driver"])
+    if kind is InstrumentInLab:
+        config = _restored(config_class(value["role"], value["config"]["driver"]), value["config"])
+        return InstrumentInLab(role=value["role"], config=config)
     if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
         return value
     types = get_type_hints(kind)

@@ -76,8 +76,26 @@ class StallDetector:
         return Stall(air_c, self._set_point_c, max(nearer_k, 0.0), WINDOW_S)
 
 
+@dataclass(frozen=True)
+class SoftwareRamp:
+    """A ramp of a chamber that cannot be told one: its set point is moved with every poll."""
+
+    from_c: float
+    to_c: float
+    k_per_min: float
+    since_s: float
+
+    def set_point_c(self, time_s: float) -> float:
+        """Return where the set point belongs at a bench time."""
+        way_k = self.k_per_min * max(0.0, time_s - self.since_s) / 60.0
+        return self.from_c + math.copysign(min(way_k, abs(self.to_c - self.from_c)), self.to_c - self.from_c)
+
+
 class ChamberStation(Station):
-    """The thermal chamber. Demands return at once; procedures wait on telemetry."""
+    """The thermal chamber. Demands return at once; procedures wait on telemetry.
+
+    A chamber that cannot be told a ramp has its set point moved in steps of its own resolution while it runs.
+    """
 
     name = "chamber"
 
@@ -88,6 +106,9 @@ class ChamberStation(Station):
         self.auxiliary = auxiliary
         self.set_point_c: float | None = None
         self._stall = StallDetector()
+        self._running = False
+        self._ramp: SoftwareRamp | None = None
+        self._told_c = math.nan
 
     def check(self, min_temp_c: float, max_temp_c: float, max_ramp_k_per_min: float = 0.0) -> None:
         """Raise LimitExceeded if the demands are beyond the bench file's or the chamber's own limits."""
@@ -101,7 +122,7 @@ class ChamberStation(Station):
                 expected=f"{low:g} .. {high:g} degC (bench file and chamber limits)",
                 remedy="change the temperature parameters, or the limits if chamber and unit really allow it",
             )
-        if max_ramp_k_per_min:
+        if max_ramp_k_per_min and can.ramp_k_per_min is not None:
             require_ramp(can, max_temp_c, max_ramp_k_per_min, "chamber")
         if max_ramp_k_per_min > limits.max_ramp_k_per_min:
             raise LimitExceeded(
@@ -135,8 +156,9 @@ class ChamberStation(Station):
         return self.device.read_state()
 
     def watch(self) -> None:
-        """Write an alarm, once a demand, when the air gets no nearer to its set point."""
+        """Move the set point on a ramp; write an alarm, once a demand, when the air gets no nearer to it."""
         now_s = self._session.now_s
+        self._follow(now_s)
         if not self._stall.due(now_s) or not (before := self.history.row_at(now_s - WINDOW_S)):
             return
         if stall := self._stall.look(self.history.last["air_temp_c"], before["air_temp_c"]):
@@ -182,16 +204,50 @@ class ChamberStation(Station):
         self._session.event(AirDemand(self.name, set_point_c, ramp_k_per_min))
         self.set_point_c = set_point_c
         self._stall.demand(self._session.now_s, set_point_c, ramp_k_per_min)
-        self.device.set_temperature(set_point_c, ramp_k_per_min)
+        self._ramp = None
+        if ramp_k_per_min is None or self.device.capabilities().ramp_k_per_min is not None:
+            self.device.set_temperature(set_point_c, ramp_k_per_min)
+        else:
+            self._begin(set_point_c, ramp_k_per_min)
+
+    def _begin(self, to_c: float, k_per_min: float) -> None:
+        """Begin a ramp where the air is."""
+        self._ramp = SoftwareRamp(self.read_air_c(), to_c, k_per_min, self._session.now_s)
+        self._told_c = math.nan
+        self._follow(self._session.now_s)
+
+    def _follow(self, now_s: float) -> None:
+        ramp = self._ramp
+        if ramp is None or not (self._running or math.isnan(self._told_c)):
+            return
+        wanted_c = ramp.set_point_c(now_s)
+        step_c = self.device.capabilities().temp_resolution_c
+        if wanted_c == ramp.to_c:
+            self._ramp = None
+        elif abs(wanted_c - self._told_c) < step_c:
+            return
+        self._told_c = wanted_c if self._ramp is None else round(wanted_c / step_c) * step_c
+        self.device.set_temperature(self._told_c)
+
+    def read_air_c(self) -> float:
+        """Return the newest air temperature, read now if there is none yet."""
+        if not self.history.last:
+            self.device.request_state()
+            return self.device.read_state().air_temp_c
+        return self.history.last["air_temp_c"]
 
     def start(self) -> None:
         """Start conditioning."""
         self._session.event(ConditioningDemand(self.name, True))
+        if self._ramp is not None:
+            self._begin(self._ramp.to_c, self._ramp.k_per_min)
         self.device.start()
+        self._running = True
         self._stall.run(self._session.now_s, True)
 
     def stop(self) -> None:
         """Stop conditioning."""
         self._session.event(ConditioningDemand(self.name, False))
         self._stall.run(self._session.now_s, False)
+        self._running, self._ramp = False, None
         self.device.stop()

@@ -11,7 +11,7 @@ from drivers.base.errors import BenchError, ConfigurationError, LinkLost
 from drivers.kit.instruments import Identity, Instrument
 from drivers.kit.kinds import Connection, Probe
 from drivers.kit.link import Link
-from drivers.kit.registry import DRIVERS, registered
+from drivers.kit.registry import DRIVERS, instrument_roles, registered
 
 LISTEN_S = 1.5
 LISTEN_BAUDS = (921_600, 460_800, 115_200, 9600)
@@ -41,7 +41,7 @@ def identify_port(port: str, clock: Clock, say: Callable[[str], None], name: str
     if heard:
         found = _streaming(port, heard, baudrate)
         return found or Finding(port, "", f"sends what no gyro known here sends: {heard[:16].hex(' ')} ...")
-    for name_of_kind, kind, probe in _probes("table", "chamber"):
+    for name_of_kind, kind, probe in _probes("table", "chamber", *instrument_roles()):
         say(f"{port}: {name_of_kind} at {probe.baudrate} Bd")
         try:
             identity = _ask(name_of_kind, kind, probe, port, Connection(name, clock, None))
@@ -50,7 +50,8 @@ def identify_port(port: str, clock: Clock, say: Callable[[str], None], name: str
         except BenchError:
             continue
         device = " ".join(part for part in (identity.maker, identity.model, identity.serial_number) if part)
-        more = "".join(f", {key} = {str(value).lower()}" for key, value in probe.keys.items())
+        keys = {key: value for key, value in probe.keys.items() if isinstance(value, bool | int)}
+        more = "".join(f", {key} = {str(value).lower()}" for key, value in keys.items())
         at = "TCP" if "://" in port else f"{probe.baudrate} Bd"
         return Finding(port, name_of_kind, f"{device} ({at}{more})")
     return Finding(port, "", "nothing known answers")

@@ -153,8 +153,7 @@ def process_start(pid: int) -> int:
 
 def _paths(file: BenchFile) -> list[tuple[str, Path]]:
     """Return (port, its lease file), in an order that is the same for everybody: no deadlock, no half lease."""
-    ports = [file.table.port, file.chamber.port, *(gyro.port or gyro.channel or "" for gyro in file.gyro)]
-    ports += [platform.port for platform in file.platform]
+    ports = file.ports.values()
     places = sorted({os.path.realpath(port) if port.startswith("/") else port for port in ports})
     folder = state_folder() / "leases"
     names = [hashlib.sha256(device_at(place).encode()).hexdigest()[:24] for place in places]

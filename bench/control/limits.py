@@ -7,10 +7,12 @@ been demanded (air that is on its way to -50 degC will pass -40). On telemetry t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from bench.control.chamber_station import ChamberStation
+from bench.control.instrument_station import InstrumentStation
 from bench.control.table_station import TableStation
 from bench.record.benchfile import Band, ForbiddenState, LimitsSection
 from drivers.base.clock import Clock
@@ -114,10 +116,15 @@ class LimitWatch:
     """The limits of one bench, with the stations whose telemetry and demands they speak of."""
 
     def __init__(
-        self, limits: LimitsSection, clock: Clock, table: TableStation, chamber: ChamberStation
+        self,
+        limits: LimitsSection,
+        clock: Clock,
+        table: TableStation,
+        chamber: ChamberStation,
+        instruments: Mapping[str, InstrumentStation],
     ) -> None:
         self._limits, self._clock = limits, clock
-        self._table, self._chamber = table, chamber
+        self._table, self._chamber, self._instruments = table, chamber, instruments
         self._with_door = any(rule.door for rule in limits.forbid)
 
     def allow(
@@ -167,6 +174,14 @@ class LimitWatch:
             angle_deg=angle_deg,
             air_temp_c=between(air["air_temp_c"], target_c),
             set_point_c=between(air["set_point_c"], target_c),
-            aux_temp_c=tuple(between(value, target_c) for value in self._chamber.auxiliary_c),
+            aux_temp_c=tuple(between(value, target_c) for value in self._auxiliary_c()),
             door_open=self._with_door and self._chamber.look_at_door(),
         )
+
+    def _auxiliary_c(self) -> Iterator[float]:
+        """Yield what the sensors of chamber and loggers said last, degC; an open one says nothing."""
+        yield from self._chamber.auxiliary_c
+        for station in self._instruments.values():
+            for column, value in station.readings.items():
+                if column.startswith("aux_") and not math.isnan(value):
+                    yield value

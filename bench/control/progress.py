@@ -59,6 +59,8 @@ class Progress:
     """How often they are asked."""
     standing_s: float = 0.0
     """Bench time so far that went by waiting for a human: questions and pauses."""
+    readings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Of every supply, logger and other instrument: its newest readings by column."""
     paused: bool = False
     alarms: tuple[Mapping[str, Any], ...] = ()
     """The last 20 events that an operator has to see at once, as in events.jsonl."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from functools import partial
@@ -37,9 +37,18 @@ from bench.record.recording import (
 )
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, RecordError
-from drivers.kit.config import GyroConfig, PlatformConfig
+from drivers.kit.config import GyroConfig, InstrumentConfig, PlatformConfig
 from drivers.kit.instruments import Identity
-from drivers.kit.kinds import ChamberKind, Columns, GyroKind, PlatformKind, TableKind
+from drivers.kit.kinds import (
+    ChamberKind,
+    Columns,
+    Exchange,
+    GyroKind,
+    MeterKind,
+    PlatformKind,
+    TableKind,
+    Transcript,
+)
 from drivers.kit.registry import load_kind
 
 _SOFTWARE = ("gyrobench", "numpy", "scipy", "pyserial", "python-can")
@@ -212,6 +221,9 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
         folder, "table", "turntable", lambda rows: table.decode_transcript(rows, file.table), out
     )
     decode_instrument(folder, "chamber", "chamber", chamber.decode_transcript, out)
+    for name, (role, section) in file.all_instruments.items():
+        meter: MeterKind[Any] = load_kind(role, section.driver)
+        decode_instrument(folder, name, f"{role}_{name}", partial(_of_meter, meter, section), out)
     starts = {name: int(entry.get("start_offset", 0)) for name, entry in manifest.stream.items()}
     units: tuple[GyroConfig | PlatformConfig, ...] = (*file.gyro, *file.platform)
     sources = [_source(unit, starts[unit.name]) for unit in units if unit.name in starts]
@@ -219,6 +231,10 @@ def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]
     with suppress(RecordError):  # a damaged log is said when it is verified; without it more counts as lost
         off_s = units_off_s(read_events(folder).lines)
     return {source.name: decode_stream(folder, source, out, off_s) for source in sources}
+
+
+def _of_meter(kind: MeterKind[Any], section: InstrumentConfig, rows: Iterable[Exchange]) -> Transcript:
+    return kind.decode_transcript(rows, section)
 
 
 def gyro_source(manifest: Manifest, name: str) -> StreamSource:

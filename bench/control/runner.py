@@ -8,15 +8,17 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, cast
 
-from bench.control.devices import open_chamber, open_clock, open_table
+from bench.control.devices import open_chamber, open_clock, open_instrument, open_table
+from bench.control.instrument_station import InstrumentStation, SupplyStation
 from bench.control.lease import Lease, take_lease
 from bench.control.live import Live
 from bench.control.procedure import Parameters, Procedure
 from bench.control.progress import Progress
 from bench.control.questions import Operator
 from bench.control.run_record import RunRecord
+from bench.control.safe_state import bring_to_rest
 from bench.control.session import Bench
 from bench.control.stream_stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from bench.control.watchdog import Watchdog
@@ -34,8 +36,8 @@ from drivers.base.errors import (
     WrongDevice,
 )
 from drivers.base.virtual_clock import VirtualClock
-from drivers.kit.config import UnderTestConfig
-from drivers.kit.instruments import Gyro
+from drivers.kit.config import SupplyConfig, UnderTestConfig
+from drivers.kit.instruments import Gyro, Supply
 from drivers.kit.kinds import Connection
 from drivers.kit.registry import load_kind
 
@@ -204,6 +206,8 @@ def _drive(
     bench.install(table, chamber, tuple(file.chamber.auxiliary))
     record.identify("table", "table", file.table.driver, table.identify())
     record.identify("chamber", "chamber", file.chamber.driver, chamber.identify())
+    for name in file.all_instruments:
+        _open_instrument(bench, record, clock, name, stack)
     demands = request.procedure.demands(request.parameters)
     bench.table.check(demands.max_rate_dps)
     bench.chamber.check_sensors()
@@ -212,8 +216,7 @@ def _drive(
         bench.gyros[gyro.name] = GyroStation(load_kind("gyro", gyro.driver), gyro)
     for platform in file.platform:
         bench.platforms[platform.name] = PlatformStation(load_kind("platform", platform.driver), platform)
-    units = zip((*file.gyro, *file.platform), bench.units, strict=True)
-    streams = [_open_unit(record, clock, unit, station, stack) for unit, station in units]
+    streams = _power_and_open(bench, record, clock, stack)
     if watchdog is not None:
         stack.callback(watchdog.dismiss)  # before the ports are closed, which may take its time
     stack.callback(lambda: safe.extend(bench.safe))
@@ -240,6 +243,36 @@ def _drive(
             # a unit that no longer listens changes nothing of what was measured
             bench.note(f"{station.name} was not stopped: {problem}")
     return bench
+
+
+def _power_and_open(
+    bench: Bench, record: RunRecord, clock: Clock, stack: ExitStack
+) -> list[tuple[Gyro, StreamStation]]:
+    """Give the units power where a supply feeds them, and open them; supplies are made safe if that fails."""
+    units = zip((*bench.file.gyro, *bench.file.platform), bench.units, strict=True)
+    try:
+        for supply in bench.instruments.supplies:
+            supply.device.prepare()
+        if waits_s := [supply.start_s for supply in bench.instruments.supplies if supply.turn_on()]:
+            clock.sleep(max(waits_s))  # units that were without power begin to speak
+        return [_open_unit(record, clock, unit, station, stack) for unit, station in units]
+    except BaseException:
+        bring_to_rest({supply.name: supply.device for supply in bench.instruments.supplies}, clock)
+        raise
+
+
+def _open_instrument(bench: Bench, record: RunRecord, clock: Clock, name: str, stack: ExitStack) -> None:
+    """Open an instrument beside table and chamber and put it in place; a supply switches nothing yet."""
+    role, section = bench.file.all_instruments[name]
+    device = open_instrument(bench.file, name, clock, record.tap(name))
+    stack.callback(device.link.close)
+    record.identify(name, role, section.driver, device.identify())
+    if isinstance(section, SupplyConfig):
+        bench.instruments.add(SupplyStation(section, cast(Supply, device), bench))
+    else:
+        device.prepare()
+        made_safe = load_kind(role, section.driver).made_safe
+        bench.instruments.add(InstrumentStation(section, device, bench, made_safe=made_safe))
 
 
 def _open_unit(

@@ -63,6 +63,7 @@ class Reading:
             rates_dps=dict(rest.rates_dps) or None,
             running=rest.running,
             set_point_c=rest.set_point_c,
+            outputs=dict(rest.outputs) or None,
             last_seen=seen if self.code else None,
         )
 
@@ -248,7 +249,7 @@ def _await_rest(device: Instrument, clock: Clock, deadline_s: float) -> Rest:
             rest = _in_spite_of_others(device, device.read_rest)
             if rest.reached:
                 return rest
-            found = read_back_words(rest.rates_dps, rest.running, rest.set_point_c)
+            found = read_back_words(rest.rates_dps, rest.running, rest.set_point_c, rest.outputs)
         except (ProtocolError, DeviceSilent) as error:
             rest, found = None, error.found
         if clock.now() >= again_s:

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, Literal
 
 from bench.control.chamber_station import ChamberStation
+from bench.control.instrument_station import Instruments
 from bench.control.limits import LimitWatch
 from bench.control.live import Live
 from bench.control.progress import Progress, air_rate_k_per_min, gyro_progress
@@ -74,32 +75,29 @@ class Bench:
         self.platforms: dict[str, PlatformStation] = {}
         self.table: TableStation
         self.chamber: ChamberStation
+        self.instruments = Instruments()
         self.limits: LimitWatch
         self.phase_name = ""
         self._stream_watchdog = StreamWatchdog(tests, self.event, self._invalid, file.safe.last_unit_s)
         self._reconnect = Reconnect(
             clock, self._lose, lambda unit: self._stream_watchdog.back(unit, clock.now()), self.note
         )
-        self._record = record
-        self._displays = displays
-        self._steering = steering
+        self._record, self._displays, self._steering = record, displays, steering
         self._standing_s = 0.0
         self._standing_from_s: float | None = None
-        self._paused = False
-        self._resumed_by = ""
+        self._paused, self._resumed_by = False, ""
         self._alarms: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
         self._log: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
         self._step = self._doing = ""
         self._poll_s = _POLL_S
-        self._next_poll_s = clock.now()
-        self._next_alarms_s = clock.now() + _ALARMS_S
+        self._next_poll_s, self._next_alarms_s = clock.now(), clock.now() + _ALARMS_S
         self._shown_at = 0.0
 
     def install(self, table: Turntable, chamber: Chamber, auxiliary: tuple[int, ...]) -> None:
         """Put the polled instruments in place."""
         self.table = TableStation(table, self, self.file.table.all_axes)
         self.chamber = ChamberStation(chamber, self, auxiliary)
-        self.limits = LimitWatch(self.file.limits, self.clock, self.table, self.chamber)
+        self.limits = LimitWatch(self.file.limits, self.clock, self.table, self.chamber, self.instruments)
         for station in (self.table, self.chamber):
             station.device.link.on_retry = station.repeats
 
@@ -230,11 +228,13 @@ class Bench:
         table, chamber = self.table, self.chamber
         table.device.request_state()
         chamber.device.request_state()
+        self.instruments.request()
         air = chamber.read_state()
         auxiliary = (air.auxiliary_c[number] for number in chamber.auxiliary)
         chamber.history.append(self.clock.now(), air.air_temp_c, air.set_point_c, *auxiliary)
         turned = table.device.read_state()  # the quicker device: its answer has come meanwhile
         table.take(self.clock.now(), turned)
+        self.instruments.collect()
         self.limits.look()
         table.watch()
         chamber.watch()
@@ -270,8 +270,7 @@ class Bench:
         Neither their silence nor the gap in their streams counts against them. The two events that enclose it
         tell the decoder of the record.
         """
-        units = self.units
-        for unit in units:
+        for unit in self.units:
             unit.power_off()
         self.event(UnitsOff())
         self._stream_watchdog.units_off = True
@@ -280,13 +279,14 @@ class Bench:
         finally:
             self._stream_watchdog.units_off = False
             self._stream_watchdog.excuse_until(self.clock.now())
-            for unit in units:
+            for unit in self.units:
                 unit.power_on()
             self.event(UnitsOn())
 
     def check_alarms(self) -> None:
-        """Ask both instruments for alarms; any goes to the record and raises RunAborted."""
-        for name, found in (("table", self.table.device.alarms()), ("chamber", self.chamber.alarms())):
+        """Ask the instruments for alarms; any goes to the record and raises RunAborted."""
+        own = {"table": self.table.device.alarms(), "chamber": self.chamber.alarms()}
+        for name, found in (own | self.instruments.alarms()).items():
             for text in found:
                 self.event(Alarm(name, text, "device"))
             if found:
@@ -344,6 +344,7 @@ class Bench:
             poll_s=self._poll_s,
             standing_s=self._standing_s
             + (0.0 if (since_s := self._standing_from_s) is None else now - since_s),
+            readings={name: station.readings for name, station in self.instruments.items()},
             paused=self._paused,
             alarms=tuple(self._alarms),
             log=tuple(self._log),
@@ -375,12 +376,14 @@ class Bench:
     # How it ends
 
     def make_safe(self, why: str, cause: Cause = "trouble") -> bool:
-        """Stop the table, send the chamber to its safe set point; return whether both read back at rest.
+        """Stop the table, bring chamber and supplies to their safe states; return whether all read back so.
 
         `why` is told to people.
         """
-        stations: dict[str, Station] = {station.name: station for station in (self.table, self.chamber)}
-        self.safe = tuple(Reading(code="cut_off").fact(name, cause, why) for name in stations)
+        devices: dict[str, Instrument] = {"table": self.table.device, "chamber": self.chamber.device}
+        devices |= {name: station.device for name, station in self.instruments.items() if station.made_safe}
+        stations: dict[str, Station] = {"table": self.table, "chamber": self.chamber} | self.instruments
+        self.safe = tuple(Reading(code="cut_off").fact(name, cause, why) for name in devices)
         reported: set[str] = set()
 
         def away(name: str, code: NotSafe) -> None:
@@ -394,7 +397,6 @@ class Bench:
                 self._show(f"making the bench safe, {state}")
 
         with self.clock.interrupt.ignored():
-            devices: dict[str, Instrument] = {"table": self.table.device, "chamber": self.chamber.device}
             found = bring_to_rest(devices, self.clock, away=away)
             self.safe = tuple(
                 reading.fact(name, cause, why, stations[name].last_seen()) for name, reading in found.items()

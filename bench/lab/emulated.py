@@ -22,7 +22,7 @@ from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
 from drivers.kit.config import GyroConfig
-from simulators.config import Bearing, GyroInLab, LabConfig, PlatformInLab, Rotation
+from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
 from simulators.faults import Fault
 
 if TYPE_CHECKING:
@@ -298,6 +298,9 @@ def lab_config(
             )
             for platform in file.platform
         ),
+        instruments=tuple(
+            InstrumentInLab(role=role, config=section) for role, section in file.all_instruments.values()
+        ),
         cpu=cpu,
     )
 
@@ -322,5 +325,9 @@ def _with_ports(
             "platform": tuple(
                 dataclasses.replace(platform, port=ports[platform.name]) for platform in file.platform
             ),
+            "instruments": {
+                role: tuple(dataclasses.replace(section, port=ports[section.name]) for section in sections)
+                for role, sections in file.instruments.items()
+            },
         }
     )

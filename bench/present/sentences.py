@@ -21,6 +21,7 @@ from bench.record.events.run import (
     Outcome,
     Paused,
     PhaseBegun,
+    PowerDemand,
     Prompt,
     RateDemand,
     Repeat,
@@ -98,6 +99,9 @@ def demand_words(event: Event) -> str:
             return "start" if event.on else "stop"
         case NavigationDemand():
             return "navigate"
+        case PowerDemand():
+            feeds = f" ({', '.join(event.units)})" if event.units else ""
+            return f"switch output {event.output} {'on' if event.on else 'off'}{feeds}"
     return ""
 
 

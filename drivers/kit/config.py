@@ -73,6 +73,8 @@ def _sensors(_: CoreSchema) -> CoreSchema:
 
 
 Port = Annotated[str, _Checked(_place)]
+NumberedTexts = Annotated[dict[int, str], _Checked(_sensors)]
+"""A table whose keys are numbers: sensor or channel = text."""
 _NAME = r"^[a-z][a-z0-9_]{0,31}$"
 _PORT_TEXT = "a port: a serial device such as '/dev/ttyUSB0', or 'socket://host:port'"
 
@@ -211,7 +213,7 @@ class ChamberConfig(DeviceConfig):
         min_length=3,
         description="part of the alarm or warning the chamber shows while its door is open, e.g. 'door'",
     )
-    auxiliary: Annotated[dict[int, str], _Checked(_sensors)] = key(
+    auxiliary: NumberedTexts = key(
         default_factory=dict,
         description='sensor number (1, 2, ...) = what it is glued to, e.g. {1 = "fog_1 case"}',
     )
@@ -315,4 +317,70 @@ class PlatformConfig(UnderTestConfig):
         lt=180,
         allow_inf_nan=False,
         description="the longitude that the platform is given, in degrees, east positive",
+    )
+
+
+class InstrumentConfig(DeviceConfig):
+    """An instrument beside table and chamber, read while a run goes on: `[[supply]]`, `[[logger]]`, others."""
+
+    name: str = key(
+        pattern=_NAME,
+        description="a short name of lower-case letters, digits and _ that starts with a letter",
+    )
+    driver: str = key(description="the kind of driver")
+    port: Port = key(description=_PORT_TEXT)
+    baudrate: int = _baudrate(9600)
+    period_s: float = key(
+        default=1.0, ge=1.0, le=3600.0, description="seconds from reading to reading, 1 to 3600"
+    )
+
+
+class OutputConfig(Section):
+    """`[[supply.outputs]]`: one output of a supply, and the units that it feeds."""
+
+    number: int = key(ge=1, le=9, description="the output's number on the supply")
+    voltage_v: float = key(gt=0, le=1000, allow_inf_nan=False, description="the voltage, V")
+    current_limit_a: float = key(gt=0, le=1000, allow_inf_nan=False, description="the current limit, A")
+    units: tuple[str, ...] = key(
+        default=(), strict=False, description="names of the units that it feeds, e.g. ['fog_1']"
+    )
+    safe: Literal["leave", "off"] = key(
+        default="leave",
+        description="what becomes of it when the bench is made safe: 'leave' (as it is) or 'off'",
+    )
+
+
+class SupplyConfig(InstrumentConfig):
+    """`[[supply]]`: a power supply that feeds units under test."""
+
+    outputs: tuple[OutputConfig, ...] = key(
+        strict=False,
+        description="one or more [[supply.outputs]] with number, voltage_v, current_limit_a and units",
+    )
+    start_s: float = key(
+        default=10.0, ge=0, le=600, description="seconds that its units need from power to their first word"
+    )
+
+    @classmethod
+    def mistakes(cls, given: Mapping[str, Any]) -> Iterator[Mistake]:
+        """Yield outputs that are named twice, and that there is none."""
+        outputs = given.get("outputs")
+        if outputs == []:
+            yield Mistake("outputs", "an empty list", "one [[supply.outputs]] at least")
+        sections = (
+            [entry for entry in outputs if isinstance(entry, dict)] if isinstance(outputs, list) else []
+        )
+        numbers = [section.get("number") for section in sections]
+        for at, number in enumerate(numbers):
+            if (first := numbers.index(number)) < at:
+                expected = f"one of its own (outputs[{first}] has this one)"
+                yield Mistake(f"outputs[{at}].number", repr(number), expected)
+
+
+class LoggerConfig(InstrumentConfig):
+    """`[[logger]]`: a temperature logger. `sensors` maps a channel's number to what the sensor is glued to."""
+
+    sensors: NumberedTexts = key(
+        min_length=1,
+        description='channel = what its sensor is glued to, e.g. {101 = "fog_1 case"}',
     )

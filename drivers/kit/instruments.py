@@ -81,13 +81,15 @@ class ChamberState:
 class Rest:
     """What a device says when it is asked whether it is at rest.
 
-    Of a table the rate of every axis by name; of a chamber whether it conditions and its set point.
+    Of a table the rate of every axis by name; of a chamber whether it conditions and its set point; of a supply
+    which outputs are on.
     """
 
     reached: bool
     rates_dps: Mapping[str, float] = field(default_factory=dict)
     running: bool | None = None
     set_point_c: float | None = None
+    outputs: Mapping[str, bool] = field(default_factory=dict)
 
 
 class Instrument(Protocol):
@@ -182,6 +184,34 @@ class Chamber(Instrument, Protocol):
 
     def read_state(self) -> ChamberState:
         """Read telemetry, asked for by `request_state`, at the best resolution the device offers."""
+
+
+class Meter(Instrument, Protocol):
+    """An instrument beside table and chamber that is read while a run goes on.
+
+    `columns`: what it reads, units in the names: `aux_101_temp_c`, `output_1_current_a`.
+    """
+
+    columns: tuple[str, ...]
+
+    def prepare(self) -> None:
+        """Set it up as the bench file says; `identify` must have been called."""
+
+    def request_readings(self) -> None:
+        """Ask for readings; other devices may be asked before `read` collects the answer."""
+
+    def read(self) -> Mapping[str, float]:
+        """Return the readings by column, asked for by `request_readings`; NaN for a sensor that has none."""
+
+
+class Supply(Meter, Protocol):
+    """A power supply. `prepare` sets voltages and current limits, and switches nothing."""
+
+    def is_on(self, output: int) -> bool:
+        """Read whether an output is on."""
+
+    def switch(self, output: int, on: bool) -> None:
+        """Switch an output on or off and read back that it is."""
 
 
 def require_ramp(

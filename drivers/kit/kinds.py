@@ -9,8 +9,8 @@ from typing import Any, Generic, Literal, TypeVar
 from numpy.typing import NDArray
 
 from drivers.base.clock import Clock
-from drivers.kit.config import ChamberConfig, GyroConfig, PlatformConfig, TableConfig
-from drivers.kit.instruments import Chamber, Gyro, Platform, StreamDecoder, Turntable
+from drivers.kit.config import ChamberConfig, GyroConfig, InstrumentConfig, PlatformConfig, TableConfig
+from drivers.kit.instruments import Chamber, Gyro, Meter, Platform, StreamDecoder, Turntable
 from drivers.kit.link import Link, Tap
 
 Columns = Mapping[str, NDArray[Any]]
@@ -65,6 +65,7 @@ T = TypeVar("T", bound=TableConfig)
 C = TypeVar("C", bound=ChamberConfig)
 G = TypeVar("G", bound=GyroConfig)
 P = TypeVar("P", bound=PlatformConfig)
+M = TypeVar("M", bound=InstrumentConfig)
 
 
 @dataclass(frozen=True)
@@ -121,3 +122,18 @@ class PlatformKind(Generic[P]):
     decoder: Callable[[P], StreamDecoder]
     columns: tuple[str, ...]
     config: type[P]
+
+
+@dataclass(frozen=True)
+class MeterKind(Generic[M]):
+    """A driver of a supply, a logger or an instrument of another role.
+
+    `decode_transcript` gives `time_ns` and the device's columns. `made_safe`: whether it has a safe state
+    (`Instrument.make_safe`); one that only reads has none.
+    """
+
+    open: Callable[[M, Connection], Meter]
+    decode_transcript: Callable[[Iterable[Exchange], M], Transcript]
+    config: type[M]
+    probes: Callable[[], Iterable[Probe]] = _no_probes
+    made_safe: bool = False

@@ -4,25 +4,51 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
+from functools import cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
 from drivers.base.errors import ConfigurationError
 from drivers.base.plugins import entry_points_of
-from drivers.kit.config import ChamberConfig, DeviceConfig, GyroConfig, PlatformConfig, TableConfig
+from drivers.kit.config import (
+    ChamberConfig,
+    DeviceConfig,
+    GyroConfig,
+    InstrumentConfig,
+    LoggerConfig,
+    PlatformConfig,
+    SupplyConfig,
+    TableConfig,
+)
 
 DRIVERS = "gyrobench.drivers"
-"""The group of drivers: `<role>.<kind>`, a `TableKind`, `ChamberKind`, `GyroKind` or `PlatformKind`."""
+"""The group of drivers: `<role>.<kind>`, a `TableKind`, `ChamberKind`, `GyroKind`, `PlatformKind` or
+`MeterKind`."""
 EMULATORS = "gyrobench.emulators"
 """The group of their emulators, of the same names: a `simulators.interfaces.EmulatorMaker`."""
-ROLES: Mapping[str, type[DeviceConfig]] = {
+INSTRUMENT_ROLES = "gyrobench.roles"
+"""The group of further roles: `<role>`, an `InstrumentConfig`; a bench file then has `[[<role>]]`."""
+_ROLES: Mapping[str, type[DeviceConfig]] = {
     "table": TableConfig,
     "chamber": ChamberConfig,
     "gyro": GyroConfig,
     "platform": PlatformConfig,
 }
-"""Role -> the configuration that all its drivers share."""
 _OURS = ("drivers.", "simulators.")
+
+
+@cache
+def instrument_roles() -> Mapping[str, type[InstrumentConfig]]:
+    """Return the roles beside table, chamber and units -> the configuration that all their drivers share."""
+    points = sorted(entry_points_of(INSTRUMENT_ROLES), key=lambda point: point.name)
+    others = {point.name: point.load() for point in points if point.name.isidentifier()}
+    return {**others, "supply": SupplyConfig, "logger": LoggerConfig}
+
+
+@cache
+def roles() -> Mapping[str, type[DeviceConfig]]:
+    """Return every role -> the configuration that all its drivers share."""
+    return {**instrument_roles(), **_ROLES}
 
 
 def registered(group: str, role: str) -> dict[str, EntryPoint]:
@@ -51,7 +77,7 @@ def load_kind(role: str, kind: str) -> Any:
 def config_class(role: str, kind: object) -> type[DeviceConfig]:
     """Return the driver's configuration; what its role's drivers share if there is no such driver."""
     point = registered(DRIVERS, role).get(kind) if isinstance(kind, str) else None
-    config: type[DeviceConfig] = ROLES[role] if point is None else point.load().config
+    config: type[DeviceConfig] = roles()[role] if point is None else point.load().config
     return config
 
 

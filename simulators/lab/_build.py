@@ -10,19 +10,20 @@ from typing import Any, TypeVar, cast, get_args
 import numpy as np
 
 from drivers.base.errors import ConfigurationError
-from drivers.kit.config import DeviceConfig
+from drivers.kit.config import DeviceConfig, SupplyConfig
 from drivers.kit.registry import EMULATORS, registered
-from simulators.config import Bearing, GyroInLab, LabConfig, PlatformInLab
+from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab
 from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, EmulatorMaker, Installation, StreamingEmulator
 from simulators.lab._control_channel import Act
 from simulators.lab._core import Lab
 from simulators.lab._line import Line
 from simulators.lab._ports import Port, PtyPort, TcpPort
-from simulators.lab._power import PowerCycled, Since
+from simulators.lab._power import Power, Since
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, Unit, UnitConfig, UnitKind
 from simulators.plant.lab_platform import LabPlatform
+from simulators.plant.load import Load
 from simulators.plant.modelled_unit import ModelledErrors
 from simulators.plant.space_stable import draw_platform, with_heading_effect
 from simulators.plant.table import TableParameters
@@ -31,6 +32,11 @@ from simulators.plant.wobble import Wobble
 T = TypeVar("T")
 _CHAMBERS = {"standard": ChamberParameters(), "weak": WEAK_CHAMBER}
 _NEW = Installation()
+_POWER_W: Mapping[str, float] = {
+    **{"fog_mid": 3.0, "fog_nav": 6.0, "mems": 0.5, "ins_triad": 25.0, "rlg": 8.0},
+    **{"imu": 5.0, "imu_full": 5.0},
+}
+"""What a unit of each model draws from its supply."""
 
 
 def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
@@ -53,11 +59,39 @@ def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
         name = platform.config.name
         ports.append(_port(name, platform.config.port, config))
         emulators[name] = streams[name] = _platform(platform, config, plant)
+    power = Power(plant, {gyro.config.name: gyro for gyro in config.gyros}, streams, _gyro)
+    for instrument in config.instruments:
+        name = instrument.config.name
+        ports.append(_port(name, instrument.config.port, config))
+        emulators[name] = _instrument(instrument, config, plant, power)
+    streams |= {name: unit for name, unit in power.units.items() if not unit.is_on}
+    emulators |= streams
     lab = Lab(
         plant, ports, emulators, streams, delivery_s=config.delivery_s, lines=_lines(config, emulators, plant)
     )
+    power.exchange = lab.exchange
     acts = _acts(plant, lab, emulators["chamber"])
-    return lab, {**acts, "power_cycle": _power_cycle(config, plant, lab, streams)}
+    return lab, {**acts, "power_cycle": lambda request: power.cycle(request, lab.now_ns / 1e9)}
+
+
+def _instrument(instrument: InstrumentInLab, config: LabConfig, plant: LabPlant, power: Power) -> Emulator:
+    """Return an instrument's emulator. Its plant: a supply's loads by output, a logger's chamber, else the lab's.
+
+    The units of a supply are off until it gives them power.
+    """
+    section, role = instrument.config, instrument.role
+    if not isinstance(section, SupplyConfig):
+        physics = plant.chamber if role == "logger" else plant
+        return _emulator(role, section.driver, section, physics)
+    drawn_w = {gyro.config.name: _POWER_W[gyro.model] for gyro in config.gyros}
+    for output in section.outputs:
+        for name in output.units:
+            power.switch(name, False, 0.0)
+    loads = {
+        output.number: Load([(name, drawn_w.get(name, 0.0)) for name in output.units], power.switch)
+        for output in section.outputs
+    }
+    return _emulator(role, section.driver, section, loads)
 
 
 def _lines(config: LabConfig, emulators: Mapping[str, Emulator], plant: LabPlant) -> dict[str, Line]:
@@ -159,30 +193,6 @@ def _platform(platform: PlatformInLab, config: LabConfig, plant: LabPlant) -> St
     )
     made = _emulator("platform", platform.config.driver, platform.config, physics)
     return cast(StreamingEmulator, made)
-
-
-def _power_cycle(config: LabConfig, plant: LabPlant, lab: Lab, streams: dict[str, StreamingEmulator]) -> Act:
-    gyros = {gyro.config.name: gyro for gyro in config.gyros}
-
-    def power_cycle(request: dict[str, Any]) -> dict[str, Any]:
-        """Switch a gyro (default all) off now, and on again after `off_s` (default 60)."""
-        off_s = float(request.get("off_s", 60.0))
-        if not 1.0 <= off_s <= 86400.0:
-            raise ConfigurationError(
-                "a unit cannot be off for that long", found=f"off_s {off_s:g}", expected="1 s to a day"
-            )
-        now_s = lab.now_ns / 1e9
-        for name in [request["unit"]] if "unit" in request else list(gyros):
-            gyro, before = _known("gyro", name, gyros), streams[name]
-            plant.power_cycle(name, off_s)
-            on_s = now_s + off_s
-            inner = before.after if isinstance(before, PowerCycled) else before
-            after = _gyro(gyro, Since(plant.unit(name), on_s), inner)
-            streams[name] = PowerCycled(before, after, off_s=now_s, on_s=on_s)
-            lab.exchange(name, streams[name])
-        return {}
-
-    return power_cycle
 
 
 def _acts(plant: LabPlant, lab: Lab, chamber: Emulator) -> dict[str, Act]:

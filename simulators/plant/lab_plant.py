@@ -163,14 +163,17 @@ class LabPlant:
             raise ConfigurationError("no such mounting", found=str(mounting), expected=" or ".join(MOUNTINGS))
         self.unit(unit_name).mount(self.now_s, mounting)
 
-    def power_cycle(self, unit_name: str, off_s: float) -> None:
-        """Switch a unit off now and on again `off_s` later (emulated operator). An IMU's errors stay."""
+    def switch(self, unit_name: str, on: bool, at_s: float) -> None:
+        """Switch a unit's power at a time from now on. An IMU's errors stay."""
         unit = self.unit(unit_name)
         if isinstance(unit, ImuUnit):
             return
+        if not on:
+            unit.switch(at_s, None)
+            return
         count = self._power_ons.get(unit_name, 0) + 1
         config = next(each for each in self.config.units if each.name == unit_name)
-        unit.power_cycle(self.now_s, off_s, unit_model(config, self.config.seed, count))
+        unit.switch(at_s, unit_model(config, self.config.seed, count))
         self._power_ons[unit_name] = count
 
     def mount_at(self, unit_name: str, attitude: Sequence[Sequence[float]]) -> None:

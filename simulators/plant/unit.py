@@ -124,7 +124,7 @@ class GyroUnit:
 
     def tick(self, air_temp_c: float) -> None:
         """Advance by 1 s in air of the given temperature."""
-        if self._switches and self._ticks >= self._switches[0][0]:
+        while self._switches and self._ticks >= self._switches[0][0]:
             self._switch(self._switches.popleft()[1])
         states = self._states
         self._input[states] = air_temp_c
@@ -138,16 +138,18 @@ class GyroUnit:
         mount = replace(last, mounting=mounting)
         self._mounts.append((now_s, mount, mount.axes_in_table(len(self.axes))))
 
-    def power_cycle(self, now_s: float, off_s: float, model: UnitModel) -> None:
-        """Switch the unit off at `now_s`, on again `off_s` later: `model` and a bias drawn anew hold from there.
+    def switch(self, at_s: float, model: UnitModel | None) -> None:
+        """Switch the unit off at a time (None), or on: `model` and a bias drawn anew hold from there.
 
-        While it is off its heat sources are cold. ConfigurationError if it is off already.
+        While it is off its heat sources are cold. Times of successive calls never decrease; ConfigurationError if
+        one does: the unit is being switched already.
         """
-        if self._switches:
+        tick = math.ceil(at_s)
+        if self._switches and tick < self._switches[-1][0]:
             raise ConfigurationError(
                 "the unit is being switched already", where="gyro plant", expected="a unit that is on"
             )
-        self._switches += [(math.ceil(now_s), None), (math.ceil(now_s + off_s), model)]
+        self._switches.append((tick, model))
 
     def case_reading_c(self, now_s: float) -> float:
         """Return the reading of the sensor on the case, held from the last tick."""

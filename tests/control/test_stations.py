@@ -261,6 +261,77 @@ def test_a_chamber_demand_beyond_a_limit_is_never_sent(set_point, ramp):
     assert station.device.told == [(-60.0, 25.0), (80.0, None)]
 
 
+class PlainChamber(Chamber):
+    """A chamber with set points and no ramps, as a simple controller is; its air is where it is told to be."""
+
+    def __init__(self):
+        super().__init__()
+        self.air_c = 25.0
+        self.link = SimpleNamespace()
+
+    def capabilities(self):
+        return ChamberCapabilities(0.1, None, None)
+
+    def set_temperature(self, set_point_c, ramp_k_per_min=None):
+        assert ramp_k_per_min is None
+        self.told.append(set_point_c)
+        self.air_c = set_point_c
+
+    def start(self):
+        self.told.append("start")
+
+    def stop(self):
+        self.told.append("stop")
+
+
+@pytest.mark.parametrize(("to_c", "k_per_min"), [(-20.0, 12.0), (31.0, 0.7)])
+def test_a_chamber_without_ramps_is_led_along_one(to_c, k_per_min):
+    bench, device = Bench(Table()), PlainChamber()
+    chamber = ChamberStation(device, bench, ())
+
+    def polled(seconds):
+        for _ in range(seconds):
+            bench.time_s += 1.0
+            chamber.history.append(bench.time_s, device.air_c, device.air_c)
+            chamber.watch()
+
+    polled(3)
+    chamber.go_to(to_c, k_per_min)
+    polled(100)  # it stands: the ramp begins when it is started
+    assert device.told == [25.0]
+    chamber.start()
+    begun_s, so_far = bench.time_s, len(device.told)
+    duration_s = 60.0 * abs(to_c - 25.0) / k_per_min
+    while device.told[-1] != to_c:
+        polled(1)
+        wanted_c = 25.0 + np.sign(to_c - 25.0) * k_per_min * (bench.time_s - begun_s) / 60.0
+        assert abs(device.air_c - wanted_c) <= 0.15 + k_per_min / 60.0
+        assert bench.time_s < begun_s + duration_s + 2.0
+    assert bench.time_s >= begun_s + duration_s
+    steps = np.abs(np.diff(device.told[so_far:]))
+    assert steps.max() <= max(0.1, k_per_min / 60.0) + 0.101
+    told = len(device.told)
+    polled(60)
+    assert len(device.told) == told
+
+
+def test_a_ramp_of_a_chamber_without_ramps_ends_with_a_stop_and_with_another_demand():
+    bench, device = Bench(Table()), PlainChamber()
+    chamber = ChamberStation(device, bench, ())
+    chamber.history.append(0.0, 25.0, 25.0)
+    chamber.start()
+    chamber.go_to(-20.0, 10.0)
+    chamber.go_to(30.0)
+    bench.time_s = 60.0
+    chamber.watch()
+    assert device.told[-1] == 30.0
+    chamber.go_to(-20.0, 10.0)
+    chamber.stop()
+    bench.time_s = 120.0
+    chamber.watch()
+    assert device.told[-1] == "stop"
+
+
 class Decoder:
     """Four bytes a sample: rate in mdeg/s, temperature in 0.1 degC, validity, counter."""
 

@@ -229,7 +229,7 @@ def watched(two, limits):
     air = History(("air_temp_c", "set_point_c"))
     air.append(two.wire.clock.now(), 20.0, 20.0)
     chamber = SimpleNamespace(history=air, auxiliary_c=[], set_point_c=None, look_at_door=lambda: False)
-    return LimitWatch(limits, two.wire.clock, two.station, chamber)
+    return LimitWatch(limits, two.wire.clock, two.station, chamber, {})
 
 
 @pytest.mark.parametrize("axis", ["outer", "inner"])

@@ -111,6 +111,33 @@ def test_the_watchdog_takes_over_from_a_runner_that_is_gone_or_hangs(lab, tmp_pa
     take_lease(lab.file, "another").release()
 
 
+SUPPLY = """
+[[supply]]
+name = "psu"
+driver = "rs_hmp"
+port = "/dev/ttyUSB9"
+start_s = 2
+outputs = [{ number = 2, voltage_v = 5.0, current_limit_a = 1.0, units = ["fog_1"], safe = "off" }]
+"""
+
+
+def test_a_supply_that_is_to_be_off_is_switched_off_by_the_watchdog(tmp_path):
+    path = tmp_path / "bench.toml"
+    path.write_text(DEMO.read_text() + SUPPLY)
+    file = load_bench_file(path)
+    file = file.model_copy(update={"gyro": file.gyro[:1]})
+    with EmulatedLab(file, Plant(), clock="wall") as lab, turning(lab, tmp_path / "runs") as process:
+        watchdog = lease_holder(lab.file).watchdog_pid
+        process.send_signal(signal.SIGKILL)
+        await_end(watchdog)
+    rows = watchdog_events(tmp_path / "runs" / "run")
+    safe = {row["device"]: row for row in rows if row["kind"] == "safe_state"}
+    assert {row["state"] for row in safe.values()} == {"confirmed"}
+    assert safe["psu"]["outputs"] == {"2": False}
+    told = [data for _, way, data in read_exchanges(tmp_path / "runs/run/watchdog", "psu") if way == "sent"]
+    assert b"INST:NSEL 2\nOUTP:SEL 0\n" in b"".join(told)
+
+
 def test_a_runner_that_ends_well_dismisses_its_watchdog(lab, tmp_path):
     with turning(lab, tmp_path) as process:
         watchdog = lease_holder(lab.file).watchdog_pid

@@ -107,6 +107,35 @@ def test_its_driver_brings_a_key_of_its_own(installed, tmp_path):
     np.testing.assert_allclose(sent.copy().view(">f4")[-len(rates) :, 0] / 4.0, rates)
 
 
+BAROMETER = """
+[[barometer]]
+name = "baro"
+driver = "acme_b1"
+port = "/dev/ttyUSB5"
+height_m = 1500.0
+"""
+
+
+def test_its_role_stands_in_the_bench_file_and_is_recorded(installed, tmp_path):
+    """1500 m in the ICAO standard atmosphere: 845.6 hPa."""
+    (tmp_path / "lab.toml").write_text(BENCH + BAROMETER)
+    done = gyrobench(["rehearse", "constant-rotation", "--turns", "6"], installed, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (run,) = (tmp_path / "runs").iterdir()
+    manifest = json.loads((run / "manifest.json").read_text())
+    assert manifest["devices"]["baro"]["role"] == "barometer"
+    assert manifest["bench"]["barometer"][0]["height_m"] == 1500.0
+    pressure = pq.read_table(run / "barometer_baro.parquet")["pressure_hpa"].to_numpy()
+    assert len(pressure) > 60 and np.all(np.abs(pressure - 845.6) < 0.1)
+    (tmp_path / "lab.toml").write_text(BENCH + BAROMETER.replace("height_m", "hight_m"))
+    done = gyrobench(["rehearse", "constant-rotation"], installed, tmp_path)
+    words = " ".join(done.stderr.split())
+    assert done.returncode == 2
+    assert "barometer[0].hight_m" in words and "did you mean 'height_m'?" in words
+    done = gyrobench(["rehearse", "constant-rotation"], None, tmp_path)
+    assert "barometer" in done.stderr and "an unknown key" in done.stderr
+
+
 def test_without_the_package_its_name_is_unknown_and_the_known_ones_are_listed(tmp_path):
     (tmp_path / "lab.toml").write_text(BENCH)
     done = gyrobench(["rehearse", "constant-rotation"], None, tmp_path)

@@ -19,7 +19,7 @@ from bench.record.events.run import AirDemand, AngleDemand, ConditioningDemand, 
 from bench.record.events.safe import SafeState
 from bench.record.recording import Arrivals, Run, row_means, seconds
 from drivers.base.arrays import Array
-from drivers.base.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError, RecordError
 from simulators.effects import CHANNEL_UNITS, Channel, ChannelInputs, Demand
 
 _STEP_S = 10.0
@@ -167,11 +167,12 @@ def _case(run: Run, gyro: str) -> ChannelSeries | str:
     table = run.chamber()
     if "air_temp_c" not in table:
         return "no record of the air that the case could follow"
-    if f"aux_{sensor}_temp_c" not in table:
+    try:
+        read_s, raw = run.sensor(sensor)
+    except RecordError:
         return f"no record of the sensor on the unit's case (case_sensor {sensor})"
-    raw = table[f"aux_{sensor}_temp_c"].astype(np.float64)
-    time_s, case = _stepped(seconds(table), raw)
-    _, air = _stepped(seconds(table), table["air_temp_c"].astype(np.float64))
+    time_s, case = _stepped(read_s, raw)
+    _, air = _stepped(read_s, np.interp(read_s, seconds(table), table["air_temp_c"].astype(np.float64)))
     return _following(run, "case_temperature", time_s, case, air, raw)
 
 
@@ -179,14 +180,14 @@ def _inside(run: Run, gyro: str) -> ChannelSeries | str:
     sensor = run.manifest.device(gyro).case_sensor if gyro else None
     if sensor is None or "chamber" not in run.tables:
         return "no sensor on the unit's case that the gyro's temperature could follow"
-    around = run.chamber(("time_ns", f"aux_{sensor}_temp_c"))
+    around_s, around_c = run.sensor(sensor)
     table = run.gyro(gyro, ("time_ns", "temp_c"))
     known = ~np.isnan(table["temp_c"])
     if known.sum() < 2 * _SHORT:
         return "the gyro says no temperature"
     raw = table["temp_c"][known].astype(np.float64)
     time_s, inside = _stepped(seconds(table)[known], raw)
-    case = np.interp(time_s, seconds(around), around[f"aux_{sensor}_temp_c"])
+    case = np.interp(time_s, around_s, around_c)
     return _following(run, "gyro_temperature", time_s, inside, case, raw)
 
 

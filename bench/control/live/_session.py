@@ -360,6 +360,7 @@ _NOTHING_YET: dict[str, Any] = {
     "chamber": None,
     "table": None,
     "gyros": {},
+    "readings": {},
     "alarms": [],
     "log": [],
 }

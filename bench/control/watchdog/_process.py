@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from bench.control.devices import open_chamber, open_table
+from bench.control.devices import made_safe, open_chamber, open_instrument, open_table
 from bench.control.lease import device_at
 from bench.control.safe_state import Reading, bring_to_rest
 from bench.control.watchdog import ARMED, DISMISSED, FOLDER, READY, sent_s
@@ -117,7 +117,8 @@ def _read_order() -> Order:
         openers={
             "table": _of(file.table.port, partial(open_table, file)),
             "chamber": _of(file.chamber.port, partial(open_chamber, file)),
-        },
+        }
+        | {name: _of(file.ports[name], partial(open_instrument, file, name)) for name in made_safe(file)},
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -11,6 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from bench.control.instrument_station import column_words
 from bench.control.progress import GyroProgress, Progress
 from bench.present.cli._console import Terminal
 from bench.present.cli._texts import duration
@@ -108,6 +109,9 @@ def _rows(progress: Progress, left: str) -> Iterable[tuple[str, str, str]]:
     yield "chamber", air, ""
     table = f"{progress.angle_deg:8.3f} deg, {progress.rate_dps:+.4f} deg/s"
     yield "table", f"{table}, demand {demands_words(progress.demands)}", ""
+    for name, row in progress.readings.items():
+        values = (f"{words} {value:.4g} {unit}".rstrip() for (words, unit), value in _in_words(row))
+        yield name, ", ".join(values), ""
     for name, gyro in progress.gyros.items():
         text = f"{gyro.rate_dps * 3600.0:+12.3f} deg/h (last minute), {gyro.temp_c:.2f} degC"
         counts = f"{gyro.frames:,} frames, {_trouble(gyro) or 'none lost or rejected'}"
@@ -116,6 +120,10 @@ def _rows(progress: Progress, left: str) -> Iterable[tuple[str, str, str]]:
         yield "ALARM", _alarm(alarm), "bold red"
     for row in progress.log[-_LOG_LINES:]:
         yield "", f"{duration(float(row['time_s']))} {sentence(event_of(row))}", "dim"
+
+
+def _in_words(row: Mapping[str, float]) -> Iterable[tuple[tuple[str, str], float]]:
+    return ((column_words(column), value) for column, value in row.items())
 
 
 def _trouble(gyro: GyroProgress) -> str:

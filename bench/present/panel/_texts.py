@@ -61,6 +61,9 @@ def texts(
     }
     for name, value in (chamber.get("auxiliary_c") or {}).items():
         words[f"aux.{name}"] = number(value, 2)
+    for instrument, row in (now.get("readings") or {}).items():
+        for column, value in row.items():
+            words[f"reading.{instrument}.{column}"] = number(value, 2 if column.endswith("_c") else 3)
     for name, gyro in (now.get("gyros") or {}).items():
         words |= {f"gyro.{name}.{key}": text for key, text in _gyro(gyro).items()}
         words[f"gyro.{name}.age"] = _age(gyro, age_s, going_on)

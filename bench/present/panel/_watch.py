@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from bench.control.instrument_station import column_words
 from bench.present.panel._advice import NOT_HERE, nothing_yet
 from bench.present.panel._benches import Benches
 from bench.present.panel._folders import Entry, RunsFolder
@@ -115,6 +116,12 @@ class Watch:
             "alarms": alarms,
             "gyros": sorted(self.now.get("gyros") or {}),
             "auxiliary": _auxiliary(self.now),
+            "readings": [
+                [f"{instrument}.{column}", f"{instrument}, {words}", unit]
+                for instrument, row in (self.now.get("readings") or {}).items()
+                for column in row
+                for words, unit in (column_words(column),)
+            ],
         }
 
     def runs(self) -> list[dict[str, Any]]:

@@ -49,6 +49,9 @@ def trace_figure(figure_id: str, trace: Trace) -> list[Block]:
         plots.append(Lane("Temperature, °C", temperatures, height=178.0))
     if output is not None:
         plots.append(Lane(f"{trace.output_name}, °/h", [output], height=150.0))
+    if plots and trace.supply_a is not None:
+        current = Curve("supply", trace.time_s / _HOUR, trace.supply_a, MUTED)
+        plots.append(Lane("Supply, A", [current], height=90.0))
     if not plots:
         return []
     end_h = max(float(curve.x[-1]) for plot in plots for curve in plot.curves if len(curve.x))

@@ -44,6 +44,8 @@ class Trace:
     set_point_c: Array | None = None
     case_temp_c: Array | None = None
     gyro_temp_c: Array | None = None
+    supply_a: Array | None = None
+    """Current of the supply's output that feeds the unit."""
     output_time_s: Array | None = None
     output_dph: Array | None = None
     output_name: str = "Bias"
@@ -153,7 +155,6 @@ def _trace(run: Run, gyro: str, chamber: Table | None, turntable: Table | None) 
     end_s = max(output_time_s[-1:], default=0.0)
     time_s = np.arange(0.0, end_s + 1.0) if chamber is None else _seconds(chamber)
     device = run.manifest.devices.get(gyro)
-    case_column = f"aux_{device.case_sensor}_temp_c" if device is not None else ""
     trace = Trace(
         run_id=run.manifest.run_id,
         gyro=gyro,
@@ -161,7 +162,8 @@ def _trace(run: Run, gyro: str, chamber: Table | None, turntable: Table | None) 
         phases=tuple((phase.start_s, phase.name) for phase in run.phases()),
         air_temp_c=_column(chamber, "air_temp_c"),
         set_point_c=_column(chamber, "set_point_c"),
-        case_temp_c=_column(chamber, case_column),
+        case_temp_c=_case(run, None if device is None else device.case_sensor, time_s),
+        supply_a=_supply(run, gyro, time_s),
     )
     return trace if output is None else _with_output(trace, output, output_time_s, turntable)
 
@@ -221,6 +223,29 @@ def _steady_rate(time_s: Array, rate_dps: Array, middle_s: Array) -> Array:
         if len(part) and np.ptp(part) <= _TURNING_DPS + 1e-3 * np.abs(part).max():
             means[block] = part.mean()
     return means
+
+
+def _case(run: Run, sensor: int | None, time_s: Array) -> Array | None:
+    if sensor is None:
+        return None
+    try:
+        at_s, temp_c = run.sensor(sensor)
+    except RecordError:
+        return None
+    return np.interp(time_s, at_s, temp_c) if len(at_s) else None
+
+
+def _supply(run: Run, gyro: str, time_s: Array) -> Array | None:
+    supplies = run.manifest.bench.get("supply")
+    for section in supplies if isinstance(supplies, list) else ():
+        for output in section["outputs"]:
+            if gyro in output["units"] and section["name"] in run.manifest.devices:
+                try:
+                    table = run.readings(section["name"])
+                except RecordError:
+                    return None
+                return np.interp(time_s, _seconds(table), table[f"output_{output['number']}_current_a"])
+    return None
 
 
 def _column(table: Table | None, name: str) -> Array | None:

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from bench.record.benchfile._model import LimitsSection, SafeSection
 from drivers.kit.config import GyroConfig, Mistake
-from drivers.kit.registry import DRIVERS, ROLES, config_class, one_of, registered
+from drivers.kit.registry import DRIVERS, config_class, one_of, registered, roles
 
 _RESERVED_NAMES = ("table", "turntable", "chamber", "manifest", "events")
 """Words that name other files and ports of a run folder."""
@@ -42,7 +42,8 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
     yield from _connections(gyros)
     yield from _shared_ports(devices, resolve_links)
     yield from _sockets(devices)
-    yield from _axes_and_sensors(data, gyros)
+    yield from _axes_and_sensors(data, devices)
+    yield from _fed_units(devices)
     yield from _limits(data)
     yield from _table_axes(data)
     yield from _door(data)
@@ -50,7 +51,7 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
 
 def device_sections(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     """Yield (role, key, section) of every device section that is a table."""
-    for role in ROLES:
+    for role in roles():
         given = data.get(role)
         for number, section in enumerate(given if isinstance(given, list) else [given]):
             if isinstance(section, dict):
@@ -69,7 +70,7 @@ def _names(devices: _Devices) -> Iterator[Mistake]:
     seen: dict[str, str] = {}
     for role, key, section in devices:
         name = section.get("name")
-        if role not in ("gyro", "platform") or not isinstance(name, str):
+        if role in ("table", "chamber") or not isinstance(name, str):
             continue
         if name in _RESERVED_NAMES:
             yield Mistake(f"{key}.name", repr(name), "a name that the run folder does not use itself")
@@ -122,17 +123,48 @@ def _sockets(devices: _Devices) -> Iterator[Mistake]:
             yield Mistake(f"{key}.port", repr(port), "socket://host:port, the port a number of 1 to 65535")
 
 
-def _axes_and_sensors(data: Mapping[str, Any], gyros: _Gyros) -> Iterator[Mistake]:
-    chamber = data.get("chamber")
-    auxiliary = chamber.get("auxiliary", {}) if isinstance(chamber, dict) else {}
-    numbers = {str(number) for number in auxiliary} if isinstance(auxiliary, dict) else set()
-    for key, section in gyros:
+def _axes_and_sensors(data: Mapping[str, Any], devices: _Devices) -> Iterator[Mistake]:
+    numbers: dict[str, str] = {}
+    for role, key, section in devices:
+        name = {"chamber": "auxiliary", "logger": "sensors"}.get(role, "")
+        sensors = section.get(name)
+        for number in map(str, sensors if isinstance(sensors, dict) else ()):
+            if number in numbers:
+                taken = f"a number of its own ({numbers[number]} has this one)"
+                yield Mistake(f"{key}.{name}.{number}", number, taken)
+            numbers.setdefault(number, f"{key}.{name}")
+    for role, key, section in devices:
+        if role != "gyro":
+            continue
         axis, axes, sensor = section.get("axis"), section.get("axes", "x"), section.get("case_sensor")
         if isinstance(axis, str) and isinstance(axes, str) and axis not in axes:
             yield Mistake(f"{key}.axis", repr(axis), f"one of the unit's axes, {axes!r}")
         if isinstance(sensor, int) and str(sensor) not in numbers:
             have = ", ".join(sorted(numbers)) or "none"
-            yield Mistake(f"{key}.case_sensor", str(sensor), f"a number in chamber.auxiliary ({have})")
+            where = (
+                "chamber.auxiliary"
+                if not any(role == "logger" for role, _, _ in devices)
+                else "auxiliary or sensors"
+            )
+            yield Mistake(f"{key}.case_sensor", str(sensor), f"a number in {where} ({have})")
+
+
+def _fed_units(devices: _Devices) -> Iterator[Mistake]:
+    units = {str(section.get("name")) for role, _, section in devices if role in ("gyro", "platform")}
+    fed: dict[str, str] = {}
+    for role, key, section in devices:
+        outputs = section.get("outputs") if role == "supply" else None
+        for at, output in enumerate(outputs if isinstance(outputs, list | tuple) else ()):
+            here = f"{key}.outputs[{at}].units"
+            named = output.get("units") if isinstance(output, dict) else None
+            for unit in map(str, named if isinstance(named, list | tuple) else ()):
+                if unit not in units:
+                    yield Mistake(
+                        here, repr(unit), f"names of units of this bench ({', '.join(sorted(units))})"
+                    )
+                elif unit in fed:
+                    yield Mistake(here, repr(unit), f"a unit that is fed once ({fed[unit]} feeds it)")
+                fed.setdefault(unit, here)
 
 
 def _table_axes(data: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -16,7 +16,7 @@ from bench.record.benchfile._checks import cross_checks, device_sections
 from bench.record.benchfile._model import BenchFile
 from drivers.base.files import read_settings
 from drivers.kit.config import Mistake, Section, refusal
-from drivers.kit.registry import ROLES, config_class, one_of
+from drivers.kit.registry import config_class, instrument_roles, one_of, roles
 
 
 def load_bench_file(path: Path | str) -> BenchFile:
@@ -63,7 +63,7 @@ def _with_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], lis
     sections = {
         role: [completed(section) for section in value] if isinstance(value, list) else completed(value)
         for role, value in data.items()
-        if role in ROLES
+        if role in roles()
     }
     return {**data, **sections}, mistakes
 
@@ -86,6 +86,8 @@ def _checked(
 
 def _mistake(details: ErrorDetails, data: Mapping[str, Any]) -> Mistake:
     location = [part for part in details["loc"] if part != "[key]"]
+    if location[0] == "instruments":  # gathered there, and beside the other sections in the file
+        location = location[1:] or ["instruments"]
     if details["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         names = sorted(_keys_at(location[:-1], data))
         return Mistake(_key(location), "an unknown key", one_of(str(location[-1]), names))
@@ -100,7 +102,10 @@ def _key(location: list[Any]) -> str:
     """Return `gyro[1].port`: tables joined by dots, entries of an array counted from 0."""
     text = ""
     for part in location:
-        inside_array = isinstance(part, int) and text in ("gyro", "platform", "table.axes", "limits.forbid")
+        inside_array = isinstance(part, int) and (
+            text in ("gyro", "platform", "limits.forbid", *instrument_roles())
+            or text.endswith((".axes", ".outputs"))
+        )
         text += f"[{part}]" if inside_array else f".{part}" if text else str(part)
     return text
 
@@ -131,13 +136,17 @@ def _keys(model: Any) -> dict[str, tuple[Any, str | None]]:
             for field in dataclasses.fields(model)
         }
     fields = model.model_fields if issubclass(model, BaseModel) else {}
-    return {name: (field.annotation, field.description) for name, field in fields.items()}
+    keys = {name: (field.annotation, field.description) for name, field in fields.items()}
+    if model is BenchFile:
+        del keys["instruments"]
+        keys |= {role: (None, f"[[{role}]] with name, driver and port") for role in instrument_roles()}
+    return keys
 
 
 def _keys_at(location: list[Any], data: Mapping[str, Any]) -> dict[str, tuple[Any, str | None]]:
     """Return the keys of the table at a location; a device's section has its driver's."""
     model: Any = BenchFile
-    if location and location[0] in ROLES:
+    if location and location[0] in roles():
         in_array = len(location) > 1 and isinstance(location[1], int)
         section = data[location[0]][location[1]] if in_array else data.get(location[0])
         if isinstance(section, dict):

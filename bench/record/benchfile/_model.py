@@ -15,6 +15,8 @@ from pydantic import (
     PlainValidator,
     PrivateAttr,
     SerializationInfo,
+    SerializerFunctionWrapHandler,
+    model_serializer,
     model_validator,
 )
 
@@ -24,18 +26,20 @@ from drivers.kit.config import (
     ChamberConfig,
     DeviceConfig,
     GyroConfig,
+    InstrumentConfig,
     PlatformConfig,
+    SupplyConfig,
     TableConfig,
     UnderTestConfig,
 )
-from drivers.kit.registry import ROLES, config_class
+from drivers.kit.registry import config_class, instrument_roles, roles
 
 
 def _by_driver(role: str) -> PlainValidator:
     """Have a section checked by the configuration of the driver that it names."""
 
     def checked(value: Any) -> Any:
-        if isinstance(value, ROLES[role]):
+        if isinstance(value, roles()[role]):
             return value
         kind = value.get("driver") if isinstance(value, dict) else None
         return config_class(role, kind).adapter().validate_python(value)
@@ -48,11 +52,21 @@ def _plain(section: DeviceConfig, info: SerializationInfo) -> Any:
     return type(section).adapter().dump_python(section, mode=mode, exclude_none=bool(info.exclude_none))
 
 
+def _of_a_role(value: Any) -> Any:
+    """Have an instrument's section, which comes with its role, checked by the driver that it names."""
+    if isinstance(value, InstrumentConfig):
+        return value
+    role, section = value
+    kind = section.get("driver") if isinstance(section, dict) else None
+    return config_class(role, kind).adapter().validate_python(section)
+
+
 _PLAIN = PlainSerializer(_plain)
 _Table = Annotated[TableConfig, _by_driver("table"), _PLAIN]
 _Chamber = Annotated[ChamberConfig, _by_driver("chamber"), _PLAIN]
 _Gyro = Annotated[GyroConfig, _by_driver("gyro"), _PLAIN]
 _Platform = Annotated[PlatformConfig, _by_driver("platform"), _PLAIN]
+_Instrument = Annotated[InstrumentConfig, PlainValidator(_of_a_role), _PLAIN]
 
 
 class Section(BaseModel):
@@ -123,7 +137,7 @@ class ForbiddenState(Section):
         default=None, description=f"the chamber's set point in degC: {_BAND_TEXT}"
     )
     aux_temp_c: Band | None = Field(
-        default=None, description=f"any of the chamber's auxiliary sensors in degC: {_BAND_TEXT}"
+        default=None, description=f"any sensor of chamber or logger besides the air in degC: {_BAND_TEXT}"
     )
     door: Literal["open", "closed"] | None = Field(
         default=None, description="'open' or 'closed', as chamber.door_message tells it"
@@ -193,7 +207,11 @@ class RecordingSection(Section):
 
 
 class BenchFile(Shown, Section):
-    """A bench, as its file describes it. `sha256` is the checksum of the file as it was read."""
+    """A bench, as its file describes it. `sha256` is the checksum of the file as it was read.
+
+    `instruments`: sections of every role beside table, chamber and units: `[[supply]]`, `[[logger]]` and those
+    that other packages register. In the file they stand beside the others.
+    """
 
     bench: BenchSection = Field(description="a [bench] section with name and latitude_deg")
     table: _Table = Field(description="a [table] section with driver and port")
@@ -204,10 +222,32 @@ class BenchFile(Shown, Section):
     platform: tuple[_Platform, ...] = Field(
         default=(), strict=False, description="[[platform]] with name, driver, unit and a port"
     )
+    instruments: dict[str, tuple[_Instrument, ...]] = Field(default_factory=dict)
     limits: LimitsSection = Field(default=LimitsSection(), description="a [limits] section")
     safe: SafeSection = Field(default=SafeSection(), description="a [safe] section")
     recording: RecordingSection = Field(default=RecordingSection(), description="a [recording] section")
     _sha256: str = PrivateAttr(default="")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gather(cls, data: Any) -> Any:
+        """Put the sections of instruments under `instruments`, each with its role."""
+        if not isinstance(data, dict):
+            return data
+        given = {role: data[role] for role in instrument_roles() if role in data}
+        pairs = {
+            role: tuple((role, section) for section in value) if isinstance(value, list | tuple) else value
+            for role, value in given.items()
+        }
+        rest = {name: value for name, value in data.items() if name not in given}
+        return {**rest, "instruments": pairs} if pairs else rest
+
+    @model_serializer(mode="wrap")
+    def _spread(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Write the sections of instruments beside the others, as they stand in the file."""
+        plain: dict[str, Any] = handler(self)
+        instruments: dict[str, Any] = plain.pop("instruments", {})
+        return plain | instruments
 
     @property
     def sha256(self) -> str:
@@ -228,6 +268,32 @@ class BenchFile(Shown, Section):
         """Name on this bench -> serial number or id of every unit under test."""
         sections: tuple[UnderTestConfig, ...] = (*self.gyro, *self.platform)
         return {section.name: section.unit for section in sections}
+
+    @property
+    def all_instruments(self) -> dict[str, tuple[str, InstrumentConfig]]:
+        """Name -> role and section of every instrument."""
+        roles = self.instruments.items()
+        return {section.name: (role, section) for role, sections in roles for section in sections}
+
+    @property
+    def supplies(self) -> tuple[SupplyConfig, ...]:
+        """The power supplies."""
+        return tuple(
+            section for _, section in self.all_instruments.values() if isinstance(section, SupplyConfig)
+        )
+
+    @property
+    def ports(self) -> dict[str, str]:
+        """Name of every device on this bench -> its port, or its CAN channel."""
+        devices: tuple[PlatformConfig | InstrumentConfig, ...] = (
+            *self.platform,
+            *(section for _, section in self.all_instruments.values()),
+        )
+        return (
+            {"table": self.table.port, "chamber": self.chamber.port}
+            | {gyro.name: gyro.port or gyro.channel or "" for gyro in self.gyro}
+            | {device.name: device.port for device in devices}
+        )
 
     def gyro_named(self, name: str) -> GyroConfig:
         """Return the gyro of that name; raises KeyError."""

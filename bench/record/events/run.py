@@ -215,5 +215,13 @@ class ConditioningDemand(Demand, kind="demand_conditioning"):
     on: Flag
 
 
+class PowerDemand(Demand, kind="demand_power"):
+    """An output of a supply is switched on or off; `units`: those that it feeds."""
+
+    output: Whole
+    on: Flag
+    units: list[str] = field(default_factory=list)
+
+
 class NavigationDemand(Demand, kind="demand_navigation"):
     """A platform is told to end its alignment and navigate."""

@@ -31,8 +31,9 @@ class LastSeen:
 class SafeState(Event, kind="safe_state"):
     """Whether a device is in its safe state; `state` "pending": not yet, a later line has the end.
 
-    `rates_dps` of every axis, `running` and `set_point_c` of a chamber are what it read back. `why` the bench was
-    made safe and `error`, what the way to it met, are for people.
+    What it read back: `rates_dps` of every axis, `running` and `set_point_c` of a chamber, `outputs` of a supply
+    (number -> whether it is on). `why` the bench was made safe and `error`, what the way to it met, are for
+    people.
     """
 
     device: str
@@ -44,6 +45,7 @@ class SafeState(Event, kind="safe_state"):
     rates_dps: dict[str, Number] | None = None
     running: Flag | None = None
     set_point_c: Number | None = None
+    outputs: dict[str, Flag] | None = None
     last_seen: LastSeen | None = None
 
     @property
@@ -59,7 +61,7 @@ class SafeState(Event, kind="safe_state"):
     def __str__(self) -> str:
         """Return it as a text for reports of errors and for whoever stands at the bench."""
         if self.confirmed:
-            return f"{self.device} at rest: {self._read_back()}"
+            return f"{self.device} {'safe' if self.outputs else 'at rest'}: {self._read_back()}"
         read_back = self._read_back()
         if self.code in ("port_gone", "cut_off") or read_back or not self.error:
             why = _REASONS[self.code or "not_confirming"] + (f": {read_back}" if read_back else "")
@@ -69,7 +71,7 @@ class SafeState(Event, kind="safe_state"):
         return f"{self.device}: {why}{self._seen()}"
 
     def _read_back(self) -> str:
-        return read_back_words(self.rates_dps or {}, self.running, self.set_point_c)
+        return read_back_words(self.rates_dps or {}, self.running, self.set_point_c, self.outputs or {})
 
     def _seen(self) -> str:
         seen = self.last_seen
@@ -96,7 +98,12 @@ _REASONS: dict[NotSafe, str] = {
 }
 
 
-def read_back_words(rates_dps: Mapping[str, float], running: bool | None, set_point_c: float | None) -> str:
+def read_back_words(
+    rates_dps: Mapping[str, float],
+    running: bool | None,
+    set_point_c: float | None,
+    outputs: Mapping[str, bool],
+) -> str:
     """Return what a device read back."""
     parts = [
         f"{axis + ' ' if len(rates_dps) > 1 else ''}{rate:.4f} deg/s" for axis, rate in rates_dps.items()
@@ -105,6 +112,7 @@ def read_back_words(rates_dps: Mapping[str, float], running: bool | None, set_po
         parts.append("running" if running else "stopped")
     if set_point_c is not None:
         parts.append(f"set point {set_point_c:g} degC")
+    parts += [f"output {number} {'on' if on else 'off'}" for number, on in outputs.items()]
     return ", ".join(parts)
 
 

@@ -182,6 +182,10 @@ class Run(Shown):
         """Return all columns of a platform INS."""
         return self._table(table_name("platform", name), None, None, None)
 
+    def readings(self, instrument: str) -> Table:
+        """Return all columns of a supply, a logger or an instrument of another role: time_ns and its own."""
+        return self._table(f"{self.manifest.device(instrument).role}_{instrument}.parquet", None, None, None)
+
     def second_means(self, gyro: str, start_s: int, end_s: int, *, from_start: bool = False) -> SecondMeans:
         """Return 1 s means of a gyro, (end_s - start_s,): row k is of start_s + k < time <= start_s + k + 1.
 
@@ -206,8 +210,22 @@ class Run(Shown):
         sensor = self.manifest.device(gyro).case_sensor
         if sensor is None:
             return None
-        table = self.chamber(("time_ns", f"aux_{sensor}_temp_c"))
-        return np.asarray(np.interp(times_s, seconds(table), table[f"aux_{sensor}_temp_c"]))
+        at_s, temp_c = self.sensor(sensor)
+        return np.asarray(np.interp(times_s, at_s, temp_c))
+
+    def sensor(self, number: int) -> tuple[Array, Array]:
+        """Return times (s) and readings (degC) of an auxiliary sensor of chamber or logger, (n,) each.
+
+        Readings that an open sensor did not give are left out. RecordError if there is no record of it.
+        """
+        table, column = "chamber", f"aux_{number}_temp_c"
+        loggers = self.manifest.bench.get("logger")
+        for section in loggers if isinstance(loggers, list) else ():
+            if isinstance(section, dict) and str(number) in (section.get("sensors") or {}):
+                table = f"logger_{section.get('name')}"
+        read = self._table(f"{table}.parquet", ("time_ns", column), None, None)
+        known = ~np.isnan(read[column])
+        return seconds(read)[known], np.asarray(read[column][known], dtype=np.float64)
 
     def table_angle_deg(self, times_s: Array) -> Array:
         """Return the angle of the table at times (n,), turns counted."""

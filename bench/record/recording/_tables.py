@@ -24,7 +24,15 @@ ROW_GROUP = 65536
 
 Columns = Mapping[str, NDArray[Any]]
 
-_UNITS = (("_ns", "ns"), ("_dps", "deg/s"), ("_mps2", "m/s2"), ("_deg", "deg"), ("_c", "degC"))
+_UNITS = (
+    ("_ns", "ns"),
+    ("_dps", "deg/s"),
+    ("_mps2", "m/s2"),
+    ("_deg", "deg"),
+    ("_c", "degC"),
+    ("_v", "V"),
+    ("_a", "A"),
+)
 
 
 class TableWriter:

@@ -12,7 +12,7 @@ from drivers.base.errors import ConfigurationError
 from drivers.frames import FrameDecoder, load_family
 from simulators.emulators.frames import FrameEmulator
 from simulators.lab._build import build_lab
-from simulators.lab._power import PowerCycled, Since
+from simulators.lab._power import Since, Switched
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig, unit_model
 
 BENCH = """
@@ -37,14 +37,21 @@ unit = "R"
 """
 
 
+def off_and_on(plant: LabPlant, off_s: float) -> None:
+    plant.switch("g", False, plant.now_s)
+    plant.switch("g", True, plant.now_s + off_s)
+
+
 def test_the_stream_stops_and_begins_with_frame_0() -> None:
     plant = LabPlant(PlantConfig(units=(UnitConfig("g", "rlg", 3),)))
     unit, ring = plant.unit("g"), load_family("rlg2t")
     before = FrameEmulator(unit, ring, axes="x", rate_hz=10, baudrate=115200)
     plant.advance(100.25)
     after = FrameEmulator(Since(unit, 160.25), ring, axes="x", rate_hz=10, baudrate=115200)
-    plant.power_cycle("g", 60.0)
-    cycled = PowerCycled(before, after, off_s=100.25, on_s=160.25)
+    cycled = Switched(before)
+    cycled.off(100.25)
+    cycled.on(after, 160.25)
+    off_and_on(plant, 60.0)
     counter, arrival = [], []
     for now_s in (50.0, 120.0, 150.0, 200.0):
         plant.advance(now_s)
@@ -68,7 +75,7 @@ def test_every_power_on_draws_its_turn_on_bias() -> None:
     marks = []
     for cycle in range(60):
         plant.advance(20.0 * cycle + 5.0)
-        plant.power_cycle("g", 2.0)
+        off_and_on(plant, 2.0)
         marks.append(20 * cycle + 7)
     plant.advance(1210.0)
     bias = plant.true_drift("g")["bias_dph"]
@@ -82,7 +89,7 @@ def test_every_power_on_draws_its_turn_on_bias() -> None:
 def test_a_unit_without_power_cools() -> None:
     plant = LabPlant(PlantConfig(units=(UnitConfig("g", "rlg", 3),)))
     plant.advance(7200.0)
-    plant.power_cycle("g", 7200.0)
+    off_and_on(plant, 7200.0)
     plant.advance(21600.0)
     block = plant.true_drift("g")["block_c"] - plant.chamber.record()["air_temp_c"]
     # 2 W over 0.30 W/K to the case and 1.2 W/K to the air

@@ -89,12 +89,13 @@
     );
   }
 
-  function buildAuxiliary(names) {
-    const found = JSON.stringify(names);
+  function buildAuxiliary(names, readings) {
+    const found = JSON.stringify([names, readings]);
     if (found === state.auxiliary) return;
     state.auxiliary = found;
     place("[data-auxiliary]").replaceChildren(
       ...names.map(([number, name]) => pair(name, live(`aux.${number}`, "°C"))),
+      ...readings.map(([key, words, unit]) => pair(words, live(`reading.${key}`, unit))),
     );
   }
 
@@ -131,7 +132,7 @@
     place("[data-papers]").replaceChildren(...news.papers.map(paper));
     showBenches(news.benches, news.session);
     buildGyros(news.gyros);
-    buildAuxiliary(news.auxiliary);
+    buildAuxiliary(news.auxiliary, news.readings);
   }
 
   function line(seconds, kind, text) {

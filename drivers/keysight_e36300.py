@@ -1,0 +1,109 @@
+"""Keysight E36300 supplies (E36311A to E36313A): SCPI over TCP port 5025, every command with a channel list.
+
+Source: Keysight E36300 Series Programming Guide (E36311-90008). The sessions that the tests replay are those of
+pymeasure's KeysightE36312A.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from drivers.base.errors import ProtocolError
+from drivers.kit.config import SupplyConfig, key
+from drivers.kit.kinds import Connection, Exchange, MeterKind, Probe, Transcript
+from drivers.kit.matching import transcript
+from drivers.kit.scpi import channel_list, flags, numbers, query_exchanges
+from drivers.kit.supply import ANY_OUTPUT, ScpiSupply, Setting, columns_of
+
+_TRIPS = {"VOLT": "overvoltage protection has tripped", "CURR": "overcurrent protection has tripped"}
+
+
+class E36300Config(SupplyConfig):
+    """`[[supply]]` of a Keysight E36300: its instrument socket has no serial settings."""
+
+    port: str = key(pattern=r"^socket://.+$", description="its instrument socket: 'socket://host:5025'")
+
+
+class E36300Supply(ScpiSupply):
+    """One supply (`drivers.kit.instruments.Supply`)."""
+
+    _product = "a Keysight E36300 supply"
+    _models = ("E3631",)
+
+    def __init__(self, config: E36300Config, connection: Connection) -> None:
+        super().__init__(connection.link(config.port, config.baudrate), config)
+
+    def is_on(self, output: int) -> bool:
+        """Read whether an output is on."""
+        return self._query(f"OUTP? (@{output})", lambda reply: flags(reply, 1))[0]
+
+    def request_readings(self) -> None:
+        """Ask for the voltages and currents of all outputs."""
+        self._settle_input()
+        self._write(_poll(self.outputs))
+        self._state_asked = True
+
+    def read(self) -> Mapping[str, float]:
+        """Return voltage and current of every output."""
+        return self._collected(
+            self.request_readings, lambda: self._read(lambda reply: _readings(reply, self.columns))
+        )
+
+    def _setting(self, output: int) -> Setting:
+        volts = self._query(f"VOLT? (@{output})", lambda reply: numbers(reply, 1))
+        amperes = self._query(f"CURR? (@{output})", lambda reply: numbers(reply, 1))
+        return Setting(volts[0], amperes[0])
+
+    def _set(self, output: int, setting: Setting) -> str:
+        at = f"(@{output})"
+        return f"VOLT {setting.voltage_v:g},{at}\nCURR {setting.current_limit_a:g},{at}"
+
+    def _switching(self, output: int, on: bool) -> str:
+        return f"OUTP {'ON' if on else 'OFF'},(@{output})"
+
+    def _tripped(self, output: int) -> str:
+        for quantity, words in _TRIPS.items():
+            if self._query(f"{quantity}:PROT:TRIP? (@{output})", lambda reply: flags(reply, 1))[0]:
+                return words
+        return ""
+
+
+def _poll(outputs: Iterable[int]) -> str:
+    channels = channel_list(outputs)
+    return f"MEAS:VOLT? {channels};:MEAS:CURR? {channels}"
+
+
+def _readings(reply: str, columns: tuple[str, ...]) -> dict[str, float]:
+    parts = reply.split(";")
+    if len(parts) != 2:
+        raise ProtocolError("not two answers", found=repr(reply[:80]), expected="voltages; currents")
+    half = len(columns) // 2
+    volts, amperes = (numbers(part, half) for part in parts)
+    return dict(
+        zip(columns, (value for pair in zip(volts, amperes, strict=True) for value in pair), strict=True)
+    )
+
+
+def decode_transcript(exchanges: Iterable[Exchange], config: E36300Config) -> Transcript:
+    """Return one row an answered poll and counts; never raises on bytes."""
+    poll, columns = _poll(output.number for output in config.outputs), columns_of(config)
+    rows: list[tuple[int, dict[str, float]]] = []
+    polls = 0
+    for at_ns, request, reply in query_exchanges(exchanges):
+        if request.rpartition("\n")[2] != poll:
+            continue
+        polls += 1
+        try:
+            rows.append((at_ns, _readings(reply or "", columns)))
+        except ProtocolError:
+            continue
+    return transcript(rows, columns, polls)
+
+
+E36300 = MeterKind(
+    E36300Supply,
+    decode_transcript,
+    E36300Config,
+    probes=lambda: [Probe(32, ANY_OUTPUT)],
+    made_safe=True,
+)
