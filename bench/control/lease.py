@@ -24,6 +24,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from bench.control.process import process_start
 from bench.record.benchfile import BenchFile
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchInUse, ConfigurationError
@@ -139,16 +140,6 @@ def state_folder() -> Path:
     """Return `$XDG_STATE_HOME/gyrobench` (default `~/.local/state/gyrobench`), where leases are."""
     base = os.environ.get("XDG_STATE_HOME", "")
     return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / "gyrobench"
-
-
-def process_start(pid: int) -> int:
-    """Return when `pid` started, in clock ticks since boot (proc(5), field 22 of stat); 0 if there is none."""
-    try:
-        text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return 0
-    fields = text.rpartition(")")[2].split()  # the name in parentheses may hold anything
-    return 0 if fields[0] in "ZX" else int(fields[19])
 
 
 def _paths(file: BenchFile) -> list[tuple[str, Path]]:

@@ -10,7 +10,8 @@ import sys
 
 import pytest
 
-from bench.control.lease import lease_holder, process_start, state_folder, take_lease
+from bench.control.lease import lease_holder, state_folder, take_lease
+from bench.control.process import process_start
 from bench.record.benchfile import bench_file_from
 from drivers.base.errors import BenchInUse, ConfigurationError
 

@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from bench.control.lease import process_start
 from bench.control.live._shape import checked_now
+from bench.control.process import process_start
 from bench.record.events.run import Note, Requested
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import ConfigurationError, RecordError

@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from bench.control.lease import process_start
 from bench.control.live._files import (
     HISTORY_FILE,
     LIVE_FOLDER,
@@ -22,6 +21,7 @@ from bench.control.live._files import (
     read_answer,
     take_requests,
 )
+from bench.control.process import process_start
 from bench.control.progress import Progress
 from bench.control.questions import Operator, Question, Reply
 from bench.record.events import plain

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.control.lease import process_start
 from bench.control.live import read_now
+from bench.control.process import process_start
 from bench.present.panel import PanelSettings
 from bench.present.panel._access import COOKIE, Access
 from bench.present.panel._advice import Situation, banner, nothing_yet
