@@ -17,15 +17,19 @@ _OUTLIER = 8.0
 """Standard deviations by which a sample must stand off its neighbours, itself or with the next one."""
 _STEADY_DPS = 0.02
 _NEAR = 41
+_SAME_S = 3.0
+"""Time by which what a run does may be earlier or later in its repeat."""
 
 
 def _find(records: Sequence[Record]) -> Finding | None:
     """Find how many there are and how large they are; the samples that hold them go missing."""
     outputs: list[Array] = []
     sizes: list[float] = []
+    places_s: list[Array] = []
     hours = 0.0
     for record in records:
         at, angle_arcsec = _impulses(record)
+        places_s.append(at * record.stimulus.period_s)
         hours += len(record.stimulus) * record.stimulus.period_s / 3600.0
         sizes += angle_arcsec
         output = record.output_dph
@@ -33,7 +37,7 @@ def _find(records: Sequence[Record]) -> Finding | None:
             output = output.copy()
             output[at] = np.nan
         outputs.append(output)
-    if not sizes:
+    if not sizes or _come_again(records, places_s):
         return None
     rate, size = len(sizes) / hours, float(np.sqrt(np.mean(np.square(sizes))))
     root = math.sqrt(len(sizes))
@@ -42,6 +46,28 @@ def _find(records: Sequence[Record]) -> Finding | None:
         "these samples are left out"
     )
     return Finding((rate, size), (rate / root, size / root), words, tuple(outputs))
+
+
+def _come_again(records: Sequence[Record], places_s: Sequence[Array]) -> bool:
+    """Return whether most come at the same time of other runs as long: what the run does brings them, not chance.
+
+    `places_s` are samples off their neighbours, by record.
+    """
+    lengths_s = [len(record.stimulus) * record.stimulus.period_s for record in records]
+    again, chance, number = 0, 0.0, 0
+    for place, own_s in enumerate(places_s):
+        others = [
+            k
+            for k, length_s in enumerate(lengths_s)
+            if k != place and abs(length_s / lengths_s[place] - 1.0) < 0.01
+        ]
+        if not others:
+            continue
+        theirs_s = np.concatenate([places_s[k] for k in others])
+        again += sum(bool((np.abs(theirs_s - at_s) <= _SAME_S).any()) for at_s in own_s.tolist())
+        chance += len(own_s) * -math.expm1(-len(theirs_s) * 2.0 * _SAME_S / lengths_s[place])
+        number += len(own_s)
+    return again > chance + max(0.5 * number, 3.0)
 
 
 def _impulses(record: Record) -> tuple[NDArray[np.int64], list[float]]:

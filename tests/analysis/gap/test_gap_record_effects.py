@@ -136,11 +136,27 @@ def test_vibration_that_is_rectified_follows_the_square_of_rate(nominal: Model) 
 
 def _with_impulses(run: GapRun, rng: np.random.Generator) -> GapRun:
     output = run.output_dph.copy()
-    for at in (501, 1702, 2903):
+    for at in {"a": (501, 1702, 2903), "b": (712, 1913, 3114)}[run.run_id]:
         share = rng.uniform(0.2, 1.0)
         output[at] += 6.0 * share
         output[at + 1] += 6.0 * (1.0 - share)
     return replace(run, output_dph=output)
+
+
+def test_what_comes_at_the_same_times_of_every_repeat_is_no_impulse(nominal: Model) -> None:
+    rng = np.random.default_rng(9)
+    s = stimulus(4000, cold=False)
+
+    def run(name: str, at: np.ndarray) -> GapRun:
+        kicks = np.zeros(len(s))
+        kicks[at] = 40.0
+        return made_run(name, s, rng, kicks)
+
+    places = np.array([410, 900, 1500, 2100, 2800, 3300])
+    same = [run(f"same {k}", places + k) for k in range(3)]
+    assert "impulses" not in diagnose(same, nominal).rate.stochastic
+    apart = [run(f"apart {k}", (places + 137 * k) % 3900 + 20) for k in range(3)]
+    assert "impulses" in diagnose(apart, nominal).rate.stochastic
 
 
 def test_impulses_are_counted_measured_and_left_out(nominal: Model) -> None:
