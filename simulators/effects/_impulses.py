@@ -29,7 +29,7 @@ def _find(records: Sequence[Record]) -> Finding | None:
     hours = 0.0
     for record in records:
         at, angle_arcsec = _impulses(record)
-        places_s.append(at * record.stimulus.period_s)
+        places_s.append(np.asarray(at * record.stimulus.period_s, np.float64))
         hours += len(record.stimulus) * record.stimulus.period_s / 3600.0
         sizes += angle_arcsec
         output = record.output_dph
