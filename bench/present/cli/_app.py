@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import sys
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.main import get_group_from_info
 from typer.models import TyperInfo
 
+from bench import __version__
 from bench.present.cli._options import TextGroup
 from drivers.base.errors import BenchError, RunAborted, RunUnsealed
 
@@ -117,14 +118,24 @@ app = typer.Typer(
     cls=Commands,
     name="gyrobench",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 
 
+def _say_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"gyrobench {__version__}")
+        raise typer.Exit
+
+
 @app.callback()
-def gyrobench() -> None:
+def gyrobench(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="print the version and end"),
+    ] = False,
+) -> None:
     """Run gyro test procedures on a bench of turntable, thermal chamber and gyros - real or emulated."""
 
 

@@ -1,6 +1,6 @@
 """Commands that another package brings by entry point stand beside ours, and cannot replace them."""
 
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, version
 
 import pytest
 import typer
@@ -42,3 +42,14 @@ def test_ours_cannot_be_replaced(cli):
 def test_a_name_that_there_is_not_is_told_from_what_is_near(cli):
     result = cli("wether")
     assert result.exit_code == 2 and "Did you mean 'weather'" in result.output
+
+
+def test_version_and_completion_are_told(cli):
+    assert cli("--version").output == f"gyrobench {version('gyrobench')}\n"
+    completed = CliRunner().invoke(
+        _app.app,
+        [],
+        prog_name="gyrobench",
+        env={"_GYROBENCH_COMPLETE": "complete_bash", "COMP_WORDS": "gyrobench ru", "COMP_CWORD": "1"},
+    )
+    assert completed.output.split() == ["run", "runs"]
