@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from drivers.base.constants import ZERO_CELSIUS_K
 from drivers.keysight_34970a import DaqConfig
 from simulators.emulators.scpi import MISSING, UNDEFINED, Refusal, ScpiEmulator, switch
 from simulators.faults import DeviceFault, Fault
@@ -111,7 +112,9 @@ class DaqEmulator(ScpiEmulator):
         if channel not in self._probes:
             return 0.0
         temp_c = round(self._plant.auxiliary_c(channel, now_s), 3)
-        return {"C": temp_c, "F": 1.8 * temp_c + 32.0, "K": temp_c + 273.15}[self._units.get(channel, "C")]
+        return {"C": temp_c, "F": 1.8 * temp_c + 32.0, "K": temp_c + ZERO_CELSIUS_K}[
+            self._units.get(channel, "C")
+        ]
 
 
 def emulator(config: DaqConfig, plant: LabChamber, installed: Installation) -> DaqEmulator:

@@ -129,10 +129,21 @@ def test_a_runner_that_stays_silent_is_taken_over_from_two_seconds_of_its_own_la
     assert runner.now_s == pytest.approx(10.0 + silent_s, abs=1e-6)
 
 
-def test_a_runner_that_is_not_armed_yet_may_be_silent_for_as_long_as_it_likes(monkeypatch):
-    runner = Silence(monkeypatch, {100.0: ARM, 100.2: beat_line(1, 100.2), 100.4: b""}, starved_from_ten(0.0))
+def test_a_runner_that_is_not_armed_yet_may_be_silent_for_a_minute(monkeypatch):
+    runner = Silence(monkeypatch, {59.9: ARM, 60.1: beat_line(1, 60.1), 60.3: b""}, starved_from_ten(0.0))
     assert _process.main() == 0
-    assert runner.silences_s == [None] and runner.now_s == 100.4
+    assert runner.silences_s == [None] and runner.now_s == 60.3
+
+
+def test_a_runner_that_stands_still_before_it_is_armed_is_ended_and_nothing_is_taken_over(monkeypatch):
+    runner = Silence(monkeypatch, {100.0: ARM}, starved_from_ten(0.0))
+    ended, told = [], []
+    monkeypatch.setattr(_process, "_end", ended.append)
+    monkeypatch.setattr(_process, "_tell", told.append)
+    assert _process.main() == 0
+    assert runner.silences_s == [] and runner.now_s == pytest.approx(60.0)
+    assert len(ended) == 1
+    assert "stood still for 60 s" in told[0]
 
 
 def test_beats_that_lay_in_the_pipe_are_no_sign_of_life_of_now(monkeypatch):
