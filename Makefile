@@ -14,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # uv reads its own variable for local wheel folders, not pip's.
 export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
 
-.PHONY: setup demo test lint audit coverage repeats reliability mutants bench bench-gpu fuzz clean
+.PHONY: setup first-hour demo test lint audit coverage repeats reliability mutants bench bench-gpu fuzz clean
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
@@ -39,6 +39,10 @@ lint: $(STAMP)
 # Known vulnerabilities of the pins; says aloud what the package index could not answer.
 audit: $(STAMP)
 	$(BIN)/python -m benchmarks.audit
+
+# Everything that README and guide tell a newcomer to type, from `make setup` on in a fresh copy: ten minutes and more.
+first-hour: $(STAMP)
+	$(BIN)/python -m benchmarks.first_hour
 
 # Branch coverage of the rooms, their subprocesses included; slow: every test runs under the tracer. One process:
 # a pytest-xdist worker that takes more than 10 s to save its data is killed, and its half of the tests is lost.

@@ -235,8 +235,8 @@ def _recordings() -> tuple[Item, ...]:
 def _looks() -> tuple[Item, ...]:
     """Everything that reads runs, tells of them or writes them for others."""
     return (
-        Item("runs-list", "runs list --runs runs --json", ("runs/.catalogue",)),
-        Item("runs-list-some", "runs list --runs runs --procedure thermal-ramp --json"),
+        Item("runs-list", "runs list runs --json", ("runs/.catalogue",)),
+        Item("runs-list-some", "runs list runs --procedure thermal-ramp --json"),
         Item("runs-show", "runs show runs/shock"),
         Item("runs-show-heading", "runs show runs/heading"),
         Item("runs-verify", "runs verify runs/shock runs/rotation-1 runs/heading runs/calibration"),

@@ -12,10 +12,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.kit.config import Mounting
 from simulators.plant.chamber import ChamberParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig, UnitKind
 from simulators.plant.model import UnitModel
-from simulators.plant.mounting import Mounting
 from simulators.plant.table import TableParameters
 
 _EAST_DEG = 90.0

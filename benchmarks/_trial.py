@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import compileall
 import ctypes
+import gc
 import importlib
 import os
 import py_compile
@@ -95,6 +96,7 @@ class Copy:
         for name in _LIBRARIES:
             with suppress(ImportError):
                 importlib.import_module(name)
+        gc.freeze()  # else each child searches all libraries for garbage: half of a short test's time
 
     @contextmanager
     def changed(self, file: str, text: str) -> Iterator[None]:

@@ -35,7 +35,6 @@ from bench.control.questions import AssumeYes
 from bench.control.runner import RunRequest, run_procedure
 from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant
-from bench.lab.prefork import PreforkServer
 from bench.record.benchfile import BenchFile, bench_file_from, load_bench_file
 from bench.record.recording import read_exchanges
 from benchmarks._measure import Row, figure, usual
@@ -183,7 +182,7 @@ def _latencies_ms(event: Event, folder: Path, stamp_s: float) -> Iterator[tuple[
         yield 1e3 * max(told_s - stamp_s, 0.0), 1e3 * max(told_s - known_s, 0.0)
 
 
-def _measure(event: Event, count: int, start: Callable[[], Any]) -> dict[str, list[tuple[float, float]]]:
+def _measure(event: Event, count: int) -> dict[str, list[tuple[float, float]]]:
     """Return by stop command (from the event, from the knowledge) in ms of `count` runs."""
     moments, file = random.Random(1), _bench_file(watchdog=False)
     gone = tuple(  # prepares the ports for it
@@ -194,7 +193,7 @@ def _measure(event: Event, count: int, start: Callable[[], Any]) -> dict[str, li
         plant = Plant(fault=gone)
         with (
             tempfile.TemporaryDirectory() as runs,
-            EmulatedLab(file, plant, clock="wall", start=start) as lab,
+            EmulatedLab(file, plant, clock="wall") as lab,
             mock.patch.object(
                 safe_state, "RETURN_S", 0.1
             ),  # a port that stays away is waited for after all that
@@ -206,13 +205,13 @@ def _measure(event: Event, count: int, start: Callable[[], Any]) -> dict[str, li
     return found
 
 
-def _watchdog_ms(number: signal.Signals, count: int, start: Callable[[], Any]) -> list[float]:
+def _watchdog_ms(number: signal.Signals, count: int) -> list[float]:
     """Return how long after `number` struck the runner the first stop command left, in ms, of `count` runs."""
     found = []
     for _ in range(count):
         with (
             tempfile.TemporaryDirectory() as runs,
-            EmulatedLab(_bench_file(watchdog=True), Plant(), clock="wall", start=start) as lab,
+            EmulatedLab(_bench_file(watchdog=True), Plant(), clock="wall") as lab,
         ):
             child = subprocess.Popen(
                 [sys.executable, "-m", "benchmarks.abort_latency", "--runner", runs],
@@ -267,8 +266,7 @@ def _runner(runs: Path) -> None:
 def rows() -> Iterator[Row]:
     """Yield median and worst latency of each command over the runs, from a signal."""
     count = usual(_RUNS, 3)
-    with PreforkServer() as prefork:
-        measured = _measure(_SIGNAL, count, prefork.start_lab)
+    measured = _measure(_SIGNAL, count)
     for name, pairs in measured.items():
         values = [from_event for from_event, _ in pairs]
         for kind, value in (("median", statistics.median(values)), ("worst", max(values))):
@@ -285,20 +283,19 @@ def main() -> int:
     head = ["event", "runs", "median", "worst", "promise", "from the event, worst"]
     table = [head, ["---"] * len(head)]
     broken = False
-    with PreforkServer() as prefork:
-        for event in _EVENTS:
-            runs = list(zip(*_measure(event, count, prefork.start_lab).values(), strict=True))
-            last = [max(known for _, known in run) for run in runs]
-            whole = [max(since for since, _ in run) for run in runs]
-            broken |= max(last) > _PROMISED_MS
-            name = f"{event.name}, from the answer that tells" if event.seen_on else event.name
-            table.append(_line(name, last, _PROMISED_MS, whole))
-            print(" | ".join(table[-1]), flush=True)
-        for number in (signal.SIGKILL, signal.SIGSTOP):
-            times = _watchdog_ms(number, count, prefork.start_lab)
-            broken |= max(times) > _WATCHDOG_MS
-            table.append(_line(f"{number.name} of the runner, by its watchdog", times, _WATCHDOG_MS, times))
-            print(" | ".join(table[-1]), flush=True)
+    for event in _EVENTS:
+        runs = list(zip(*_measure(event, count).values(), strict=True))
+        last = [max(known for _, known in run) for run in runs]
+        whole = [max(since for since, _ in run) for run in runs]
+        broken |= max(last) > _PROMISED_MS
+        name = f"{event.name}, from the answer that tells" if event.seen_on else event.name
+        table.append(_line(name, last, _PROMISED_MS, whole))
+        print(" | ".join(table[-1]), flush=True)
+    for number in (signal.SIGKILL, signal.SIGSTOP):
+        times = _watchdog_ms(number, count)
+        broken |= max(times) > _WATCHDOG_MS
+        table.append(_line(f"{number.name} of the runner, by its watchdog", times, _WATCHDOG_MS, times))
+        print(" | ".join(table[-1]), flush=True)
     lines = [
         "From the event to the last of three commands on the wire: table stop, chamber stop, safe set point; of",
         "the watchdog: to the first. Wall clock, emulated lab on pseudo-terminals. A door or an interlock is",

@@ -584,7 +584,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "a process of ours imports nothing from the current folder",
-        "bench.lab.prefork:start_lab",
+        "bench.lab._process:LabProcess.__init__",
         Swap("[sys.executable, '-P', '-m', 'simulators.lab']", "[sys.executable, '-m', 'simulators.lab']"),
         f"{_T_CODE} -k current_folder",
     ),

@@ -13,10 +13,12 @@ import sys
 from pathlib import Path
 
 from bench.analysis.common.fan_out import fan_out
+from bench.analysis.common.statistics import attained
 from bench.analysis.thermal import Study
 from bench.campaign import load_campaign, rehearse_campaign
 from bench.campaign.study import study_of
 from bench.lab.emulated import Plant
+from bench.present.report import outside_sentence
 from bench.record.benchfile import load_bench_file
 from drivers.base.clock import host_seconds
 
@@ -53,9 +55,9 @@ def main() -> None:
     for score in study.selection:
         rows = {row.run_id: row for row in study.scores[score.name]}
         values = [rows[name].improvement_pct or 0.0 for name in bias]
-        attained = sum(100.0 * (rows[name].attained_fraction or 0.0) for name in bias) / len(bias)
+        share = attained([rows[name] for name in bias])[1] or 0.0
         cells = " | ".join(f"{value:.1f}" for value in values)
-        print(f"| {score.name} | {cells} | {sum(values) / len(values):.1f} | {attained:.1f} |")
+        print(f"| {score.name} | {cells} | {sum(values) / len(values):.1f} | {share:.1f} |")
     oracle = {row.run_id: row.oracle_pct or 0.0 for row in study.scores[study.chosen]}
     cells = " | ".join(f"{oracle[name]:.1f}" for name in bias)
     print(f"| true drift | {cells} | {sum(oracle[name] for name in bias) / len(bias):.1f} | 100.0 |")
@@ -66,6 +68,9 @@ def main() -> None:
         rows = {row.run_id: row for row in study.scores[score.name]}
         cells = " | ".join(f"{rows[n].sf_true_rms_ppm:.2f} ({rows[n].sf_true_max_ppm:.1f})" for n in groups)
         print(f"| {score.name} | {cells} |")
+    for row in study.scores[study.chosen]:
+        if text := outside_sentence(row):
+            print(text)
     print(f"\nchosen on the validation runs: {study.chosen}")
 
 

@@ -160,12 +160,13 @@ def _air(time_s: float) -> float:
 
 
 @contextmanager
-def panel(runs: Path) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
+def panel(runs: Path, *options: str) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
     """Serve a panel in a process of its own."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     process = subprocess.Popen(
-        [sys.executable, "-c", _CLI, "panel", str(runs), "--port", str(port)], stdout=subprocess.DEVNULL
+        [sys.executable, "-c", _CLI, "panel", str(runs), "--port", str(port), *options],
+        stdout=subprocess.DEVNULL,
     )
     clock, url = WallClock(), f"http://127.0.0.1:{port}/"
     try:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
+from bench.analysis.common.statistics import attained
 from bench.analysis.common.stepwise import stepwise
 from bench.analysis.rlg import RampRun, load_chamber_cycle, study_chamber_cycle
 from bench.analysis.rlg._rows import ramp_run
@@ -54,12 +55,12 @@ def improvement() -> None:
         runs = [emulated(unit, kind, 100 * unit + n) for n, kind in enumerate(PROFILES, start=1)]
         study = run_rlg_study(runs[:1], runs[1:])
         for variant in study.variants:
-            each = ", ".join(f"{row.kind} {row.improvement_pct:.1f} ({100 * row.attained:.1f})"
-                             for row in variant.judged if row.attained is not None)  # fmt: skip
-            share = np.mean([row.attained for row in variant.judged if row.attained is not None])
+            each = ", ".join(f"{row.kind} {row.improvement_pct:.1f} ({attained([row])[1]:.1f})"
+                             for row in variant.judged if row.oracle_pct is not None)  # fmt: skip
+            share = attained(variant.judged)[1] or 0.0
             print(
                 f"unit {unit}, {variant.name}: mean {variant.mean_improvement_pct:.1f} %, "
-                f"{100 * share:.1f} % of the true drift's; {each}; R2 {variant.result.final.r2:.4f}, "
+                f"{share:.1f} % of the true drift's; {each}; R2 {variant.result.final.r2:.4f}, "
                 f"terms {', '.join(variant.result.selected)}"
             )
 

@@ -33,7 +33,6 @@ from bench.control.run_record import decode_run
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant
-from bench.lab.prefork import PreforkServer
 from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.recording import read_manifest, verify
 from benchmarks._sections import write_section
@@ -239,10 +238,10 @@ def _host_trouble(scenario: str) -> Iterator[None]:
 
 
 class Soak:
-    """Runs cases one after the other in labs of one prefork; the gyros' true frames are made once."""
+    """Runs cases one after the other, each in a lab of its own; the gyros' true frames are made once."""
 
-    def __init__(self, root: Path, start: Callable[[], Any]) -> None:
-        self._root, self._start = root, start
+    def __init__(self, root: Path) -> None:
+        self._root = root
         self._file = bench_file_from(_FILE)
         self._true: dict[str, set[tuple[str, ...]]] = {}
         self._number = 0
@@ -251,7 +250,7 @@ class Soak:
         """Run and judge one case."""
         self._number += 1
         plant = Plant(seed=11, delivery_s=1.0, fault=case.faults)
-        with EmulatedLab(self._file, plant, start=self._start) as lab:
+        with EmulatedLab(self._file, plant) as lab:
             result = self._drive(lab.file, case)
             verdict = Verdict(case, _outcome(result), result.reason)
             if "not confirmed" not in verdict.outcome and (found := _not_at_rest(lab)):
@@ -295,7 +294,7 @@ class Soak:
                 verdict.problems.append(f"{name}: {false} frames accepted that were never sent")
 
     def _true_frames(self, name: str) -> set[tuple[str, ...]]:
-        with EmulatedLab(self._file, Plant(seed=11, delivery_s=1.0), start=self._start) as lab:
+        with EmulatedLab(self._file, Plant(seed=11, delivery_s=1.0)) as lab:
             self._number += 1
             result = self._drive(lab.file, Case("the truth"))
         for each in _GYROS:
@@ -378,8 +377,8 @@ def _not_at_rest(lab: EmulatedLab) -> str:
 def soak(count: int, seed: int, say: Callable[[Verdict], None] = lambda _: None) -> list[Verdict]:
     """Run `count` cases and return what became of them."""
     verdicts = []
-    with tempfile.TemporaryDirectory() as root, PreforkServer() as prefork:
-        runner = Soak(Path(root), prefork.start_lab)
+    with tempfile.TemporaryDirectory() as root:
+        runner = Soak(Path(root))
         for case in cases(count, seed):
             verdicts.append(runner.run(case))
             say(verdicts[-1])

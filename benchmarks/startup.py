@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from bench.lab.emulated import EmulatedLab, Plant
-from bench.lab.testing import LabPool, usual_bench
+from bench.lab.testing import usual_bench
 from benchmarks._measure import Row, figure, usual
 from drivers.base.clock import host_seconds
 
@@ -67,20 +67,19 @@ def _timed(work: Callable[[], object], turns: int) -> tuple[float, float]:
 
 def _lab(ready: list[float]) -> None:
     begin = host_seconds()
-    with EmulatedLab(usual_bench(None), Plant()):
+    with EmulatedLab(usual_bench(None), Plant(), apart=True):
         ready.append(host_seconds() - begin)
 
 
 def _bench_ready(turns: int) -> tuple[float, float]:
     """Return the median times to a lab that answers and to its end, after a first one, s."""
     ready, gone = [], []
-    with LabPool(usual_bench(None)) as pool:
-        for _ in range(turns + 1):
-            begin = host_seconds()
-            with pool.lab(Plant()):
-                there = host_seconds()
-            ready.append(there - begin)
-            gone.append(host_seconds() - there)
+    for _ in range(turns + 1):
+        begin = host_seconds()
+        with EmulatedLab(usual_bench(None), Plant()):
+            there = host_seconds()
+        ready.append(there - begin)
+        gone.append(host_seconds() - there)
     return statistics.median(ready[1:]), statistics.median(gone[1:])
 
 

@@ -12,11 +12,11 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from drivers.base.errors import DeviceRefused, ProtocolError
+from drivers.base.errors import DeviceRefused
 from drivers.kit.config import LoggerConfig, Mistake, NumberedTexts, key
 from drivers.kit.instruments import Meter, Rest
 from drivers.kit.kinds import Connection, Exchange, MeterKind, Probe, Transcript
-from drivers.kit.matching import transcript
+from drivers.kit.matching import polled
 from drivers.kit.scpi import ScpiInstrument, channel_list, numbers, query_exchanges
 
 _OPEN = 1e36
@@ -133,17 +133,12 @@ def _readings(reply: str, columns: tuple[str, ...]) -> dict[str, float]:
 def decode_transcript(exchanges: Iterable[Exchange], config: DaqConfig) -> Transcript:
     """Return one row an answered scan and counts; never raises on bytes."""
     columns = _columns(config)
-    rows: list[tuple[int, dict[str, float]]] = []
-    polls = 0
-    for at_ns, request, reply in query_exchanges(exchanges):
-        if request.rpartition("\n")[2] != "READ?":
-            continue
-        polls += 1
-        try:
-            rows.append((at_ns, _readings(reply or "", columns)))
-        except ProtocolError:
-            continue
-    return transcript(rows, columns, polls)
+    return polled(
+        query_exchanges(exchanges),
+        lambda request: request.rpartition("\n")[2] == "READ?",
+        lambda reply: _readings(reply, columns),
+        columns,
+    )
 
 
 Daq = MeterKind(

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from drivers.base.errors import ProtocolError
 from drivers.kit.config import SupplyConfig, key
 from drivers.kit.kinds import Connection, Exchange, MeterKind, Probe, Transcript
-from drivers.kit.matching import transcript
+from drivers.kit.matching import polled
 from drivers.kit.scpi import channel_list, flags, numbers, query_exchanges
 from drivers.kit.supply import ANY_OUTPUT, ScpiSupply, Setting, columns_of
 
@@ -87,17 +87,12 @@ def _readings(reply: str, columns: tuple[str, ...]) -> dict[str, float]:
 def decode_transcript(exchanges: Iterable[Exchange], config: E36300Config) -> Transcript:
     """Return one row an answered poll and counts; never raises on bytes."""
     poll, columns = _poll(output.number for output in config.outputs), columns_of(config)
-    rows: list[tuple[int, dict[str, float]]] = []
-    polls = 0
-    for at_ns, request, reply in query_exchanges(exchanges):
-        if request.rpartition("\n")[2] != poll:
-            continue
-        polls += 1
-        try:
-            rows.append((at_ns, _readings(reply or "", columns)))
-        except ProtocolError:
-            continue
-    return transcript(rows, columns, polls)
+    return polled(
+        query_exchanges(exchanges),
+        lambda request: request.rpartition("\n")[2] == poll,
+        lambda reply: _readings(reply, columns),
+        columns,
+    )
 
 
 E36300 = MeterKind(

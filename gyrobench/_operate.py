@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.campaign import CampaignFolder
 from bench.control.live import Live
-from bench.control.procedure import Procedure, find_procedure
+from bench.control.procedure import Procedure, read_procedure
 from bench.control.progress import Progress
 from bench.control.questions import AssumeYes, Console
 from bench.control.runner import RunRequest, RunResult, run_procedure
@@ -39,8 +39,9 @@ def rehearse(
 ) -> RunResult:
     """Run a procedure on an emulated lab that matches a bench file, in virtual time; return how it ended.
 
-    `procedure`: its name or the object. `runs`: folder that gets the run folder. `plant`: the physics behind
-    the emulated devices, or its file. `seed`: in place of the plant's. `show` is called with the progress.
+    `procedure`: its name, a Python file (`./mine.py`) or the object. `runs`: folder that gets the run folder.
+    `plant`: the physics behind the emulated devices, or its file. `seed`: in place of the plant's. `show` is
+    called with the progress.
     `parameters`: as `gyrobench procedures NAME` lists them, with their units in their names.
 
     `result.outcome` is completed, invalid or aborted; `open_run(result.folder)` reads the record.
@@ -81,7 +82,7 @@ def run(
 
 
 def _procedure(procedure: str | Procedure) -> Procedure:
-    return procedure if isinstance(procedure, Procedure) else find_procedure(procedure)
+    return procedure if isinstance(procedure, Procedure) else read_procedure(procedure)
 
 
 def _bench(bench: BenchFile | Path | str) -> BenchFile:

@@ -13,6 +13,7 @@ from drivers.kit.config import (
     ChamberConfig,
     GyroConfig,
     InstrumentConfig,
+    Mounting,
     PlatformConfig,
     Section,
     TableConfig,
@@ -65,7 +66,7 @@ class GyroInLab:
     config: GyroConfig
     model: str
     unit_seed: int
-    mounting: Literal["axis_horizontal", "axis_up", "z_up"] = "axis_horizontal"
+    mounting: Mounting = "axis_horizontal"
     mount_azimuth_error_deg: float = 0.0
     clock_error_ppm: float = 0.0
     bearing: Bearing | None = None

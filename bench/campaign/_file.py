@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError,
 
 from bench.control.procedure import Parameters, Procedure, find_procedure
 from bench.record.benchfile import BenchFile, bench_file_from
-from bench.record.figure_limits import Limit, wrong_limits
+from bench.record.figure_limits import SIMPLE, Decision, Limit, wrong_limits
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
 from drivers.kit.config import GyroConfig
@@ -93,6 +93,7 @@ class Campaign(_Part):
     answer: tuple[PreparedAnswer, ...] = ()
     notify: tuple[Notice, ...] = ()
     limits: dict[str, Limit] = Field(default_factory=dict)
+    decision: Decision = SIMPLE
     _sha256: str = PrivateAttr(default="")
 
     @property

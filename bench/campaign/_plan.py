@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.campaign._file import Campaign, CampaignRun, bench_of, load_campaign
 from bench.control.disk import check_disk, estimated_bytes
-from bench.control.procedure import Demands
+from bench.control.procedure import Demands, beyond_limits, require_none_beyond
 from bench.lab.emulated import Plant
 from bench.lab.rehearsal import rehearse_procedure
 from bench.record.benchfile import BenchFile
 from bench.record.events.run import ConditioningDemand, Prompt, Step
-from bench.record.figure_limits import OVER_RUNS
+from bench.record.figure_limits import OVER_RUNS, own_figure
 from bench.record.recording import read_events
-from drivers.base.errors import ConfigurationError, LimitExceeded
+from drivers.base.errors import ConfigurationError
 
 
 @dataclass(frozen=True)
@@ -60,17 +60,12 @@ def check_limits(campaign: Campaign, file: BenchFile) -> None:
     """
     for run in campaign.runs:
         run.test.check_bench(file)
-    found = [f"{run.name}: {text}" for run in campaign.runs for text in _beyond(run, file)]
-    if found:
-        limits = file.limits
-        raise LimitExceeded(
-            "the campaign demands what the bench file forbids",
-            where=campaign.title,
-            found="; ".join(found),
-            expected=f"{limits.min_temp_c:g} .. {limits.max_temp_c:g} degC, "
-            f"at most {limits.max_ramp_k_per_min:g} K/min and {limits.max_rate_dps:g} deg/s ([limits])",
-            remedy="change the parameters of these runs, or the limits if bench and units really allow it",
-        )
+    found = [
+        f"{run.name}: {text}"
+        for run in campaign.runs
+        for text in beyond_limits(run.test.demands(run.values), file)
+    ]
+    require_none_beyond(found, file, "the campaign", campaign.title)
 
 
 def campaign_to_rehearse(campaign_file: Path, file: BenchFile, out: Path) -> tuple[Campaign, Path]:
@@ -95,7 +90,12 @@ def not_measured(campaign: Campaign) -> list[str]:
     measured = {figure for run in runs for figure in run.test.figures(run.values)}
     if sum(bool(run.test.figures(run.values)) for run in runs) > 1:
         measured.update(OVER_RUNS)
-    return [figure for figure in campaign.limits if figure not in measured]
+    procedures = {run.procedure for run in runs}
+    return [
+        figure
+        for figure in campaign.limits
+        if figure not in measured and not ((own := own_figure(figure)) and own[0] in procedures)
+    ]
 
 
 def plan_campaign(
@@ -126,16 +126,6 @@ def plan_campaign(
 
 def _key(run: CampaignRun) -> str:
     return json.dumps([run.procedure, run.values.model_dump(mode="json")], sort_keys=True)
-
-
-def _beyond(run: CampaignRun, file: BenchFile) -> Iterator[str]:
-    demands, limits = run.test.demands(run.values), file.limits
-    if demands.min_temp_c < limits.min_temp_c or demands.max_temp_c > limits.max_temp_c:
-        yield f"{demands.min_temp_c:g} .. {demands.max_temp_c:g} degC"
-    if demands.max_ramp_k_per_min > limits.max_ramp_k_per_min:
-        yield f"{demands.max_ramp_k_per_min:g} K/min"
-    if demands.max_rate_dps > limits.max_rate_dps:
-        yield f"{demands.max_rate_dps:g} deg/s"
 
 
 def _estimated(run: CampaignRun, file: BenchFile) -> PlannedRun:

@@ -20,15 +20,20 @@ def estimated_bytes(duration_s: float, file: BenchFile) -> int:
     return round(duration_s * (samples_per_s * _BYTES_A_SAMPLE + _BYTES_A_SECOND))
 
 
+def free_bytes(folder: Path) -> int:
+    """Return how many bytes are free where a folder is or will be."""
+    place = folder.absolute()
+    while not place.exists():
+        place = place.parent
+    return shutil.disk_usage(place).free
+
+
 def check_disk(needed: int, folder: Path, what: str, option: str) -> None:
     """Raise LimitExceeded if fewer than `needed` bytes are free where `folder` is or will be.
 
     `what` ("the campaign", "the run") does not fit; `option` of the command line names another folder.
     """
-    place = folder.absolute()
-    while not place.exists():
-        place = place.parent
-    free = shutil.disk_usage(place).free
+    free = free_bytes(folder)
     if needed > free:
         raise LimitExceeded(
             f"{what} does not fit on the disk",

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from traceback import extract_tb
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from drivers.base.errors import ConfigurationError
+from bench.control.parameter_facts import parameter_facts
+from drivers.base.errors import ConfigurationError, LimitExceeded
 from drivers.base.plugins import entry_points_of
 
 if TYPE_CHECKING:
@@ -52,6 +58,8 @@ class Procedure:
     """Which figures of a certificate (`bench.record.figure_limits`) a run with these parameters measures."""
     upright: bool = True
     """Whether it turns the units about the vertical: their axis then points up with the outer axes at 0."""
+    text: str = field(default="", repr=False)
+    """Source of a procedure from a file of the user's own; a run keeps it as `procedure.py`."""
 
     def check_bench(self, file: BenchFile) -> None:
         """Raise ConfigurationError if the bench has no unit that it tests or no axis to turn it about."""
@@ -91,6 +99,32 @@ class Demands:
     max_ramp_k_per_min: float = 0.0
 
 
+def beyond_limits(demands: Demands, file: BenchFile) -> Iterator[str]:
+    """Yield what of a run's demands the bench file forbids, as text with units."""
+    limits = file.limits
+    if demands.min_temp_c < limits.min_temp_c or demands.max_temp_c > limits.max_temp_c:
+        yield f"{demands.min_temp_c:g} .. {demands.max_temp_c:g} degC"
+    if demands.max_ramp_k_per_min > limits.max_ramp_k_per_min:
+        yield f"{demands.max_ramp_k_per_min:g} K/min"
+    if demands.max_rate_dps > limits.max_rate_dps:
+        yield f"{demands.max_rate_dps:g} deg/s"
+
+
+def require_none_beyond(found: Sequence[str], file: BenchFile, what: str, where: str) -> None:
+    """Raise LimitExceeded if anything was found beyond the bench file's limits: nothing has been made yet."""
+    if not found:
+        return
+    limits = file.limits
+    raise LimitExceeded(
+        f"{what} demands what the bench file forbids",
+        where=where,
+        found="; ".join(found),
+        expected=f"{limits.min_temp_c:g} .. {limits.max_temp_c:g} degC, "
+        f"at most {limits.max_ramp_k_per_min:g} K/min and at most {limits.max_rate_dps:g} deg/s ([limits])",
+        remedy=f"change the parameters of {what}, or [limits] if bench and units really allow it",
+    )
+
+
 def load_procedures() -> dict[str, Procedure]:
     """Return all installed procedures by name, third-party ones included."""
     points = sorted(entry_points_of(ENTRY_POINT_GROUP), key=lambda point: point.name)
@@ -103,28 +137,75 @@ def find_procedure(name: str) -> Procedure:
     if name in procedures:
         return procedures[name]
     near = difflib.get_close_matches(name, procedures, n=1)
+    remedy = f"did you mean {near[0]!r}" if near else "`gyrobench procedures` lists them"
+    if name.endswith(".py"):
+        remedy = "install the package that has it (docs/own_procedure.md): only run and rehearse take a file"
     raise ConfigurationError(
-        f"there is no procedure {name!r}",
-        expected="one of " + ", ".join(procedures),
-        remedy=f"did you mean {near[0]!r}" if near else "`gyrobench procedures` lists them",
+        f"there is no procedure {name!r}", expected="one of " + ", ".join(procedures), remedy=remedy
     )
+
+
+def read_procedure(name: str) -> Procedure:
+    """Return an installed procedure, or the one in a Python file of the user's own (`./mine.py`), which is run.
+
+    The file finds modules beside it, after all that is installed. ConfigurationError if it cannot be loaded, or
+    has no procedure, or more than one.
+    """
+    if not name.endswith(".py"):
+        return find_procedure(name)
+    path = Path(name).resolve()
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(
+            "the procedure's file cannot be read",
+            where=name,
+            found=getattr(error, "strerror", None) or str(error),
+            expected="a Python file",
+            remedy="`gyrobench new procedure NAME` writes one",
+        ) from error
+    module = _module_of(path, name)
+    found = {id(value): value for value in vars(module).values() if isinstance(value, Procedure)}
+    if len(found) != 1:
+        names = ", ".join(key for key, value in vars(module).items() if isinstance(value, Procedure))
+        raise ConfigurationError(
+            "a file with more than one procedure" if found else "a file without a procedure",
+            where=name,
+            found=names or "no object made by `Procedure(...)`",
+            expected="one, as in PROCEDURE = Procedure(...)",
+            remedy="keep each in a file of its own, and import functions, not procedures"
+            if found
+            else "`gyrobench new procedure NAME` writes a file that has one",
+        )
+    return replace(next(iter(found.values())), text=text)
+
+
+def _module_of(path: Path, name: str) -> ModuleType:
+    """Run a Python file as a module; ConfigurationError with the line for whatever it raises."""
+    spec = spec_from_file_location(f"_procedure_file_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module  # pydantic looks up there what annotations name
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
+        line = error.lineno if isinstance(error, SyntaxError) else lines[-1] if lines else None
+        raise ConfigurationError(
+            "the procedure's file cannot be loaded",
+            where=name if line is None else f"{name}, line {line}",
+            found=f"{type(error).__name__}: {error}",
+            expected=f"a file that `python {name}` runs without an error",
+        ) from error
+    return module
 
 
 def parameter_rows(procedure: Procedure) -> list[tuple[str, str, str, str, str]]:
     """Return (name, default, unit, limits, help) of every parameter, as text."""
-    rows = []
-    for name, info in procedure.parameters.model_fields.items():
-        extra = info.json_schema_extra
-        unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
-        rows.append((name, str(info.default), unit, _limits_text(info.metadata), info.description or ""))
-    return rows
-
-
-def _limits_text(metadata: list[Any]) -> str:
-    signs = (("ge", ">="), ("gt", ">"), ("le", "<="), ("lt", "<"))
-    return ", ".join(
-        f"{sign} {getattr(item, key):g}" for item in metadata for key, sign in signs if hasattr(item, key)
-    )
+    facts = parameter_facts(procedure.parameters)
+    return [(fact.name, str(fact.default), fact.unit, fact.limits, fact.meaning) for fact in facts]
 
 
 def _parameter_error(procedure: Procedure, error: ValidationError) -> ConfigurationError:

@@ -87,7 +87,7 @@ def air_rate_k_per_min(history: History, now_s: float) -> float:
 
 def gyro_progress(station: GyroStation, now_s: float) -> GyroProgress:
     """Return where a gyro is."""
-    rate_dps = station.mean_rate_dps(now_s - _RATE_WINDOW_S)  # decodes what has come
+    rate_dps = station.output_dps(now_s - _RATE_WINDOW_S)  # decodes what has come
     last, nan = station.history.last, float("nan")
     return GyroProgress(
         rate_dps=rate_dps,

@@ -35,6 +35,7 @@ from bench.record.recording import (
     units_off_s,
     write_manifest,
 )
+from bench.record.run_folder import PROCEDURE_FILE
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, RecordError
 from drivers.kit.config import GyroConfig, InstrumentConfig, PlatformConfig
@@ -92,6 +93,10 @@ class RunRecord:
         )
         write_manifest(folder, manifest)
         return cls(folder, manifest, file.recording.flush_interval_s)
+
+    def keep_procedure(self, text: str) -> None:
+        """Keep the source of a procedure that is not installed; it is sealed with the rest."""
+        (self.folder / PROCEDURE_FILE).write_text(text, encoding="utf-8")
 
     @property
     def started_utc(self) -> str:

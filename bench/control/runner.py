@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any, cast
@@ -14,7 +15,7 @@ from bench.control.devices import open_chamber, open_clock, open_instrument, ope
 from bench.control.instrument_station import InstrumentStation, SupplyStation
 from bench.control.lease import Lease, take_lease
 from bench.control.live import Live
-from bench.control.procedure import Parameters, Procedure
+from bench.control.procedure import Parameters, Procedure, beyond_limits, require_none_beyond
 from bench.control.progress import Progress
 from bench.control.questions import Operator
 from bench.control.run_record import RunRecord
@@ -91,10 +92,14 @@ class RunResult(Shown):
 def run_procedure(request: RunRequest) -> RunResult:
     """Run a procedure and return how it ended; the folder is complete whatever happened.
 
-    Raises only what prevents a record from being made at all: BenchInUse, RecordError or ConfigurationError; and
+    Raises only what prevents a record from being made at all: BenchInUse, RecordError, ConfigurationError, and
+    LimitExceeded for parameters that demand what the bench file forbids; and
     RunUnsealed, with what became of the bench, if the folder of a run that was driven cannot be closed.
     """
-    request.procedure.check_bench(request.file)
+    procedure, file = request.procedure, request.file
+    procedure.check_bench(file)
+    beyond = list(beyond_limits(procedure.demands(request.parameters), file))
+    require_none_beyond(beyond, file, "the run", procedure.name)
     if request.lease is None:
         with take_lease(request.file, f"run {request.run_id or request.procedure.name}") as lease:
             return _run(replace(request, lease=lease))
@@ -110,6 +115,8 @@ def _run(request: RunRequest) -> RunResult:
         request.file,
         request.emulated or (by_file.model_dump() if (by_file := request.file.bench.emulated) else None),
     )
+    if request.procedure.text:
+        record.keep_procedure(request.procedure.text)
     if request.live is not None:
         request.live.begin_run(
             record.folder,
@@ -214,6 +221,7 @@ def _drive(
     bench.chamber.check(demands.min_temp_c, demands.max_temp_c, demands.max_ramp_k_per_min)
     for gyro in file.gyro:
         bench.gyros[gyro.name] = GyroStation(load_kind("gyro", gyro.driver), gyro)
+        bench.gyros[gyro.name].heed = partial(_heed, bench)
     for platform in file.platform:
         bench.platforms[platform.name] = PlatformStation(load_kind("platform", platform.driver), platform)
     streams = _power_and_open(bench, record, clock, stack)
@@ -243,6 +251,12 @@ def _drive(
             # a unit that no longer listens changes nothing of what was measured
             bench.note(f"{station.name} was not stopped: {problem}")
     return bench
+
+
+def _heed(bench: Bench, gyro: str, start_s: float, end_s: float, mean_dps: float) -> None:
+    """Declare the run invalid if the table turned and what a procedure evaluates hardly felt it."""
+    if reason := bench.table.mountings.not_felt(gyro, start_s, end_s, mean_dps):
+        bench.alert(reason)
 
 
 def _power_and_open(

@@ -89,9 +89,8 @@ class Bench:
         self._alarms: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
         self._log: deque[Mapping[str, Any]] = deque(maxlen=_KEPT_LINES)
         self._step = self._doing = ""
-        self._poll_s = _POLL_S
         self._next_poll_s, self._next_alarms_s = clock.now(), clock.now() + _ALARMS_S
-        self._shown_at = 0.0
+        self._poll_s, self._shown_at = _POLL_S, 0.0
 
     def install(self, table: Turntable, chamber: Chamber, auxiliary: tuple[int, ...]) -> None:
         """Put the polled instruments in place."""
@@ -162,6 +161,7 @@ class Bench:
                 self._stream_watchdog.excuse_until(self.clock.now() + 1.0)
                 self.wait(0.2, f"operator: {question}")
         more = {key: value for key, value in act.items() if key not in ("act", "mounting")}
+        self.table.mountings.tell(act)
         self.event(Answer(question, reply.answer, reply.by, act.get("act"), act.get("mounting"), more))
         if reply.answer.strip().lower() in ("no", "n", "abort"):
             raise RunAborted(f"the operator answered {reply.answer!r} to: {question}")

@@ -211,6 +211,8 @@ class GyroStation(StreamStation):
 
     def __init__(self, kind: GyroKind[Any], config: GyroConfig) -> None:
         self.axis: str = config.axis
+        self.heed: Callable[[str, float, float, float], None] = lambda *evaluated: None
+        """Told of every mean that a procedure asks for: name, from, until, deg/s."""
         self.case_sensor: int | None = config.case_sensor
 
         def values(columns: Columns) -> tuple[NDArray[Any], ...]:
@@ -225,7 +227,17 @@ class GyroStation(StreamStation):
         )
 
     def mean_rate_dps(self, start_s: float, end_s: float | None = None) -> float:
-        """Return the mean output from `start_s` to `end_s` (default now), NaN without samples."""
+        """Return the mean output from `start_s` to `end_s` (default now), NaN without samples.
+
+        The run is invalid if the table turned meanwhile and the axis under test hardly felt it.
+        """
+        mean_dps = self.output_dps(start_s, end_s)
+        last_s = self.history.last.get("time_s", start_s)
+        self.heed(self.name, start_s, last_s if end_s is None else end_s, mean_dps)
+        return mean_dps
+
+    def output_dps(self, start_s: float, end_s: float | None = None) -> float:
+        """Return the same for a display: nothing is made of it."""
         rows = self.update().since(start_s)
         keep = rows["time_s"] <= (np.inf if end_s is None else end_s)
         samples = rows["samples"][keep]

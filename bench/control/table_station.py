@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from bench.control.history import History
+from bench.control.mounting import Mountings, Turning
 from bench.control.station import Session, Station
 from bench.record.events.run import AngleDemand, Demand, HomeDemand, RateDemand, Sense
 from bench.record.events.safe import LastSeen
@@ -35,8 +37,20 @@ def check_stops(axis: AxisConfig, angle_deg: float, where: str) -> None:
         )
 
 
+@dataclass
+class _Arrival:
+    """A motion that nobody waits for: it has until `until_s` to settle."""
+
+    settled: Callable[[], bool]
+    stays: Callable[[dict[str, float]], bool]
+    until_s: float
+    timeout_s: float
+    what: str
+
+
 class TableStation(Station):
-    """The rate table. Verbs return when telemetry shows that the motion has settled.
+    """The rate table. Verbs return when telemetry shows that the motion has settled; with `settle` False at once,
+    and the polls see to it that it settles.
 
     A verb's `axis` is a name of the bench file's `[[table.axes]]`; "" is the axis that carries the unit, whose
     telemetry is `angle_deg` and `rate_dps` in the history. The others' is `<name>_angle_deg`, `<name>_rate_dps`.
@@ -47,6 +61,7 @@ class TableStation(Station):
     def __init__(self, device: Turntable, session: Session, axes: Sequence[AxisConfig]) -> None:
         self.device = device
         self.axes = {axis.name: axis for axis in axes}
+        self.mountings = Mountings(axes, session.file.gyro)
         self._carrier = axes[-1].name
         outer = [self._columns(axis.name) for axis in axes[:-1]]
         super().__init__(
@@ -56,6 +71,7 @@ class TableStation(Station):
         """What was asked of each axis last; None: nothing yet, it is at rest."""
         self._turn_dps = dict.fromkeys(self.axes, math.inf)
         self._stays: dict[str, Callable[[dict[str, float]], bool]] = {}
+        self._arriving: dict[str, _Arrival] = {}
 
     @property
     def rates_dps(self) -> tuple[float, ...]:
@@ -132,6 +148,7 @@ class TableStation(Station):
         sense: Sense = "shortest",
         tolerance_deg: float = 0.002,
         timeout_s: float = 300.0,
+        settle: bool = True,
     ) -> None:
         """Turn to `angle_deg` and wait until three polls in a row are within `tolerance_deg`.
 
@@ -144,11 +161,11 @@ class TableStation(Station):
         self._begin(name, AngleDemand(self.name, name, angle_deg, sense))
         if sense == "shortest":
             self.device.point(angle_deg, self._named(name))
-            self._settle_angle(name, angle_deg, tolerance_deg, timeout_s)
+            self._settle_angle(name, angle_deg, tolerance_deg, timeout_s, wait=settle)
             return
         by_deg = self._way_round(name, angle_deg, sense, tolerance_deg)
         self.device.turn(by_deg, self._named(name))
-        self._settle_angle(name, angle_deg, tolerance_deg, timeout_s, by_deg)
+        self._settle_angle(name, angle_deg, tolerance_deg, timeout_s, by_deg, wait=settle)
 
     def spin(
         self,
@@ -158,20 +175,28 @@ class TableStation(Station):
         acceleration_dps2: float | None = None,
         tolerance_share: float = 1e-3,
         timeout_s: float = 300.0,
+        across: bool = False,
+        settle: bool = True,
     ) -> None:
         """Turn at `rate_dps` and wait until three polls in a row are near it.
 
         Near is within `tolerance_share` of the rate + 0.002 deg/s: more for a table whose rate ripples.
+        `across`: the axes under test need not lie along the rotation, as for misalignment or the whirl of an
+        IMU. Otherwise ConfigurationError if they do not, as far as their mounting was told.
         """
         name = axis or self._carrier
         self.check(abs(rate_dps), name)
         if rate_dps != 0.0:  # coming to rest is always allowed
+            if not across:
+                self.mountings.require_along(name, rate_dps, self.angle_deg)
             self._allow(name, f"spin at {rate_dps:g} deg/s", rate_dps)
         self._begin(name, RateDemand(self.name, name, rate_dps, acceleration_dps2))
         self.device.spin(rate_dps, self._named(name), acceleration_dps2)
         tolerance, column = tolerance_share * abs(rate_dps) + 0.002, self._columns(name)[1]
         what = f"reaching {rate_dps:g} deg/s"
-        self._settle(name, lambda row: abs(row[column] - rate_dps), tolerance, what, timeout_s)
+        self._settle(name, lambda row: abs(row[column] - rate_dps), tolerance, what, timeout_s, wait=settle)
+        if rate_dps != 0.0:
+            self.mountings.turnings.append(Turning(name, rate_dps, across, self._session.now_s))
 
     def stop(self, axis: str = "") -> None:
         """Come to rest."""
@@ -182,6 +207,12 @@ class TableStation(Station):
         last = self.history.last
         for name, axis in self.axes.items():
             check_stops(axis, self.angle_deg(name), self._where(name))
+        for name, arrival in list(self._arriving.items()):
+            if arrival.settled():
+                del self._arriving[name]
+                self._stays[name] = arrival.stays
+            elif self._session.now_s > arrival.until_s:
+                raise self._unsettled(name, arrival.timeout_s, arrival.what)
         if any(not stays(last) for stays in self._stays.values()):
             self._look_again()
             last = self.history.last
@@ -260,11 +291,20 @@ class TableStation(Station):
 
     def _begin(self, name: str, demand: Demand) -> None:
         self._session.event(demand)
+        self.mountings.ends(name, self._session.now_s)
         self.demands[name] = demand
         self._stays.pop(name, None)
+        self._arriving.pop(name, None)
 
     def _settle_angle(
-        self, name: str, angle_deg: float, tolerance_deg: float, timeout_s: float, by_deg: float | None = None
+        self,
+        name: str,
+        angle_deg: float,
+        tolerance_deg: float,
+        timeout_s: float,
+        by_deg: float | None = None,
+        *,
+        wait: bool = True,
     ) -> None:
         """Wait for an angle and, with `by_deg`, for telemetry to have gone that way: polls are half a turn apart
         at most.
@@ -282,7 +322,7 @@ class TableStation(Station):
             return by_deg is None or abs(travel - by_deg) < 180.0
 
         what = f"pointing to {angle_deg:.3f} deg" + (f" by {by_deg:+.1f} deg" if by_deg is not None else "")
-        self._settle(name, error, tolerance_deg, what, timeout_s, went_round)
+        self._settle(name, error, tolerance_deg, what, timeout_s, went_round, wait=wait)
 
     def _settle(
         self,
@@ -292,6 +332,8 @@ class TableStation(Station):
         what: str,
         timeout_s: float,
         went_round: Callable[[dict[str, float]], bool] = lambda row: True,
+        *,
+        wait: bool,
     ) -> None:
         in_a_row = 0
 
@@ -301,12 +343,21 @@ class TableStation(Station):
             in_a_row = in_a_row + 1 if went_round(row) and error(row) <= tolerance else 0
             return in_a_row >= _SETTLED_POLLS
 
+        def stays(row: dict[str, float]) -> bool:
+            return error(row) <= _STAYS * tolerance
+
+        if not wait:
+            self._arriving[name] = _Arrival(settled, stays, self._session.now_s + timeout_s, timeout_s, what)
+            return
         if not self._session.wait_until(settled, timeout_s=timeout_s, what=what):
-            raise DeviceRefused(
-                f"the table did not settle within {timeout_s:g} s while {what}",
-                where=self._where(name),
-                found=f"{self.history.last}, {alarms_in_words(self.device)}",
-                expected=str(self.demands[name]),
-                remedy="check interlock, load balance and the axis limits",
-            )
-        self._stays[name] = lambda row: error(row) <= _STAYS * tolerance
+            raise self._unsettled(name, timeout_s, what)
+        self._stays[name] = stays
+
+    def _unsettled(self, name: str, timeout_s: float, what: str) -> DeviceRefused:
+        return DeviceRefused(
+            f"the table did not settle within {timeout_s:g} s while {what}",
+            where=self._where(name),
+            found=f"{self.history.last}, {alarms_in_words(self.device)}",
+            expected=str(self.demands[name]),
+            remedy="check interlock, load balance and the axis limits",
+        )

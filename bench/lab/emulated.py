@@ -1,4 +1,4 @@
-"""An emulated lab that matches a bench file: a process of its own, spoken to through its control channel.
+"""An emulated lab that matches a bench file: in this process or in one of its own, with the same bytes.
 
 The only things the bench learns of it are ports and a clock URL, which it puts in the bench file's place.
 """
@@ -9,15 +9,12 @@ import dataclasses
 import hashlib
 import json
 import os
-import subprocess
-from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.lab.prefork import LabProcess, start_lab
+from bench.lab._process import LabProcess
 from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
@@ -27,6 +24,7 @@ from simulators.faults import Fault
 
 if TYPE_CHECKING:
     from bench.analysis.gap import Model
+    from simulators.lab.in_process import InProcessLab
 
 _MODELS = {"fog": "fog_mid", "mems": "mems", "rlg": "rlg"}
 """Technology of a gyro -> the model that an emulated one usually has."""
@@ -153,7 +151,9 @@ def unit_seed(unit: str) -> int:
 class EmulatedLab:
     """A running lab; use as a context manager. `file` is the bench file that reaches it.
 
-    Lab and bench share a processor; labs that run side by side have different lanes.
+    It is in this process unless `apart` gives it a process of its own, which other software can reach and which
+    outlives a bench that is killed; on the wall clock, where time goes by itself, it always has one. The bytes
+    are the same. Lab and bench share a processor; labs that run side by side have different lanes.
     """
 
     def __init__(
@@ -163,57 +163,41 @@ class EmulatedLab:
         *,
         clock: Literal["virtual", "wall"] = "virtual",
         lane: int | None = None,
-        start: Callable[[], LabProcess] = start_lab,
+        apart: bool = False,
     ) -> None:
-        self._process = start()
         allowed = sorted(os.sched_getaffinity(0))
         cpu = allowed[(os.getpid() if lane is None else lane) % len(allowed)]
-        try:
-            self._write(lab_config(file, plant, clock, cpu).to_line())
-            ready = self._read()
-            if "refused" in ready:
-                raise ConfigurationError(**ready["refused"])
-        except BaseException:
-            self.close()
-            raise
-        self.ports: dict[str, str] = ready["ports"]
-        self.clock_url: str | None = ready["clock"]
+        line = lab_config(file, plant, clock, cpu).to_line()
+        self._lab: LabProcess | InProcessLab = (
+            LabProcess(line) if apart or clock == "wall" else _in_process(line)
+        )
+        self.clock_url = self._lab.clock_url
         self.emulated = plant.metadata(file)
         """What the manifest of a run on this lab says of it."""
         # On a lab's own clock the greeting says what is emulated, on the wall clock only the bench file can.
         metadata = self.emulated if self.clock_url is None else None
         self.file = _with_ports(file, self.ports, self.clock_url, metadata)
 
+    @property
+    def ports(self) -> dict[str, str]:
+        """Where the devices are, by name."""
+        return self._lab.ports
+
     def perform(self, act: dict[str, Any]) -> dict[str, Any]:
         """Have the emulated operator do `act` in the lab; BenchError says why it could not."""
-        self._write(json.dumps(act).encode())
-        answer = self._read()
+        answer = self._lab.perform(json.dumps(act).encode())
         if not answer.get("ok"):
             raise BenchError(f"the emulated lab could not do {act}: {answer.get('error')}")
         return answer
 
-    def _write(self, line: bytes) -> None:
-        """Write one line to the control channel."""
-        try:
-            self._process.stdin.write(line + b"\n")
-            self._process.stdin.flush()
-        except BrokenPipeError as error:
-            raise _ended() from error
-
     def wait(self) -> None:
-        """Wait until the lab's process ends."""
-        self._process.wait()
+        """Wait until the lab's own process ends."""
+        if isinstance(self._lab, LabProcess):
+            self._lab.wait()
 
     def close(self) -> None:
-        """Close the control channel: the lab's process ends."""
-        with suppress(BrokenPipeError):
-            self._process.stdin.close()
-        try:
-            self._process.wait(timeout=10.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._process.stdout.close()
+        """End the lab."""
+        self._lab.close()
 
     def save_truth(self, folder: Path) -> None:
         """Keep the true drift of every emulated unit, and the faults, beside the run: for judging only."""
@@ -230,16 +214,13 @@ class EmulatedLab:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _read(self) -> dict[str, Any]:
-        line = self._process.stdout.readline()
-        if not line:
-            raise _ended()
-        answer: dict[str, Any] = json.loads(line)
-        return answer
 
+def _in_process(line: bytes) -> InProcessLab:
+    from simulators.lab.in_process import (
+        InProcessLab,
+    )  # plant and emulators: only who has a lab here loads them
 
-def _ended() -> BenchError:
-    return BenchError("the emulated lab ended before it was asked to", remedy="its own output says why")
+    return InProcessLab(line)
 
 
 def load_plant(path: Path | None, seed: int | None = None) -> Plant:

@@ -13,7 +13,7 @@ import pytest
 
 if TYPE_CHECKING:
     from bench.lab.emulated import Plant
-    from bench.lab.testing import LabPool, TestBench
+    from bench.lab.testing import TestBench
     from bench.record.benchfile import BenchFile
 
 
@@ -42,29 +42,23 @@ def bench_plant() -> Plant:
     return Plant()
 
 
-@pytest.fixture(scope="session")
-def _bench_labs(pytestconfig: pytest.Config) -> Iterator[LabPool]:
-    from bench.lab.testing import LabPool, usual_bench
-
-    like = pytestconfig.getini("gyrobench_bench")
-    with LabPool(usual_bench(pytestconfig.rootpath / like if like else None)) as pool:
-        yield pool
-
-
 @pytest.fixture
-def emulated_bench(
-    _bench_labs: LabPool,
-    bench_plant: Plant,
-    request: pytest.FixtureRequest,
-) -> Iterator[TestBench]:
+def emulated_bench(request: pytest.FixtureRequest) -> Iterator[TestBench]:
     """A bench on an emulated lab in virtual time, fresh for every test."""
-    with _bench_labs.lab(bench_plant) as lab:
+    _require_rooms()
+    from bench.lab.emulated import EmulatedLab
+    from bench.lab.testing import usual_bench
+
+    like = request.config.getini("gyrobench_bench")
+    file = usual_bench(request.config.rootpath / like if like else None)
+    with EmulatedLab(file, request.getfixturevalue("bench_plant")) as lab:
         yield _test_bench(request, lab.file, lab=lab)
 
 
 @pytest.fixture
 def bench(request: pytest.FixtureRequest) -> TestBench:
     """The bench of `--bench FILE`, or an emulated one."""
+    _require_rooms()
     from bench.record.benchfile import load_bench_file
 
     path = request.config.getoption("--bench")
@@ -73,6 +67,16 @@ def bench(request: pytest.FixtureRequest) -> TestBench:
         return emulated
     yes = bool(request.config.getoption("--bench-yes"))
     return _test_bench(request, load_bench_file(path), yes=yes)
+
+
+def _require_rooms() -> None:
+    """Fail in one sentence where a folder beside the tests hides one of our packages."""
+    from gyrobench._rooms import check_rooms
+
+    try:
+        check_rooms()
+    except ImportError as error:
+        raise pytest.fail.Exception(str(error), pytrace=False) from None
 
 
 def _test_bench(request: pytest.FixtureRequest, file: BenchFile, **how: Any) -> TestBench:

@@ -11,8 +11,7 @@ from bench.control.procedure import Demands, Parameters, Procedure, find_procedu
 from bench.control.questions import AssumeYes, EmulatedOperator, Operator, Question, Reply
 from bench.control.runner import RunRequest
 from bench.control.session import Bench
-from bench.lab.emulated import EmulatedLab, Plant, lab_config
-from bench.lab.prefork import PreforkServer
+from bench.lab.emulated import EmulatedLab
 from bench.lab.rehearsal import run_in_lab
 from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.events.run import Measured
@@ -154,18 +153,6 @@ class TestBench:
                 self._report(f"{measured.name}.{side}", limit)
         if measured.passed is not None:
             self._report(f"{measured.name}.passed", measured.passed)
-
-
-class LabPool(PreforkServer):
-    """Emulated labs of one bench, one after the other; a context manager."""
-
-    def __init__(self, file: BenchFile) -> None:
-        super().__init__(lab_config(file, Plant()))
-        self._file = file
-
-    def lab(self, plant: Plant) -> EmulatedLab:
-        """Return a fresh lab with that physics."""
-        return EmulatedLab(self._file, plant, start=self.start_lab)
 
 
 class _Nobody:

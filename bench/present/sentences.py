@@ -27,6 +27,7 @@ from bench.record.events.run import (
     Repeat,
     Requested,
     Resumed,
+    Series,
     Step,
     UnitsOff,
     UnitsOn,
@@ -48,6 +49,7 @@ def event_of(row: Mapping[str, Any]) -> Event:
 
 _SENTENCES: dict[type[Event], str] = {
     Step: "{code} {title}",
+    Series: "worked out: {title}",
     PhaseBegun: "phase {phase}",
     Note: "{text}",
     Alarm: "{device}: {text}",

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import difflib
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import Field as PydanticField
 
 from bench.record.recording import checksum
 from drivers.base.errors import ConfigurationError
@@ -39,9 +42,12 @@ FURTHER: Mapping[str, str] = {
     "quantisation": "deg",
     "rate random walk": "deg/h/sqrt(h)",
     "rate ramp": "deg/h/h",
+    "Allan deviation, minimum": "deg/h",
 }
 OVER_RUNS = ("bias repeatability", "scale-factor repeatability between runs")
 """Figures that two or more runs of a test give together."""
+_TWO_SIDED = 1.959964
+"""Standard errors to either side that hold 95 % of a normal distribution."""
 
 
 class Limit(BaseModel):
@@ -62,16 +68,81 @@ class Limit(BaseModel):
         return self
 
 
+Judged = Literal["pass", "fail", "undecided"]
+
+
+class Decision(BaseModel):
+    """The rule that decides between pass and fail where a value is not known exactly (JCGM 106).
+
+    "simple acceptance": the value lies inside the limits. "guard band": the limits are drawn in by the expanded
+    uncertainty U, so the whole 95 % interval must lie inside; outside as a whole it fails. "false acceptance":
+    it passes if the unit is beyond the limits with a probability of at most `risk`, and fails if it is inside
+    with no more; errors are normal to either side, 1.96 standard errors to the ends of the interval. What neither
+    passes nor fails is undecided, as is a value without an interval under the latter two.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    rule: Literal["simple acceptance", "guard band", "false acceptance"] = "simple acceptance"
+    risk: float | None = PydanticField(None, gt=0.0, lt=0.5)
+
+    @model_validator(mode="after")
+    def _risk_where_it_counts(self) -> Decision:
+        if (self.rule == "false acceptance") != (self.risk is not None):
+            raise ValueError('risk goes with rule "false acceptance", and with no other')
+        return self
+
+    def judge(
+        self, value: float, interval: tuple[float, float] | None, low: float | None, high: float | None
+    ) -> Judged:
+        """Return what the rule says of a value, its 95 % interval and limits; a value that is no number fails."""
+        least, most = -math.inf if low is None else low, math.inf if high is None else high
+        if not math.isfinite(value):
+            return "fail"
+        if self.rule == "simple acceptance":
+            return "pass" if least <= value <= most else "fail"
+        if interval is None or math.isnan(sum(interval)):
+            return "undecided"
+        if self.risk is None:
+            if least <= interval[0] and interval[1] <= most:
+                return "pass"
+            return "fail" if interval[1] < least or interval[0] > most else "undecided"
+        beyond = _above(most, value, interval) + 1.0 - _above(least, value, interval)
+        if beyond <= self.risk and least <= value <= most:
+            return "pass"
+        return "fail" if 1.0 - beyond <= self.risk else "undecided"
+
+
+def _above(limit: float, value: float, interval: tuple[float, float]) -> float:
+    """Return the probability that the true value is above a limit."""
+    if math.isinf(limit):
+        return 0.0 if limit > 0.0 else 1.0
+    half = interval[1] - value if limit >= value else value - interval[0]
+    if half <= 0.0:
+        return 1.0 if value > limit else 0.0
+    return 0.5 * math.erfc(_TWO_SIDED * (limit - value) / half / math.sqrt(2.0))
+
+
+SIMPLE = Decision()
+
+
 @dataclass(frozen=True)
 class Limits:
-    """Limits by figure, and the file that they come from."""
+    """Limits by figure, the rule they decide by, and the file that they come from."""
 
     rows: Mapping[str, Limit] = field(default_factory=dict)
     source: str = ""
     sha256: str = ""
+    decision: Decision = SIMPLE
 
 
 NO_LIMITS = Limits()
+
+
+def own_figure(figure: str) -> tuple[str, str] | None:
+    """Return procedure and name of a measurement that a limit is for, `my-test.scale_factor_error`, else None."""
+    procedure, dot, name = figure.partition(".")
+    return (procedure, name) if dot and name and re.fullmatch(r"[\w-]+", procedure) else None
 
 
 def wrong_limits(limits: Mapping[str, Limit]) -> list[str]:
@@ -79,6 +150,8 @@ def wrong_limits(limits: Mapping[str, Limit]) -> list[str]:
     known = {**FIGURES, **FURTHER}
     wrong = []
     for figure, limit in limits.items():
+        if own_figure(figure) is not None:
+            continue
         if figure not in known:
             near = difflib.get_close_matches(figure, known, n=1)
             wrong.append(f"limits: no figure {figure!r}" + (f"; did you mean {near[0]!r}" if near else ""))
@@ -114,7 +187,12 @@ def load_limits(path: Path) -> Limits:
         raise _unusable(str(path), str(error)) from error
     if "limits" not in content:
         raise _unusable(str(path), "no limits table")
-    return Limits(parse_limits(content["limits"], str(path)), path.name, checksum(path).sha256)
+    try:
+        decision = Decision.model_validate(content.get("decision", {}))
+    except ValidationError as error:
+        wrong = "; ".join(item["msg"].removeprefix("Value error, ") for item in error.errors())
+        raise _unusable(str(path), f"decision: {wrong}") from error
+    return Limits(parse_limits(content["limits"], str(path)), path.name, checksum(path).sha256, decision)
 
 
 def _unusable(where: str, found: str) -> ConfigurationError:
@@ -123,5 +201,6 @@ def _unusable(where: str, found: str) -> ConfigurationError:
         where=where,
         found=found,
         expected='tables like [limits."bias"] with unit, low and/or high; figures: '
-        + ", ".join([*FIGURES, *FURTHER]),
+        + ", ".join([*FIGURES, *FURTHER])
+        + "; or procedure.measurement, as my-test.scale_factor_error",
     )

@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 
 MANIFEST_FILE = "manifest.json"
+PROCEDURE_FILE = "procedure.py"
+"""Source of the procedure, if it was a file of the user\'s own."""
 
 _URL = re.compile(r"^([a-z][a-z0-9+.-]+):/{1,2}(?=[^/])", re.IGNORECASE)
 

@@ -8,12 +8,16 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from benchmarks.gap_exam._exam_plant import EXAM_PLANT, make_exam_case, plan_exam_cases
+from benchmarks.gap_exam._hemispherical import HEMISPHERICAL
 from benchmarks.gap_exam._make import Plan, kinds_of, make_case, plan, prepare_folder
 from benchmarks.gap_exam._mems import MEMS
 from benchmarks.gap_exam._ring_laser import RING_LASER
+from benchmarks.gap_exam._strapdown import STRAPDOWN
 from benchmarks.gap_exam._tuned_rotor import TUNED_ROTOR
 
-FAMILIES = {family.name: family for family in (RING_LASER, MEMS, TUNED_ROTOR, EXAM_PLANT)}
+FAMILIES = {
+    family.name: family for family in (RING_LASER, MEMS, TUNED_ROTOR, HEMISPHERICAL, STRAPDOWN, EXAM_PLANT)
+}
 
 
 def make_cases(name: str, seed: int, cases: int, only: str, folder: Path, jobs: int) -> Iterator[str]:

@@ -67,13 +67,18 @@ class Effect:
 
 @dataclass(frozen=True)
 class Layout:
-    """How the lab logs: file type, columns with units, decimals of time; temperatures in K or degC."""
+    """How the lab logs: file type, columns with units; temperatures in K or degC.
+
+    `clock`: when the first run began, ISO 8601, if rows have date-times; empty for seconds of a run.
+    `temperature_word_k`: the size of a thermometer's count if it logs counts of degC; 0 for temperatures.
+    """
 
     suffix: str
     output: tuple[str, str]
     angle: tuple[str, str]
     temperature: str = "degC"
-    names: Mapping[str, str] = field(default_factory=dict)
+    clock: str = ""
+    temperature_word_k: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
+from numpy.typing import NDArray
 
 from benchmarks.gap_exam._family import Family, Layout
 from benchmarks.gap_exam._stage import Stage
@@ -24,6 +25,8 @@ SEALED_S = 0.2
 """Step of a sealed effect: what comes round in a second differs between means over 1 s and over a log's rows."""
 _PER_DPH = {"deg/h": 1.0, "deg/s": 1.0 / 3600.0, "rad/s": math.radians(1.0) / 3600.0}
 _PER_DEG = {"deg": 1.0, "rad": math.radians(1.0)}
+_APART_H = 8
+"""Hours from the begin of a run to that of the next, where logs have date-times."""
 FOLDERS = ("cases", "sealed", "answers")
 
 
@@ -122,11 +125,12 @@ def write_case(folder: Path, family: Family, logs: Sequence[Logged]) -> None:
     layout = family.layout
     lines = ["format = 1", 'unit_id = "U-1"', f"latitude_deg = {family.latitude_deg}", "", "[columns]"]
     lines += [
-        'time = { name = "time_s", unit = "s" }',
+        _column("time", ("stamp" if layout.clock else "time_s", "s")),
         _column("output", layout.output),
         _column("angle", layout.angle),
     ]
-    lines += [_column(key, (key, layout.temperature)) for key in ("t_in", "t_out")]
+    word = f"{layout.temperature_word_k} " if layout.temperature_word_k else ""
+    lines += [_column(key, (key, word + layout.temperature)) for key in ("t_in", "t_out")]
     lines += [_column("elevation", ("elevation", layout.angle[1]))]
     for log in logs:
         stage = log.stage
@@ -152,7 +156,6 @@ def _write_log(path: Path, layout: Layout, log: Logged) -> None:
     stage = log.stage
     kept = np.concatenate(([True], stage.kept))
     per_deg = _PER_DEG[layout.angle[1]]
-    warmer = ZERO_CELSIUS_K if layout.temperature == "K" else 0.0
     output = np.where(stage.valid, log.output_dph, np.nan) * _PER_DPH[layout.output[1]]
     middles = 0.5 * (stage.edges_s[1:] + stage.edges_s[:-1])
     tumbled = stage.elevation_deg[np.minimum((middles / stage.step_s).astype(np.int64), stage.steps - 1)]
@@ -160,12 +163,21 @@ def _write_log(path: Path, layout: Layout, log: Logged) -> None:
     def first(values: Array, start: float | None = None) -> Array:
         return np.concatenate((values[:1] if start is None else [start], values))[kept]
 
+    def thermometer(values_c: Array) -> NDArray[np.generic]:
+        if layout.temperature_word_k:
+            return np.round(first(values_c) / layout.temperature_word_k).astype(np.int16)
+        return np.round(first(values_c) + (ZERO_CELSIUS_K if layout.temperature == "K" else 0.0), 4)
+
+    time: dict[str, NDArray[np.generic]] = {"time_s": np.round(stage.edges_s, 6)[kept]}
+    if layout.clock:
+        begin = np.datetime64(layout.clock, "us") + np.timedelta64(_APART_H * stage.number, "h")
+        time = {"stamp": begin + np.round(1e6 * stage.edges_s).astype("timedelta64[us]")[kept]}
     columns = {
-        "time_s": np.round(stage.edges_s, 6)[kept],
+        **time,
         layout.output[0]: first(output, np.nan),
         layout.angle[0]: (log.angle_deg * per_deg)[kept],
-        "t_in": np.round(first(log.t_in_c) + warmer, 4),
-        "t_out": np.round(first(log.t_out_c) + warmer, 4),
+        "t_in": thermometer(log.t_in_c),
+        "t_out": thermometer(log.t_out_c),
         "elevation": first(tumbled * per_deg),
     }
     table = pa.table(columns)

@@ -50,6 +50,20 @@ def walk(dph_per_sqrt_h: float, gaps_s: Array, rng: np.random.Generator) -> Arra
     return np.asarray(np.cumsum(dph_per_sqrt_h * np.sqrt(gaps_s / 3600.0) * rng.standard_normal(len(gaps_s))))
 
 
+def flicker(level_dph: float, gaps_s: Array, rng: np.random.Generator) -> Array:
+    """Return noise of a spectral density B^2 / (2 pi f) at points `gaps_s` (n,) apart.
+
+    Exponentially correlated processes with times in a ratio of r have it together if each has the variance
+    B^2 ln(r) / pi.
+    """
+    sigma = level_dph * math.sqrt(math.log(_RATIO) / math.pi)
+    return np.asarray(sum(markov(sigma, time_s, gaps_s, rng) for time_s in _TIMES_S))
+
+
+_RATIO = 3.0
+_TIMES_S = tuple(0.3 * _RATIO**k for k in range(13))
+
+
 def slope_per_min(values: Array, step_s: float) -> Array:
     """Return the rate of change a minute."""
     return np.asarray(60.0 * np.gradient(values, step_s))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import suppress
 
 from drivers.acutrol.codec import decode_numbers, encode_state_query, split_reply
 from drivers.base.errors import ProtocolError
 from drivers.kit.config import TableConfig
 from drivers.kit.kinds import Exchange, Transcript
-from drivers.kit.matching import match_replies, split_line, transcript
+from drivers.kit.matching import match_replies, polled, split_line
 
 
 def decode_transcript(exchanges: Iterable[Exchange], config: TableConfig) -> Transcript:
@@ -22,17 +21,21 @@ def decode_transcript(exchanges: Iterable[Exchange], config: TableConfig) -> Tra
     query = encode_state_query(*(axis.number for axis in config.all_axes)).strip()
     outer = [f"{axis.name}_{what}" for axis in config.all_axes[:-1] for what in ("angle_deg", "rate_dps")]
     names = [*outer, "angle_deg", "rate_dps"]
-    rows: list[tuple[int, dict[str, float]]] = []
-    polls = 0
-    for at_ns, request, reply in match_replies(exchanges, split_line, _split):
-        if request != query:
-            continue
-        polls += 1
-        with suppress(ProtocolError):
-            if reply and (answer := split_reply(reply)) is not None and answer[0].error == 0:
-                numbers = decode_numbers(answer[0].text, len(names))
-                rows.append((at_ns, dict(zip(names, numbers, strict=True))))
-    return transcript(rows, ("angle_deg", "rate_dps", *outer), polls)
+    return polled(
+        match_replies(exchanges, split_line, _split),
+        lambda request: request == query,
+        lambda reply: _state(reply, names),
+        ("angle_deg", "rate_dps", *outer),
+    )
+
+
+def _state(reply: bytes, names: list[str]) -> dict[str, float]:
+    answer = split_reply(reply)
+    if answer is None or answer[0].error:
+        raise ProtocolError(
+            "no state", found=repr(reply[:80]), expected=f"{len(names)} numbers without error"
+        )
+    return dict(zip(names, decode_numbers(answer[0].text, len(names)), strict=True))
 
 
 def _split(request: bytes, buffer: bytes) -> tuple[bytes, int] | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 EARTH_RATE_RAD_S = 7.292115e-5
 """Rotation rate of the Earth against the stars, WGS 84 (NIMA TR8350.2, table 3.1)."""
@@ -27,6 +29,17 @@ ARCSEC_RAD = math.radians(1.0) / 3600.0
 """One arcsecond; also one deg/h in rad/s, as an hour has as many seconds as a degree has arcseconds."""
 ARCSEC_PER_RAD = math.degrees(3600.0)
 DPH_PER_DPS = 3600.0
+DIRECTIONS: Mapping[str, tuple[int, int, int]] = MappingProxyType(
+    {
+        "east": (1, 0, 0),
+        "west": (-1, 0, 0),
+        "north": (0, 1, 0),
+        "south": (0, -1, 0),
+        "up": (0, 0, 1),
+        "down": (0, 0, -1),
+    }
+)
+"""Unit vectors in east, north, up."""
 
 
 def earth_rate_north_dph(latitude_deg: float) -> float:

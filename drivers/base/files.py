@@ -42,7 +42,7 @@ _ASIDE = re.compile(
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{_DEEPEST}}}")
 
 
-def read_bounded(path: Path, most_bytes: int) -> bytes:
+def read_bounded(path: Path | str, most_bytes: int) -> bytes:
     """Return the content of a regular file; OSError for anything else and for more than `most_bytes`."""
     # O_NONBLOCK: opening a pipe without a writer must not wait for one
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)

@@ -146,11 +146,7 @@ def _compile_into(
     if signal.name in done:
         return done[signal.name]
     if level > _MAX_LEVELS or not (math.isfinite(signal.scale) and math.isfinite(signal.offset)):
-        raise ConfigurationError(
-            f"signal {signal.name} has a layout that is not supported",
-            found=f"scale {signal.scale:g}, offset {signal.offset:g}, multiplexer level {level}",
-            expected=f"finite numbers, at most {_MAX_LEVELS} multiplexers inside one another",
-        )
+        raise _unsupported(signal, level)
     selectors: tuple[tuple[SignalLayout, tuple[int, ...]], ...] = ()
     if signal.multiplexer_ids is not None:
         if signal.multiplexer_signal not in by_name:
@@ -161,6 +157,8 @@ def _compile_into(
             )
         above = _compile_into(done, by_name[signal.multiplexer_signal], by_name, level + 1)
         selectors = (*above.selectors, (above, tuple(signal.multiplexer_ids)))
+        if len(selectors) > _MAX_LEVELS:  # those above may have been compiled before
+            raise _unsupported(signal, len(selectors))
     big_endian = signal.byte_order == "big_endian"
     if big_endian:  # `start` is the most significant bit; bit 7 of byte 0 is the top of the word
         top = 8 * (signal.start // 8) + 7 - signal.start % 8
@@ -186,6 +184,14 @@ def _compile_into(
         selectors=selectors,
     )
     return done[signal.name]
+
+
+def _unsupported(signal: Signal, level: int) -> ConfigurationError:
+    return ConfigurationError(
+        f"signal {signal.name} has a layout that is not supported",
+        found=f"scale {signal.scale:g}, offset {signal.offset:g}, multiplexer level {level}",
+        expected=f"finite numbers, at most {_MAX_LEVELS} multiplexers inside one another",
+    )
 
 
 def _unreadable(path: Path, found: str) -> ConfigurationError:

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from drivers.base.errors import ProtocolError
 from drivers.espec.codec import END, decode_temperatures
 from drivers.kit.kinds import Exchange, Transcript
-from drivers.kit.matching import match_replies, split_line, transcript
+from drivers.kit.matching import match_replies, polled, split_line
 
 
 def decode_transcript(exchanges: Iterable[Exchange]) -> Transcript:
     """Return one row an answered `TEMP?` (`air_temp_c`, `set_point_c`, degC) and counts; never raises on
     bytes."""
-    rows: list[tuple[int, dict[str, float]]] = []
-    polls = 0
-    for at_ns, request, reply in match_replies(exchanges, split_line, lambda request, buffer: _line(buffer)):
-        if not request.endswith(b"TEMP?"):
-            continue
-        polls += 1
-        try:
-            found = decode_temperatures((reply or b"").decode("latin-1"))
-        except ProtocolError:
-            continue
-        rows.append((at_ns, {"air_temp_c": found.measured_c, "set_point_c": found.set_point_c}))
-    return transcript(rows, ("air_temp_c", "set_point_c"), polls)
+    return polled(
+        match_replies(exchanges, split_line, lambda request, buffer: _line(buffer)),
+        lambda request: request.endswith(b"TEMP?"),
+        _temperatures,
+        ("air_temp_c", "set_point_c"),
+    )
+
+
+def _temperatures(reply: bytes) -> dict[str, float]:
+    found = decode_temperatures(reply.decode("latin-1"))
+    return {"air_temp_c": found.measured_c, "set_point_c": found.set_point_c}
 
 
 def _line(buffer: bytes) -> tuple[bytes, int] | None:

@@ -151,6 +151,8 @@ class DeviceConfig(Section):
 
 
 Direction = Literal["east", "west", "north", "south", "up", "down"]
+Mounting = Literal["axis_horizontal", "axis_up", "z_up"]
+"""How a unit lies on the table: its axis under test level or up, or its own z up whichever axis is under test."""
 
 
 class AxisConfig(Section):

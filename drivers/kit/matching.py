@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from contextlib import suppress
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import ProtocolError
 from drivers.kit.kinds import Exchange, Transcript
+
+Text = TypeVar("Text", str, bytes)
 
 SplitRequest = Callable[[bytes], tuple[bytes, int] | None]
 """First request in a buffer and the bytes it takes, None while incomplete."""
@@ -79,3 +82,26 @@ def transcript(rows: Sequence[tuple[int, dict[str, float]]], first: Sequence[str
     for name in (*first, *others):
         columns[name] = np.array([row.get(name, math.nan) for _, row in rows], dtype=np.float64)
     return columns, {"polls": polls, "damaged": polls - len(rows)}
+
+
+def polled(
+    answered: Iterable[tuple[int, Text, Text | None]],
+    is_poll: Callable[[Text], bool],
+    decode: Callable[[Text], dict[str, float]],
+    first: Sequence[str],
+) -> Transcript:
+    """Return one row an answered poll, and counts, of an instrument whose poll is one question.
+
+    answered: (time in ns, request, reply or None), as `match_replies` yields them.
+    decode: reply -> values by column; raises ProtocolError for a bad reply, which costs its row only.
+    """
+    rows: list[tuple[int, dict[str, float]]] = []
+    polls = 0
+    for at_ns, request, reply in answered:
+        if not is_poll(request):
+            continue
+        polls += 1
+        with suppress(ProtocolError):
+            if reply is not None:
+                rows.append((at_ns, decode(reply)))
+    return transcript(rows, first, polls)

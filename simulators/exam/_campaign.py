@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from drivers.base.arrays import Array
 from simulators.plant.fog import fog_network, shupe_row
@@ -120,6 +119,8 @@ def _air(profile: Profile, rng: np.random.Generator) -> Array:
     now = np.arange(1.0, profile.duration_s + 1.0)
     wanted = np.interp(now - late_s, times, points + room_k + cold_k * cold)
     overshoot = np.array([0.0, 0.06]) @ np.stack((wanted, np.gradient(wanted) * 100.0))
+    from scipy.signal import lfilter  # slow to import
+
     lagged, _ = lfilter([1 / 40.0], [1.0, -1 + 1 / 40.0], wanted + overshoot, zi=[wanted[0] * (1 - 1 / 40.0)])
     slow = lfilter([np.sqrt(2 / 90.0)], [1.0, -1 + 1 / 90.0], rng.standard_normal(len(now)))
     return np.asarray(lagged + 0.05 * slow)

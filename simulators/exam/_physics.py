@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.signal import lfilter
 
 from drivers.base.arrays import Array
 from drivers.base.constants import EARTH_RATE_DPH
@@ -37,6 +36,8 @@ def _coil(run: RunTruth) -> Array:
 
 
 def _follow(values: Array, time_s: float) -> Array:
+    from scipy.signal import lfilter  # slow to import
+
     decay = math.exp(-1.0 / time_s)
     return np.asarray(lfilter([1.0 - decay], [1.0, -decay], values, zi=[decay * values[0]])[0])
 

@@ -41,11 +41,20 @@ _POWER_W: Mapping[str, float] = {
 
 def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
     """Return the lab and what its emulated operator can do; ConfigurationError names what it cannot emulate."""
+    ports: list[Port] = []
+    try:
+        return _built(config, ports)
+    except BaseException:
+        for port in ports:
+            port.close()
+        raise
+
+
+def _built(config: LabConfig, ports: list[Port]) -> tuple[Lab, dict[str, Act]]:
+    """Build a lab; what it has opened is in `ports`, whether it can be built or not."""
     plant = LabPlant(_plant_config(config))
-    ports: list[Port] = [
-        _port("table", config.table.port, config),
-        _port("chamber", config.chamber.port, config),
-    ]
+    ports.append(_port("table", config.table.port, config))
+    ports.append(_port("chamber", config.chamber.port, config))
     emulators: dict[str, Emulator] = {
         "table": _emulator("table", config.table.driver, config.table, plant.tables),
         "chamber": _emulator("chamber", config.chamber.driver, config.chamber, plant.chamber),
@@ -150,11 +159,10 @@ def _wobble(bearing: Bearing) -> Wobble:
 
 def _port(name: str, place: str | None, config: LabConfig) -> Port:
     """Return a TCP port for a device that the bench file has on one, else a pseudo-terminal."""
-    waits_for_room = config.clock == "virtual"
     if place is not None and place.startswith("socket://"):
-        return TcpPort(name, waits_for_room=waits_for_room)
+        return TcpPort(name)
     returns = any(fault.kind == VANISH and fault.port == name for fault in config.faults)
-    return PtyPort(name, waits_for_room=waits_for_room, returns=returns)
+    return PtyPort(name, returns=returns)
 
 
 def _known(what: str, name: str, table: Mapping[str, T]) -> T:

@@ -17,8 +17,20 @@ from drivers.base.errors import BenchError
 Act = Callable[[dict[str, Any]], dict[str, Any]]
 
 
+def perform(acts: Mapping[str, Act], line: bytes) -> dict[str, Any]:
+    """Do what {"act": name, ...} asks for; return {"ok": true, ...} or {"ok": false, "error": text}."""
+    try:
+        request = json.loads(line)
+        act = acts[request.pop("act")]
+        return {"ok": True, **act(request)}
+    except BenchError as error:
+        return {"ok": False, "error": str(error)}
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        return {"ok": False, "error": f"{type(error).__name__}: {error}"}
+
+
 class ControlChannel:
-    """Reads requests {"act": name, ...} and answers {"ok": true, ...} or {"ok": false, "error": text}."""
+    """Reads requests, a line each, and answers them (`perform`)."""
 
     def __init__(self, acts: Mapping[str, Act], *, input_fd: int = 0, output_fd: int = 1) -> None:
         self._acts = acts
@@ -46,15 +58,5 @@ class ControlChannel:
         *lines, self._pending = self._pending.split(b"\n")
         for line in lines:
             if line.strip():
-                self.say(self._perform(line))
+                self.say(perform(self._acts, line))
         return True
-
-    def _perform(self, line: bytes) -> dict[str, Any]:
-        try:
-            request = json.loads(line)
-            act = self._acts[request.pop("act")]
-            return {"ok": True, **act(request)}
-        except BenchError as error:
-            return {"ok": False, "error": str(error)}
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            return {"ok": False, "error": f"{type(error).__name__}: {error}"}

@@ -1,7 +1,7 @@
 """The ports of an emulated lab: pseudo-terminals and loopback TCP, counted byte by byte.
 
-In virtual time a port waits for the bench to make room; on the wall clock it loses what does not fit, as a UART
-that nobody reads does.
+In virtual time a full port has the bench make room; on the wall clock it loses what does not fit, as a UART that
+nobody reads does.
 """
 
 from __future__ import annotations
@@ -13,18 +13,13 @@ import socket
 import tempfile
 import tty
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from pathlib import Path
 
-from drivers.base.errors import BenchError
+from drivers.base.lab_time import MakeRoom
 
 _BLOCK = 65536
-_STALL_MS = 20_000
+STALL_MS = 20_000
 """Wall time after which a bench that has a port open but does not read it is taken for hung."""
-
-
-def _nothing() -> None:
-    """Whoever serves the lab puts something in its place."""
 
 
 class Port(ABC):
@@ -32,12 +27,11 @@ class Port(ABC):
 
     url: str
 
-    def __init__(self, name: str, *, waits_for_room: bool, returns: bool) -> None:
+    def __init__(self, name: str, *, returns: bool) -> None:
         self.name = name
-        self.waits_for_room = waits_for_room
         self.returns = returns
-        self.on_full: Callable[[], None] = _nothing
-        """Called before the port waits for room."""
+        self.make_room: MakeRoom | None = None
+        """Has the bench read what fills the port; None where nobody can, and what does not fit is lost."""
         self.received = 0
         self.written = 0
         self.is_open = False
@@ -61,7 +55,7 @@ class Port(ABC):
         """Return what the bench wrote, empty if nothing."""
 
     def write(self, data: bytes) -> None:
-        """Write to an open port; a closed one swallows it. A full one makes the lab wait, or loses the rest."""
+        """Write to an open port; a closed one swallows it. A full one waits for room, or loses the rest."""
         if not self.is_open:
             return
         view = memoryview(data)
@@ -69,13 +63,10 @@ class Port(ABC):
             try:
                 view = view[os.write(self.fileno(), view) :]
             except BlockingIOError:
-                if not self.waits_for_room:
+                if self.make_room is None:
                     break
-                self.on_full()
-                poll = select.poll()
-                poll.register(self.fileno(), select.POLLOUT)
-                if not poll.poll(_STALL_MS):
-                    raise BenchError(f"the bench has {self.name} open but does not read it") from None
+                while not self.make_room(self.fileno(), select.POLLOUT):
+                    pass
             except ConnectionError:  # reset by the bench while an answer was on its way
                 self.shut()
                 return
@@ -100,8 +91,8 @@ class PtyPort(Port):
     A terminal's name cannot be had twice: one that `returns` after it was unplugged is reached by a link.
     """
 
-    def __init__(self, name: str, *, waits_for_room: bool, returns: bool = False) -> None:
-        super().__init__(name, waits_for_room=waits_for_room, returns=returns)
+    def __init__(self, name: str, *, returns: bool = False) -> None:
+        super().__init__(name, returns=returns)
         self._link = Path(tempfile.mkdtemp(prefix="gyrobench-")) / name if returns else None
         self._master = self._slave = -1
         self.plug()
@@ -151,8 +142,8 @@ class PtyPort(Port):
 class TcpPort(Port):
     """A device server on loopback; one bench at a time."""
 
-    def __init__(self, name: str, *, waits_for_room: bool) -> None:
-        super().__init__(name, waits_for_room=waits_for_room, returns=True)
+    def __init__(self, name: str) -> None:
+        super().__init__(name, returns=True)
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._connection: socket.socket | None = None
         self._unplugged = False
@@ -167,7 +158,7 @@ class TcpPort(Port):
     def open(self) -> None:
         """Accept the connection that the bench has made."""
         if self._connection is None:
-            self._listener.settimeout(_STALL_MS / 1e3)
+            self._listener.settimeout(STALL_MS / 1e3)
             self._connection, _ = self._listener.accept()
             self._connection.setblocking(False)
             self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

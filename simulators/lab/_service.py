@@ -1,8 +1,7 @@
-"""How a lab is driven: in lock-step by a virtual clock's client, or by the wall clock."""
+"""How a lab in a process of its own is driven: in lock-step by a bench's messages, or by the wall clock."""
 
 from __future__ import annotations
 
-import json
 import select
 import shutil
 import socket
@@ -13,9 +12,12 @@ from typing import Any
 
 from drivers.base.clock import WallClock
 from drivers.base.errors import BenchError, ConfigurationError
-from drivers.base.virtual_clock import FULL, NOT_OPEN, PROTOCOL, VERSION, Codec, Request, share_cpu
+from drivers.base.lab_time import FULL, Codec
+from drivers.base.virtual_clock import share_cpu
 from simulators.lab._control_channel import ControlChannel
 from simulators.lab._core import Lab
+from simulators.lab._lock_step import LockStep
+from simulators.lab._ports import STALL_MS
 
 _TICK_S = 0.02
 """Wall-clock cadence of a lab on the wall clock; about an FTDI adapter's 16 ms latency timer."""
@@ -49,11 +51,9 @@ class VirtualService:
         cpu: int | None = None,
         emulated: dict[str, Any] | None = None,
     ) -> None:
-        self._lab = lab
+        self._lab = LockStep(lab, cpu, emulated)
         self._channel = channel
         self._cpu = cpu
-        self._emulated = emulated
-        self._said_full = False
         self._codec = Codec(len(lab.ports))
         self._folder = Path(tempfile.mkdtemp(prefix="gyrobench-"))  # for this user only
         self._listener = _listen(self._folder / "clock")
@@ -67,8 +67,7 @@ class VirtualService:
                 connection, _ = self._listener.accept()
                 with connection:
                     self._serve(connection)
-                for port in self._lab.ports:
-                    port.shut()
+                self._lab.leave()
         finally:
             self._listener.close()
             shutil.rmtree(self._folder, ignore_errors=True)
@@ -83,18 +82,7 @@ class VirtualService:
                 return True
 
     def _serve(self, connection: socket.socket) -> None:
-        names = [port.name for port in self._lab.ports]
-        greeting = {
-            "protocol": PROTOCOL,
-            "version": VERSION,
-            "ports": names,
-            "now_ns": self._lab.now_ns,
-            "cpu": self._cpu,
-            "emulated": self._emulated,
-        }
-        connection.sendall(json.dumps(greeting).encode() + b"\n")
-        for port in self._lab.ports:
-            port.on_full = lambda: self._say_full(connection)
+        connection.sendall(self._lab.greeting.to_line())
         poll = select.poll()
         poll.register(connection, select.POLLIN)
         poll.register(self._channel, select.POLLIN)
@@ -112,47 +100,29 @@ class VirtualService:
             while len(pending) >= self._codec.request_size:
                 request = self._codec.unpack_request(pending[: self._codec.request_size])
                 pending = pending[self._codec.request_size :]
-                self._said_full = False
-                connection.sendall(self._answer(request))
+                try:
+                    reply = self._codec.pack_reply(self._lab.step(request, _Room(connection)))
+                except BenchError as error:
+                    reply = self._codec.pack_error(str(error))
+                connection.sendall(reply)
 
-    def _say_full(self, connection: socket.socket) -> None:
-        """Tell the bench, once a request, to read its ports before the reply."""
-        if not self._said_full:
-            self._said_full = True
-            connection.sendall(FULL)
 
-    def _answer(self, request: Request) -> bytes:
-        lab = self._lab
-        try:
-            gone = lab.settle()
-            marks = []
-            while lab.now_ns < request.at_ns:
-                marks += lab.advance(request.at_ns)
-            for index, (port, sent) in enumerate(zip(lab.ports, request.sent, strict=True)):
-                if index in gone:
-                    continue
-                if sent == NOT_OPEN:
-                    if port.is_open:
-                        port.shut()
-                    continue
-                if not port.is_open:
-                    self._lab.open(index)
-                while port.received < sent and port.fileno() >= 0:
-                    data = port.read()
-                    if data:
-                        lab.take_input(index, data)
-                    elif not port.is_open:
-                        break
-                    else:  # written, but not yet through the kernel
-                        select.select([port], [], [])
-            # a bench that holds a port which is gone is told before anything else happens
-            held = any(request.sent[index] != NOT_OPEN for index in gone)
-            if not held:
-                marks += lab.advance(request.to_ns, request.stop_port)
-        except BenchError as error:
-            return self._codec.pack_error(str(error))
-        written = [NOT_OPEN if index in gone else port.written for index, port in enumerate(lab.ports)]
-        return self._codec.pack_reply(lab.now_ns, written, marks)
+class _Room:
+    """Waits for room on a port while the bench at the other end of a connection reads (`MakeRoom`)."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._told = False
+
+    def __call__(self, descriptor: int, events: int) -> bool:
+        if not self._told:  # once a request
+            self._told = True
+            self._connection.sendall(FULL)
+        poll = select.poll()
+        poll.register(descriptor, events)
+        if not poll.poll(STALL_MS):
+            raise BenchError("the bench has a port open but does not read it")
+        return True
 
 
 def run_on_wall_clock(lab: Lab, channel: ControlChannel) -> None:

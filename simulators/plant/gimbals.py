@@ -8,22 +8,14 @@ in east, north, up of the table's base, axis 1 the outermost.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from drivers.base.arrays import Array
-from drivers.base.constants import EARTH_RATE_DPH
+from drivers.base.constants import DIRECTIONS, EARTH_RATE_DPH
 from simulators.plant.table import TableAxis
 
-DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
-    "east": (1.0, 0.0, 0.0),
-    "west": (-1.0, 0.0, 0.0),
-    "north": (0.0, 1.0, 0.0),
-    "south": (0.0, -1.0, 0.0),
-    "up": (0.0, 0.0, 1.0),
-    "down": (0.0, 0.0, -1.0),
-}
 NORTH_WEST_UP = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Columns: the directions that a mounting is told in (`simulators.plant.mounting`), in east, north, up."""
 
@@ -57,7 +49,7 @@ class Gimbals:
     """Axes of a table, (direction, axis) each, outermost first; the last one carries the unit."""
 
     def __init__(self, axes: Sequence[tuple[str, TableAxis]]) -> None:
-        self._directions = [np.array(DIRECTIONS[direction]) for direction, _ in axes]
+        self._directions = [np.array(DIRECTIONS[direction], dtype=float) for direction, _ in axes]
         self._carrier_up = axes[-1][0] == "up"
         self._axes = [axis for _, axis in axes]
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, UG_MPS2, gravity_mps2
+from drivers.kit.config import Mounting
 from simulators.interfaces import GyroSignal
 from simulators.plant.gimbals import (
     NORTH_WEST_UP,
@@ -29,7 +30,7 @@ from simulators.plant.gimbals import (
     simpson,
     turned_about,
 )
-from simulators.plant.mounting import Mount, Mounting
+from simulators.plant.mounting import Mount
 from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
 from simulators.plant.table import TableAxis
 from simulators.plant.unit import SampleTimes, check_advanced

@@ -16,6 +16,7 @@ import numpy as np
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
+from drivers.kit.config import Mounting
 from simulators.plant.chamber import ChamberAir, ChamberParameters
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
@@ -31,7 +32,7 @@ from simulators.plant.modelled_channels import (
     says_of,
 )
 from simulators.plant.modelled_unit import ModelledErrors, modelled
-from simulators.plant.mounting import MOUNTINGS, Mount, Mounting
+from simulators.plant.mounting import MOUNTINGS, Mount
 from simulators.plant.noise import NoiseSource
 from simulators.plant.rlg import rlg_unit
 from simulators.plant.table import TableAxis, TableParameters

@@ -14,15 +14,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, earth_rate_north_dph, earth_rate_up_dph
+from drivers.kit.config import Mounting
 
-Mounting = Literal["axis_horizontal", "axis_up", "z_up"]
-MOUNTINGS: tuple[Mounting, ...] = ("axis_horizontal", "axis_up", "z_up")
+MOUNTINGS: tuple[Mounting, ...] = get_args(Mounting)
 _AXES = "xyz"
 
 
@@ -32,8 +32,9 @@ class Mount:
 
     `axis` is the one under test; the two others follow it in the order x, y, z, x. With it horizontal, it points
     along the first table axis, the next one along the second, the last one up; with it up, the next one points
-    along the first and the last one along the second. "z_up" lays x along the first table axis, whichever axis is
-    under test. Tilt raises a level axis above the horizon, and tips an upward one towards the first table axis.
+    along the first and the last one along the second. "z_up" lays x along the first table axis and z up,
+    whichever axis is under test. Tilt raises a level axis above the horizon, and tips an upward one towards the
+    first table axis.
     """
 
     mounting: Mounting
@@ -44,15 +45,16 @@ class Mount:
     def axes_in_table(self, count: int) -> Array:
         """Return the first `count` of the axes x, y, z as rows in the table frame, float64 (count, 3).
 
-        The only axis of a unit is the one under test, whatever it is called.
+        The only axis of a unit is the one under test, and lies as that axis of a unit of three.
         """
         sin, cos = math.sin(math.radians(self.tilt_deg)), math.cos(math.radians(self.tilt_deg))
         if self.mounting == "axis_up":
             rows = [[sin, 0.0, cos], [cos, 0.0, -sin], [0.0, 1.0, 0.0]]
         else:
             rows = [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]
-        first = 0 if self.mounting == "z_up" or count == 1 else _AXES.index(self.axis)
-        return np.roll(np.array(rows), first, axis=0)[:count]
+        under_test = _AXES.index(self.axis)
+        lying = np.roll(np.array(rows), 0 if self.mounting == "z_up" else under_test, axis=0)
+        return lying[[under_test]] if count == 1 else lying[:count]
 
 
 def turned_rad(

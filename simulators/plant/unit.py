@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
+from drivers.kit.config import Mounting
 from simulators.effects import SamplePath
 from simulators.interfaces import GyroSignal
 from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up
 from simulators.plant.model import UnitModel
-from simulators.plant.mounting import Mount, Mounting, turned_rad
+from simulators.plant.mounting import Mount, turned_rad
 from simulators.plant.noise import BLOCK, GyroNoise, NoiseSource, flicker
 from simulators.plant.table import TableAxis
 

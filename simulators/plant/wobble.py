@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
+from drivers.kit.config import Mounting
 from simulators.plant.model import UnitModel
-from simulators.plant.mounting import Mount, Mounting
+from simulators.plant.mounting import Mount
 from simulators.plant.noise import NoiseSource
 from simulators.plant.table import TableAxis
 from simulators.plant.unit import GyroUnit

@@ -3,7 +3,6 @@
 import math
 from pathlib import Path
 
-import allantools
 import numpy as np
 import pytest
 
@@ -19,9 +18,8 @@ from benchmarks.gap_exam._mems import MEMS
 from benchmarks.gap_exam._ring_laser import RING_LASER
 from benchmarks.gap_exam._separable import indistinct
 from benchmarks.gap_exam._signals import drawn
-from benchmarks.gap_exam._stage import Stage
 from benchmarks.gap_exam._whitening import NoiseLevels, Part, deflection
-from simulators.effects import Stimulus, Variant, catalogue
+from tests.gap_families import deviations, share_of_the_column, still, stimulus
 
 FAMILIES = {"ring_laser": RING_LASER, "mems": MEMS}
 
@@ -34,27 +32,6 @@ def made(request):
     return family, unit, family.campaign(unit)
 
 
-def still(seconds):
-    """A run at rest with a row a second."""
-    n = seconds
-    return Stage(
-        "X", "x", "x", 0, 0, 1.0, np.full(n + 1, 90.0), np.zeros(n), {}, np.full(n, 25.0), np.full(n, 25.0),
-        np.arange(n + 1.0), np.ones(n, bool), np.ones(n, bool), (("run", 0.0),),
-    )  # fmt: skip
-
-
-def deviations(family, taus, seconds=20_000, units=6):
-    """Mean Allan deviation of null units at rest, deg/h."""
-    squares = []
-    for seed in range(units):
-        stage = still(seconds)
-        unit = draw_unit(family, seed, {})
-        output = family.rows(unit, stage, np.zeros(seconds), drawn(seed, "noise"))
-        _, found, _, _ = allantools.oadev(output, rate=1.0, data_type="freq", taus=taus)
-        squares.append(found**2)
-    return np.sqrt(np.mean(squares, axis=0))
-
-
 def test_ring_laser_noise_is_white_markov_and_walk():
     taus = np.array([4.0, 32.0, 256.0, 2000.0])
     sheet = _ring_laser.SHEET
@@ -64,7 +41,7 @@ def test_ring_laser_noise_is_white_markov_and_walk():
     markov *= 1.0 - (3.0 - 4.0 * np.exp(-ratio) + np.exp(-2.0 * ratio)) / (2.0 * ratio)
     walk = sheet.rate_random_walk_dph_per_sqrt_h**2 * taus / 3600.0 / 3.0
     expected = np.sqrt(3600.0 * sheet.arw_deg_per_sqrt_h**2 / taus + markov + walk)
-    np.testing.assert_allclose(deviations(RING_LASER, taus), expected, rtol=0.15)
+    np.testing.assert_allclose(deviations(RING_LASER, taus, 20_000), expected, rtol=0.15)
 
 
 def test_mems_noise_is_white_flicker_and_walk():
@@ -73,14 +50,13 @@ def test_mems_noise_is_white_flicker_and_walk():
     flicker = 2.0 * math.log(2.0) / math.pi * sheet.bias_instability_dph**2
     walk = sheet.rate_random_walk_dph_per_sqrt_h**2 * taus / 3600.0 / 3.0
     expected = np.sqrt(3600.0 * sheet.arw_deg_per_sqrt_h**2 / taus + flicker + walk)
-    np.testing.assert_allclose(deviations(MEMS, taus), expected, rtol=0.15)
+    np.testing.assert_allclose(deviations(MEMS, taus, 20_000), expected, rtol=0.15)
 
 
 def test_mems_white_noise_has_the_colour_of_its_filter():
     """Rows of the output's own period show the AR(2) spectrum."""
     n = 60_000
-    stage = still(n)
-    stage = Stage(**{**vars(stage), "step_s": 0.1, "edges_s": np.arange(n + 1) * 0.1})
+    stage = still(n, 0.1)
     output = MEMS.rows(draw_unit(MEMS, 1, {}), stage, np.zeros(n), drawn(1, "noise"))
     power = np.abs(np.fft.rfft(output - output.mean())) ** 2 / n
     a, b = _mems.AR2
@@ -165,48 +141,13 @@ def test_the_true_rate_is_what_the_catalogue_expects_of_the_log(made):
         )
 
 
-def stimulus(family, stage):
-    """A run's inputs by the second."""
-    seconds = stage.edges_s[0] + np.arange(stage.seconds + 1.0)
-    angle = np.interp(seconds, np.arange(stage.steps + 1) * stage.step_s, stage.angle_deg)
-    middles = ((seconds[1:] - 0.5) / stage.step_s).astype(int)
-    return Stimulus(
-        seconds[1:] + stage.power_on_s,
-        stage.in_seconds(stage.t_in_c),
-        stage.in_seconds(stage.t_out_c),
-        angle,
-        stage.elevation_deg[middles],
-        family.latitude_deg,
-    )
-
-
 def test_true_values_are_those_of_the_catalogues_own_columns(made):
     """A signal whose truth is stated is the catalogue's column times that value, but for its form."""
     family, unit, stages = made
-    known = catalogue()
     for name, effect in family.effects.items():
         if effect.truth is None or name in ("mode_hop", "trim_step"):
             continue
-        truth = effect.truth(unit, 0.5)
-        model = known[effect.names[0]]
-        parameters = [parameter.name for parameter in model.parameters]
-        own, theirs = [], []
-        for stage in stages:
-            if stage.held_out:
-                continue
-            values = np.array([truth.get(parameter, 0.0) for parameter in parameters])
-            seen = stage.seen()
-            signal = stage.in_seconds(effect.signal(unit, stage, 0.5))[seen]
-            column = (
-                values @ Variant(model, dict((model.shapes or ({},))[0])).columns(stimulus(family, stage))
-            )[seen]
-            # a bias of its own is each run's to fit
-            own.append(signal - signal.mean())
-            theirs.append(column - column.mean())
-        signal, column = np.concatenate(own), np.concatenate(theirs)
-        # where in a sample the rate changes is a shape of the column's, here the first of its grid
-        rough = 0.2 if name in ("latency", "skew") else 0.08
-        assert float(signal @ column) / float(column @ column) == pytest.approx(1.0, abs=rough), name
+        assert share_of_the_column(family, unit, stages, name) == pytest.approx(1.0, abs=0.08), name
 
 
 def test_every_effect_is_finite_and_seen_somewhere(made):

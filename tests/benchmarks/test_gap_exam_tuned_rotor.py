@@ -2,11 +2,9 @@
 
 import math
 
-import allantools
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.fft import dct
 from scipy.optimize import brentq
 
 from bench.analysis.gap import read_recordings
@@ -17,10 +15,8 @@ from benchmarks.gap_exam._files import Logged, read_seal, write_case
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._make import Plan, draw_unit, make_case, prepare_folder
 from benchmarks.gap_exam._signals import drawn
-from benchmarks.gap_exam._stage import Stage
 from benchmarks.gap_exam._tuned_rotor import TUNED_ROTOR
-from benchmarks.gap_exam._whitening import NoiseLevels
-from simulators.effects import Stimulus, Variant, catalogue
+from tests.gap_families import deviations, null_residual, repeats_apart, share_of_the_column, stimulus
 
 UNIT = draw_unit(TUNED_ROTOR, 5, {})
 
@@ -114,53 +110,20 @@ def test_the_table_lags_by_its_gears_play_and_sways_at_its_own_frequency():
 
 
 def test_noise_is_white_flicker_walk_and_pulses():
-    n = 24_000
-    stage = Stage(
-        "X", "x", "x", 0, 0, 0.8, np.full(n + 1, 90.0), np.zeros(n), {}, np.full(n, 25.0), np.full(n, 25.0),
-        0.8 * np.arange(n + 1.0), np.ones(n, bool), np.ones(n, bool), (),
-    )  # fmt: skip
     taus = 0.8 * np.array([16.0, 128.0, 1024.0])
-    squares = []
-    for seed in range(6):
-        output = lab.rows(draw_unit(TUNED_ROTOR, seed, {}), stage, np.zeros(n), drawn(seed, "noise"))
-        squares.append(allantools.oadev(output, rate=1.25, data_type="freq", taus=taus)[1] ** 2)
+    found = deviations(TUNED_ROTOR, taus, 24_000, 0.8)
     sheet = lab.SHEET
     white = (1.0 - lab._SWAY_SHARE) * 3600.0 * sheet.arw_deg_per_sqrt_h**2 / taus
     flicker = 2.0 * math.log(2.0) / math.pi * sheet.bias_instability_dph**2
     walk = sheet.rate_random_walk_dph_per_sqrt_h**2 * taus / 3600.0 / 3.0
-    np.testing.assert_allclose(np.sqrt(np.mean(squares, axis=0)), np.sqrt(white + flicker + walk), rtol=0.12)
+    np.testing.assert_allclose(found, np.sqrt(white + flicker + walk), rtol=0.12)
     sway = lab._sway(400_000, drawn(1, "sway"))
     assert sway.var() == pytest.approx(lab._SWAY_SHARE, rel=0.02)
 
 
 def test_a_null_case_is_the_nominal_model_and_noise(tmp_path):
     """Scale factor, slope and a bias a run, fitted to the files: what is left has the noise's spectrum."""
-    prepare_folder(TUNED_ROTOR, tmp_path)
-    make_case(TUNED_ROTOR, tmp_path, Plan("null_1", "null", 4242, ()))
-    given = read_recordings([tmp_path / "cases" / "null_1" / "runs.toml"])
-    sheet = lab.SHEET
-    noise = NoiseLevels(
-        sheet.arw_deg_per_sqrt_h, sheet.bias_instability_dph, sheet.rate_random_walk_dph_per_sqrt_h,
-        sheet.quantum_arcsec,
-    )  # fmt: skip
-    whitened, columns = [], []
-    for run in given.shown:
-        period_s = run.stimulus.period_s
-        seen = np.isfinite(run.output_dph)
-        if seen.mean() < 0.97 or run.profile in ("rates", "positions"):
-            continue
-        index = np.arange(len(seen))
-        rate, t_in = run.stimulus.input_rate_dph, run.stimulus.t_in_c
-        rows = [np.interp(index, index[seen], v[seen]) for v in (run.output_dph - rate, rate, t_in)]
-        # periods above 30 s, which bridged rows do not touch
-        slow = round(2.0 * len(seen) * period_s / 30.0)
-        spectra = dct(np.stack(rows), norm="ortho")[:, 1:slow]
-        spectra /= np.sqrt(noise.power(len(seen), period_s)[: slow - 1])
-        whitened.append(spectra[0])
-        columns.append(spectra[1:])
-    assert len(whitened) > 12
-    values, known = np.concatenate(whitened), np.concatenate(columns, axis=1)
-    left = values - np.linalg.lstsq(known.T, values, rcond=None)[0] @ known
+    left = null_residual(TUNED_ROTOR, tmp_path, 4242, ("rates", "positions"))
     assert left.var() == pytest.approx(1.0, abs=0.15)
     assert abs(stats.kurtosis(left)) < 0.4 and np.abs(left).max() < 5.0
 
@@ -183,70 +146,30 @@ def test_campaign_masks_and_rows(stages):
     assert max(stage.rate_dps.max() for stage in stages) == pytest.approx(35.0, rel=0.1)
 
 
-def stimulus(stage):
-    """A run's inputs by the second."""
-    seconds = stage.edges_s[0] + np.arange(stage.seconds + 1.0)
-    angle = np.interp(seconds, np.arange(stage.steps + 1) * stage.step_s, stage.angle_deg)
-    middles = ((seconds[1:] - 0.5) / stage.step_s).astype(int)
-    return Stimulus(
-        seconds[1:] + stage.power_on_s, stage.in_seconds(stage.t_in_c), stage.in_seconds(stage.t_out_c),
-        angle, stage.elevation_deg[middles], TUNED_ROTOR.latitude_deg,
-    )  # fmt: skip
-
-
 def test_the_true_rate_is_what_the_catalogue_expects_of_the_log(stages):
     for stage in stages[:9]:
         if stage.code != "PT":
             mine = stage.in_seconds(sensed_dph(stage, TUNED_ROTOR.latitude_deg))
-            np.testing.assert_allclose(mine, stimulus(stage).input_rate_dph, rtol=1e-6, atol=0.2)
+            np.testing.assert_allclose(mine, stimulus(TUNED_ROTOR, stage).input_rate_dph, rtol=1e-6, atol=0.2)
 
 
 def test_true_values_are_those_of_the_catalogues_own_columns(stages):
     """A signal whose truth is stated is the catalogue's column times that value, but for its form."""
-    known, stated = catalogue(), []
-    for name, effect in TUNED_ROTOR.effects.items():
-        if effect.truth is None or name == "detent":
-            continue
-        truth, model = effect.truth(UNIT, 0.5), known[effect.names[0]]
-        values = np.array([truth.get(parameter.name, 0.0) for parameter in model.parameters])
-        own, theirs = [], []
-        for stage in stages:
-            if stage.held_out:
-                continue
-            seen = stage.seen()
-            signal = stage.in_seconds(effect.signal(UNIT, stage, 0.5))[seen]
-            shape = dict((model.shapes or ({},))[0])
-            column = (values @ Variant(model, shape).columns(stimulus(stage)))[seen]
-            own.append(signal - signal.mean())
-            theirs.append(column - column.mean())
-        signal, column = np.concatenate(own), np.concatenate(theirs)
-        rough = 0.2 if name == "latency" else 0.08
-        assert float(signal @ column) / float(column @ column) == pytest.approx(1.0, abs=rough), name
-        stated.append(name)
+    stated = [name for name, effect in TUNED_ROTOR.effects.items() if effect.truth and name != "detent"]
+    for name in stated:
+        assert share_of_the_column(TUNED_ROTOR, UNIT, stages, name) == pytest.approx(1.0, abs=0.08), name
     assert set(stated) == {"unbalance", "bridge", "lean", "latency"}
 
 
 def test_every_effect_acts_and_only_those_called_so_change(stages):
-    runs = {stage.key: stage for stage in stages}
     for name, effect in TUNED_ROTOR.effects.items():
-        size = effect.sizes[1] if effect.curved else 1.0
-        apart = whole = 0.0
-        for stage in runs.values():
-            signal = stage.in_seconds(effect.signal(UNIT, stage, size))
-            assert np.isfinite(signal).all(), name
-            whole += float(np.var(signal))
-            twin = runs.get(f"{stage.code}|{stage.repeat - 1}")
-            # where a turning table starts is random
-            if twin is not None and not (
-                stage.code in ("SP", "SN", "RS", "MD") and name in ("eccentric", "cogs")
-            ):
-                other = twin.in_seconds(effect.signal(UNIT, twin, size))
-                n = min(len(signal), len(other))
-                apart += float(np.var(signal[:n] - other[:n]))
+        # where a turning table starts is random
+        turning = ("SP", "SN", "RS", "MD") if name in ("eccentric", "cogs") else ()
+        apart, whole = repeats_apart(TUNED_ROTOR, UNIT, stages, name, turning)
         assert whole > 0.0, name
         # Earth rate on a leaning axis turns with the table
         if name != "lean":
-            assert (apart > 0.2 * whole) == effect.changing, (name, apart / whole)
+            assert (apart > 0.2) == effect.changing, (name, apart)
 
 
 def test_a_case_has_the_ratio_planned_and_its_logs_are_read(tmp_path, stages):

@@ -12,7 +12,7 @@ CALLS = {"subprocess.Popen", "os.fork", "os.openpty", "pty.openpty", "os.kill", 
 NAMES = {"WallClock", "take_lease", "fan_out"}
 WITHOUT = {
     "campaign/conftest.py": "its processes are started by tests that have the mark",
-    "integration/conftest.py": "the lab's thread runs in lock-step with the bench: one of the two at a time",
+    "present/panel/browser.py": "its panel is started by tests that have the mark",
     "record/recording/test_recover.py": "takes a lease in the test's own thread",
 }
 

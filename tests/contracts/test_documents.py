@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +101,44 @@ def test_every_file_named_exists(page: Path) -> None:
     )
     for name in named:
         assert (ROOT / name).exists(), f"{page.name}: no {name}"
+
+
+def remedies() -> Iterator[tuple[str, str]]:
+    """Yield (place, text) of every remedy in the sources; what is filled in stands as X."""
+    for room in ("bench", "drivers", "gyrobench", "procedures", "simulators"):
+        for path in sorted((ROOT / room).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.keyword) and node.arg == "remedy":
+                    for text in (
+                        n for n in ast.walk(node.value) if isinstance(n, ast.JoinedStr | ast.Constant)
+                    ):
+                        parts = text.values if isinstance(text, ast.JoinedStr) else [text]
+                        said = "".join(str(p.value) if isinstance(p, ast.Constant) else "X" for p in parts)
+                        yield f"{path.relative_to(ROOT)}:{node.value.lineno}", said
+
+
+def options_of(command: Any) -> set[str]:
+    """Return the options of a command, or of all commands of a group."""
+    if hasattr(command, "list_commands"):
+        return set().union(*(options_of(command.get_command(None, n)) for n in command.list_commands(None)))
+    return {name for parameter in command.params for name in parameter.opts}
+
+
+def test_every_remedy_names_commands_and_options_that_there_are() -> None:
+    every = options_of(COMMAND) | {"--bench-yes"}
+    for place, text in remedies():
+        for line in re.findall(r"`gyrobench ([^`]+)`", text):
+            path, known = command_of(line.split())
+            command: Any = COMMAND
+            for word in path:
+                command = command.get_command(None, word)
+            assert not hasattr(command, "list_commands") or path in (["fit"], ["new"]), (
+                f"{place}: {line}: a group"
+            )
+            for word in line.split():
+                assert not word.startswith("--") or word in known, f"{place}: {line}: no option {word}"
+        for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text):
+            assert option in every, f"{place}: no command has {option}"
 
 
 def test_the_readme_is_a_page() -> None:

@@ -19,9 +19,10 @@ FORBIDDEN = {
 }
 COMPARES_WITH_EMULATION = {
     Path("bench/analysis/gap"): ("simulators.effects", "simulators.exam"),
-    Path("bench/lab"): ("simulators.config", "simulators.faults"),
+    Path("bench/lab"): ("simulators.config", "simulators.faults", "simulators.lab.in_process"),
 }
-"""The gap diagnosis holds a bench against its emulation and reads its effects; a lab is told what to be."""
+"""The gap diagnosis holds a bench against its emulation and reads its effects; a lab is told what to be, and may
+be in the bench's process: then it too hands out ports and a clock URL only."""
 SOURCES = sorted(path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from bench.control.parameter_facts import parameter_facts
 from bench.control.procedure import (
     Demands,
     Parameters,
@@ -49,6 +50,18 @@ def test_parameters_are_shown_with_unit_default_and_limits():
         ("amplitude_deg", "1.5", "deg", "> 0, <= 10", "how far"),
         ("cycles", "3", "", ">= 1", "how often"),
     ]
+
+
+def test_facts_of_every_kind_of_parameter():
+    facts = {fact.name: fact for fact in parameter_facts(find_procedure("standard-test").parameters)}
+    grade, noise, cycles = facts["grade"], facts["noise_h"], facts["power_cycles"]
+    assert (grade.kind, grade.choices, grade.default) == ("choice", ("fog", "rlg", "mems"), "fog")
+    assert (noise.kind, noise.optional, noise.default, noise.unit) == ("number", True, None, "h")
+    assert (cycles.kind, cycles.optional, facts["temperatures"].kind) == ("whole", True, "switch")
+    low = facts["low_c"]
+    assert (low.at_least, low.at_most, low.above, low.limits) == (-70.0, 20.0, None, ">= -70, <= 20")
+    headings = parameter_facts(find_procedure("heading-change").parameters)[0]
+    assert (headings.kind, headings.optional) == ("text", False)
 
 
 def test_installed_procedures_are_found_and_near_misses_suggested():

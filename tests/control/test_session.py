@@ -101,7 +101,7 @@ TOLD = ["table halt", "chamber halt", "table safe", "chamber safe"]
 def made():
     clock, log, record = Clock(), [], Record()
     chamber = SimpleNamespace(door_message=None)
-    file = SimpleNamespace(limits=LIMITS, table=TABLE, chamber=chamber, safe=SafeSection())
+    file = SimpleNamespace(limits=LIMITS, table=TABLE, chamber=chamber, safe=SafeSection(), gyro=())
     bench = Bench(file, clock, record, AssumeYes())
     table = Device(clock, log, "table", TableState(10.0, 0.0))
     chamber = Device(clock, log, "chamber", ChamberState(25.0, 25.0, {1: 24.5}))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bench.control.chamber_station import ChamberStation
 from bench.control.stream_stations import GyroStation, StreamTap
 from bench.control.table_station import TableStation
-from bench.record.benchfile import LimitsSection
+from bench.record.benchfile import Band, ForbiddenState, LimitsSection
 from drivers.base.errors import DeviceRefused, LimitExceeded, RunAborted
 from drivers.kit.config import AxisConfig, GyroConfig
 from drivers.kit.instruments import (
@@ -64,7 +64,7 @@ class Bench:
     """Polls a table's telemetry into its station's history once a second."""
 
     def __init__(self, table):
-        self.file = SimpleNamespace(limits=LIMITS, chamber=SimpleNamespace(door_message=None))
+        self.file = SimpleNamespace(limits=LIMITS, chamber=SimpleNamespace(door_message=None), gyro=())
         self.limits = SimpleNamespace(allow=lambda what, **demand: None)
         self.events, self.time_s = [], 0.0
         self.station = TableStation(table, self, (AxisConfig(name="table", number=1, direction="up"),))
@@ -139,6 +139,35 @@ def test_a_table_that_does_not_settle_is_told_with_its_alarms(demand, value):
     assert "rate trip" in refused.value.found
 
 
+@pytest.mark.parametrize(("demand", "value"), [("point", 90.0), ("spin", 10.0)])
+def test_a_demand_that_nobody_waits_for_is_watched_by_the_polls(demand, value):
+    bench = Bench(Table(polls=5))
+    getattr(bench.station, demand)(value, settle=False, timeout_s=20.0)
+    assert bench.time_s == 0.0 and bench.station.device.told == [(demand, value)]
+    for _ in range(60):
+        bench.poll()
+    bench.station.device.target = {"angle_deg": value + 1.0, "rate_dps": value + 1.0}
+    with pytest.raises(RunAborted, match="left its demand"):
+        bench.poll()
+
+    never = Bench(Table(off=0.5))
+    getattr(never.station, demand)(value, settle=False, timeout_s=20.0)
+    with pytest.raises(DeviceRefused, match="did not settle within 20 s") as refused:
+        for _ in range(60):
+            never.poll()
+    assert never.time_s == 21.0 and "rate trip" in refused.value.found
+
+
+def test_a_demand_that_was_replaced_need_not_settle_any_more():
+    bench = Bench(Table(off=0.5))
+    bench.station.spin(10.0, settle=False, timeout_s=20.0)
+    bench.poll()
+    bench.station.device.off = 0.0
+    bench.station.spin(0.0, settle=False, timeout_s=20.0)
+    for _ in range(60):
+        bench.poll()
+
+
 def test_a_settled_table_that_leaves_its_demand_ends_the_run():
     bench = Bench(Table())
     bench.station.spin(10.0)
@@ -148,6 +177,29 @@ def test_a_settled_table_that_leaves_its_demand_ends_the_run():
     with pytest.raises(RunAborted, match="left its demand") as left:
         bench.poll()
     assert "rate trip" in left.value.found and left.value.expected == "10 deg/s"
+
+
+@pytest.mark.parametrize(("off_deg", "stays"), [(0.0195, True), (0.0205, False)])
+def test_a_settled_table_may_be_off_by_ten_times_what_counted_as_settled(off_deg, stays):
+    bench = Bench(Table())
+    bench.station.point(90.0, tolerance_deg=0.002)
+    bench.station.device.target["angle_deg"] = 90.0 + off_deg
+    if stays:
+        bench.poll()
+    else:
+        with pytest.raises(RunAborted, match="left its demand"):
+            bench.poll()
+
+
+def test_the_only_axis_of_a_table_is_not_named_where_a_rule_is_asked():
+    """Before there are rules nothing is asked."""
+    bench, asked = Bench(Table()), []
+    bench.limits.allow = lambda what, **demand: asked.append((what, demand))
+    bench.station.spin(5.0)
+    bench.file.limits = LimitsSection(forbid=(ForbiddenState(name="f", rate_dps=Band(above=30.0)),))
+    bench.station.spin(-10.0)
+    assert asked == [("spin at -10 deg/s", {"rate_dps": 10.0, "angle_deg": None})]
+    assert bench.station.mounting_text == ""
 
 
 def test_one_damaged_reading_of_a_settled_table_is_looked_at_again():
@@ -442,6 +494,16 @@ def test_a_tap_records_before_it_hands_on():
     tap.received(b"x", 1.0)
     tap.sent(b"y", 2.0)
     assert order == [("record", b"x", 1.0), ("station", b"x", 1.0), ("sent", b"y", 2.0)]
+
+
+@pytest.mark.parametrize("verb", ["point", "spin", "home"])
+def test_a_large_table_has_five_minutes_to_settle(verb):
+    bench = Bench(Table(polls=10**6))
+    bench.station.device.home = lambda axis="": None
+    bench.station.device.left = 10**6
+    with pytest.raises(DeviceRefused, match="within 300 s"):
+        getattr(bench.station, verb)(*([] if verb == "home" else [10.0]))
+    assert bench.time_s == 300.0
 
 
 def test_a_table_that_tells_no_alarms_is_not_said_to_have_none():

@@ -1,6 +1,7 @@
 """A table of several axes: bench file, driver bytes, emulator, telemetry and station together."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -222,6 +223,106 @@ def test_bench_file_names_a_wrong_axis(changes, text):
     outer, inner = FILE["table"]["axes"]
     with pytest.raises(ConfigurationError, match=text):
         bench_file_from({**FILE, "table": {**FILE["table"], "axes": [outer, {**inner, **changes}]}})
+
+
+@pytest.mark.parametrize("axis", ["outer", "inner"])
+def test_an_axis_that_telemetry_finds_beyond_its_stops_ends_the_run(two, axis):
+    plant = two.plants[{"outer": 1, "inner": 2}[axis]]
+    two.station.axes[axis] = replace(two.station.axes[axis], min_angle_deg=-60.0, max_angle_deg=60.0)
+    plant.demand_angle(two.now_s, 60.4)
+    two.wire.clock.sleep(60.0)
+    two.poll()
+    plant.demand_angle(two.now_s, 60.6)
+    two.wire.clock.sleep(60.0)
+    with pytest.raises(LimitExceeded, match="beyond its stops") as beyond:
+        two.poll()
+    assert (beyond.value.where, beyond.value.found) == (f"table, {axis} axis", "60.600 deg")
+
+
+def test_an_axis_is_pointed_to_its_stops_and_not_beyond(two):
+    two.station.axes["outer"] = replace(two.station.axes["outer"], min_angle_deg=-60.0, max_angle_deg=50.0)
+    for angle_deg in (-60.0, 50.0, 0.0):
+        two.station.point(angle_deg, "outer")
+    for angle_deg in (-60.1, 50.1):
+        with pytest.raises(LimitExceeded, match="an angle beyond the stops") as refused:
+            two.station.point(angle_deg, "outer")
+        assert refused.value.found == f"{angle_deg} deg" and refused.value.expected.startswith(
+            "-60 .. 50 deg"
+        )
+    two.station.point(170.0, "inner")
+
+
+@pytest.mark.parametrize(("band", "refused"), [(Band(below=-0.5), False), (Band(below=0.5), True)])
+def test_home_is_asked_with_the_way_from_here_to_zero(two, band, refused):
+    two.station.point(30.0, "inner")
+    rule = ForbiddenState(name="aslant", angle_deg=band)
+    two.file = two.file.model_copy(update={"limits": LimitsSection(forbid=(rule,))})
+    two.limits = watched(two, two.file.limits)
+    if refused:
+        with pytest.raises(LimitExceeded, match="aslant") as told:
+            two.station.home()
+        assert told.value.found == "table, inner axis: go home"
+    else:
+        two.station.home()
+    angle_deg = two.plants[2].total_angle_deg(two.now_s)
+    assert angle_deg == pytest.approx(30.0 if refused else 0.0, abs=1e-3)
+
+
+def test_outer_axes_go_to_zero_when_the_table_is_engaged(two):
+    two.station.point(40.0, "outer")
+    two.station.point(25.0, "inner")
+    two.station.engage()
+    angles_deg = [two.plants[number].total_angle_deg(two.now_s) for number in (1, 2)]
+    assert angles_deg == pytest.approx([0.0, 25.0], abs=1e-3)
+
+
+def test_a_ramp_is_the_change_by_the_time_between_two_rows(two):
+    """6 K within the minute after 30 s are 6 K/min; the limit of 5 allows a fifth more, that is 6."""
+    watch, air = watched(two, LimitsSection(max_ramp_k_per_min=5.0)), History(("air_temp_c", "set_point_c"))
+    watch._chamber.history = air
+    two.poll()
+    air.append(30.0, 20.0, 20.0)
+    air.append(90.0, 25.9, 20.0)
+    watch._clock = SimpleNamespace(now=lambda: 90.0)
+    watch.look()
+    air.append(90.0, 26.1, 20.0)
+    with pytest.raises(LimitExceeded) as fast:
+        watch.look()
+    assert fast.value.found == "6.1 K/min over 60 s"
+
+
+def test_a_table_that_stays_half_a_degree_from_home_is_not_home():
+    class Stuck(TableAxis):
+        def demand_home(self, *_):
+            pass
+
+        def demand_angle(self, *_):
+            pass
+
+    stuck = Stuck(TableParameters())
+    two = TwoAxes(lambda plants: {1: AcutrolAxis(stuck), 2: AcutrolAxis(plants[2])})
+    two.driver.servo_on()
+    stuck.demand_turn(two.now_s, 0.5, 1.0)
+    two.wire.clock.sleep(30.0)
+    assert stuck.total_angle_deg(two.now_s) == pytest.approx(0.5, abs=1e-3)
+    with pytest.raises(DeviceRefused, match="did not settle within 20 s"):
+        two.station.home(timeout_s=20.0)
+
+
+def test_an_operator_is_told_where_the_outer_axes_stand(two):
+    assert two.station.mounting_text == "With outer at 0 deg: "
+
+
+def test_a_loggers_sensor_counts_and_an_open_one_says_nothing(two):
+    rule = ForbiddenState(name="unit too warm", aux_temp_c=Band(above=80.0))
+    watch = watched(two, LimitsSection(forbid=(rule,)))
+    two.poll()
+    readings = {"aux_101_c": float("nan"), "aux_102_c": 79.0, "volts": 90.0}
+    watch._instruments = {"logger": SimpleNamespace(readings=readings)}
+    watch.look()
+    readings["aux_102_c"] = 81.0
+    with pytest.raises(LimitExceeded, match="unit too warm"):
+        watch.look()
 
 
 def watched(two, limits):

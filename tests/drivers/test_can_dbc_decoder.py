@@ -89,6 +89,33 @@ def test_a_sample_of_multiplexed_frames_with_held_values(paged) -> None:
     assert decoder.counts.rejected == {"unknown_id": 1}
 
 
+def test_of_a_multiplexed_message_the_last_of_every_page_is_held(tmp_path: Path) -> None:
+    dbc = TEST_DBC.replace(
+        "BO_ 18 OTHER",
+        "BO_ 19 HOUSE: 4 A\n"
+        ' SG_ P M : 0|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ CHIP m0 : 8|16@1- (0.1,0) [0|0] "degC" A\n'
+        ' SG_ CASE m1 : 8|16@1- (0.1,0) [0|0] "degC" A\n'
+        "BO_ 18 OTHER",
+    )
+    (tmp_path / "unit.dbc").write_text(dbc, encoding="utf-8")
+    signals = [
+        *PAGED["signal"][:3],
+        {"role": "temperature", "message": "HOUSE", "signal": "CHIP"},
+        {"role": "case_temperature", "message": "HOUSE", "signal": "CASE"},
+    ]
+    mapping = {key: value for key, value in PAGED.items() if key != "valid"} | {"signal": signals}
+    decoder = CanDecoder(layout_from_mapping(mapping, tmp_path, "map.toml", "paged"), 100.0)
+
+    def house(page: int, deci_c: int) -> bytes:
+        return line(19, bytes([page]) + deci_c.to_bytes(2, "little", signed=True) + b"\0")
+
+    decoder.feed(house(0, 200) + house(1, 300) + house(1, 310) + house(0, 210) + house(0, -5))
+    columns = decoder.feed(sample(1, 0.0, 0) + house(1, 320) + sample(2, 0.0, 0)).columns
+    assert columns["temp_c"].tolist() == pytest.approx([-0.5, -0.5])
+    assert columns["case_temp_c"].tolist() == pytest.approx([31.0, 32.0])
+
+
 def test_accelerations_in_a_sample_and_held(tmp_path: Path) -> None:
     """x in the sample, in g; z in a message of its own, in m/s2: against cantools, there and back."""
     (tmp_path / "imu.dbc").write_text(

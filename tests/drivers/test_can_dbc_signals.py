@@ -268,6 +268,28 @@ def test_multiplexers_that_depend_on_each_other_are_refused(tmp_path: Path) -> N
         compile_message(find_message(path, "M"))
 
 
+@pytest.mark.parametrize("outermost_first", [True, False])
+@pytest.mark.parametrize("levels", [8, 9, 40])
+def test_at_most_eight_multiplexers_stand_inside_one_another_in_whatever_order(
+    tmp_path: Path, levels: int, outermost_first: bool
+) -> None:
+    """A layout doubles with each: forty would take for ever to compare."""
+    lines, values = [], []
+    for level in range(levels + 1):
+        bit = level if outermost_first else levels - level
+        kind = "M" if level == 0 else "m0" if level == levels else "m0M"
+        lines.append((bit, f' SG_ S{level} {kind} : {bit}|1@1+ (1,0) [0|0] "" N'))
+        values += [f"SG_MUL_VAL_ 5 S{level} S{level - 1} 0-0;"] if level else []
+    path = tmp_path / "unit.dbc"
+    path.write_text("\n".join([HEAD + "BO_ 5 M: 8 A", *(text for _, text in sorted(lines)), *values, ""]))
+    if levels == 8:
+        assert len(compile_message(find_message(path, "M")).signals["S8"].selectors) == 8
+    else:
+        with pytest.raises(ConfigurationError, match="multiplexer level 9") as refused:
+            compile_message(find_message(path, "M"))
+        assert "at most 8 multiplexers" in refused.value.expected
+
+
 def test_a_file_of_any_size_is_read_only_so_far(tmp_path: Path) -> None:
     path = tmp_path / "huge.dbc"
     with path.open("wb") as file:

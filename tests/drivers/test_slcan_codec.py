@@ -57,6 +57,13 @@ def feed_in_chunks(data: bytes, cuts: list[int]) -> tuple[SlcanParser, np.ndarra
     return parser, np.concatenate(parts) if parts else np.empty(0, FRAME_DTYPE)
 
 
+def test_digits_alone_in_a_line_are_no_frame_though_one_has_begun_behind_them() -> None:
+    parser = SlcanParser()
+    assert as_tuples(parser.feed(b"12\rt1230")) == []
+    assert as_tuples(parser.feed(b"\r")) == [(0x123, False, False, 0, b"")]
+    assert parser.counts.rejected == {"unknown": 1} and parser.counts.bytes_skipped == 3
+
+
 @settings(deadline=None, max_examples=60)
 @given(
     st.lists(st.tuples(frames(), st.sampled_from("xX"), st.sampled_from(["", "ABCD", "0000"])), max_size=30)

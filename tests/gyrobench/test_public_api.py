@@ -66,7 +66,12 @@ def test_import_loads_no_room() -> None:
 
 
 @pytest.mark.parametrize("room", ["bench", "drivers", "procedures", "simulators"])
-def test_a_folder_of_the_users_that_hides_a_room_is_named(tmp_path: Path, room: str) -> None:
+def test_a_folder_of_the_users_that_hides_a_room_is_named(
+    tmp_path: Path, room: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(
+        "PYTHONSAFEPATH", raising=False
+    )  # the command line sets it, in other tests' process too
     (tmp_path / room).mkdir()
     (tmp_path / room / "__init__.py").touch()
     (tmp_path / "mine.py").write_text("import gyrobench\ngyrobench.open_run('runs/x')\n")

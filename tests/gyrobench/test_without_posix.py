@@ -44,7 +44,8 @@ NEEDS_POSIX = {
     *("bench.campaign", "bench.control.lease", "bench.control.recover", "bench.control.runner"),
     *("bench.control.watchdog", "bench.lab.rehearsal", "bench.lab.testing", "bench.present.cli._shown_run"),
     *("gyrobench._operate", "simulators.lab._build", "simulators.lab._core", "simulators.lab._ports"),
-    *("simulators.lab._service", "bench.present.panel"),
+    *("simulators.lab._service", "simulators.lab._lock_step", "simulators.lab.in_process"),
+    "bench.present.panel",
 }
 """What takes a lease or looks for one, locks a campaign, or serves an emulated lab on ptys."""
 

@@ -1,10 +1,7 @@
-"""A bench on an emulated lab: the lab in a thread (its emulators can be exchanged) or in a process of its own."""
+"""A bench on an emulated lab whose emulators can be exchanged."""
 
-import os
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,12 +11,9 @@ from bench.control.procedure import Demands, Parameters, Procedure, find_procedu
 from bench.control.questions import AssumeYes, EmulatedOperator
 from bench.control.run_record import decode_run
 from bench.control.runner import RunRequest, RunResult, run_procedure
-from bench.lab.emulated import EmulatedLab, Plant, _with_ports, lab_config
+from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.recording import read_manifest, verify
-from simulators.lab._build import build_lab
-from simulators.lab._control_channel import ControlChannel
-from simulators.lab._service import VirtualService
 from tests.benches import CAN_GYRO, FOG_BENCH
 
 
@@ -52,47 +46,19 @@ SPIN = Procedure(
 )
 
 
-@dataclass
-class ThreadLab:
-    """A virtual lab served by a thread of the test; `file` reaches it."""
-
-    file: BenchFile
-    lab: object
-    channel_write: int
-    answers: int
-    failures: list = field(default_factory=list)
-
-
 @contextmanager
-def thread_lab(file: BenchFile, plant: Plant, swap: Mapping[str, Callable] | None = None):
+def emulated_lab(file: BenchFile, plant: Plant, swap: Mapping[str, Callable] | None = None):
     """Serve a lab whose emulator on port p is `swap[p](emulator, lab, index)`."""
-    config = lab_config(file, plant)
-    lab, acts = build_lab(config)
-    for index, port in enumerate(lab.ports):
-        if swap and port.name in swap:
-            emulator = swap[port.name](lab._emulators[index], lab, index)
-            lab._emulators[index] = emulator
-            lab._streams = [(i, s) for i, s in lab._streams if i != index]
-            if hasattr(emulator, "stream"):
-                lab._streams.append((index, emulator))
-    channel_read, channel_write = os.pipe()
-    answer_read, answer_write = os.pipe()
-    service = VirtualService(
-        lab, ControlChannel(acts, input_fd=channel_read, output_fd=answer_write), emulated=config.emulated
-    )
-    thread = threading.Thread(target=service.run, name="lab", daemon=True)
-    thread.start()
-    try:
-        urls = {port.name: port.url for port in lab.ports}
-        yield ThreadLab(_with_ports(file, urls, service.url), lab, channel_write, answer_read)
-    finally:
-        os.close(channel_write)
-        thread.join()
-        service._listener.close()
-        for port in lab.ports:
-            port.close()
-        for descriptor in (channel_read, answer_read, answer_write):
-            os.close(descriptor)
+    with EmulatedLab(file, plant) as served:
+        lab = served._lab._lab
+        for index, port in enumerate(lab.ports):
+            if swap and port.name in swap:
+                emulator = swap[port.name](lab._emulators[index], lab, index)
+                lab._emulators[index] = emulator
+                lab._streams = [(i, s) for i, s in lab._streams if i != index]
+                if hasattr(emulator, "stream"):
+                    lab._streams.append((index, emulator))
+        yield served
 
 
 def drive(file, runs, procedure=SPIN, operator=None, display=None, **parameters) -> RunResult:
@@ -115,7 +81,7 @@ def problems(folder: Path) -> list:
 @pytest.fixture(scope="session")
 def bench() -> SimpleNamespace:
     """What the tests use of this module."""
-    return SimpleNamespace(thread_lab=thread_lab, drive=drive, problems=problems, spin=SPIN)
+    return SimpleNamespace(lab=emulated_lab, drive=drive, problems=problems, spin=SPIN)
 
 
 @pytest.fixture(scope="session")

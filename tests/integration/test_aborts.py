@@ -79,7 +79,7 @@ def test_ctrl_c_at_any_moment_leaves_a_safe_bench_and_a_whole_record(bench, fog_
     before = signal.getsignal(number)
     swap = {"chamber": lambda emulator, lab, index: InterruptAfter(emulator, moment, number)}
     procedure = find_procedure("zero-bias-cold-shock")
-    with bench.thread_lab(fog_file, Plant(seed=2), swap) as lab:
+    with bench.lab(fog_file, Plant(seed=2), swap) as lab:
         result = bench.drive(lab.file, tmp_path, procedure, east_after_min=0, east_dwell_s=60)
     assert result.outcome == "aborted"
     assert isinstance(result.error, RunAborted)
@@ -96,7 +96,7 @@ def test_ctrl_c_at_any_moment_leaves_a_safe_bench_and_a_whole_record(bench, fog_
 
 def test_stop_commands_leave_on_both_ports_before_any_answer_is_awaited(bench, fog_file, tmp_path):
     swap = {"chamber": lambda emulator, lab, index: InterruptAfter(emulator, 60)}
-    with bench.thread_lab(fog_file, Plant(), swap) as lab:
+    with bench.lab(fog_file, Plant(), swap) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=200.0)
     assert_safe_and_readable(bench, result.folder)
     table = list(read_exchanges(result.folder, "table"))
@@ -113,11 +113,11 @@ def test_stop_commands_leave_on_both_ports_before_any_answer_is_awaited(bench, f
 @pytest.mark.concurrent
 @pytest.mark.slow
 def test_a_killed_lab_ends_the_run_with_one_clear_paragraph(bench, fog_file, tmp_path):
-    with EmulatedLab(fog_file, Plant()) as lab:
+    with EmulatedLab(fog_file, Plant(), apart=True) as lab:
 
         def kill(progress):
             if progress.phase == "spin" and progress.time_s > 30.0:
-                lab._process.kill()
+                lab._lab.kill()
 
         result = bench.drive(lab.file, tmp_path, display=kill, hold_s=1e6)
     assert result.outcome == "aborted"
@@ -136,7 +136,7 @@ def test_a_full_disk_ends_the_run_and_keeps_what_was_written(bench, fog_file, tm
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
-        with bench.thread_lab(fog_file, Plant()) as lab:
+        with bench.lab(fog_file, Plant()) as lab:
             resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, limits[1]))
             result = bench.drive(lab.file, tmp_path, hold_s=3600.0)
     finally:
@@ -158,7 +158,7 @@ def test_an_operator_who_says_no_ends_the_run_before_anything_moves(bench, fog_f
         def ask(self, question: Question):
             return lambda: Reply("No", "a careful man")
 
-    with bench.thread_lab(fog_file, Plant()) as lab:
+    with bench.lab(fog_file, Plant()) as lab:
         result = bench.drive(lab.file, tmp_path, find_procedure("zero-bias-cold-shock"), operator=No())
     assert result.outcome == "aborted" and "answered 'No'" in result.reason
     assert b":demand" not in sent(result.folder, "table")
@@ -171,7 +171,7 @@ def test_a_bug_in_a_procedure_makes_the_bench_safe_and_is_not_swallowed(bench, f
         session.table.spin(5.0)
         raise ZeroDivisionError("a bug")
 
-    with bench.thread_lab(fog_file, Plant()) as lab, pytest.raises(ZeroDivisionError):
+    with bench.lab(fog_file, Plant()) as lab, pytest.raises(ZeroDivisionError):
         bench.drive(lab.file, tmp_path, replace(bench.spin, run=run))
     folder = tmp_path / "run"
     assert manifest(folder)["reason"] == "ZeroDivisionError: a bug"
@@ -182,7 +182,7 @@ def test_a_run_whose_last_step_fails_is_sealed_as_aborted(bench, fog_file, tmp_p
     def fail(folder):
         raise BenchError("the truth could not be kept")
 
-    with bench.thread_lab(fog_file, Plant()) as lab:
+    with bench.lab(fog_file, Plant()) as lab:
         request = RunRequest(
             bench.spin, bench.spin.parse({"hold_s": 1.0}), lab.file, tmp_path, AssumeYes(), before_close=fail
         )
@@ -198,7 +198,7 @@ def test_ctrl_c_while_the_record_is_closed_is_told_in_words(bench, fog_file, tmp
     def interrupted(folder):
         raise KeyboardInterrupt
 
-    with bench.thread_lab(fog_file, Plant()) as lab:
+    with bench.lab(fog_file, Plant()) as lab:
         request = RunRequest(
             bench.spin,
             bench.spin.parse({"hold_s": 1.0}),
@@ -219,7 +219,7 @@ def test_ctrl_c_while_the_record_is_closed_is_told_in_words(bench, fog_file, tmp
 def test_a_run_in_a_thread_leaves_the_signals_to_whoever_owns_them(bench, fog_file, tmp_path):
     results = []
     before = signal.getsignal(signal.SIGINT)
-    with bench.thread_lab(fog_file, Plant()) as lab:
+    with bench.lab(fog_file, Plant()) as lab:
         thread = threading.Thread(target=lambda: results.append(bench.drive(lab.file, tmp_path, hold_s=1.0)))
         thread.start()
         thread.join()
@@ -274,7 +274,7 @@ def test_a_run_folder_that_is_gone_ends_the_run_with_the_bench_at_rest(bench, fo
         if progress.phase == "spin" and progress.time_s > 20.0:
             shutil.rmtree(tmp_path / "run", ignore_errors=True)
 
-    with bench.thread_lab(fog_file, Plant(seed=5)) as lab:
+    with bench.lab(fog_file, Plant(seed=5)) as lab:
         with pytest.raises(
             RunUnsealed, match=f"{tmp_path / 'run'}: the run folder could not be closed"
         ) as told:

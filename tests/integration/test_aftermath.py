@@ -28,7 +28,7 @@ def test_after_ctrl_c_the_terminal_says_what_rests_what_is_kept_and_what_comes_n
         if progress.phase == "spin" and progress.time_s > 20.0:
             signal.raise_signal(signal.SIGINT)
 
-    with bench.thread_lab(fog_file, Plant(seed=5)) as lab:
+    with bench.lab(fog_file, Plant(seed=5)) as lab:
         text = said(bench.drive(lab.file, tmp_path, display=press, hold_s=1e5))
     assert "stopped by Ctrl-C." in text
     assert "bench: table at rest: 0.0000 deg/s; chamber at rest: stopped, set point 25 degC" in text
@@ -37,7 +37,7 @@ def test_after_ctrl_c_the_terminal_says_what_rests_what_is_kept_and_what_comes_n
 
 def test_what_is_not_confirmed_is_said_and_what_is_too(bench, fog_file, tmp_path):
     gone = Fault(port="chamber", kind="vanish", at_s=(25.5,), duration_s=1e6)
-    with bench.thread_lab(fog_file, Plant(seed=5, fault=(gone,))) as lab:
+    with bench.lab(fog_file, Plant(seed=5, fault=(gone,))) as lab:
         text = said(bench.drive(lab.file, tmp_path, hold_s=1e5))
     assert "NOT CONFIRMED SAFE, go and look: chamber" in text
     assert re.search(r"bench: table at rest: 0\.00\d\d deg/s; the rest NOT CONFIRMED", text)

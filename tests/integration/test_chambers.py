@@ -49,7 +49,7 @@ def short(spin, demands):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_chamber_ramps_as_told_and_is_left_safe(bench, fog_text, tmp_path, kind):
     file = bench_file(fog_text, tmp_path, kind)
-    with bench.thread_lab(file, Plant()) as lab:
+    with bench.lab(file, Plant()) as lab:
         result = bench.drive(lab.file, tmp_path / "runs", short(bench.spin, None))
     assert result.outcome == "completed", result.reason
     assert bench.problems(result.folder) == []
@@ -78,7 +78,7 @@ def test_what_a_chamber_cannot_do_is_said_before_anything_moves(
     bench, fog_text, tmp_path, kind, extra, demands, words
 ):
     file = bench_file(fog_text, tmp_path, kind, extra)
-    with bench.thread_lab(file, Plant()) as lab:
+    with bench.lab(file, Plant()) as lab:
         result = bench.drive(lab.file, tmp_path / "runs", short(bench.spin, demands))
     assert isinstance(result.error, LimitExceeded)
     assert all(word in str(result.error) for word in words), result.error

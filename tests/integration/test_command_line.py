@@ -136,7 +136,7 @@ def test_verify_passes_a_sound_run_and_finds_one_flipped_byte(cli, short_run, tm
 
 
 def test_runs_are_listed_and_shown(cli, short_run):
-    code, said = cli("runs", "list", "--runs", short_run.parent)
+    code, said = cli("runs", "list", short_run.parent)
     assert code == 0 and "short" in said and "completed" in said and "FOG-001" in said
     code, said = cli("runs", "show", short_run)
     assert code == 0 and "reference_output" in said and "Acutrol3000" in said
@@ -185,3 +185,22 @@ def test_a_run_loads_neither_torch_nor_pandas():
     )
     loaded = said.stdout.splitlines()[-1]
     assert "torch" not in loaded and "pandas" not in loaded
+
+
+@pytest.mark.parametrize("command", ["run", "rehearse"])
+def test_a_parameter_beyond_a_limit_is_refused_and_leaves_no_run_folder(cli, bench_path, tmp_path, command):
+    """Beyond the parameter's own limit, and beyond what the bench file allows (20 deg/s)."""
+    for value, words in (("1001", "less than or equal to 1000"), ("30", "at most 20 deg/s")):
+        runs = tmp_path / "runs"
+        asked = ["constant-rotation", "--bench", bench_path, "--runs", runs, "--rate-dps", value]
+        code, text = cli(command, *asked)
+        assert code == 2 and words in text, text
+        assert not runs.exists()
+
+
+def test_runs_are_listed_in_the_folder_that_is_named(cli, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "others").mkdir()
+    assert cli("runs", "list") == (0, "no runs in runs")
+    assert cli("runs", "list", "others") == (0, "no runs in others")

@@ -64,7 +64,7 @@ def test_what_is_written_sets_nothing(bench, tmp_path, table, chamber):
 
         return swap
 
-    with bench.thread_lab(file, Plant(delivery_s=0.5), {name: listening(name) for name in heard}) as lab:
+    with bench.lab(file, Plant(delivery_s=0.5), {name: listening(name) for name in heard}) as lab:
         clock = VirtualClock(lab.file.bench.clock)
         ports = {"table": lab.file.table.port, "chamber": lab.file.chamber.port}
         found = {name: identify_port(port, clock, lambda text: None, name) for name, port in ports.items()}

@@ -26,10 +26,10 @@ def alarms(folder):
 
 @pytest.mark.parametrize(("dead", "other"), [("can_1", "fog_1"), ("fog_1", "can_1")])
 def test_of_two_gyros_one_dies_and_the_record_of_the_other_is_whole(bench, both_file, tmp_path, dead, other):
-    with bench.thread_lab(both_file, Plant(seed=5, delivery_s=1.0)) as lab:
+    with bench.lab(both_file, Plant(seed=5, delivery_s=1.0)) as lab:
         well = bench.drive(lab.file, tmp_path / "well", hold_s=40.0)
     assert well.outcome == "completed"
-    with bench.thread_lab(both_file, plant(dead, "vanish", 25.5, 1e6)) as lab:
+    with bench.lab(both_file, plant(dead, "vanish", 25.5, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path / "ill", hold_s=40.0)
     assert result.outcome == "invalid" and dead in result.reason and "the port is gone" in result.reason
     (row,) = [row for row in alarms(result.folder) if row[0] == dead]
@@ -45,7 +45,7 @@ def test_of_two_gyros_one_dies_and_the_record_of_the_other_is_whole(bench, both_
 
 
 def test_the_last_gyro_that_dies_ends_the_run_a_minute_later(bench, fog_file, tmp_path):
-    with bench.thread_lab(fog_file, plant("fog_1", "vanish", 25.5, 1e6)) as lab:
+    with bench.lab(fog_file, plant("fog_1", "vanish", 25.5, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=600.0)
     assert result.outcome == "aborted" and isinstance(result.error, LinkLost)
     assert "NOT CONFIRMED" not in result.reason
@@ -54,7 +54,7 @@ def test_the_last_gyro_that_dies_ends_the_run_a_minute_later(bench, fog_file, tm
 
 def test_a_bench_file_may_want_the_end_as_soon_as_the_last_gyro_dies(bench, fog_file, tmp_path):
     hasty = fog_file.model_copy(update={"safe": fog_file.safe.model_copy(update={"last_unit_s": 0.0})})
-    with bench.thread_lab(hasty, plant("fog_1", "vanish", 25.5, 1e6)) as lab:
+    with bench.lab(hasty, plant("fog_1", "vanish", 25.5, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=600.0)
     assert result.outcome == "aborted" and "no gyro is left to test" in result.reason
     assert "NOT CONFIRMED" not in result.reason and result.duration_s < 30.0
@@ -68,13 +68,13 @@ def test_a_bench_file_may_want_the_end_as_soon_as_the_last_gyro_dies(bench, fog_
 
 
 def test_silence_of_one_is_told_and_of_all_ends_the_run(bench, both_file, fog_file, tmp_path):
-    with bench.thread_lab(both_file, plant("can_1", "silence", 20.5, 30.0)) as lab:
+    with bench.lab(both_file, plant("can_1", "silence", 20.5, 30.0)) as lab:
         result = bench.drive(lab.file, tmp_path / "one", hold_s=60.0)
     assert result.outcome == "invalid" and "can_1 fell silent at 20." in result.reason
     silent, again = (row for row in alarms(result.folder) if row[0] == "can_1")
     assert silent[1] == "unit_silent" and 30.0 < silent[2] < 33.0
     assert again[1] == "unit_speaks" and 50.5 < again[2] < 53.0
-    with bench.thread_lab(fog_file, plant("fog_1", "silence", 20.5, 1e6)) as lab:
+    with bench.lab(fog_file, plant("fog_1", "silence", 20.5, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path / "all", hold_s=600.0)
     assert result.outcome == "aborted" and isinstance(result.error, DeviceSilent)
     assert 80.0 < result.duration_s < 85.0
@@ -84,7 +84,7 @@ def test_a_unit_that_is_silent_to_the_end_and_does_not_obey_the_stop_ends_no_run
     bench, both_file, tmp_path
 ):
     """Its answer to the stop at the end was missed, and the other unit's run counted as aborted."""
-    with bench.thread_lab(both_file, plant("fog_1", "silence", 20.5, 1e6)) as lab:
+    with bench.lab(both_file, plant("fog_1", "silence", 20.5, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "invalid" and "fog_1 fell silent at 20." in result.reason
     log = (result.folder / "events.jsonl").read_text()

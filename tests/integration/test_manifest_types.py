@@ -65,7 +65,7 @@ def command(*words: str) -> None:
 def everybody(folder: Path):
     """What reads a run, each to be called by itself."""
     yield lambda: command("runs", "show", str(folder))
-    yield lambda: command("runs", "list", "--runs", str(folder.parent))
+    yield lambda: command("runs", "list", str(folder.parent))
     yield lambda: command("runs", "recover", str(folder))
     yield lambda: run_content(Run.open(folder))
     yield lambda: load_thermal_runs(folder)

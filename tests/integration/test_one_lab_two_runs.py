@@ -7,7 +7,7 @@ from bench.record.recording import Run
 
 
 def test_the_second_run_begins_at_zero_where_the_first_left_the_bench(bench, fog_file, tmp_path):
-    with bench.thread_lab(fog_file, Plant(seed=3)) as lab:
+    with bench.lab(fog_file, Plant(seed=3)) as lab:
         first, second = (bench.drive(lab.file, tmp_path / name, hold_s=40.0) for name in ("one", "two"))
     assert (first.outcome, second.outcome) == ("completed", "completed"), (first.reason, second.reason)
     assert second.duration_s == pytest.approx(first.duration_s, abs=10.0)

@@ -35,7 +35,7 @@ def test_a_procedure_points_in_the_sense_it_asks_for(bench, fog_text, tmp_path, 
     procedure = Procedure(
         "point", "Point", "tests", bench.spin.parameters, point, lambda p: 1.0, lambda p: Demands()
     )
-    with bench.thread_lab(load_bench_file(path), Plant()) as lab:
+    with bench.lab(load_bench_file(path), Plant()) as lab:
         result = bench.drive(lab.file, tmp_path / "runs", procedure)
     assert result.outcome == "completed", result.reason
     assert bench.problems(result.folder) == []

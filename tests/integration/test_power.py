@@ -218,14 +218,14 @@ def test_the_manifest_has_the_sections_as_the_file_has_them(fog_text, tmp_path):
 @pytest.mark.parametrize("driver", PORTS)
 def test_ports_finds_supply_and_logger_and_sets_nothing(bench, fog_text, tmp_path, driver):
     file = bench_file(tmp_path, fog_text, driver)
-    with bench.thread_lab(file, Plant(delivery_s=0.5)) as lab:
+    with bench.lab(file, Plant(delivery_s=0.5)) as lab:
         clock = VirtualClock(lab.file.bench.clock)
         found = {
             name: identify_port(lab.file.ports[name], clock, lambda text: None, name)
             for name in ("psu", "daq")
         }
         clock.close()
-        emulators = {port.name: lab.lab._emulators[at] for at, port in enumerate(lab.lab.ports)}
+        emulators = {port.name: lab._lab._lab._emulators[at] for at, port in enumerate(lab._lab._lab.ports)}
     assert found["psu"].driver == driver, found
     assert found["daq"].driver == "keysight_34970a" and "HEWLETT-PACKARD 34970A" in found["daq"].text
     assert not any(output.on or output.voltage_v for output in emulators["psu"].outputs.values())

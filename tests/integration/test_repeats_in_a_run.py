@@ -17,7 +17,7 @@ def struck(port, kind, *at_s, **more):
 @pytest.mark.parametrize("kind", ["truncate", "drop", "lose", "noise", "flip_command"])
 def test_a_damaged_answer_costs_a_repeat_and_not_the_run(bench, fog_file, tmp_path, port, kind):
     fault = struck(port, kind, 20.5, 40.5)
-    with bench.thread_lab(fog_file, Plant(seed=11, delivery_s=1.0, fault=(fault,))) as lab:
+    with bench.lab(fog_file, Plant(seed=11, delivery_s=1.0, fault=(fault,))) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "completed", result.reason
     rows = [json.loads(line) for line in (result.folder / "events.jsonl").read_text().splitlines()]
@@ -33,6 +33,6 @@ def test_a_refusal_of_a_command_ends_the_run_with_the_devices_words_and_is_not_t
     bench, fog_file, tmp_path
 ):
     fault = struck("table", "refuse", 0.2, text="Brake Engaged")
-    with bench.thread_lab(fog_file, Plant(seed=11, fault=(fault,))) as lab:
+    with bench.lab(fog_file, Plant(seed=11, fault=(fault,))) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=10.0)
     assert result.outcome == "aborted" and "Brake Engaged" in result.reason

@@ -21,7 +21,7 @@ def raw_files(folder):
 
 
 def test_a_run_lets_go_of_its_can_bus(bench, both_file, tmp_path, caplog):
-    with bench.thread_lab(both_file, Plant()) as lab:
+    with bench.lab(both_file, Plant()) as lab:
         assert bench.drive(lab.file, tmp_path, hold_s=1.0).outcome == "completed"
     gc.collect()
     assert "not properly shut down" not in caplog.text
@@ -30,7 +30,7 @@ def test_a_run_lets_go_of_its_can_bus(bench, both_file, tmp_path, caplog):
 def test_same_seed_gives_the_same_bytes_and_tables_and_another_seed_does_not(bench, both_file, tmp_path):
     folders = []
     for name, seed in (("first", 11), ("second", 11), ("other", 12)):
-        with bench.thread_lab(both_file, Plant(seed=seed)) as lab:
+        with bench.lab(both_file, Plant(seed=seed)) as lab:
             result = bench.drive(lab.file, tmp_path / name, hold_s=20.0, cold_c=0.0)
         assert result.outcome == "completed", result.reason
         folders.append(result.folder)

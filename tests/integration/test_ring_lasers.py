@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,9 +15,8 @@ from bench.analysis.figures import standard_figures
 from bench.analysis.rlg import RampRun, RlgCompensation, load_ramp_runs
 from bench.control.procedure import find_procedure
 from bench.control.progress import Progress
-from bench.control.questions import EmulatedOperator
-from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import Plant, unit_seed
+from bench.lab.rehearsal import rehearse_procedure
 from bench.present.cli._app import app
 from bench.record.benchfile import load_bench_file
 from bench.record.recording import read_manifest
@@ -73,32 +70,15 @@ def record(
     path = home / f"{gyros}.toml"
     path.write_text(BENCH + "".join(GYRO.format(n=n) for n in range(1, gyros + 1)))
     procedure = find_procedure(name)
-    with (
-        bench.thread_lab(load_bench_file(path), Plant(seed=seed)) as lab,
-        os.fdopen(lab.answers, closefd=False) as door,
-    ):
-
-        def perform(act):
-            os.write(lab.channel_write, json.dumps(act).encode() + b"\n")
-            answer = json.loads(door.readline())
-            assert answer["ok"], answer
-            return answer
-
-        def keep_truth(folder):
-            for n in range(1, gyros + 1):
-                perform({"act": "truth", "unit": f"rlg_{n}", "path": str(folder / f"truth_rlg_{n}.npz")})
-
-        request = RunRequest(
-            procedure,
-            procedure.parse(settings),
-            lab.file,
-            home,
-            EmulatedOperator(perform),
-            display,
-            run_id=f"{name}-{seed}",
-            before_close=keep_truth,
-        )
-        result = run_procedure(request)
+    result = rehearse_procedure(
+        procedure,
+        procedure.parse(settings),
+        load_bench_file(path),
+        Plant(seed=seed),
+        home,
+        display,
+        run_id=f"{name}-{seed}",
+    )
     assert result.outcome == "completed", result.reason
     return result.folder
 

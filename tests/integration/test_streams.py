@@ -30,7 +30,7 @@ class Damaging:
 
 def damaged(bench, fog_file, runs, damage, **parameters):
     swap = {"fog_1": lambda emulator, lab, index: Damaging(emulator, damage)}
-    with bench.thread_lab(fog_file, Plant(seed=5, delivery_s=1.0), swap) as lab:
+    with bench.lab(fog_file, Plant(seed=5, delivery_s=1.0), swap) as lab:
         return bench.drive(lab.file, runs, **parameters)
 
 
@@ -91,7 +91,7 @@ def test_lost_frames_are_counted_and_marked_and_times_stay_right(bench, fog_file
 @pytest.mark.parametrize("error_ppm", [10_000.0, -10_000.0])
 def test_a_gyro_clock_one_percent_off_is_measured_and_taken_out(bench, both_file, tmp_path, error_ppm):
     plant = Plant(seed=5, clock_error_ppm={"fog_1": error_ppm, "can_1": error_ppm})
-    with bench.thread_lab(both_file, plant) as lab:
+    with bench.lab(both_file, plant) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=120.0, rate_dps=10.0)
     assert result.outcome == "completed"
     streams = read_manifest(result.folder).stream

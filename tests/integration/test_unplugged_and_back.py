@@ -51,7 +51,7 @@ def check_gap(folder, name, rate_hz, gone_s, back_s):
 
 @pytest.mark.parametrize("name", ["fog_1", "can_1"])
 def test_a_gyro_unplugged_for_four_seconds(bench, both_file, tmp_path, name):
-    with bench.thread_lab(both_file, vanishing(name, 25.2, 4.0)) as lab:
+    with bench.lab(both_file, vanishing(name, 25.2, 4.0)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "invalid" and result.reason.startswith(f"{name} was lost at 25.")
     lost, back = [row for row in events(result.folder, "alarm") if row["device"] == name]
@@ -66,7 +66,7 @@ def test_a_gyro_unplugged_for_four_seconds(bench, both_file, tmp_path, name):
 def test_the_only_gyro_unplugged_and_back_and_a_gyro_behind_a_device_server(bench, tmp_path):
     path = tmp_path / "tcp.toml"
     path.write_text(BENCH + FOG.replace("/dev/ttyUSB1", "socket://127.0.0.1:4001"))
-    with bench.thread_lab(load_bench_file(path), vanishing("fog_1", 25.2, 20.0)) as lab:
+    with bench.lab(load_bench_file(path), vanishing("fog_1", 25.2, 20.0)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "invalid"
     check_gap(result.folder, "fog_1", 100.0, 25.2, 45.2)
@@ -89,7 +89,7 @@ def test_a_unit_that_lost_its_power_with_its_port_is_told_to_stream_again(bench,
 
         return Quiet()
 
-    with bench.thread_lab(fog_file, vanishing("fog_1", 25.2, 4.0), {"fog_1": quiet_when_back}) as lab:
+    with bench.lab(fog_file, vanishing("fog_1", 25.2, 4.0), {"fog_1": quiet_when_back}) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert "fog_1 was told to stream again" in [row["text"] for row in events(result.folder, "note")]
     time_s = pq.read_table(result.folder / "gyro_fog_1.parquet")["time_ns"].to_numpy() * 1e-9
@@ -100,7 +100,7 @@ def test_a_unit_that_lost_its_power_with_its_port_is_told_to_stream_again(bench,
 def test_table_or_chamber_vanishes_while_it_works_and_is_made_safe_when_it_is_back(
     bench, fog_file, tmp_path, name
 ):
-    with bench.thread_lab(fog_file, vanishing(name, 25.2, 6.0)) as lab:
+    with bench.lab(fog_file, vanishing(name, 25.2, 6.0)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "aborted" and isinstance(result.error, LinkLost)
     assert "NOT CONFIRMED" not in result.reason and len(result.safe) == 2
@@ -114,14 +114,14 @@ def test_one_that_is_back_and_loses_its_first_answers_is_told_on(bench, fog_file
     plant = vanishing("table", 25.2, 6.0)
     deaf = Fault(port="table", kind="lose", at_s=(31.0,), count=3)
     plant = plant.model_copy(update={"fault": (*plant.fault, deaf)})
-    with bench.thread_lab(fog_file, plant) as lab:
+    with bench.lab(fog_file, plant) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "aborted" and "NOT CONFIRMED" not in result.reason
     assert len(result.safe) == 2 and result.duration_s > 31.0
 
 
 def test_one_that_stays_away_is_said_to_be_not_confirmed(bench, fog_file, tmp_path):
-    with bench.thread_lab(fog_file, vanishing("chamber", 25.2, 1e6)) as lab:
+    with bench.lab(fog_file, vanishing("chamber", 25.2, 1e6)) as lab:
         result = bench.drive(lab.file, tmp_path, hold_s=60.0)
     assert result.outcome == "aborted" and "NOT CONFIRMED SAFE" in result.reason
     assert [(state.device, state.confirmed) for state in result.safe] == [

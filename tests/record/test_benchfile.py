@@ -105,6 +105,7 @@ def test_a_bench_file_does_not_change_once_read():
         ("[[gyro]]", "[gyro]", "gyro", "a table", "at least one [[gyro]]"),
         ("[chamber]", "[safe]\nchamber_set_point_c = 90\n[chamber]", "safe.chamber_set_point_c", "90", "-60 to"),
         ("[chamber]", "[limits]\nmin_temp_c = 86\n[chamber]", "limits.min_temp_c", "86", "less than max_temp_c"),
+        ("[chamber]", f"[limits]\nmin_temp_c = 1{'0' * 400}\n[chamber]", "limits.min_temp_c", "1000", "degC"),
         ("[chamber]", "[limits]\nmax_rate_dps = 0\n[chamber]", "limits.max_rate_dps", "0", "more than 0"),
         ("[chamber]", "[limit]\nmax_rate_dps = 9\n[chamber]", "limit", "an unknown key", "mean 'limits'?"),
         ("[chamber]", "[chamber]\nauxiliary = {a = 'x'}", "chamber.auxiliary.a", "'a'", "sensor number"),

@@ -227,10 +227,10 @@ def test_a_shared_list_says_whose_each_run_is(tmp_path: Path) -> None:
     url, runner = f"sqlite:///{tmp_path / 'shared.sqlite'}", CliRunner()
     for name in ("bench 1", "bench 2"):
         make(tmp_path / name, f"run on {name}", bench={"bench": {"name": name.upper()}})
-        asked = ["runs", "list", "--catalogue", url, "--runs", str(tmp_path / name)]
+        asked = ["runs", "list", "--catalogue", url, str(tmp_path / name)]
         shown = runner.invoke(app, asked).output
     assert [line.split("  ")[0] for line in shown.splitlines()] == ["bench", "BENCH 2", "BENCH 1"]
-    assert "BENCH" not in runner.invoke(app, ["runs", "list", "--runs", str(tmp_path / "bench 1")]).output
+    assert "BENCH" not in runner.invoke(app, ["runs", "list", str(tmp_path / "bench 1")]).output
 
 
 def test_a_list_loads_nothing_heavy(tmp_path: Path) -> None:
@@ -239,7 +239,7 @@ def test_a_list_loads_nothing_heavy(tmp_path: Path) -> None:
     code = f"""
 import sys
 from bench.present.cli import main
-sys.argv = ["gyrobench", "runs", "list", "--runs", {str(tmp_path / "runs")!r}, "--unit", "SN123", "--limit", "5"]
+sys.argv = ["gyrobench", "runs", "list", {str(tmp_path / "runs")!r}, "--unit", "SN123", "--limit", "5"]
 try:
     main()
 finally:
@@ -291,7 +291,7 @@ def test_text_that_no_database_takes(url: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("option", "value"), [("--limit", "0"), ("--limit", "x"), ("--outcome", "done")])
 def test_options_that_are_none(tmp_path: Path, option: str, value: str) -> None:
-    result = CliRunner().invoke(app, ["runs", "list", "--runs", str(tmp_path), option, value])
+    result = CliRunner().invoke(app, ["runs", "list", str(tmp_path), option, value])
     assert isinstance(result.exception, ConfigurationError) and value in str(result.exception)
 
 
@@ -300,15 +300,15 @@ def test_the_command(tmp_path: Path) -> None:
     make(runs, "cold-1")
     make(runs, "cold-2", started_utc="2026-11-01T00:00:00+02:00", units={"x": "SN5"})
     runner = CliRunner()
-    text = runner.invoke(app, ["runs", "list", "--runs", str(runs)]).output
+    text = runner.invoke(app, ["runs", "list", str(runs)]).output
     assert "cold-1" in text and "cold-2" in text and not (runs / "cold-1" / ".catalogue").exists()
-    asked = ["runs", "list", "--runs", str(runs), "--unit", "SN5", "--since", "2026-10-31", "--json"]
+    asked = ["runs", "list", str(runs), "--unit", "SN5", "--since", "2026-10-31", "--json"]
     (row,) = json.loads(runner.invoke(app, asked).output)
     assert row["name"] == "cold-2" and row["units"] == ["SN5"]
     assert "no runs that fit" in runner.invoke(app, [*asked[:-1], "--outcome", "aborted"]).output
     assert (
         "2 manifests read" in runner.invoke(app, ["runs", "index", "--rebuild", "--runs", str(runs)]).output
     )
-    assert "no runs in" in runner.invoke(app, ["runs", "list", "--runs", str(tmp_path / "none")]).output
-    shown = runner.invoke(app, ["runs", "list", "--runs", str(runs), "--limit", "1"]).output
+    assert "no runs in" in runner.invoke(app, ["runs", "list", str(tmp_path / "none")]).output
+    shown = runner.invoke(app, ["runs", "list", str(runs), "--limit", "1"]).output
     assert "cold-2" in shown and "newest 1 of 2" in shown and not (tmp_path / "none").exists()

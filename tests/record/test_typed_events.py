@@ -17,10 +17,22 @@ from bench.record.events.run import (
     NavigationDemand,
     Note,
     RateDemand,
+    Series,
 )
 from bench.record.events.safe import LastSeen, SafeState, Takeover, TakeoverEnded
 
 VALUES: dict[Any, Any] = {str: "a text", float: 89.12345678, int: 7, bool: True}
+
+
+def test_a_series_has_columns_of_one_length_and_not_too_many_numbers() -> None:
+    series = Series("t", {"a [s]": [1, 2.5], "b": [math.nan, None]})  # type: ignore[list-item]
+    assert series.row(3.0)["columns"] == {"a [s]": [1.0, 2.5], "b": [None, None]}
+    assert read_event(json.loads(json.dumps(series.row(3.0))))[1] == series
+    for columns in ({}, {"a": [1.0], "b": []}, {"a": [0.0] * 2001}):
+        with pytest.raises(ValueError, match="columns of one length"):
+            Series("t", columns)
+    with pytest.raises(ValueError, match="one length"):
+        read_event(series.row(3.0) | {"columns": {"a": [1.0], "b": []}})
 
 
 def sample(hint: Any) -> Any:

@@ -254,10 +254,10 @@ def test_a_compensation_file_cannot_unpack_or_claim_more_than_is_in_it(tmp_path)
 
 def test_the_catalogue_lists_a_hostile_folder_as_unreadable(tmp_path):
     (tmp_path / "manifest.json").write_text("[" * 200_000)
-    assert read_row(tmp_path, "here").outcome == "unreadable"
+    assert read_row(str(tmp_path.parent), tmp_path.name, "here").outcome == "unreadable"
     (tmp_path / "manifest.json").unlink()
     os.mkfifo(tmp_path / "manifest.json")
-    assert read_row(tmp_path, "here").outcome == "unreadable"
+    assert read_row(str(tmp_path.parent), tmp_path.name, "here").outcome == "unreadable"
 
 
 def test_a_truth_file_cannot_unpack_to_more_than_the_bound_or_run_code(tmp_path):

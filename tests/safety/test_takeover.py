@@ -14,6 +14,7 @@ import pytest
 import bench.control.watchdog as watchdog
 from bench.control.watchdog import ARMED, DISMISSED, READY, Watchdog, _process, beat_line
 from bench.record.benchfile import load_bench_file
+from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.kit.instruments import Rest
 
@@ -269,6 +270,17 @@ def test_a_watchdog_takes_over_lets_go_of_the_lease_and_says_how_it_went(monkeyp
     assert not lease.exists()
 
 
+def test_what_lay_unread_in_the_pipe_is_no_sign_of_life_of_now(monkeypatch):
+    """A beat of 97.0 s is read at 100.3 s, together with the word that arms; nothing comes after it."""
+    beat = beat_line(1, 97.0)
+    heard = Heard(monkeypatch, [ARM + beat])
+    waits = iter([([0], [], []), ([], [], [])])
+    monkeypatch.setattr(_process.select, "select", lambda *_: next(waits))
+    assert _process.main() == 0
+    assert heard.taken == [(7, pytest.approx(3.3))]
+    assert heard.written == [(1, b"ready\n"), (1, beat)]  # the answer is to the last of them
+
+
 @pytest.mark.parametrize(("settings", "runner"), [({}, 7), ({"ready": lost}, 7), ({"runner": ended}, None)])
 def test_one_that_takes_the_place_of_a_lost_watchdog_guards_from_its_start(monkeypatch, settings, runner):
     """The runner that ordered it died before it was up."""
@@ -311,6 +323,26 @@ def test_a_runner_that_is_stopped_before_its_first_command_is_ended_and_its_leas
     assert not (tmp_path / "lease").exists() and not (tmp_path / "watchdog").exists()
     for pipe in (runner.stdin, guard.stdin, guard.stdout, guard.stderr):
         pipe.close()
+
+
+def test_a_runner_that_reads_nothing_does_not_stop_its_watchdog():
+    """The echoes of forty long beats are more than a pipe holds, 64 KiB (pipe(7))."""
+    order = {
+        "bench": load_bench_file(DEMO).model_dump(mode="json"),
+        "run_folder": "/nowhere",
+        "runner": os.getpid(),
+        "lease": [],
+        "armed": False,
+    }
+    words = [sys.executable, "-P", "-m", "bench.control.watchdog"]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as guard:
+        beats = b"".join(beat_line(k, host_seconds()).rstrip(b"\n") + b"0" * 4000 + b"\n" for k in range(40))
+        guard.stdin.write(json.dumps(order).encode() + b"\n" + beats + DISMISS)
+        guard.stdin.flush()
+        try:
+            assert guard.wait(60) == 0
+        finally:
+            guard.kill()
 
 
 def test_the_order_is_read_to_the_end_of_its_line(monkeypatch):
@@ -457,6 +489,36 @@ def test_a_watchdog_that_does_not_come_up_is_an_error(guarded, said):
     assert guarded.told == []
 
 
+def test_a_watchdog_is_waited_for_a_minute_from_its_start(guarded, monkeypatch):
+    waited_s = []
+
+    def wait(readers, writers, others, timeout_s):
+        waited_s.append(timeout_s)
+        guarded.now_s += timeout_s + 0.001  # a wait ends a little late
+        return [], [], []
+
+    monkeypatch.setattr(watchdog, "select", SimpleNamespace(select=wait))
+    guarded.now_s += 15.0
+    with pytest.raises(BenchError, match="did not start") as late:
+        guarded.dog.arm()
+    assert waited_s == [45.0] and late.value.expected == "its word within 60 s"
+
+
+def test_a_watchdog_that_does_not_end_when_told_is_ended_after_five_seconds(guarded):
+    guarded.arm()
+    waited_s = []
+
+    def wait(timeout=None):
+        waited_s.append(timeout)
+        if timeout is not None:
+            raise subprocess.TimeoutExpired("watchdog", timeout)
+
+    guarded.process.wait = wait
+    guarded.dog.dismiss()
+    assert guarded.process.killed and waited_s == [5.0, None]
+    assert [event.code for event in guarded.told] == ["watchdog_lost"]
+
+
 def test_a_watchdog_that_answers_is_well_however_late_the_runner_looks(guarded):
     guarded.arm()
     assert guarded.run(5.0) == []
@@ -498,6 +560,38 @@ def test_without_another_watchdog_the_run_is_invalid_and_ends(guarded, how):
     assert told[-1] == "unguarded" and told.count("unguarded") == 1
     assert len(guarded.stopped) == 1
     guarded.dog.dismiss()
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_the_alarm_says_which_watchdog_is_lost_and_for_how_long_it_said_nothing(guarded, stopped):
+    guarded.arm()
+    guarded.now_s += 0.25
+    guarded.dog.beat()
+    if stopped:
+        guarded.now_s += 1.75  # since the beat that was not answered
+    else:
+        guarded.process.end()
+        guarded.now_s += 0.25
+    guarded.dog.beat()
+    (alarm,) = guarded.told
+    assert alarm.facts == {"pid": 4711} | ({"silent_s": pytest.approx(1.75)} if stopped else {})
+
+
+def test_one_in_place_of_a_lost_watchdog_is_waited_for_twenty_seconds(guarded):
+    guarded.arm()
+    guarded.process.end()
+    guarded.run(0.25)
+    for waited_s, stopped in ((19.9, 0), (0.3, 1)):
+        guarded.now_s += waited_s
+        guarded.dog.beat()
+        assert len(guarded.stopped) == stopped
+
+
+def test_beats_before_the_word_that_arms_have_no_number_to_answer(guarded):
+    guarded.process.read()
+    guarded.now_s += 0.5
+    guarded.dog.beat()
+    assert guarded.process.read() == b"0 100.500000\n"
 
 
 def test_a_watchdog_that_is_lost_again_and_again_ends_the_run(guarded):

@@ -17,6 +17,7 @@ import numpy as np
 
 from bench.analysis.calibration._conventions import AXES, rotation
 from drivers.base.arrays import Array
+from drivers.base.constants import DIRECTIONS
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
 
@@ -24,14 +25,6 @@ SCHEMES_FOLDER = Path(__file__).parent / "schemes"
 Profile = Literal["constant", "smooth"]
 """`constant` rate, or `smooth`: angle = A (s - sin(2 pi s) / 2 pi) over the same time."""
 
-DIRECTIONS = {
-    "east": (1, 0, 0),
-    "west": (-1, 0, 0),
-    "north": (0, 1, 0),
-    "south": (0, -1, 0),
-    "up": (0, 0, 1),
-    "down": (0, 0, -1),
-}
 _MOVE = re.compile(r"([+-])([xyz])(\d*)")
 _ALIASES = {"optimised": "t22"}
 ANGLES = (90, 180, 270, 360)

@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.analysis.calibration._conventions import rotation
-from bench.analysis.calibration._schedule import DIRECTIONS, Schedule, home_text
+from bench.analysis.calibration._schedule import Schedule, home_text
 from bench.analysis.calibration._table import Table
 from drivers.base.arrays import Array
+from drivers.base.constants import DIRECTIONS
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:

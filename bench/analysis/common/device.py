@@ -7,13 +7,24 @@ torch sees a device, else `cpu`. Without a driver torch is not even imported: th
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from drivers.base.errors import ConfigurationError
+from drivers.base.plugins import from_extra
 
 VARIABLE = "GYROBENCH_DEVICE"
 CPU = "cpu"
 _DRIVER = Path("/proc/driver/nvidia/version")
+
+
+def _torch() -> Any:
+    """Return torch; None where it is not installed: a driver alone does not ask for it."""
+    try:
+        return import_module("torch")
+    except ImportError:
+        return None
 
 
 def compute_device() -> str:
@@ -21,8 +32,9 @@ def compute_device() -> str:
     asked = os.environ.get(VARIABLE, "").strip()
     if asked == CPU or (not asked and not _DRIVER.exists()):
         return CPU
-    import torch
-
+    torch = from_extra("torch", "torch", f"{VARIABLE}={asked}") if asked else _torch()
+    if torch is None:
+        return CPU
     if not asked:
         return "cuda" if torch.cuda.is_available() else CPU
     kind, _, number = asked.partition(":")

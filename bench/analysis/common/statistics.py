@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,6 +40,70 @@ def bias_stability(values: Array, count: int = BLOCK_S) -> float:
             remedy="evaluate a longer run",
         )
     return float(np.std(means, ddof=1))
+
+
+class Improved(Protocol):
+    """A run before and after: the improvement in %, and the one that subtracting the true drift would give."""
+
+    @property
+    def improvement_pct(self) -> float | None:
+        """Less spread than before, %."""
+
+    @property
+    def oracle_pct(self) -> float | None:
+        """The same for the true drift, %."""
+
+
+def attained(rows: Sequence[Improved]) -> tuple[float | None, float | None]:
+    """Return (mean attainable improvement, share of it attained), both in %, over the runs that know both.
+
+    The share is that of the means: a run on which little can be attained weighs little.
+    """
+    both = [
+        (row.oracle_pct, row.improvement_pct)
+        for row in rows
+        if row.oracle_pct is not None and row.improvement_pct is not None
+    ]
+    if not both:
+        return None, None
+    limit, reached = (sum(column) / len(both) for column in zip(*both, strict=True))
+    return limit, 100.0 * reached / limit if limit > 0.0 else None
+
+
+@dataclass(frozen=True)
+class Apart:
+    """A comparison before and after, split where the model says of itself that it is out of its range.
+
+    `outside`, `count`: how many samples are outside, and how many there are. `inside_before` and so on: spread of
+    the block means of either part, in the unit of the values; None for a part of fewer than two blocks.
+    """
+
+    outside: int
+    count: int
+    inside_before: float | None
+    inside_after: float | None
+    outside_before: float | None
+    outside_after: float | None
+
+
+def apart(
+    before: Array,
+    after: Array,
+    outside: NDArray[np.bool_],
+    *,
+    block: int = BLOCK_S,
+    spread: Callable[[Array], float] = lambda means: float(np.std(means, ddof=1)),
+) -> Apart:
+    """Split `before` and `after` (n,) by `outside` (n,); a block with any sample outside is outside."""
+    blocks = len(outside) // block
+    beyond = outside[: blocks * block].reshape(-1, block).any(axis=1)
+    found: list[float | None] = []
+    for part in (~beyond, beyond):
+        for values in (before, after):
+            means = block_means(values, block)[part]
+            means = means[np.isfinite(means)]
+            found.append(spread(means) if len(means) > 1 else None)
+    return Apart(int(outside.sum()), len(outside), *found)
 
 
 def hold(values: Array, known: NDArray[np.bool_] | None = None) -> Array:

@@ -19,6 +19,13 @@ from drivers.base.errors import ConfigurationError
 
 PIVOT_TOLERANCE = 1e-10
 """A term cannot enter when the terms in leave less than this fraction of its variance unexplained."""
+_EXACT_PIVOT = 1e-3
+"""Cross products lose a digit with each power of ten of a pivot: below this terms are orthogonalised instead."""
+_LEAST_DIAGONAL = 3e-9
+"""Smallest diagonal of the triangle of unit columns: rounding over it is 1e-7, seven digits are left."""
+_REFINABLE = 1e-5
+"""Diagonals from which correcting by the normal equations converges."""
+_CORRECTIONS = 3
 _TIE = 1e-6
 """Probabilities as close as this part are equal but for rounding."""
 
@@ -158,13 +165,54 @@ class _Problem:
         self.products = both.T @ both
 
     def swept(self, inside: Sequence[int]) -> Array:
-        """Sweep the terms in: their block is then minus the inverse, their last column the coefficients."""
-        matrix = self.products.copy()
+        """Sweep the terms in: their block is then minus the inverse, their last column the coefficients.
+
+        With a pivot below `_EXACT_PIVOT` the terms' own numbers come from `orthogonal`.
+        """
+        matrix: Array = self.products.copy()
+        least = 1.0
         for k in inside:
+            least = min(least, float(matrix[k, k]))
+            if least <= 0.0:
+                break
             pivot, row, column = matrix[k, k], matrix[k].copy(), matrix[:, k].copy()
             matrix -= np.outer(column, row / pivot)
             matrix[k], matrix[:, k], matrix[k, k] = row / pivot, column / pivot, -1.0 / pivot
-        return np.asarray(matrix)
+        if least >= _EXACT_PIVOT:
+            return matrix
+        slope, variance, remaining = self.orthogonal(inside)
+        at = np.array(inside)
+        if least < PIVOT_TOLERANCE:  # what products say of the terms that are out is rounding
+            matrix = np.zeros_like(matrix)
+        matrix[at, at], matrix[at, -1], matrix[-1, -1] = -variance, slope, remaining
+        return matrix
+
+    def orthogonal(self, inside: Sequence[int]) -> tuple[Array, Array, float]:
+        """Return coefficients of unit columns, diagonal of their inverse products, share of y left.
+
+        By QR, corrected by the normal equations in extended precision where that converges (Bjorck, Numerical
+        Methods for Least Squares Problems, 6.6.5). ConfigurationError where fewer than seven digits are left.
+        """
+        columns, y = self.x[:, list(inside)].astype(np.longdouble), self.y.astype(np.longdouble)
+        columns = (columns - columns.mean(axis=0)) / self.norm[list(inside)]
+        y = (y - y.mean()) / self.norm[-1]
+        q, r = np.linalg.qr(columns.astype(np.float64))
+        least = float(np.abs(np.diag(r)).min())
+        if least < _LEAST_DIAGONAL:
+            raise ConfigurationError(
+                "the terms are so alike that no coefficient of theirs has seven digits",
+                where="stepwise",
+                found=f"a term of which the others leave {least:.1g} of its size unexplained",
+                expected=f"at least {_LEAST_DIAGONAL:.0g}",
+                remedy="leave out a term, or centre the variable that powers are taken of",
+            )
+        slope = np.linalg.solve(r, q.T @ y.astype(np.float64)).astype(np.longdouble)
+        for _ in range(_CORRECTIONS if least > _REFINABLE else 0):
+            gradient = (columns.T @ (y - columns @ slope)).astype(np.float64)
+            slope = slope + np.linalg.solve(r, np.linalg.solve(r.T, gradient))
+        left = y - columns @ slope
+        variance = np.sum(np.linalg.inv(r) ** 2, axis=1)
+        return slope.astype(np.float64), variance, float(left @ left)
 
     def step(self, action: str, term: str, f: float, p: float, inside: Sequence[int]) -> StepwiseStep:
         """Return the regression on the terms `inside`."""

@@ -1,4 +1,4 @@
-"""Scale factor from a sequence of rates: nonlinearity, asymmetry, repeatability, temperature sensitivity."""
+"""Scale factor from a sequence of rates: nonlinearity, asymmetry, repeatability, hysteresis, with intervals."""
 
 from __future__ import annotations
 
@@ -7,9 +7,31 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
+from bench.analysis.common.allan_noise import NoiseCoefficients
+from bench.analysis.common.mean_noise import covariance_of_means, draws
+from bench.analysis.figures._estimate import DRAWS, Estimate, largest, linear, spread
 from drivers.base.arrays import Array
+from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
+
+_ENOUGH = 8
+"""Degrees of freedom from which the scatter of repeats says more than the noise at rest."""
+
+
+@dataclass(frozen=True)
+class RateSequence:
+    """Dwells of one sequence in the order of measurement, shape (n,) each.
+
+    `nominal_dps`: the rate asked for; `rate_dps`: the rate by the table's encoder; `output`: the gyro's mean.
+    """
+
+    nominal_dps: Array
+    rate_dps: Array
+    output: Array
+    start_s: Array
+    end_s: Array
 
 
 @dataclass(frozen=True)
@@ -23,17 +45,19 @@ class ScaleFactorFit:
 
 @dataclass(frozen=True)
 class ScaleFactorFigures:
-    """Figures of one or more sequences. `repeatability_ppm` is None for one sequence.
+    """Figures of one or more sequences, ppm but for the scale factor, each with its 95 % interval.
 
-    `hysteresis_ppm`: largest difference between output at the same rate with rates rising and falling, of full
-    scale; None when no rate was approached from both sides.
+    Nonlinearity: largest residual of any rate, averaged over its dwells, over the output at the largest rate.
+    Asymmetry: (K+ - K-) / K, positive where the gyro gives more at positive rates. Hysteresis: largest difference
+    at one rate, falling less rising, of full scale, with its sign; None when no rate was approached from both
+    sides. Repeatability: standard deviation of K over sequences beyond noise; None for one sequence.
     """
 
-    scale_factor: float
-    nonlinearity_ppm: float
-    asymmetry_ppm: float
-    repeatability_ppm: float | None
-    hysteresis_ppm: float | None
+    scale_factor: Estimate
+    nonlinearity_ppm: Estimate
+    asymmetry_ppm: Estimate
+    repeatability_ppm: Estimate | None
+    hysteresis_ppm: Estimate | None
 
 
 def fit_rate_sequence(rate_dps: ArrayLike, output: ArrayLike) -> ScaleFactorFit:
@@ -50,72 +74,136 @@ def fit_rate_sequence(rate_dps: ArrayLike, output: ArrayLike) -> ScaleFactorFit:
             expected="at least 3 different rates with an output each; 11 a sign for a figure of the standards",
             remedy="add rates to the sequence",
         )
-    slope = _slope(rate, out)
+    slope = float(slope_weights(rate) @ out)
     offset = float(out.mean() - slope * rate.mean())
     return ScaleFactorFit(slope, offset, out - slope * rate - offset)
 
 
-def scale_factor_figures(sequences: Sequence[tuple[ArrayLike, ArrayLike]]) -> ScaleFactorFigures:
-    """Return the figures of sequences of (rates in deg/s, outputs), each in the order of measurement.
+def slope_weights(rate: Array) -> Array:
+    """Return the weights (n,) of outputs in the least-squares slope over `rate` (n,)."""
+    centred = rate - rate.mean()
+    return np.asarray(centred / (centred @ centred))
 
-    Nonlinearity: largest residual over the output at the largest rate. Asymmetry: |K+ - K-| / K, each sign fitted
-    with the zero-rate points through a line of its own. Repeatability: sample standard deviation of K over
-    sequences by their mean.
+
+def scale_factor_figures(
+    sequences: Sequence[RateSequence], noise: NoiseCoefficients | None
+) -> ScaleFactorFigures:
+    """Return the figures of sequences whose outputs are in deg/s.
+
+    Every figure is linear in the outputs or the largest of linear ones; draws of the gyro's noise go through the
+    same weights. The size of the noise is that of the repeats where there are enough, else that of `noise`, the
+    coefficients of the unit at rest. ConfigurationError where there is neither.
     """
-    fits = [fit_rate_sequence(rate, out) for rate, out in sequences]
-    mean = float(np.mean([fit.scale_factor for fit in fits]))
-    worst, hysteresis, asymmetry = 0.0, [], []
-    for (rates, outputs), fit in zip(sequences, fits, strict=True):
-        rate, out = np.asarray(rates, dtype=np.float64), np.asarray(outputs, dtype=np.float64)
-        full_scale = abs(fit.scale_factor) * float(np.abs(rate).max())
-        worst = max(worst, float(np.abs(fit.residual).max()) / full_scale)
-        asymmetry.append(_asymmetry(rate, out) / abs(fit.scale_factor))
-        if (difference := _rising_and_falling(rate, out)) is not None:
-            hysteresis.append(difference / full_scale)
-    slopes = [fit.scale_factor for fit in fits]
+    fits = [fit_rate_sequence(item.rate_dps, item.output) for item in sequences]
+    slopes = np.array([fit.scale_factor for fit in fits])
+    mean = float(slopes.mean())
+    output = np.concatenate([item.output for item in sequences])
+    full_scale = abs(mean) * max(float(np.abs(item.rate_dps).max()) for item in sequences)
+    to_slope = block_diag(*(slope_weights(item.rate_dps)[None] for item in sequences))
+    residual = block_diag(*(_residual_weights(item.rate_dps) for item in sequences))
+    at_rate = _rows_of_rates(sequences) @ residual
+    differences = _rising_and_falling(sequences)
+    errors = _errors(sequences, residual, output, noise)
+    sides = np.concatenate([_asymmetry_weights(item) for item in sequences]) / len(sequences)
+    hysteresis = None
+    if len(differences):
+        size = largest(differences @ residual @ output, errors @ (differences @ residual).T)
+        hysteresis = _signed(size, differences @ residual @ output).times(1e6 / full_scale)
+    of_slopes = errors @ to_slope.T
     return ScaleFactorFigures(
-        scale_factor=mean,
-        nonlinearity_ppm=1e6 * worst,
-        asymmetry_ppm=1e6 * float(np.mean(asymmetry)),
-        repeatability_ppm=relative_repeatability_ppm(slopes) if len(slopes) > 1 else None,
-        hysteresis_ppm=1e6 * max(hysteresis) if hysteresis else None,
+        scale_factor=linear(mean, of_slopes.mean(axis=1)),
+        nonlinearity_ppm=largest(at_rate @ output, errors @ at_rate.T).times(1e6 / full_scale),
+        asymmetry_ppm=linear(float(sides @ output), errors @ sides).times(1e6 / abs(mean)),
+        repeatability_ppm=spread(slopes, np.cov(of_slopes.T)).times(1e6 / abs(mean))
+        if len(fits) > 1
+        else None,
+        hysteresis_ppm=hysteresis,
     )
 
 
-def relative_repeatability_ppm(scale_factors: ArrayLike) -> float:
-    """Return the sample standard deviation over the mean, ppm (GJB 2426A, scale-factor repeatability)."""
-    values = np.asarray(scale_factors, dtype=np.float64)
-    return float(1e6 * np.std(values, ddof=1) / abs(values.mean()))
+def _errors(
+    sequences: Sequence[RateSequence], residual: Array, output: Array, noise: NoiseCoefficients | None
+) -> Array:
+    """Return draws (m, n) of the outputs' errors, a level of each sequence taken off."""
+    start, end = (
+        np.concatenate([getattr(item, name) for item in sequences]) for name in ("start_s", "end_s")
+    )
+    repeats = _repeats(sequences)
+    if repeats is None and noise is None:
+        raise ConfigurationError(
+            "these rates tell nothing of their own noise",
+            where="standard test",
+            found=f"{len(sequences)} sequence of {len(sequences[0].output)} dwells, no noise record",
+            expected="the noise coefficients of the unit, or at least two equal sequences",
+            remedy="record the noise, or set sequences to 2 or more",
+        )
+    covariance = np.zeros((len(start), len(start)))
+    if noise is not None:
+        covariance = covariance_of_means(start, end, noise)
+    if repeats is not None and not covariance.any():
+        covariance = np.diag(1.0 / (end - start))
+    centre = block_diag(*(np.eye(len(item.output)) - 1.0 / len(item.output) for item in sequences))
+    # With a level taken off the covariance is one: of flicker and random walk only differences have a variance.
+    errors = draws(centre @ covariance @ centre, DRAWS) / DPH_PER_DPS
+    if repeats is None:
+        return errors
+    weights = repeats @ residual
+    drawn = np.linalg.norm(errors @ weights.T, axis=1)
+    return np.asarray(errors * (np.linalg.norm(weights @ output) / drawn)[:, None])
 
 
-def _slope(rate: Array, out: Array) -> float:
-    centred = rate - rate.mean()
-    return float(centred @ out / (centred @ centred))
+def _repeats(sequences: Sequence[RateSequence]) -> Array | None:
+    """Return what compares each dwell with the same one of the other sequences; None for too few repeats."""
+    first = sequences[0].nominal_dps
+    equal = all(np.array_equal(item.nominal_dps, first) for item in sequences)
+    count = len(sequences)
+    if not equal or (count - 1) * (len(first) - 2) < _ENOUGH:
+        return None
+    return np.asarray(np.kron(np.eye(count) - 1.0 / count, np.eye(len(first))))
 
 
-def _asymmetry(rate: Array, out: Array) -> float:
-    """Return |K+ - K-|: slopes through the rates of each sign and zero."""
-    slopes = []
+def _residual_weights(rate: Array) -> Array:
+    design = np.column_stack([np.ones_like(rate), rate])
+    return np.asarray(np.eye(len(rate)) - design @ np.linalg.pinv(design))
+
+
+def _rows_of_rates(sequences: Sequence[RateSequence]) -> Array:
+    """Return the means over the dwells of each rate, (rates, n)."""
+    nominal = np.concatenate([item.nominal_dps for item in sequences])
+    same = nominal == np.unique(nominal)[:, None]
+    return np.asarray(same / same.sum(axis=1, keepdims=True))
+
+
+def _rising_and_falling(sequences: Sequence[RateSequence]) -> Array:
+    """Return for each rate approached from both sides the mean after falling less that after rising, (k, n)."""
+    nominal = np.concatenate([item.nominal_dps for item in sequences])
+    change = np.concatenate([np.diff(item.nominal_dps, prepend=item.nominal_dps[0]) for item in sequences])
+    rows = []
+    for value in np.unique(nominal):
+        up, down = ((nominal == value) & (sign * change > 0.0) for sign in (1.0, -1.0))
+        if up.any() and down.any():
+            rows.append(down / down.sum() - up / up.sum())
+    return np.array(rows).reshape(len(rows), len(nominal))
+
+
+def _signed(size: Estimate, values: Array) -> Estimate:
+    """Return a largest magnitude with the sign of the value it came from; one not seen may have either."""
+    if not size.seen:
+        return Estimate(size.value, -size.high, size.high, seen=False)
+    return size.times(float(np.sign(values[np.argmax(np.abs(values))])))
+
+
+def _asymmetry_weights(item: RateSequence) -> Array:
+    """Return the weights of outputs in K+ - K-: slopes through the rates of each sign and zero."""
+    weights = np.zeros_like(item.rate_dps)
     for sign in (1.0, -1.0):
-        side = sign * rate >= 0.0
-        if len(np.unique(rate[side])) < 2:
+        side = sign * item.nominal_dps >= 0.0
+        if len(np.unique(item.nominal_dps[side])) < 2:
             raise ConfigurationError(
                 "no asymmetry without two rates of each sign",
                 where="standard test",
-                found=f"{len(np.unique(rate[side]))} of sign {sign:+.0f}",
+                found=f"{len(np.unique(item.nominal_dps[side]))} of sign {sign:+.0f}",
                 remedy="run the sequence to both sides",
             )
-        slopes.append(_slope(rate[side], out[side]))
-    return abs(slopes[0] - slopes[1])
-
-
-def _rising_and_falling(rate: Array, out: Array) -> float | None:
-    """Return the largest difference at one rate between arriving from below and from above."""
-    change = np.diff(rate, prepend=rate[0])
-    differences = []
-    for value in np.unique(rate):
-        at = rate == value
-        up, down = out[at & (change > 0.0)], out[at & (change < 0.0)]
-        if len(up) and len(down):
-            differences.append(abs(float(up.mean() - down.mean())))
-    return max(differences, default=None)
+        weights[side] += sign * slope_weights(item.rate_dps[side])
+    return weights

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from bench.analysis.gap._findings import Cause, rivals_of
-from bench.analysis.gap._fit import Solution, weighted_gram
+from bench.analysis.gap._fit import Solution, beside_nominal, weighted_gram
 from bench.analysis.gap._generic import absorbed
 from bench.analysis.gap._model_file import Model, Term
-from bench.analysis.gap._unknown import CREDIBLE, credibility
+from bench.analysis.gap._unknown import CREDIBLE, PREVALENT, credibility, prevalence
 from bench.analysis.gap._which import Found, set_weights
 from simulators.effects import Variant
 
@@ -37,7 +37,7 @@ def causes_of(
     """Return the best set's effects as causes, and those that only resemble a part of something unknown."""
     best, posterior = found.best, found.posterior
     weights = set_weights(found.judged)
-    q = len(model.sigmas)
+    q, gram = len(model.sigmas), weighted_gram(found.data.cells, found.variance)
     unknown = sum(both[1] for both in weights.values())
     curves = [variants[each].effect for each in best.members if posterior.candidates[each].curve]
     named: list[Cause[Term]] = []
@@ -69,7 +69,9 @@ def causes_of(
             one_of=one_of,
             set_probability=(1.0 - _MIMICRY) * _of_any(weights, set(one_of)),
         )
-        doubt = unknown > 0.5 and (trust < CREDIBLE or place < _SURE)
+        acting = beside_nominal(gram, model.sigmas, best.solution, own)
+        common = prevalence(found.data.cells, found.before, acting, best.rest)
+        doubt = unknown > 0.5 and (trust < CREDIBLE or common < PREVALENT or place < _SURE)
         doubt |= _of_any(weights, set(one_of)) < _LEAST_NAMED or len(one_of) > _MOST_ALIKE
         if doubt or absorbed(variants[member].effect, curves):
             # fitted beside a curve it would not stand alone

@@ -40,7 +40,7 @@ def curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
     effect = variant.effect
     if not isinstance(effect, FreeCurve):
         raise TypeError(f"{effect.name} is no free curve")
-    if not effect.nodes:
+    if effect.orders:
         size = list(zip((abs(value) for value in values), effect.orders, strict=True))
         _, order = max(size, key=lambda each: each[0])
         what = "proportional to rate" if effect.curve.of_rate else "at any rate"
@@ -49,15 +49,18 @@ def curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
     lag_s = variant.shape.get("lag_s")
     unit, kind = ("ppm of rate", "Scale factor") if effect.curve.of_rate else ("deg/h", "Bias")
     above_c = REFERENCE_C if effect.curve.over is Input.T_IN else 0.0
-    at = tuple(round(node, 2) + above_c for node in effect.nodes)
-    top = int(np.argmax(np.abs(values)))
+    inputs, curve = effect.drawn(variant.shape, values)
+    at = tuple(round(each, 2) + above_c for each in inputs.tolist())
+    top = int(np.argmax(np.abs(curve)))
     late = f", {lag_s:.0f} s late" if lag_s else ""
     unit_at = {Input.T_IN: "degC", Input.GRADIENT: "K"}.get(effect.curve.over, "K/min")
     sentence = (
         f"{kind} follows {effect.follows}{late}, by a curve that no effect of the catalogue has; "
-        f"largest, {values[top]:.3g} {unit}, at {at[top]:.3g} {unit_at}."
+        f"largest, {curve[top]:.3g} {unit}, at {at[top]:.3g} {unit_at}."
     )
-    return UnknownPart(effect.follows, sentence, lag_s, unit=unit, at=at, curve=tuple(values), term=term)
+    return UnknownPart(
+        effect.follows, sentence, lag_s, unit=unit, at=at, curve=tuple(curve.tolist()), term=term
+    )
 
 
 def line_part(line: SpectralLine) -> UnknownPart:

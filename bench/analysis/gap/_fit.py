@@ -57,6 +57,15 @@ def solve(gram: Array, prior_sigmas: Array, chosen: Sequence[int]) -> Solution:
     return Solution(indices, covariance @ gram[indices, 0], covariance)
 
 
+def beside_nominal(gram: Array, prior_sigmas: Array, fitted: Solution, columns: Sequence[int]) -> Solution:
+    """Return what some columns of a fit do that the nominal columns, fitted to it with their priors, do not."""
+    nominal, at = np.arange(1, 1 + len(prior_sigmas)), np.isin(fitted.indices, columns)
+    own, values = fitted.indices[at], fitted.values[at]
+    normal = gram[np.ix_(nominal, nominal)] + np.diag(1.0 / prior_sigmas**2)
+    taken = np.linalg.solve(normal, gram[np.ix_(nominal, own)] @ values)
+    return Solution(np.concatenate((nominal, own)), np.concatenate((-taken, values)), np.zeros((0, 0)))
+
+
 def energies(cells: Sequence[Cell], solution: Solution) -> Array:
     """Return the energy of the whitened data that a solution leaves in each cell, (cells,)."""
     columns = np.concatenate(([0], solution.indices))

@@ -6,6 +6,7 @@ merely imitates the real dependence loses. The winner also says what the missing
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -37,6 +38,10 @@ _FINE = 18
 """Nodes of a curve over temperature that shows lines and ripples some kelvins wide."""
 _NODES = (2, 3, 5, 9)
 """How finely a curve is drawn is not known before: a straight one costs one parameter, a winding one many."""
+_PLACES_APART_K = 4.0
+_WIDTHS_K = (2.0, 5.0)
+_ABOUT = np.linspace(-4.0, 4.0, 17)
+"""Where the curve about one temperature is shown, in widths."""
 _ANGLE = "table angle"
 _TURNING_DPS = 1.0
 _STEADY_DPS = 0.01
@@ -61,14 +66,28 @@ INPUTS = {
 
 @dataclass(frozen=True)
 class FreeCurve(Effect):
-    """A curve of any form over one input: linear splines between `nodes`, or harmonics of the table's angle.
+    """A curve of any form over one input: linear splines between `nodes`, harmonics of the table's angle, or a
+    resonance at one input.
 
-    `nodes` are the inputs at which its parameters hold, empty of harmonics; `orders` are those of its parameters.
+    `nodes` are the inputs at which its parameters hold, empty of others; `orders` are the harmonics of its
+    parameters. What has neither is a resonance.
     """
 
     curve: Curve = _NO_CURVE
     nodes: tuple[float, ...] = ()
     orders: tuple[int, ...] = ()
+
+    @property
+    def local(self) -> bool:
+        """Whether it is a resonance at one input, whose place can move."""
+        return not self.nodes and not self.orders
+
+    def drawn(self, shape: Shape, values: Sequence[float]) -> tuple[Array, Array]:
+        """Return inputs and the curve there, (m,) each, for a curve over one input, no harmonics."""
+        if self.local:
+            even, odd = _resonance(_ABOUT)
+            return shape["at"] + shape["width"] * _ABOUT, values[0] * even + values[1] * odd
+        return np.array(self.nodes), np.array(values)
 
 
 def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
@@ -91,6 +110,8 @@ def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
             effects += [_spline(Curve(over), nodes, lags_s)]
             if turning:
                 effects += [_spline(Curve(over, of_rate=True), nodes, lags_s)]
+        if over is Input.T_IN:
+            effects.append(_local(Curve(over), low, high))
     if turning:
         effects.append(_harmonics("rate over table angle", Curve(Input.ANGLE, of_rate=True)))
     effects.append(_harmonics("bias over table angle", Curve(Input.ANGLE)))
@@ -111,14 +132,18 @@ def grid_points(effect: Effect) -> int:
 
 def smooth(effect: Effect, runs: Sequence[GapRun]) -> bool:
     """Return whether an effect's columns have nothing in the fast bands: curves over temperatures."""
-    if not isinstance(effect, FreeCurve) or not effect.nodes:
+    if not isinstance(effect, FreeCurve) or effect.orders:
         return False
     return not effect.curve.of_rate or all(np.ptp(run.stimulus.axis_rate_dps) < _STEADY_DPS for run in runs)
 
 
 def absorbed(effect: Effect, curves: Sequence[Effect]) -> bool:
-    """Return whether a free curve in the model is over the very input that an effect is a function of."""
-    return effect.curve is not None and any(effect.curve == curve.curve for curve in curves)
+    """Return whether a free curve in the model is over the very input that an effect is a function of.
+
+    A resonance there has a form of its own, that of no effect.
+    """
+    whole = (each for each in curves if not (isinstance(each, FreeCurve) and each.local))
+    return effect.curve is not None and any(effect.curve == curve.curve for curve in whole)
 
 
 def _spline(curve: Curve, nodes: Array, lags_s: Sequence[float]) -> FreeCurve:
@@ -133,6 +158,30 @@ def _spline(curve: Curve, nodes: Array, lags_s: Sequence[float]) -> FreeCurve:
     names = tuple(f"{unit}_at_{node:.2f}" for node in nodes[1:])
     shapes = tuple({"lag_s": lag} for lag in lags_s)
     return _effect(name, names, formula, along.words, curve, shapes, nodes=tuple(nodes[1:].tolist()))
+
+
+def _local(curve: Curve, low: float, high: float) -> FreeCurve:
+    along = INPUTS[curve.over]
+
+    def formula(s: Stimulus, shape: Shape) -> Array:
+        return _resonance((s.lagged(along.values(s), shape["lag_s"]) - shape["at"]) / shape["width"])
+
+    places = np.linspace(low, high, 1 + math.ceil((high - low) / _PLACES_APART_K)).tolist()
+    shapes = tuple(
+        {"at": at, "width": width, "lag_s": lag_s}
+        for at in places
+        for width in _WIDTHS_K
+        for lag_s in _FINE_LAGS_S
+    )
+    return _effect(
+        f"resonance over {along.words}", ("even_dph", "odd_dph"), formula, along.words, curve, shapes
+    )
+
+
+def _resonance(x: Array) -> Array:
+    """Return a resonance's two quadratures over the detuning in half widths (n,): Lorentz's lines, (2, n)."""
+    even = 1.0 / (1.0 + x**2)
+    return np.stack([even, 2.0 * x * even])
 
 
 def _hats(values: Array, nodes: Array) -> Array:

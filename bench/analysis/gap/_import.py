@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import poisson
 
 from bench.analysis.gap._data import GapRun, interpolated, stand_ins
 from bench.analysis.gap._rows import Steps
@@ -19,8 +20,13 @@ from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
 
-_TIMES_CHANCE = 3.0
-"""How much more often neighbours must be equal than rows two apart for repeats to be held rows."""
+_NEXT_TO_NONE = 20
+"""Smallest steps between rows that say how often a step would be none by chance."""
+_TIMES_CHANCE = 2.0
+_BY_CHANCE = 1e-6
+"""Probability below which rows are not equal by chance, where that is as many times as frequent as estimated."""
+_FUZZ = 1e-6
+"""Part of a usual step below which two values differ by the rounding of their text."""
 _MOST_HELD = 0.2
 """Part of the rows that a logger may have held."""
 
@@ -97,12 +103,20 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
 def held_rows(values: Array) -> NDArray[np.bool_]:
     """Return which rows only repeat the one before, (n,): a logger does that where a sample is lost.
 
-    None of a signal so coarse that values come again by themselves: there rows two apart are equal as often. None
-    of one without noise, where most rows are equal.
+    None where as many could be equal by chance, as steps next to none say of a coarse signal, and rows two apart
+    that are equal; none of one without noise, where most rows are equal.
     """
-    same = np.concatenate(([False], values[1:] == values[:-1]))
-    by_chance = int(((values[2:] == values[:-2]) & (values[1:-1] != values[2:])).sum())
-    if same.sum() < _TIMES_CHANCE * by_chance or same.mean() > _MOST_HELD:
+    steps = np.abs(np.diff(values))
+    same = np.concatenate(([False], steps == 0.0))
+    others = np.sort(steps[steps > 0.0])
+    if not same.any() or len(others) < _NEXT_TO_NONE or same.mean() > _MOST_HELD:
+        return np.zeros_like(same)
+    apart = np.diff(np.unique(values[~np.isnan(values)]))
+    quantum = float(apart[apart > _FUZZ * float(np.median(others))].min())
+    near = float(others[_NEXT_TO_NONE - 1]) * (1.0 + _FUZZ)
+    again = int(((values[2:] == values[:-2]) & (values[1:-1] != values[2:])).sum())
+    by_chance = max(0.5 * int(np.searchsorted(others, near)) * quantum / near, again)
+    if poisson.sf(int(same.sum()) - 1, _TIMES_CHANCE * by_chance) > _BY_CHANCE:
         same[:] = False
     return same
 

@@ -122,21 +122,26 @@ def curves_that_matter(
         gained = float(other.left.sum()) - float(curved.left.sum())
         return gained > (missed_beside(effects[curve]) if same else MISFIT) ** 2 * theirs
 
-    def matters(one: Judged) -> bool:
-        pairs = [
-            (curve, other)
-            for curve in one.names & one.curves
-            for other in judged
-            if one.names - {curve} <= other.names
-            and len(other.names) <= len(one.names)
-            and not (other.names - one.names) & other.curves
-            and curve not in other.names
-        ]
-        return all(enough(one, *pair) for pair in pairs)
+    by_names = {one.names for one in judged}
+    forms: list[tuple[frozenset[str], str, frozenset[str]]] = []
+    for one in judged:
+        for curve in one.names & one.curves:
+            for other in judged:
+                if not one.names - {curve} <= other.names or len(other.names) > len(one.names):
+                    continue
+                if (other.names - one.names) & other.curves or curve in other.names:
+                    continue
+                if not enough(one, curve, other):
+                    forms.append((one.names, curve, other.names - one.names))
 
-    form = [one.names for one in judged if not matters(one)]
-    # what is added to a form makes no effect of it
-    return [one for one in judged if not any(names <= one.names for names in form)]
+    def only_form(one: Judged) -> bool:
+        """Return whether a set holds a form; what is added to one makes no effect of it."""
+        return any(
+            names == one.names or (names < one.names and (one.names - {curve}) | instead not in by_names)
+            for names, curve, instead in forms
+        )
+
+    return [one for one in judged if not only_form(one)]
 
 
 def correcting(names: frozenset[str], effects: Mapping[str, Effect]) -> Iterator[frozenset[str]]:
@@ -247,8 +252,10 @@ def _missed(one: Effect, other: Effect) -> float:
     if one.unit != other.unit:
         return 0.0
     common = one.inputs & other.inputs
-    if isinstance(one, FreeCurve) or isinstance(other, FreeCurve):
-        return TOLERANCE if common & _TEMPERATURES else 0.0
+    curves = [each for each in (one, other) if isinstance(each, FreeCurve)]
+    if curves:
+        least = MISFIT if any(curve.local for curve in curves) else TOLERANCE
+        return least if common & _TEMPERATURES else 0.0
     if (one.inputs & _TEMPERATURES and other.inputs & _TEMPERATURES) or common & (Input.TIME | Input.CLOCKS):
         return TOLERANCE
     return _OF_ATTITUDE if common & _DIRECTIONS else 0.0

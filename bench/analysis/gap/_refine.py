@@ -115,7 +115,7 @@ def _moves(now: Sequence[Variant], gram: Gram) -> list[Mapping[str, float]]:
 def _spacing(variant: Variant) -> dict[str, float]:
     """Return the distance between grid points about a variant, for every shape that moves; a curve's do not."""
     result: dict[str, float] = {}
-    if isinstance(variant.effect, FreeCurve):
+    if isinstance(variant.effect, FreeCurve) and not variant.effect.local:
         return result
     for key, grid in _grids(variant.effect).items():
         if len(grid) > 1 and key not in variant.effect.whole:

@@ -20,17 +20,21 @@ _ACTIVE = 4.0
 _BEYOND = 2.0
 """Standard deviations of the noise in a cell below which nothing is left there that speaks against a name."""
 CREDIBLE = 0.75
+PREVALENT = 0.6
+_UNDONE = 4.0
+"""Times the gap's energy that an effect of its own may do in a profile beside others that act against it."""
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """Evidence that something is left, by cell (cells,) and pooled; the part of each cell's gap that is left.
+    """Evidence that something is left, by cell (cells,) and pooled; how much, and the part of each cell's gap.
 
-    `share` counts only what is left beyond twice the noise's standard deviation.
+    `energy` and `share` count only what is left beyond twice the noise's standard deviation.
     """
 
     log_evidence: Array
     pooled: float
+    energy: Array
     share: Array
 
     @property
@@ -57,7 +61,7 @@ def remainder(cells: Sequence[Cell], variance: Array, gap: Array, left: Array, f
     pooled = float(_support(np.array([ratio]), np.array([own]), np.array([own]))[0]) if own else 0.0
     deviation = np.sqrt(2.0 * number) + number * floor.sigma[band]
     sure = np.maximum(excess - _BEYOND * deviation, 0.0)
-    return Remainder(evidence, pooled, sure / np.maximum(np.maximum(gap - number, excess), 1e-12))
+    return Remainder(evidence, pooled, sure, sure / np.maximum(np.maximum(gap - number, excess), 1e-12))
 
 
 def active(cells: Sequence[Cell], gap: Array) -> NDArray[np.bool_]:
@@ -80,7 +84,30 @@ def credibility(
     An effect of the catalogue that is really there explains the cells in which it acts; one that another effect
     imitates leaves a good part of them.
     """
+    action = _action(cells, solution, columns) / variance
+    return float(1.0 - (action * rest.share).sum() / max(float(action.sum()), 1e-12))
+
+
+def prevalence(cells: Sequence[Cell], gap: Array, acting: Solution, rest: Remainder) -> float:
+    """Return which part of what is there and no noise an effect does, in the profiles where it acts.
+
+    Weighted by what it does, `acting`, the nominal model fitted to it; `gap` is the energy before, (cells,). What
+    nothing explains there may do in one band what looks like the effect: a cycling compressor's mean follows its
+    chamber, and a servo that hunts starts to do so where the rate steps. An effect that does more than the whole
+    gap is undone by others in its set.
+    """
+    repeatable = np.array([cell.repeatable for cell in cells])
+    action = np.where(repeatable, _action(cells, acting, acting.indices.tolist()), 0.0)
+    left = np.where(repeatable, rest.energy, 0.0)
+    _, profile = np.unique([cell.profile for cell in cells], return_inverse=True)
+    whole = np.bincount(profile, np.where(repeatable, np.maximum(gap - counts(cells), 0.0), 0.0))
+    own, others = np.bincount(profile, action), np.bincount(profile, left)
+    part = np.minimum(own, _UNDONE * whole) / np.maximum(own + others, 1e-12)
+    return float((own * part).sum() / max(float(own.sum()), 1e-12))
+
+
+def _action(cells: Sequence[Cell], solution: Solution, columns: Sequence[int]) -> Array:
+    """Return the energy that some of a solution's columns have in each cell, (cells,)."""
     at = np.isin(solution.indices, columns)
     values, indices = solution.values[at], solution.indices[at]
-    action = np.array([values @ cell.products(indices) @ values for cell in cells]) / variance
-    return float(1.0 - (action * rest.share).sum() / max(float(action.sum()), 1e-12))
+    return np.array([values @ cell.products(indices) @ values for cell in cells])

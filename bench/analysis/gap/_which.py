@@ -77,7 +77,7 @@ def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tupl
     fresh: dict[tuple[str, tuple[float, ...]], Variant] = {}
     for members in sets_of_note(posterior, _SHOWN, _REFINED):
         for moved in between_grid_points([variants[index] for index in sorted(members)], gram):
-            if not isinstance(moved.effect, FreeCurve):
+            if not isinstance(moved.effect, FreeCurve) or moved.effect.local:
                 fresh[moved.effect.name, tuple(moved.shape.values())] = moved
     for variant in variants:
         fresh.pop((variant.effect.name, tuple(variant.shape.values())), None)

@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from bench.analysis.heading._frames import wrap_deg
 from bench.analysis.heading._log import PlatformLog, Stay, stays
@@ -99,6 +98,8 @@ def solve_nine(
     freedom = len(points) - 3
     sigma = p_value = None
     if freedom > 0:
+        from scipy import stats  # slow to import
+
         variance = np.sum(left**2, axis=0) / freedom
         sigma = np.sqrt(np.outer(variance, np.diag(np.linalg.inv(terms.T @ terms))))
         p_value = 2.0 * stats.t.sf(np.abs(gain) / np.maximum(sigma, 1e-300), freedom)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import lfilter
 
 from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
@@ -99,6 +98,8 @@ def lagged(value: Array, ratio: float) -> Array:
 
     Exact for an input that is linear between samples; starts settled on the first sample.
     """
+    from scipy.signal import lfilter  # slow to import
+
     decay, before, now = lag_weights(ratio)
     state = before * value[:1] + decay * value[:1]
     return np.concatenate([value[:1], lfilter([now, before], [1.0, -decay], value[1:], zi=state)[0]])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.common.compensation import provenance
 from bench.analysis.common.runs import require_separate
+from bench.analysis.common.statistics import Apart, apart
 from bench.analysis.common.stepwise import StepwiseResult, stepwise
 from bench.analysis.rlg._compensation import RlgCompensation
 from bench.analysis.rlg._rows import RampRun
@@ -34,9 +35,9 @@ class BeforeAfter:
     """What an equation does to the stability of 100 s means (1 sigma, deg/h) on one run it was not fitted on.
 
     `differs` says how the run differs from those fitted. With a truth: `oracle_dph` after subtracting the true
-    drift, `attained` = improvement over the oracle's. `outside_rows`: rows beyond what the training runs
-    covered. `hysteresis_before_dph`, `hysteresis_after_dph`: rms difference between warming and cooling at the
-    same case temperature, NaN for a run that goes one way only.
+    drift, `oracle_pct` the improvement that gives. `apart`: rows beyond what the training runs covered, and the
+    stability inside and outside. `hysteresis_before_dph`, `hysteresis_after_dph`: rms difference between warming
+    and cooling at the same case temperature, NaN for a run that goes one way only.
     """
 
     run_id: str
@@ -46,8 +47,8 @@ class BeforeAfter:
     after_dph: float
     improvement_pct: float
     oracle_dph: float | None
-    attained: float | None
-    outside_rows: int
+    oracle_pct: float | None
+    apart: Apart
     hysteresis_before_dph: float
     hysteresis_after_dph: float
 
@@ -122,9 +123,12 @@ def run_rlg_study(
     if set(FIVE_TERMS) <= set(usable):
         five = candidate_matrix(training, FIVE_TERMS)
         # Neither in nor out: p_remove of 1 keeps the five, p_enter of 0 adds none.
-        chosen[FIVE] = stepwise(
-            five, y, names=FIVE_TERMS, start=FIVE_TERMS, p_enter=0.0, p_remove=1.0, segments=segment
-        )
+        try:
+            chosen[FIVE] = stepwise(
+                five, y, names=FIVE_TERMS, start=FIVE_TERMS, p_enter=0.0, p_remove=1.0, segments=segment
+            )
+        except ConfigurationError as alike:
+            left_out += ((FIVE, str(alike)),)
     left_out += _collinear(chosen[PLAIN])
     variants = []
     for name, result in chosen.items():
@@ -143,10 +147,10 @@ def judge(compensation: RlgCompensation, run: RampRun, training: Sequence[RampRu
     left = run.bias_dph - compensation.drift_dph(run)
     after = float(np.std(left, ddof=1))
     improvement = 100.0 * (1.0 - after / before)
-    oracle = attained = None
+    oracle = oracle_pct = None
     if run.true_bias_dph is not None:
         oracle = float(np.std(run.bias_dph - run.true_bias_dph, ddof=1))
-        attained = improvement / (100.0 * (1.0 - oracle / before))
+        oracle_pct = 100.0 * (1.0 - oracle / before)
     return BeforeAfter(
         run.run_id,
         run.kind,
@@ -155,8 +159,8 @@ def judge(compensation: RlgCompensation, run: RampRun, training: Sequence[RampRu
         after,
         improvement,
         oracle,
-        attained,
-        int(compensation.outside(run).sum()),
+        oracle_pct,
+        apart(run.bias_dph, left, compensation.outside(run), block=1),
         hysteresis_dph(run, run.bias_dph),
         hysteresis_dph(run, left),
     )

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from bench.analysis.common.statistics import BLOCK_S, bias_stability, block_means
+from bench.analysis.common.statistics import BLOCK_S, Apart, apart, bias_stability, block_means
 from bench.analysis.thermal._features import STEP_S, window_mean
 from bench.analysis.thermal._regression import TARGETS
 from bench.analysis.thermal._types import Prediction, ThermalRun
@@ -20,10 +21,10 @@ class Scores:
     `raw_stability_dph`, `stability_dph`: 1 sigma (ddof 1) of 100 s block means before and after compensation.
     `improvement_pct` = 100 (1 - after/before). `noise_floor_dph`: what white noise alone would leave, found from
     short-term differences without a model; `attainable_pct`: the improvement if only that were left. With a
-    truth: `oracle_stability_dph` and `oracle_pct` for subtracting the true drift, `attained_fraction` =
-    improvement / oracle, `true_rmse_dph`, `true_max_dph` of the prediction's error; without, the fraction is
-    improvement / attainable. Scale factor: rms and largest error of 100 s block means against the measurement,
-    and against the truth.
+    truth: `oracle_stability_dph` and `oracle_pct` for subtracting the true drift, `true_rmse_dph`,
+    `true_max_dph` of the prediction's error. Scale factor: rms and largest error of 100 s block means against the
+    measurement, and against the truth. `apart`: the bias stability, or the rms of the scale-factor error, inside
+    and outside the range of the compensation; None where that was not asked.
     """
 
     run_id: str
@@ -34,7 +35,6 @@ class Scores:
     attainable_pct: float | None = None
     oracle_stability_dph: float | None = None
     oracle_pct: float | None = None
-    attained_fraction: float | None = None
     true_rmse_dph: float | None = None
     true_max_dph: float | None = None
     sf_raw_rms_ppm: float | None = None
@@ -42,6 +42,7 @@ class Scores:
     sf_max_ppm: float | None = None
     sf_true_rms_ppm: float | None = None
     sf_true_max_ppm: float | None = None
+    apart: Apart | None = None
 
 
 def noise_floor(values: Array, *, short_s: int = 10) -> float:
@@ -58,10 +59,11 @@ def noise_floor(values: Array, *, short_s: int = 10) -> float:
     return float(np.sqrt(np.mean(second**2) / 6.0 * short_s / BLOCK_S))
 
 
-def evaluate(prediction: Prediction, run: ThermalRun) -> Scores:
+def evaluate(prediction: Prediction, run: ThermalRun, outside: NDArray[np.bool_] | None = None) -> Scores:
     """Score a prediction for `prepare(run)` on the run of 1 s means.
 
-    It is held over each step, as on the bench, and counted from its mean over the reference window.
+    It is held over each step, as on the bench, and counted from its mean over the reference window. `outside`:
+    the steps whose inputs are out of the compensation's range.
     """
     used = run.time_s >= run.reference[0]
 
@@ -70,6 +72,8 @@ def evaluate(prediction: Prediction, run: ThermalRun) -> Scores:
         return np.asarray(values - mean)[used]
 
     figures: dict[str, float | None] = {}
+    split = None
+    beyond = None if outside is None else np.repeat(outside, STEP_S)[: len(run.time_s)][used]
     for target in TARGETS:
         measured, truth = getattr(run, target), getattr(run, f"true_{target}")
         if measured is None:
@@ -77,22 +81,25 @@ def evaluate(prediction: Prediction, run: ThermalRun) -> Scores:
         drift = from_reference(np.repeat(getattr(prediction, target), STEP_S)[: len(run.time_s)])
         true_drift = None if truth is None else from_reference(truth)
         if target == "bias_dph":
-            figures |= _bias_figures(measured[used], drift, true_drift)
+            values = measured[used]
+            figures |= _bias_figures(values, drift, true_drift)
+            split = None if beyond is None else apart(values, values - drift, beyond)
         else:
-            figures |= _sf_figures(from_reference(measured), drift, true_drift)
-    return Scores(run.run_id, **figures)
+            values = from_reference(measured)
+            figures |= _sf_figures(values, drift, true_drift)
+            if beyond is not None and split is None:
+                split = apart(values, values - drift, beyond, spread=_rms)
+    return Scores(run.run_id, **figures, apart=split)
 
 
 def _bias_figures(bias: Array, drift: Array, truth: Array | None) -> dict[str, float | None]:
     raw, after, floor = bias_stability(bias), bias_stability(bias - drift), noise_floor(bias)
-    improvement, attainable = _percent(raw, after), _percent(raw, floor)
     figures: dict[str, float | None] = {
         "raw_stability_dph": raw,
         "stability_dph": after,
-        "improvement_pct": improvement,
+        "improvement_pct": _percent(raw, after),
         "noise_floor_dph": floor,
-        "attainable_pct": attainable,
-        "attained_fraction": improvement / attainable,
+        "attainable_pct": _percent(raw, floor),
     }
     if truth is not None:
         error = block_means(drift - truth)
@@ -100,7 +107,6 @@ def _bias_figures(bias: Array, drift: Array, truth: Array | None) -> dict[str, f
         figures |= {
             "oracle_stability_dph": oracle,
             "oracle_pct": _percent(raw, oracle),
-            "attained_fraction": improvement / _percent(raw, oracle),
             "true_rmse_dph": _rms(error),
             "true_max_dph": float(np.nanmax(np.abs(error))),
         }

@@ -17,6 +17,7 @@ import numpy as np
 from bench.analysis.thermal._lstm_weights import LstmSettings, LstmWeights
 from bench.analysis.thermal._types import FeatureRun, Prediction
 from drivers.base.errors import ConfigurationError
+from drivers.base.plugins import from_extra
 
 
 class LstmStepper:
@@ -96,6 +97,7 @@ class LstmModel:
 
         Deterministic for `settings.seed` on one machine.
         """
+        from_extra("torch", "torch", "training the LSTM (fit cold-shock --models leaves it out)")
         from bench.analysis.thermal._lstm_training import train_lstm
 
         self._weights = train_lstm(train, validation, self.settings)

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from bench.analysis.common.fan_out import ALONE, FanOut
 from bench.analysis.common.runs import require_completed, require_separate
 from bench.analysis.thermal._anchor import anchor_runs
@@ -14,6 +16,7 @@ from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.analysis.thermal._evaluate import Scores, evaluate
 from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._selection import ModelScore, fit_models, score_models
+from bench.analysis.thermal._stream import FEATURES, Limits
 from bench.analysis.thermal._types import ThermalModel, ThermalRun
 from bench.record.recording import Run
 from bench.record.shown import Shown
@@ -87,11 +90,17 @@ def run_study(
         selection=selection,
         compensation=compensation,
         scores={
-            name: tuple(evaluate(model.predict(prepare(run)), run) for run in judged)
+            name: tuple(_judged(model, run, compensation.limits) for run in judged)
             for name, model in models.items()
         },
         judged_on_chosen=not tests,
     )
+
+
+def _judged(model: ThermalModel, run: ThermalRun, limits: Limits) -> Scores:
+    features = prepare(run)
+    inputs = np.stack([getattr(features, name) for name in FEATURES], axis=-1)
+    return evaluate(model.predict(features), run, limits.flags(inputs) > 0)
 
 
 def study_folders(

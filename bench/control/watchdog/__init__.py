@@ -89,7 +89,6 @@ class _Process:
         """Number of each beat, when it was sent, and how long the process had waited for a processor by then."""
         self.write(order)
         os.set_blocking(self._input, False)  # a watchdog that does not read must not stop the runner
-        os.set_blocking(self._output, False)
 
     @property
     def pid(self) -> int:
@@ -236,7 +235,7 @@ class Watchdog:
                 self._replaced += 1
                 self._process = self._start()
                 return
-        self._watched, self._dismissed = False, True
+        self._dismissed = True
         why = "the watchdog is lost and no other one came up"
         self._tell(Invalid("unguarded", why, {"replaced": self._replaced}))
         self._stop(why)
@@ -246,6 +245,5 @@ class Watchdog:
         if self._dismissed:
             return
         self._dismissed = True
-        watched, self._watched = self._watched, False
-        if not self._process.dismiss() and watched:
+        if not self._process.dismiss() and self._watched:
             self._tell(Alarm("watchdog", "it was not there any more when the run ended", "watchdog_lost"))

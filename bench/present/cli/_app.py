@@ -29,6 +29,7 @@ COMMANDS = {
 }
 """Command -> the file here that holds it, in `app`."""
 GROUPS = {
+    "new": ("_new", "Write a procedure, driver, effect, campaign or bench of your own that runs at once."),
     "runs": ("_runs", "Look at recorded runs."),
     "campaign": ("campaign", "Many runs from one file: plan, run, resume, watch, rehearse, fit."),
     "fit": ("fit", "Fit compensations to recorded runs."),

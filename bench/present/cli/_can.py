@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option, Typer
 
 from bench.present.cli._console import Terminal
+from bench.present.cli._options import Json
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ app = Typer(name="can", no_args_is_help=True)
 
 
 @app.command("list")
-def list_() -> None:
+def list_(as_json: Json = False) -> None:
     """List the layouts that come with gyrobench."""
     from drivers.can_dbc import load_layout, shipped_layouts
 
@@ -26,7 +27,10 @@ def list_() -> None:
         layout = load_layout(name)
         slots = ", ".join(slot.message for slot in layout.sample)
         rows.append((name, f"{layout.maker} {layout.model}".strip(), slots, "".join(layout.rates())))
-    Terminal().table(("name", "unit", "messages of a sample", "axes"), rows)
+    console = Terminal(as_json=as_json)
+    console.table(("name", "unit", "messages of a sample", "axes"), rows)
+    heads = ("name", "unit", "messages", "axes")
+    console.say_json("result", layouts=[dict(zip(heads, row, strict=True)) for row in rows])
 
 
 @app.command()
@@ -41,14 +45,19 @@ def check(
     source_address: Annotated[
         int | None, Option(min=0, max=253, help="the J1939 address of the unit; default any")
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """Check a mapping against its DBC file, and decode a capture into a table and a plot."""
     from drivers.can_dbc import load_layout
 
-    console, loaded = Terminal(), load_layout(layout)
+    console, loaded = Terminal(as_json=as_json), load_layout(layout)
     _show(console, loaded)
-    if capture is not None:
-        _decode(console, loaded, capture, out, parquet, source_address)
+    decoded = None if capture is None else _decode(console, loaded, capture, out, parquet, source_address)
+    uses = [
+        {"message": use.message, "signal": use.signal, "is": f"{use.role} {use.axis}".strip()}
+        for use in loaded.uses
+    ]
+    console.say_json("result", layout=loaded.name, dbc=loaded.dbc, signals=uses, capture=decoded)
 
 
 def _show(console: Terminal, layout: CanLayout) -> None:
@@ -84,7 +93,7 @@ def _show(console: Terminal, layout: CanLayout) -> None:
 
 def _decode(
     console: Terminal, layout: CanLayout, path: Path, out: Path, parquet: bool, source_address: int | None
-) -> None:
+) -> dict[str, object]:
     from bench.record.capture import others_on_the_bus, read_can_capture, write_can_plot, write_table
     from drivers.can_dbc import identifier_names
 
@@ -120,3 +129,11 @@ def _decode(
     plot = out / f"{path.stem}.png"
     write_can_plot(plot, layout, capture.columns)
     console.say(f"plot: {plot}")
+    return {
+        "frames": capture.frames,
+        "samples": len(valid),
+        "not_valid": int((~valid).sum()),
+        "rejected": dict(capture.rejected),
+        "notes": list(capture.notes),
+        "table": target,
+    }

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -45,11 +46,11 @@ class Terminal(Console):
             grid.add_row(*row)
         self.print(grid)
 
-    def say_json(self, kind: str, **fields: Any) -> None:
+    def say_json(self, kind: str, **facts: Any) -> None:
         """Print one JSON object on a line; numbers that are not finite become null."""
         if not self.as_json:
             return
-        line = json.dumps({"kind": kind} | _finite(fields), ensure_ascii=False, allow_nan=False, default=str)
+        line = json.dumps({"kind": kind} | _finite(facts), ensure_ascii=False, allow_nan=False, default=str)
         self.file.write(line + "\n")
         self.file.flush()
 
@@ -62,6 +63,11 @@ class Terminal(Console):
 
 
 def _finite(value: Any) -> Any:
+    """Return plain values: dictionaries, lists and dataclasses as they are made of, arrays as lists."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {entry.name: _finite(getattr(value, entry.name)) for entry in fields(value)}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
     if isinstance(value, dict):
         return {str(key): _finite(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option, Typer
 
 from bench.present.cli._console import Terminal
+from bench.present.cli._options import Json
 from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _ENOUGH = 5
 
 
 @app.command("list")
-def list_() -> None:
+def list_(as_json: Json = False) -> None:
     """List the descriptions that come with gyrobench."""
     from drivers.frames import load_family, shipped
 
@@ -33,7 +34,10 @@ def list_() -> None:
         forms = [form.name for form in family.forms if form.measures]
         shown = ", ".join(forms[:4]) + (f" and {len(forms) - 4} more" if len(forms) > 4 else "")
         rows.append((name, family.description.title, shown, family.description.source))
-    Terminal().table(("name", "gyro", "messages with rates", "source"), rows)
+    console = Terminal(as_json=as_json)
+    console.table(("name", "gyro", "messages with rates", "source"), rows)
+    heads = ("name", "gyro", "messages", "source")
+    console.say_json("result", descriptions=[dict(zip(heads, row, strict=True)) for row in rows])
 
 
 @app.command()
@@ -48,20 +52,25 @@ def check(
         list[str] | None,
         Option("--set", "-s", help="how the unit was set up, as name=choice; repeat for several"),
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """Check a description, run its vectors, and decode a capture into tables and a plot."""
     from bench.present.cli._settings import parse_settings
     from drivers.frames import choices_of, load_family, refusal, vector_mistakes
 
-    console, chosen = Terminal(), parse_settings(settings or [])
+    console, chosen = Terminal(as_json=as_json), parse_settings(settings or [])
     family = load_family(description, chosen)
     if mistakes := list(vector_mistakes(family)):
         raise refusal(family.where, mistakes)
     for choices in choices_of(family.description):
         family.set_up(choices)
     _show(console, family, chosen)
-    if capture is not None:
-        _decode(console, family, capture, out, parquet)
+    decoded = None if capture is None else _decode(console, family, capture, out, parquet)
+    messages = [{"name": form.name, "false_per_byte": form.false_per_byte} for form in family.forms]
+    vectors = len(family.description.vector)
+    console.say_json(
+        "result", description=family.description.name, messages=messages, vectors=vectors, capture=decoded
+    )
 
 
 def _show(console: Terminal, family: FrameFamily, settings: Mapping[str, str]) -> None:
@@ -112,7 +121,9 @@ def _channels(form: Form) -> str:
     return "; ".join(f"{role} {axes}, {unit}" for (role, unit), axes in axes_of.items())
 
 
-def _decode(console: Terminal, family: FrameFamily, path: Path, out: Path, parquet: bool) -> None:
+def _decode(
+    console: Terminal, family: FrameFamily, path: Path, out: Path, parquet: bool
+) -> dict[str, object]:
     from bench.record.capture import read_capture, write_plot, write_table
 
     capture = read_capture(family, path)
@@ -141,6 +152,13 @@ def _decode(console: Terminal, family: FrameFamily, path: Path, out: Path, parqu
     plot = out / f"{path.stem}.png"
     if write_plot(plot, family, capture):
         console.say(f"plot: {plot}")
+    return {
+        "bytes": capture.size,
+        "skipped": capture.counts.bytes_skipped,
+        "rejected": dict(capture.counts.rejected),
+        "rows": {name: len(next(iter(columns.values()), ())) for name, columns in capture.tables.items()},
+        "notes": list(capture.counter_notes),
+    }
 
 
 def _remedy(path: Path) -> str:

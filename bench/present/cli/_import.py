@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option, Typer
 
-from bench.present.cli._options import DEFAULT_RUNS
+from bench.present.cli._options import DEFAULT_RUNS, Json
 
 app = Typer()
 
@@ -19,13 +19,15 @@ def import_(
     ],
     mapping: Annotated[Path, Option(help="mapping file (TOML): columns, units, phases")],
     out: Annotated[Path, Option(help="folder that holds the runs")] = DEFAULT_RUNS,
+    as_json: Json = False,
 ) -> None:
     """Make run folders from logs of another bench, for fitting, reports and the gap diagnosis."""
     from bench.present.cli._console import Terminal
     from bench.record.exchange import import_log
 
-    console = Terminal()
+    console, folders = Terminal(as_json=as_json), []
     for path in log:
         with console.status(f"reading {path.name}"):
-            folder = import_log(path, mapping, out)
-        console.say(f"{folder}")
+            folders.append(import_log(path, mapping, out))
+        console.say(f"{folders[-1]}")
+    console.say_json("result", folders=folders)

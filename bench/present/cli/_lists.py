@@ -6,33 +6,48 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option, Typer
 
+from bench.present.cli._options import Json
 from bench.present.cli._texts import duration
 
 if TYPE_CHECKING:
+    from bench.control.procedure import Procedure
     from bench.present.cli._console import Terminal
 
 app = Typer()
 
 
 @app.command()
-def procedures(name: Annotated[str | None, Argument(help="show this one in full")] = None) -> None:
+def procedures(
+    name: Annotated[str | None, Argument(help="show this one in full; also a file, ./mine.py")] = None,
+    as_json: Json = False,
+) -> None:
     """List the procedures with parameters, units, defaults and expected duration."""
-    from bench.control.procedure import find_procedure, load_procedures, parameter_rows
+    from bench.control.procedure import load_procedures, parameter_rows, read_procedure
     from bench.present.cli._console import Terminal
 
-    console = Terminal()
+    console = Terminal(as_json=as_json)
+
+    def facts(shown: Procedure) -> dict[str, object]:
+        expected_s = shown.expected_duration_s(shown.parse({}))
+        return {"name": shown.name, "title": shown.title, "source": shown.source, "expected_s": expected_s}
+
     if name is None:
+        every = load_procedures().values()
+        console.say_json("result", procedures=[facts(procedure) for procedure in every])
         rows = []
-        for procedure in load_procedures().values():
+        for procedure in every:
             expected = duration(procedure.expected_duration_s(procedure.parse({})))
             rows.append((procedure.name, procedure.title, expected, procedure.source))
         console.table(("procedure", "what it does", "expected", "source"), rows)
         console.print("`gyrobench procedures NAME` shows parameters, units, defaults and limits.")
         return
-    procedure = find_procedure(name)
+    procedure = read_procedure(name)
     console.parts((procedure.name, "bold"), f"  {procedure.title}\nsource: {procedure.source}")
     console.print(f"expected with defaults: {duration(procedure.expected_duration_s(procedure.parse({})))}")
-    console.table(("parameter", "default", "unit", "limits", "meaning"), parameter_rows(procedure))
+    heads = ("parameter", "default", "unit", "limits", "meaning")
+    console.table(heads, parameter_rows(procedure))
+    parameters = [dict(zip(heads, row, strict=True)) for row in parameter_rows(procedure)]
+    console.say_json("result", **facts(procedure), parameters=parameters)
 
 
 @app.command()
@@ -44,6 +59,7 @@ def ports(
         list[str] | None,
         Option(help="with --identify: this port, also socket://host:port; repeat for several"),
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """List serial ports and CAN channels of this machine."""
     from serial.tools.list_ports import comports
@@ -51,7 +67,7 @@ def ports(
     from bench.present.cli._console import Terminal
     from drivers.kit.python_can import can
 
-    console, serial_ports = Terminal(), sorted(comports())
+    console, serial_ports = Terminal(as_json=as_json), sorted(comports())
     if identify or port:
         _print_what_answers(console, port or [place.device for place in serial_ports])
         return
@@ -66,6 +82,8 @@ def ports(
         console.table(("python-can interface", "channel"), names)
     else:
         console.print("no CAN channels")
+    heads = ("port", "text", "serial_number")
+    console.say_json("result", serial=[dict(zip(heads, row, strict=True)) for row in rows], can=channels)
 
 
 def _print_what_answers(console: Terminal, ports: list[str]) -> None:
@@ -75,6 +93,7 @@ def _print_what_answers(console: Terminal, ports: list[str]) -> None:
 
     if not ports:
         console.print("no serial ports; name one with --port")
+        console.say_json("result", answers=[])
         return
     clock, rows = WallClock(), []
     try:
@@ -83,5 +102,7 @@ def _print_what_answers(console: Terminal, ports: list[str]) -> None:
                 answer = identify_port(port, clock, lambda text: status.update(text))
                 rows.append((answer.port, answer.driver or "-", answer.text))
         console.table(("port", "driver", "what answers"), rows)
+        answers = [dict(zip(("port", "driver", "text"), row, strict=True)) for row in rows]
+        console.say_json("result", answers=answers)
     finally:
         clock.close()

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option, Typer
 
+from bench.present.cli._options import Json
+
 if TYPE_CHECKING:
     from bench.present.cli._console import Terminal
     from bench.present.report import CertificateContent
@@ -16,7 +18,7 @@ app = Typer()
 
 NOT_PASSED = 4
 """Exit code for a certificate that says so."""
-_STYLES = {"passed": "bold green", "not passed": "bold red", "not judged": "yellow"}
+_STYLES = {"passed": "bold green", "not passed": "bold red", "undecided": "yellow", "not judged": "yellow"}
 
 
 @app.command()
@@ -27,6 +29,7 @@ def report(
     ] = None,
     limits: Annotated[Path | None, Option(help="limits to judge by: a TOML file with a limits table")] = None,
     pdf: Annotated[bool, Option("--pdf", help="print a PDF too (needs Chromium or Chrome)")] = False,
+    as_json: Json = False,
 ) -> None:
     """Write the HTML report of a run, or the test certificate of several; a fit writes its own.
 
@@ -37,7 +40,7 @@ def report(
     from bench.present.cli._console import Terminal
     from bench.record.figure_limits import NO_LIMITS, load_limits
 
-    console = Terminal()
+    console, units = Terminal(as_json=as_json), []
     judged = load_limits(limits) if limits else None
     of_campaign = len(run) == 1 and (run[0] / reports.CAMPAIGN_FILE).exists()
     verdict = ""
@@ -52,10 +55,26 @@ def report(
                 certificate = reports.certify(run, path, judged or NO_LIMITS)
         say_certificate(console, certificate)
         verdict = certificate.verdict
+        units = _unit_facts(certificate)
     console.say(f"{path}", soft_wrap=True)
-    if pdf:
-        console.say(f"{reports.write_pdf(path)}", soft_wrap=True)
+    printed = reports.write_pdf(path) if pdf else None
+    if printed is not None:
+        console.say(f"{printed}", soft_wrap=True)
+    console.say_json("result", file=path, pdf=printed, verdict=verdict or None, units=units)
     sys.exit(NOT_PASSED if verdict == "not passed" else 0)
+
+
+def _unit_facts(content: CertificateContent) -> list[dict[str, object]]:
+    keys = ("name", "limited", "judgement")
+    return [
+        {
+            "unit": unit.unit_id,
+            "verdict": unit.verdict,
+            "against": list(unit.against),
+            "figures": [{key: getattr(figure, key) for key in keys} for figure in unit.figures],
+        }
+        for unit in content.units
+    ]
 
 
 def say_certificate(console: Terminal, content: CertificateContent) -> None:

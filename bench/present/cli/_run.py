@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Context, Option, Typer
 
@@ -103,6 +103,7 @@ def lab(
         bool, Option("--virtual", help="serve a virtual clock instead of following the wall clock")
     ] = False,
     write: Annotated[Path | None, Option(help="write a bench file that reaches this lab's ports")] = None,
+    as_json: options.Json = False,
 ) -> None:
     """Serve an emulated lab that matches the bench file, for any software, until Ctrl-C."""
     import signal
@@ -111,9 +112,10 @@ def lab(
     from bench.present.cli._console import Terminal
     from bench.record.benchfile import bench_file_text, load_bench_file
 
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     emulated = load_plant(plant, seed)
-    with EmulatedLab(load_bench_file(bench), emulated, clock="virtual" if virtual else "wall") as served:
+    clock: Literal["virtual", "wall"] = "virtual" if virtual else "wall"
+    with EmulatedLab(load_bench_file(bench), emulated, clock=clock, apart=True) as served:
         console.table(("device", "port"), served.ports.items())
         if served.clock_url:
             console.print(f"clock: {served.clock_url}")
@@ -121,6 +123,7 @@ def lab(
         if write is not None:
             write.write_text(bench_file_text(served.file), encoding="utf-8")
             console.say(f"bench file for these ports: {write}")
+        console.say_json("lab", ports=served.ports, clock=served.clock_url, bench_file=write)
         try:
             signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGINT is ignored in the background
             console.print("Ctrl-C ends the lab.")
@@ -131,8 +134,8 @@ def lab(
 
 def _chosen(name: str, pairs: list[str] | None, options: list[str]) -> tuple[Procedure, Parameters]:
     """Return a procedure and its parameters, of `--set` and of the options that it declares."""
-    from bench.control.procedure import find_procedure
+    from bench.control.procedure import read_procedure
     from bench.present.cli._settings import settings_of
 
-    procedure = find_procedure(name)
+    procedure = read_procedure(name)
     return procedure, procedure.parse(settings_of(procedure, pairs or [], options))

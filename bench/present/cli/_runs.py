@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option, Typer, echo, style
 
-from bench.present.cli._options import DEFAULT_RUNS, RunsFolder, TextCommand, TextGroup
+from bench.present.cli._options import DEFAULT_RUNS, Json, RunsFolder, TextCommand, TextGroup
 from bench.present.cli._texts import duration, printable, size
 from drivers.base.errors import BenchError, ConfigurationError
 
@@ -40,7 +40,7 @@ CatalogueUrl = Annotated[
 
 @app.command("list", cls=TextCommand)
 def list_(
-    runs: Annotated[str, Option(help="folder that holds the runs")] = str(DEFAULT_RUNS),
+    runs: Annotated[str, Argument(metavar="FOLDER", help="folder that holds the runs")] = str(DEFAULT_RUNS),
     unit: Annotated[str | None, Option(help="of this unit under test")] = None,
     procedure: Annotated[str | None, Option(help="of this procedure")] = None,
     outcome: Annotated[str | None, Option(help="completed, invalid, aborted, running, unreadable")] = None,
@@ -81,13 +81,19 @@ def index(
     runs: RunsFolder = DEFAULT_RUNS,
     catalogue: CatalogueUrl = None,
     rebuild: Annotated[bool, Option("--rebuild", help="read every run folder again")] = False,
+    as_json: Json = False,
 ) -> None:
     """Bring the catalogue of runs up to date with the folders, which are the truth."""
+    from json import dumps
+
     from bench.record.catalogue import index_runs
 
     with _bar() as progress:
         count = index_runs(runs, catalogue, rebuild=rebuild, progress=progress)
-    echo(f"{count} manifests read in {runs}")
+    if as_json:
+        echo(dumps({"kind": "result", "manifests": count}))
+    else:
+        echo(f"{count} manifests read in {runs}")
 
 
 @app.command()
@@ -95,27 +101,30 @@ def export(
     run: Path,
     format_: Annotated[str, Option("--format", help="csv, parquet, mdf4 or blf (recorded CAN frames)")],
     out: Annotated[Path | None, Option(help="file or folder; default named after the run")] = None,
+    as_json: Json = False,
 ) -> None:
     """Write a run for other software."""
     from bench.present.cli._console import Terminal
     from bench.record.exchange import export_run
 
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     with console.status(f"writing {format_}"):
         target = export_run(run, format_, out)
     files = [target] if target.is_file() else sorted(target.iterdir())
     total = sum(path.stat().st_size for path in files)
     console.say(f"{target}: {len(files)} files, {size(total)}")
+    console.say_json("result", place=target, files=[path.name for path in files], bytes=total)
 
 
 @app.command()
-def show(run: Path) -> None:
+def show(run: Path, as_json: Json = False) -> None:
     """Show what a run was, on what, and how it ended."""
     from bench.present.cli._console import Terminal
     from bench.record.recording import Run
 
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     manifest = Run.open(run).manifest
+    console.say_json("result", manifest=manifest.model_dump(mode="json"))
     outcome = (manifest.outcome, STYLES[manifest.outcome])
     console.parts((manifest.run_id, "bold"), "  ", outcome, f"  {manifest.reason}")
     length = "not closed" if manifest.duration_s is None else duration(manifest.duration_s)
@@ -156,6 +165,7 @@ def recover(
     run: Annotated[list[Path] | None, Argument(help="run folders")] = None,
     all_: Annotated[bool, Option("--all", help="every run in the runs folder that was not closed")] = False,
     runs: RunsFolder = DEFAULT_RUNS,
+    as_json: Json = False,
 ) -> None:
     """Complete runs that a crash left open: decode, checksum, mark as aborted.
 
@@ -165,7 +175,7 @@ def recover(
     from bench.control.recover import recover as complete
     from bench.present.cli._console import Terminal
 
-    console = Terminal()
+    console, ends = Terminal(as_json=as_json), []
     folders = [*(run or []), *(open_runs(runs) if all_ else [])]
     if not folders:
         console.print("no run to recover")
@@ -176,13 +186,16 @@ def recover(
         except BenchError as error:
             failed = True
             console.say(f"not recovered  {folder}: {error}", style="red")
+            ends.append({"folder": folder, "outcome": None, "reason": str(error)})
         else:
             console.say(f"{manifest.outcome}  {folder}: {manifest.reason}")
+            ends.append({"folder": folder, "outcome": manifest.outcome, "reason": manifest.reason})
+    console.say_json("result", recovered=ends)
     sys.exit(1 if failed else 0)
 
 
 @app.command()
-def verify(run: list[Path]) -> None:
+def verify(run: list[Path], as_json: Json = False) -> None:
     """Recompute the checksums of runs, compare manifest and events, rebuild decoded tables from the raw bytes.
 
     Exit code 1 if anything differs. Manifests of before November 2026 have no seal: "not sealed".
@@ -192,10 +205,11 @@ def verify(run: list[Path]) -> None:
     from bench.record.recording import verify as verify_record
     from bench.record.run_folder import url_of
 
-    console = Terminal()
+    console, found = Terminal(as_json=as_json), []
     failed = False
     for folder in run:
         report, name = verify_record(folder, decode_run), url_of(folder) or folder
+        found.append({"run": str(name), "passed": report.passed, "report": report})
         if report.passed:
             counts = f"{report.files} checksums, {report.tables} tables rebuilt"
             seal = "" if report.sealed else ", manifest not sealed"
@@ -205,6 +219,7 @@ def verify(run: list[Path]) -> None:
         console.parts(("differs", "red"), f"  {name}")
         for problem in report.problems:
             console.say(f"  {problem.path}: {problem.text}")
+    console.say_json("result", verified=found)
     sys.exit(1 if failed else 0)
 
 

@@ -94,6 +94,7 @@ def search(
     bench: SchemeBench = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
+    as_json: Json = False,
 ) -> None:
     """Find a better rotation scheme for a table, a time and the accuracy targets.
 
@@ -127,7 +128,7 @@ def search(
             fan=fan,
             outer=axes[0].direction if axes else None,
         )
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     console.say(
         f"{calibration.moves_text(result.schedule.moves)}\nhome: {calibration.home_text(result.schedule.home)}"
     )
@@ -151,6 +152,10 @@ def search(
         named = result.schedule.with_(name=out.stem, source="gyrobench scheme search", notes=result.statement)
         save_file(out, calibration.scheme_file(named))
         console.say(f"{out}")
+    moves, home = calibration.moves_text(result.schedule.moves), calibration.home_text(result.schedule.home)
+    heads = ("scheme", "turns", "time", "worst", "rms")
+    schemes = [dict(zip(heads, row, strict=True)) for row in rows]
+    console.say_json("result", moves=moves, home=home, schemes=schemes, statement=result.statement, file=out)
 
 
 def _of_bench(path: Path) -> tuple[str, float, list[TableAxis]]:

@@ -8,7 +8,7 @@ from typing import Annotated, cast, get_args
 
 from typer import Argument, Option, Typer
 
-from bench.present.cli._options import DEFAULT_RUNS
+from bench.present.cli._options import DEFAULT_RUNS, Json
 from drivers.base.errors import ConfigurationError
 
 app = Typer()
@@ -25,8 +25,15 @@ def panel(
         str | None,
         Option(envvar="GYROBENCH_PANEL_TOKEN", help="what a browser must show", show_envvar=True),
     ] = None,
+    bench: Annotated[
+        list[Path] | None,
+        Option(help="bench file (TOML): runs can be queued and started on it; repeat for several"),
+    ] = None,
+    campaigns: Annotated[
+        Path | None, Option(help="folder of campaign files; default beside the bench file")
+    ] = None,
 ) -> None:
-    """Show in a browser what the bench is doing; a process of its own that cannot disturb a run."""
+    """Show in a browser what the bench is doing, plan and start runs; a run is a process of its own."""
     from bench.present.cli._console import Terminal
 
     try:
@@ -38,7 +45,7 @@ def panel(
             expected="the extra `panel`",
             remedy="pip install 'gyrobench[panel]'",
         ) from error
-    settings = PanelSettings(runs, host, port, token)
+    settings = PanelSettings(runs, host, port, token, tuple(bench or ()), campaigns)
     settings.check()
     shown = f"[{host}]" if ":" in host else host
     query = "/?token=..." if token else "/"
@@ -52,6 +59,7 @@ def steer(
     action: Annotated[str, Argument(help="pause, resume, abort or answer")],
     answer: Annotated[str, Argument(help="the answer to the question that is open")] = "",
     by: Annotated[str, Option(help="your name; default the user's")] = "",
+    as_json: Json = False,
 ) -> None:
     """Answer, pause, resume or abort a session that another process runs.
 
@@ -62,7 +70,7 @@ def steer(
     from bench.control.live import Action, drop_answer, drop_request, read_now
     from bench.present.cli._console import Terminal
 
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     by = by or f"{getpass.getuser()} at another shell"
     now = read_now(session)
     if now is None or not now["alive"]:
@@ -75,6 +83,7 @@ def steer(
     if action in get_args(Action):
         drop_request(session, cast(Action, action), by)
         console.say(f"{action} asked for")
+        console.say_json("result", action=action, by=by)
         return
     if action != "answer":
         raise ConfigurationError(
@@ -85,4 +94,6 @@ def steer(
     prompt = now["prompts"][0]
     counts = drop_answer(session, int(prompt["id"]), answer, by)
     console.say(f"{prompt['question']}\n{counts.answer} ({counts.by})")
+    counted = {"question": prompt["question"], "answer": counts.answer, "by": counts.by}
+    console.say_json("result", action=action, **counted)
     sys.exit(0 if counts.by == by else 1)

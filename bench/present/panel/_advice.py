@@ -17,6 +17,8 @@ _SILENT_S = 10.0
 _GO_AND_LOOK = (
     "GO AND LOOK NOW: emergency stop at the table, main switch of the chamber if it still conditions."
 )
+MANUAL = "manual"
+"""The procedure that asks for orders: its question is answered by buttons of its own."""
 _NEXT = "Then resume the campaign, or start the run anew."
 
 
@@ -60,13 +62,14 @@ NOT_HERE = Banner(
 )
 
 
-def nothing_yet(folder: str, there: bool) -> Banner:
-    """Return the banner of a runs folder without sessions."""
+def nothing_yet(folder: str, there: bool, queue: bool) -> Banner:
+    """Return the banner of a runs folder without sessions; `queue`: whether runs can be started from here."""
+    press = f"`gyrobench run PROCEDURE --runs {folder}` begins one: this page then shows it by itself."
     return Banner(
         "plain",
         "Idle",
         f"No run has begun in {folder} so far." if there else f"There is no folder {folder} yet.",
-        press=f"`gyrobench run PROCEDURE --runs {folder}` begins one: this page then shows it by itself.",
+        press="Queue, above: choose what to run. This page then shows it by itself." if queue else press,
     )
 
 
@@ -108,6 +111,12 @@ def banner(found: Situation) -> Banner:
 def _going_on(now: Mapping[str, Any], state: str, events: Sequence[Event]) -> Banner:
     shown = _listed(now, "alarms")
     alarms = [event for event in shown if not isinstance(event, Invalid)]
+    if state == "asking" and not alarms and (now.get("run") or {}).get("procedure") == MANUAL:
+        return Banner(
+            "plain", "By hand", "The bench does what it is told, one order at a time.",
+            "Limits, watchdog and record are those of every run.",
+            "Order something below. Abort ends the run and makes the bench safe.",
+        )  # fmt: skip
     if state == "asking":
         return Banner(
             "doubt", "Waiting for you", "The bench has a question.", "It stands still; telemetry runs.",

@@ -37,6 +37,8 @@ class RunsFolder:
 
     def __init__(self, root: Path) -> None:
         self.root = root.resolve()
+        self.queues: dict[str, str] = {}
+        """Bench -> address of its queue, of those on which runs can be started from here."""
         self._manifests: dict[Path, tuple[int, Entry]] = {}
         self._journals: dict[Path, tuple[int, dict[str, str]]] = {}
 
@@ -84,7 +86,7 @@ class RunsFolder:
             else:
                 below = [*_newest(folder), *_newest(folder / "runs")]
                 folders += [run for run in below if (run / MANIFEST_FILE).is_file()]
-        entries = [entry for folder in folders[:_LOOKED_AT] if (entry := self._entry(folder)) is not None]
+        entries = [entry for folder in folders[:_LOOKED_AT] if (entry := self.entry(folder)) is not None]
         entries.sort(key=lambda entry: entry.manifest.started_utc if entry.manifest else "", reverse=True)
         return entries[:_LISTED]
 
@@ -115,7 +117,8 @@ class RunsFolder:
             self._journals[journal] = (changed, why)
         return self._journals[journal][1].get(f"{run.parent.name}/{run.name}", "")
 
-    def _entry(self, folder: Path) -> Entry | None:
+    def entry(self, folder: Path) -> Entry | None:
+        """Return a run by its folder in the runs folder, None if there is no manifest any more."""
         try:
             changed = (folder / MANIFEST_FILE).stat().st_mtime_ns
         except OSError:

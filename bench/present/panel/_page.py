@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +19,31 @@ from drivers.base.errors import BenchError
 _HERE = Path(__file__).parent
 _CONTROL_S = 0.25
 _NAME_TIMEOUT_S = 20.0
+_ORDER_TRIES = 12
+"""How often an order looks for the question that asks for it, a quarter of a second apart."""
 
 
-def build_page(watch: Watch) -> None:
-    """Build the page of one browser: what it shows is plain HTML and there at once, its controls follow."""
+def build_page(watch: Watch, queue: str = "") -> None:
+    """Build the page of one browser: what it shows is plain HTML and there at once, its controls follow.
+
+    `queue`: the address where runs can be started, empty if they cannot be.
+    """
     dark = ui.dark_mode(value=None)
-    ui.add_head_html(f"<style>{_style_sheet()}</style>")
-    ui.add_body_html(_first_paint(watch.values(), watch.news()))
-    ui.add_body_html('<script src="/panel/assets/panel.js"></script>')
+    ui.add_head_html(f"<style>{style_sheet()}</style>")
+    ui.add_body_html(_first_paint(watch.values(), watch.news(), queue))
+    for script in ("common", "panel"):
+        ui.add_body_html(f'<script src="/panel/assets/{script}.js"></script>')
     ui.query(".nicegui-content").classes("panel")
     ui.colors(primary="#005f96", negative="#b3261e", dark="#161d25", dark_page="#0d1116")
     controls = Controls(watch)
     ui.element("div").props('data-place="benches"')
+    ui.element("div").props('data-place="pages"')
     with ui.element("header").classes("bar"):
         ui.element("div").classes("names").props('data-place="names"')
         controls.header(dark)
     ui.element("div").props('data-place="banner"')
     controls.questions()
+    controls.orders()
     ui.element("div").props('data-place="cards"')
     with ui.element("section").classes("plots"):
         with ui.element("div").classes("plots-head"):
@@ -91,6 +100,53 @@ class Controls:
         """Make the place where questions appear."""
         self._place = ui.element("section").classes("questions")
 
+    def orders(self) -> None:
+        """Make the buttons of a run by hand."""
+        with ui.element("section").classes("question by-hand") as self._hand:
+            ui.html('<h2>By hand</h2><p class="last" data-live="last" role="status"></p>', sanitize=False)
+            with ui.element("div").classes("choices"):
+                self._ordering("Stop the table", lambda: "stop", "negative")
+                self._ordering("Chamber off", lambda: "chamber off")
+                self._ordering("End", lambda: "done")
+            for verb, label, word in (
+                ("spin", "Rate, °/s", "Spin"),
+                ("point", "Angle, °", "Point"),
+                ("air", "Set point, °C", "Go to"),
+            ):
+                with ui.element("div").classes("choices"):
+                    field = ui.input(label=label).props(
+                        f'dense outlined maxlength=12 data-testid="order-{verb}"'
+                    )
+                    text = partial(_order_text, verb, field)
+                    field.on("keydown.enter", partial(self._order, text))
+                    self._ordering(word, text)
+        self._hand.set_visibility(False)
+
+    def _ordering(self, word: str, text: Callable[[], str], color: str = "primary") -> None:
+        props = f"no-caps {'unelevated' if color == 'negative' else 'outline'}"
+        ui.button(word, on_click=partial(self._order, text), color=color).props(props)
+
+    async def _order(self, text: Callable[[], str]) -> None:
+        """Answer the open question with an order; between two questions wait a moment for the next."""
+        by, order = self._named(), text()
+        if not by or not order:
+            return
+        for _ in range(_ORDER_TRIES):
+            session, open_ = self._watch.session, self._watch.prompts
+            number = next((row["id"] for row in open_ if row["id"] not in self._answered), None)
+            if session is not None and number is not None:
+                try:
+                    counted = drop_answer(session.path, number, order, by)
+                except BenchError as error:
+                    ui.notify(str(error), type="negative")
+                    return
+                self._answered.add(number)
+                if (counted.by, counted.answer) == (by, order):
+                    ui.notify(f"ordered: {order}")
+                    return
+            await asyncio.sleep(_CONTROL_S)
+        ui.notify("The bench takes no order now. To stop it: Abort.", type="negative")
+
     def refresh(self) -> None:
         """Bring buttons and questions up to date."""
         watch = self._watch
@@ -101,7 +157,11 @@ class Controls:
         for button in (self._pause, self._resume, self._abort):
             if button.enabled != steerable:
                 button.set_enabled(steerable)
-        prompts = [prompt for prompt in watch.prompts if prompt["id"] not in self._answered]
+        by_hand = watch.by_hand
+        if self._hand.visible != by_hand:
+            self._hand.set_visibility(by_hand)
+        open_ = () if by_hand else watch.prompts
+        prompts = [prompt for prompt in open_ if prompt["id"] not in self._answered]
         ids = [prompt["id"] for prompt in prompts]
         if ids != self._asked:
             self._asked = ids
@@ -182,6 +242,12 @@ class Controls:
         return ui.button(text, icon=icon, on_click=act, color=color).props(props)
 
 
+def _order_text(verb: str, field: ui.input) -> str:
+    """Return an order with the number that was typed; empty without one."""
+    number = str(field.value or "").strip().replace(",", ".").replace("−", "-")
+    return f"{verb} {number}" if number else ""
+
+
 def _keep_name(event: object) -> None:
     ui.run_javascript(
         f"localStorage.setItem('gyrobench-name', {_js_text(str(getattr(event, 'value', '') or ''))})"
@@ -201,7 +267,7 @@ def _toggle(dark: ui.dark_mode) -> None:
 
 
 @cache
-def _style_sheet() -> str:
+def style_sheet() -> str:
     """Return the style sheet; dark by the page's own switch, or by the browser's wish until that is there."""
     dark = (_HERE / "assets" / "dark.css").read_text(encoding="utf-8")
     return (
@@ -211,9 +277,9 @@ def _style_sheet() -> str:
     )
 
 
-def _first_paint(values: Mapping[str, str], news: Mapping[str, Any]) -> str:
+def _first_paint(values: Mapping[str, str], news: Mapping[str, Any], queue: str) -> str:
     """Return benches, names, banner, cards and lists as they are now; panel.js moves them to their places."""
-    return _template().render(values=values, banner=news["banner"], benches=news["benches"])
+    return _template().render(values=values, banner=news["banner"], benches=news["benches"], queue=queue)
 
 
 @cache

@@ -18,10 +18,14 @@ from fastapi import Body, WebSocket
 from fastapi.responses import FileResponse, PlainTextResponse, Response
 from nicegui import app, ui
 
+from bench.campaign.queue import BenchQueue
 from bench.present.panel._access import LOCAL_NAMES, Access
 from bench.present.panel._benches import Benches
+from bench.present.panel._desk import Desk
+from bench.present.panel._desk_routes import Desks
 from bench.present.panel._folders import PAPERS, RunsFolder
-from bench.present.panel._page import build_page
+from bench.present.panel._history import History
+from bench.present.panel._page import build_page, style_sheet
 from bench.present.panel._visitors import SERVER_LIMITS, Visitor
 from bench.present.panel._watch import Watch
 from bench.record.run_folder import MANIFEST_FILE
@@ -29,6 +33,7 @@ from drivers.base.errors import BenchError, ConfigurationError
 
 _TICK_S = 0.1
 _REPORT_TIMEOUT_S = 300.0
+_WORK_S = 1.0
 _WAITING = 8
 """Ticks a slow browser may be behind before it is given everything anew."""
 _SHORTEST_TOKEN = 16
@@ -49,6 +54,23 @@ class PanelSettings:
     host: str = "127.0.0.1"
     port: int = 8765
     token: str | None = None
+    benches: tuple[Path, ...] = ()
+    """Bench files: on these benches runs can be started."""
+    campaigns: Path | None = None
+    """The folder of campaign files; None: beside each bench file."""
+
+    def desks(self, benches: Benches) -> list[Desk]:
+        """Return the desk of every bench; ConfigurationError for a file that is none, for two of one name."""
+        queues = [BenchQueue(self.runs, path) for path in self.benches]
+        names = [queue.bench for queue in queues]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ConfigurationError(
+                "two bench files of one name",
+                where="--bench",
+                found=", ".join(twice),
+                expected="a name of its own for every bench ([bench] name)",
+            )
+        return [Desk(queue, benches, self.campaigns or queue.bench_file.parent) for queue in queues]
 
     def check(self) -> None:
         """Raise ConfigurationError for a folder that is none, an open door without a token, a port in use."""
@@ -73,6 +95,7 @@ class PanelSettings:
                 expected="--token, or GYROBENCH_PANEL_TOKEN in the environment",
                 remedy="GYROBENCH_PANEL_TOKEN=$(openssl rand -hex 16) gyrobench panel ...",
             )
+        self.desks(Benches(RunsFolder(self.runs)))
         try:
             with socket.create_server((self.host, self.port), reuse_port=False):
                 pass
@@ -98,14 +121,24 @@ def serve(settings: PanelSettings) -> None:
     settings.check()
     folder = RunsFolder(settings.runs)
     hubs = Hubs(folder)
+    desks = Desks(folder, settings.desks(hubs.benches))
+    folder.queues = desks.addresses
     app.add_middleware(Access, token=settings.token)
     app.websocket("/panel/live")(hubs.attend)
     app.timer(_TICK_S, hubs.tick)
+    app.timer(_WORK_S, desks.work)
     scratch = tempfile.TemporaryDirectory(prefix="gyrobench-panel-")
     reports = Reports(folder, Path(scratch.name))
     app.get("/report/{name:path}")(reports.get)
     app.get("/certificate/{name:path}")(reports.certificate)
+    app.get("/history")(History(folder, hubs.benches, Path(scratch.name)).page)
     app.post("/panel/acknowledge")(hubs.acknowledge)
+    app.get("/queue/{name}")(desks.page)
+    app.get("/panel/queue/{name}")(desks.view)
+    app.post("/panel/queue/{name}/plan")(desks.plan)
+    app.post("/panel/queue/{name}/rehearse")(desks.rehearse)
+    app.post("/panel/queue/{name}/change")(desks.change)
+    app.get("/panel/style.css")(lambda: Response(style_sheet(), media_type="text/css"))
     app.add_static_files("/panel/assets", Path(__file__).parent / "assets")
     ui.page("/", title="gyrobench panel", favicon=Path(__file__).parent / "assets" / "icon.svg")(hubs.page)
     try:
@@ -132,14 +165,14 @@ class Hubs:
 
     def __init__(self, folder: RunsFolder) -> None:
         self._folder = folder
-        self._benches = Benches(folder)
+        self.benches = self._benches = Benches(folder)
         self._hubs = {"": Hub(Watch(folder, self._benches))}
 
     def page(self, session: str = "") -> None:
         """Build the page of one browser."""
         hub = self._of(session)
         hub.tick()
-        build_page(hub.watch)
+        build_page(hub.watch, next(iter(self._folder.queues.values()), ""))
 
     async def attend(self, page: WebSocket, session: str = "") -> None:
         """Send to one page until it goes."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.present.sentences import demands_words
+from bench.present.sentences import demands_words, event_of, sentence
+from bench.record.events.run import Prompt
 from bench.record.events.safe import SafeState
 
 DASH = "–"
@@ -52,6 +53,7 @@ def texts(
         "age": "" if age_s < 2.0 or ended else f"last news {age_s:.0f} s ago",
         "chamber.age": _age(chamber, age_s, going_on),
         "table.age": _age(table, age_s, going_on),
+        "last": _last(now.get("log") or ()),
         "air": number(chamber.get("air_temp_c"), 2),
         "set": number(chamber.get("set_point_c"), 2),
         "air_rate": number(chamber.get("rate_k_per_min"), 2, sign=True),
@@ -69,6 +71,12 @@ def texts(
         words[f"gyro.{name}.age"] = _age(gyro, age_s, going_on)
         words[f"gyro.{name}.unit"] = str((run.get("units") or {}).get(name, ""))
     return words | _read_back(read_back or {})
+
+
+def _last(log: Sequence[Mapping[str, Any]]) -> str:
+    """Return what became of the last order: the newest event that is no question."""
+    events = [event_of(row) for row in log]
+    return next((sentence(event) for event in reversed(events) if not isinstance(event, Prompt)), "")
 
 
 def _read_back(states: Mapping[str, SafeState]) -> dict[str, str]:

@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from bench.control.instrument_station import column_words
-from bench.present.panel._advice import NOT_HERE, nothing_yet
+from bench.present.panel._advice import MANUAL, NOT_HERE, nothing_yet
 from bench.present.panel._benches import Benches
 from bench.present.panel._folders import Entry, RunsFolder
+from bench.present.panel._listing import listed
 from bench.present.panel._series import MinMax, Row
 from bench.present.panel._session import Session, shown
 from bench.present.panel._tails import HistoryTail
-from bench.present.panel._texts import duration, texts
+from bench.present.panel._texts import texts
 from drivers.base.clock import host_seconds
 
 _BUCKETS = 480
@@ -26,7 +26,6 @@ _LOOK_EVERY_S = 2.0
 _LINES_SHOWN = 60
 _FIRST_WIDTH_S = 1.0
 _MOST_S, _LARGEST = 3.2e7, 1e300
-_OUTCOMES = {"completed": "✓ completed", "invalid": "! invalid", "aborted": "✕ aborted"}
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class Watch:
             self._look_at = host_seconds() + _LOOK_EVERY_S
             self._choose()
             self._entries = self.folder.history()
-            self._runs = [self._listed(entry) for entry in self._entries]
+            self._runs = [listed(entry, self.folder, self.benches) for entry in self._entries]
         if self.session is not None and self.session.update() and self.session.now is not None:
             self._follow(self.session.now)
             self._add(self.session.now)
@@ -83,6 +82,11 @@ class Watch:
         """The open questions."""
         prompts: list[dict[str, Any]] = self.now.get("prompts") or [] if self.steerable else []
         return prompts
+
+    @property
+    def by_hand(self) -> bool:
+        """Whether the run that goes on takes orders."""
+        return self.steerable and (self.now.get("run") or {}).get("procedure") == MANUAL
 
     @property
     def steerable(self) -> bool:
@@ -101,7 +105,11 @@ class Watch:
         if session is not None:
             head = session.banner()
         else:
-            head = NOT_HERE if self.name else nothing_yet(str(self.folder.root), self.folder.root.is_dir())
+            head = (
+                NOT_HERE
+                if self.name
+                else nothing_yet(str(self.folder.root), self.folder.root.is_dir(), bool(self.folder.queues))
+            )
         alarms = [asdict(row) for row in session.alarms()] if session is not None else []
         for earlier in self.benches.of_bench(session)[1:] if session is not None else ():
             alarms += [asdict(row) for row in earlier.unseen()]
@@ -154,37 +162,6 @@ class Watch:
         if path is None or (self.session is not None and (self.session.path == path or self.steerable)):
             return
         self.session = Session(self.folder, path)
-
-    def _listed(self, entry: Entry) -> dict[str, Any]:
-        """Return a run as a row of the list."""
-        manifest = entry.manifest
-        row: dict[str, Any] = {"run": entry.name, "outcome": "✕ cannot be read", "kind": "aborted"}
-        if manifest is None:
-            return row | {"why": entry.problem}
-        folder = self.folder.root / entry.name
-        outcome, kind, why = _OUTCOMES.get(manifest.outcome, ""), manifest.outcome, manifest.reason
-        if not manifest.complete:
-            outcome, kind, why = "✕ not closed", "aborted", "its process has ended: `gyrobench runs recover`"
-            if self.benches.goes_on(folder):
-                outcome, kind, why = "● running", "running", ""
-        if aside := self.folder.set_aside(folder):
-            outcome, kind, why = "✕ set aside", "aborted", aside
-        papers = [("report", f"/report/{quote(entry.name)}")] if manifest.complete else []
-        if folder.parent.name == "runs" and folder.parent != self.folder.root:
-            papers += [
-                paper for paper in self.folder.papers(folder.parent.parent) if paper[0] == "certificate"
-            ]
-        return row | {
-            "procedure": manifest.procedure,
-            "units": ", ".join(manifest.units.values()),
-            "bench": manifest.bench_name + (" (emulated)" if manifest.emulated else ""),
-            "started": manifest.started_utc[:16].replace("T", " "),
-            "length": duration(manifest.duration_s),
-            "outcome": outcome,
-            "kind": kind,
-            "why": why,
-            "papers": papers,
-        }
 
     def _follow(self, now: Mapping[str, Any]) -> None:
         """Begin with another run's curves when the session has gone on to it."""

@@ -20,6 +20,7 @@ from bench.present.report._page import Page
 from bench.present.report._rlg import stepwise_page
 from bench.present.report._run import report_run, run_page
 from bench.present.report._run_content import run_content
+from bench.present.report._scores import outside_sentence
 from bench.present.report._standard import standard_test_page
 from bench.present.report._whirl import whirl_page
 
@@ -38,6 +39,7 @@ __all__ = [
     "log_gaps_page",
     "look_page",
     "mixed_text",
+    "outside_sentence",
     "render_page",
     "report_run",
     "run_content",

@@ -36,9 +36,10 @@ from bench.present.report._tables import (
     runs_table,
     software_facts,
 )
+from bench.record.figure_limits import SIMPLE, Decision
 
-Judgement = Literal["pass", "fail", "not measured", "not judged"]
-UnitVerdict = Literal["passed", "not passed", "not judged"]
+Judgement = Literal["pass", "fail", "undecided", "not measured", "not judged"]
+UnitVerdict = Literal["passed", "not passed", "undecided", "not judged"]
 
 _TONES: Mapping[str, Tone] = {
     "pass": "good",
@@ -46,13 +47,13 @@ _TONES: Mapping[str, Tone] = {
     "fail": "bad",
     "not passed": "bad",
     "not measured": "bad",
+    "undecided": "doubt",
     "not judged": "doubt",
 }
 _TERMS = [
     (
-        "Decision rule",
-        "Simple acceptance (ISO/IEC Guide 98-4): the value measured lies inside the limits, the limits included. "
-        "An interval that reaches beyond them is marked.",
+        "Not seen above",
+        "The record does not show the figure; with 97.5 % probability it is at most this.",
     ),
     ("Value", "Of several runs the one nearest to failing: the largest magnitude where there is no limit."),
     (
@@ -63,17 +64,31 @@ _TERMS = [
 ]
 
 
+_RULES: Mapping[str, str] = {
+    "simple acceptance": "Simple acceptance (JCGM 106): the value lies inside the limits, the limits included. A "
+    "value on a limit is beyond it with a probability of 50 %; an interval that reaches beyond is marked.",
+    "guard band": "Guard band w = U (JCGM 106): the 95 % interval lies inside the limits as a whole; outside as "
+    "a whole it fails, else it is undecided. What passes is beyond a limit with a probability of at most 2.5 %.",
+    "false acceptance": "Probability of false acceptance (JCGM 106): what passes is beyond the limits with a "
+    "probability of at most {risk}, what fails is inside with no more; the rest is undecided.",
+}
+
+
 @dataclass(frozen=True)
 class CertifiedFigure:
-    """A figure of one unit. `values`: run id -> value; `low`, `high`: 95 % interval of the value shown."""
+    """A figure of one unit. `values`: run id -> value; `intervals`: 95 % intervals by run.
+
+    `unseen`: runs whose record does not show it. `decision`: the rule it is judged by.
+    """
 
     name: str
     unit: str
     values: Mapping[str, float]
     lower_limit: float | None = None
     upper_limit: float | None = None
-    low: float | None = None
-    high: float | None = None
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    unseen: frozenset[str] = frozenset()
+    decision: Decision = SIMPLE
 
     @property
     def limited(self) -> bool:
@@ -83,7 +98,23 @@ class CertifiedFigure:
     @property
     def value(self) -> float | None:
         """The value nearest to failing, None when there is none; one that is not a number is nearest."""
-        return max(self.values.values(), key=self._nearness, default=None)
+        return None if self.shown is None else self.values[self.shown]
+
+    @property
+    def shown(self) -> str | None:
+        """The run of that value."""
+        return max(self.values, key=lambda run: self._nearness(self.values[run]), default=None)
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The interval of the value shown, None where none is known."""
+        return None if self.shown is None else self.intervals.get(self.shown)
+
+    @property
+    def bound(self) -> float | None:
+        """What the figure is at most where the record of the run shown does not show it."""
+        unseen = self.shown in self.unseen and self.interval is not None
+        return max(map(abs, self.interval or ())) if unseen else None
 
     @property
     def judgement(self) -> Judgement:
@@ -92,12 +123,16 @@ class CertifiedFigure:
             return "not measured" if self.limited else "not judged"
         if not self.limited:
             return "not judged"
-        return "pass" if all(self._inside(value) for value in self.values.values()) else "fail"
+        found = {
+            self.decision.judge(value, self.intervals.get(run), self.lower_limit, self.upper_limit)
+            for run, value in self.values.items()
+        }
+        return "fail" if "fail" in found else "undecided" if "undecided" in found else "pass"
 
     @property
     def doubtful(self) -> bool:
         """Whether the interval of a value inside the limits reaches beyond them."""
-        ends = [end for end in (self.low, self.high) if end is not None]
+        ends = [end for interval in self.intervals.values() for end in interval]
         return self.judgement == "pass" and not all(self._inside(end) for end in ends)
 
     def _inside(self, value: float) -> bool:
@@ -127,8 +162,10 @@ class UnitCertificate:
     def verdict(self) -> UnitVerdict:
         """The unit's verdict; without any limit nothing was judged."""
         judged = [figure.judgement for figure in self.figures if figure.limited]
-        if self.against or any(judgement != "pass" for judgement in judged):
+        if self.against or any(judgement not in ("pass", "undecided") for judgement in judged):
             return "not passed"
+        if "undecided" in judged:
+            return "undecided"
         return "passed" if judged else "not judged"
 
 
@@ -145,6 +182,7 @@ class CertificateContent:
     warnings: Sequence[str] = ()
     limits_from: str = ""
     limits_sha256: str = ""
+    decision: Decision = SIMPLE
 
     @property
     def verdict(self) -> UnitVerdict:
@@ -152,6 +190,8 @@ class CertificateContent:
         verdicts = {unit.verdict for unit in self.units}
         if not verdicts or "not passed" in verdicts:
             return "not passed"
+        if "undecided" in verdicts:
+            return "undecided"
         return "not judged" if "not judged" in verdicts else "passed"
 
 
@@ -167,6 +207,7 @@ def certificate_page(content: CertificateContent) -> Page:
         Fact("First run started", moment(started)),
         Fact("Operator", ", ".join(dict.fromkeys(r.operator for r in content.runs if r.operator)) or DASH),
         Fact("Limits", content.limits_from or "none given"),
+        Fact("Decision rule", _RULES[content.decision.rule].format(risk=content.decision.risk)),
     ]
     return Page(
         title=content.title,
@@ -193,6 +234,7 @@ def _verdict(content: CertificateContent) -> Verdict:
     sentences = {
         "passed": "Every figure with a limit was measured and lies inside; every run is complete and verified.",
         "not passed": "Not every condition for a pass is met; the reasons stand with each unit.",
+        "undecided": "No figure fails, but for some the uncertainty leaves open whether they pass.",
         "not judged": "No limits were given: figures are reported, nothing was judged.",
     }
     headlines = [
@@ -225,9 +267,9 @@ def _cells(figure: CertifiedFigure) -> list[Cell]:
         f"{significant(spread[0])} … {significant(spread[-1])} ({len(spread)})" if len(spread) > 1 else DASH
     )
     return [
-        Cell(significant(figure.value, 7 if figure.name == "scale factor" else 4)),
+        Cell(parts.stated(figure.value, figure.bound, 7 if figure.name == "scale factor" else 4)),
         Cell(unit_text(figure.unit) or DASH),
-        Cell(parts.interval(figure.low, figure.high)),
+        Cell(parts.interval(*(figure.interval or (None, None)))),
         Cell(over),
         Cell(limits_text(figure.lower_limit, figure.upper_limit) or DASH),
         Cell(text, tone) if figure.limited else Cell(DASH if figure.values else "not measured"),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from bench.present.report._certificate import (
 from bench.present.report._file import write_report
 from bench.present.report._run_content import RunContent, run_content
 from bench.present.report._standard import allan_figure
-from bench.record.figure_limits import FIGURES, FURTHER, NO_LIMITS, Limit, Limits
+from bench.record.figure_limits import FIGURES, FURTHER, NO_LIMITS, Decision, Limit, Limits, own_figure
 from bench.record.recording import Run, verify
 from bench.record.run_folder import url_of
 from drivers.base.clock import utc_now
@@ -76,7 +76,7 @@ def certify_campaign(
     return certify(
         [state.folder or campaign.runs / state.run.name for state in campaign.states()],
         path or campaign.path / CERTIFICATE_FILE,
-        limits or Limits(planned.limits, CAMPAIGN_FILE, planned.sha256),
+        limits or Limits(planned.limits, CAMPAIGN_FILE, planned.sha256, planned.decision),
         title=planned.title,
         expected_units=[unit.serial for unit in planned.unit],
     )
@@ -103,6 +103,7 @@ def certificate_content(
     contents: dict[str, RunContent] = {}
     results: dict[str, list[StandardFigures]] = {}
     against: dict[str, list[str]] = {}
+    own: dict[str, list[RunContent]] = {}
     missing: list[str] = []
     left_out: list[str] = []
     for folder in folders:
@@ -116,16 +117,24 @@ def certificate_content(
             reasons = against.setdefault(unit, [])
             results.setdefault(unit, [])
             reasons += _reasons(content, checks[name])
+            if content.valid and checks[name] == "verified":
+                own.setdefault(unit, []).append(content)
             if content.manifest.procedure == "standard-test" and content.valid and checks[name] == "verified":
                 result = standard_figures(folder, gyro)
                 results[unit].append(result)
                 left_out += [f"Run {name}, {unit}: no {what}. {why}" for what, why in result.missing]
     units = [
-        UnitCertificate(unit, _figures(tests, limits), [*dict.fromkeys(against[unit]), *missing])
+        UnitCertificate(
+            unit,
+            [*_figures(tests, limits), *_own_figures(own.get(unit, []), limits)],
+            [*dict.fromkeys(against[unit]), *missing],
+        )
         for unit, tests in results.items()
     ]
     units += [
-        UnitCertificate(unit, _figures([], limits), ["No run of this unit.", *missing])
+        UnitCertificate(
+            unit, [*_figures([], limits), *_own_figures([], limits)], ["No run of this unit.", *missing]
+        )
         for unit in sorted(set(expected_units) - set(results))
     ]
     drawn = [
@@ -143,6 +152,7 @@ def certificate_content(
         warnings=[*missing, *left_out],
         limits_from=limits.source,
         limits_sha256=limits.sha256,
+        decision=limits.decision,
     )
 
 
@@ -171,13 +181,48 @@ def _figures(results: Sequence[StandardFigures], limits: Limits) -> list[Certifi
     by_name: dict[str, list[tuple[str, Figure]]] = {}
     for run, figure in figures:
         by_name.setdefault(figure.name, []).append((run, figure))
-    names = dict.fromkeys([*FIGURES, *by_name, *limits.rows])
-    return [_figure(name, by_name.get(name, []), limits.rows.get(name)) for name in names]
+    names = dict.fromkeys([*FIGURES, *by_name, *(name for name in limits.rows if own_figure(name) is None)])
+    return [_figure(name, by_name.get(name, []), limits.rows.get(name), limits.decision) for name in names]
 
 
-def _figure(name: str, rows: Sequence[tuple[str, Figure]], limit: Limit | None) -> CertifiedFigure:
+def _own_figures(runs: Sequence[RunContent], limits: Limits) -> list[CertifiedFigure]:
+    """Return what procedures measured of a unit and a limit names; in another unit than the limit's it is not it.
+
+    A measurement belongs to every unit of its run. Of several in a run the last one counts.
+    """
+    figures = []
+    for name, limit in limits.rows.items():
+        if (named := own_figure(name)) is None:
+            continue
+        procedure, measurement = named
+        values = {
+            run.run_id: math.nan if item.value is None else item.value
+            for run in runs
+            for item in run.measurements
+            if run.manifest.procedure == procedure and (item.name, item.unit) == (measurement, limit.unit)
+        }
+        figures.append(
+            CertifiedFigure(name, limit.unit, values, limit.low, limit.high, decision=limits.decision)
+        )
+    return figures
+
+
+def _figure(
+    name: str, rows: Sequence[tuple[str, Figure]], limit: Limit | None, decision: Decision
+) -> CertifiedFigure:
     units = {figure.unit for _, figure in rows} or {FIGURES.get(name, FURTHER.get(name, ""))}
     low, high = (None, None) if limit is None else (limit.low, limit.high)
-    shown = CertifiedFigure(name, units.pop(), {run: figure.value for run, figure in rows}, low, high)
-    of_value = next((figure for _, figure in rows if figure.value == shown.value), None)
-    return shown if of_value is None else replace(shown, low=of_value.low, high=of_value.high)
+    return CertifiedFigure(
+        name,
+        units.pop(),
+        {run: figure.value for run, figure in rows},
+        low,
+        high,
+        {
+            run: (figure.low, figure.high)
+            for run, figure in rows
+            if figure.low is not None and figure.high is not None
+        },
+        frozenset(run for run, figure in rows if not figure.seen),
+        decision,
+    )

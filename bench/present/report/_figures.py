@@ -92,7 +92,7 @@ def lanes(
             if number == 0 and phases:
                 _name_phases(axes, phases, width)
             if number == len(plots) - 1:
-                axes.set_xlabel(x_label)
+                axes.set_xlabel(printable(x_label))
             else:
                 axes.tick_params(labelbottom=False)
             top += plot.height + gap
@@ -181,6 +181,8 @@ def _label_ends(axes: Axes, plot: Lane) -> None:
     for curve, end, height in zip(
         plot.curves, heights, spread(heights, [LINE] * len(ends), 0.0, plot.height), strict=True
     ):
+        if not curve.label:
+            continue
         axes.annotate(
             printable(short(curve.label, 28)),
             (1.0, end / plot.height),

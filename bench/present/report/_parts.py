@@ -34,6 +34,13 @@ def before_after(
     return Lane(label, [Curve(label_before, x, before, BEFORE), Curve("after", x, after, AFTER)], height)
 
 
+def stated(value: float | None, bound: float | None, digits: int = 3) -> str:
+    """Return a figure as it is stated: its value, or what it is at most where the record does not show it."""
+    if bound is None:
+        return significant(value, digits)
+    return f"not seen above {significant(bound, 2)}" if math.isfinite(bound) else "not seen, no bound known"
+
+
 def interval(low: float | None, high: float | None) -> str:
     """Return the interval that holds a value; an upper end that is not known is infinite."""
     if low is None or high is None:

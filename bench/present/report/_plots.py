@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from bench.analysis.common.statistics import attained
 from bench.present.report._dots import Dots, dot_chart
 from bench.present.report._figures import Curve, Lane, Panel, lanes, panels
 from bench.present.report._numbers import fixed, known, mean
@@ -15,7 +16,7 @@ from bench.present.report._page import Block, Figures, Key
 from bench.present.report._palette import AFTER, BEFORE, BLUE, FLOOR, GREEN, MUTED, ORANGE, PURPLE, Paint
 from bench.present.report._parts import BEFORE_AFTER
 from bench.present.report._run_content import Trace
-from bench.present.report._scores import Models, attained
+from bench.present.report._scores import Models
 from drivers.base.arrays import Array
 
 _HOUR = 3600.0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.analysis.common.statistics import attained
 from bench.present.report import _parts as parts
 from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import DASH, fixed, moment, significant
@@ -111,7 +112,7 @@ def _verdict(study: RlgStudy, best: StepwiseVariant) -> Verdict:
     mean = best.mean_improvement_pct
     worst = min(best.judged, key=lambda row: row.improvement_pct)
     good = mean >= _PAPER_PCT
-    attained = [row.attained for row in best.judged if row.attained is not None]
+    share = attained(best.judged)[1]
     runs = "one run" if len(best.judged) == 1 else f"{len(best.judged)} runs"
     sentences = [
         f"On {runs} that had no part in the fit, {best.name} improves the stability of 100 s "
@@ -121,8 +122,8 @@ def _verdict(study: RlgStudy, best: StepwiseVariant) -> Verdict:
         Headline("mean improvement", fixed(mean, 1), "%"),
         Headline("R²", fixed(best.result.final.r2, 4)),
     ]
-    if attained:
-        headlines.append(Headline("of what is possible", fixed(100.0 * float(np.mean(attained)), 1), "%"))
+    if share is not None:
+        headlines.append(Headline("of what is possible", fixed(share, 1), "%"))
     return Verdict("Improved" if good else "Below 65 %", "good" if good else "doubt", sentences, headlines)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.analysis.common.statistics import attained
 from bench.present.report._numbers import DASH, fixed
 from bench.present.report._page import Block, Cell, Row, Table, named
 
@@ -48,8 +49,7 @@ def _shares(study: RlgStudy, which: Sequence[int], kind: str, run: str, *, empha
     for variant in study.variants:
         mean = float(np.mean([variant.judged[n].improvement_pct for n in which]))
         cells.append(Cell(fixed(mean, 1), "plain" if mean >= 0 else "bad"))
-    attained = [row.attained for row in (study.chosen.judged[n] for n in which) if row.attained is not None]
-    cells.append(Cell(fixed(100.0 * float(np.mean(attained)), 1) if attained else DASH))
+    cells.append(Cell(fixed(attained([study.chosen.judged[n] for n in which])[1], 1)))
     return Row(cells, emphasis=emphasis)
 
 
@@ -57,11 +57,20 @@ def _stability(study: RlgStudy) -> Table:
     rows = []
     for n, row in enumerate(study.chosen.judged):
         after = [fixed(variant.judged[n].after_dph, 5) for variant in study.variants]
-        outside = Cell(str(row.outside_rows), "doubt" if row.outside_rows else "plain")
+        split = row.apart
+        outside = Cell(f"{split.outside} of {split.count}", "doubt" if split.outside else "plain")
         cells = [row.kind or DASH, fixed(row.before_dph, 5), *after, fixed(row.oracle_dph, 5)]
-        rows.append(named(row.run_id, *cells, outside))
+        parts = [
+            f"{fixed(before, 5)} → {fixed(after, 5)}" if split.outside and before is not None else DASH
+            for before, after in (
+                (split.inside_before, split.inside_after),
+                (split.outside_before, split.outside_after),
+            )
+        ]
+        rows.append(named(row.run_id, *cells, outside, *parts))
     after = [f">{variant.name} [°/h]" for variant in study.variants]
     heads = ["Run", "Profile", ">Before [°/h]", *after, ">True drift off [°/h]", ">Rows outside"]
+    heads += [f">{study.chosen.name}, rows inside [°/h]", ">outside [°/h]"]
     caption = (
         "Stability, 1σ of 100 s means, before and after each equation. Rows outside lie beyond the temperatures "
         "or rates of the training runs."

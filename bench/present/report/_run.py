@@ -11,6 +11,7 @@ from bench.present.report._page import Block, Definitions, Fact, Facts, Headline
 from bench.present.report._parts import made, warnings
 from bench.present.report._plots import trace_figure
 from bench.present.report._run_content import RunContent, run_content
+from bench.present.report._series import series_blocks
 from bench.present.report._tables import (
     checksum_table,
     limited,
@@ -105,6 +106,7 @@ def _sections(run: RunContent) -> list[Section]:
         warnings(run.warnings),
         Section("Course of the run", figures),
         Section("Measurements", measurements_table(run.measurements)),
+        Section("Worked out by the procedure", series_blocks(run.series)),
         Section("Parameters", [Facts(parameters)]),
         *record_sections([run], provenance, [Definitions([LOST, CLOCK])]),
     ]

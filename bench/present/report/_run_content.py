@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.present.sentences import safe_sentence, sentence
 from bench.record.events import Event
-from bench.record.events.run import Alarm, Answer, Measured
+from bench.record.events.run import Alarm, Answer, Measured, Series
 from bench.record.events.safe import SafeState
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
@@ -67,6 +67,8 @@ class RunContent:
     operator: str = ""
     checksum: str = ""
     role: str = ""
+    series: Sequence[Series] = ()
+    """What the procedure worked out beside single figures."""
     changed: bool = False
     """Whether the manifest was changed after it was sealed."""
 
@@ -117,6 +119,7 @@ def run_content(run: Run, role: str = "") -> RunContent:
         checksum=run.checksum,
         changed=run.seal == "broken",
         role=role,
+        series=tuple(series for _, series in run.of(Series)),
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from bench.analysis.common.statistics import attained
 from bench.present.report._numbers import column, fixed, known, mean, significant
 from bench.present.report._page import Block, Cell, Headline, Row, Table, Tone, named
 
@@ -35,13 +36,23 @@ def _sf_max_ppm(score: Scores) -> float | None:
     return score.sf_max_ppm if score.sf_true_max_ppm is None else score.sf_true_max_ppm
 
 
-def attained(scores: Sequence[Scores]) -> tuple[float | None, float | None]:
-    """Return (mean attainable improvement, share of it attained), both in %, over the runs that know both."""
-    both = [score for score in scores if known(score.improvement_pct) and known(score.oracle_pct)]
-    limit, reached = mean(s.oracle_pct for s in both), mean(s.improvement_pct for s in both)
-    if limit is None or reached is None or limit <= 0.0:
-        return limit, None
-    return limit, 100.0 * reached / limit
+def outside_sentence(score: Scores) -> str:
+    """Return what a run's comparison holds inside and outside the compensation's range; "" for all inside."""
+    split = score.apart
+    if split is None or not split.outside:
+        return ""
+    unit = "ppm" if score.stability_dph is None else "°/h"
+    parts = [
+        f"{where} {significant(before)} → {significant(after)} {unit}"
+        for where, before, after in (
+            ("inside", split.inside_before, split.inside_after),
+            ("outside", split.outside_before, split.outside_after),
+        )
+        if before is not None
+    ]
+    share = fixed(100.0 * split.outside / split.count, 1)
+    said = f"{split.outside} of {split.count} s ({share} %) are out of the compensation's range"
+    return f"{score.run_id}: {said}; 1σ {', '.join(parts)}."
 
 
 def model_table(models: Models, chosen: str) -> list[Block]:

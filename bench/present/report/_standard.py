@@ -10,7 +10,7 @@ import numpy as np
 from bench.present.report import _glossary as glossary
 from bench.present.report import _parts as parts
 from bench.present.report._figures import Curve, Lane, lanes
-from bench.present.report._numbers import DASH, moment, significant, unit_text
+from bench.present.report._numbers import DASH, moment, unit_text
 from bench.present.report._page import (
     Block,
     Fact,
@@ -36,8 +36,12 @@ _TERMS = [
     *glossary.STANDARD_BIAS,
     (
         "Interval",
-        "Holds the coefficient with 95 % probability. From zero on: the record does not show this noise, and the "
-        "upper end is what it may be at most.",
+        "Holds the figure with 95 % probability, the unit's noise being all that disturbs it.",
+    ),
+    (
+        "Not seen above",
+        "The record does not show the figure: noise alone gives as much. It is at most this, with 97.5 % "
+        "probability.",
     ),
     (
         "Threshold",
@@ -84,7 +88,11 @@ def standard_test_page(
 def _verdict(results: Sequence[StandardFigures], missing: Sequence[str]) -> Verdict:
     figures = {figure.name: figure for figure in results[0].figures}
     headlines = [
-        Headline(name, significant(figures[name].value), unit_text(figures[name].unit))
+        Headline(
+            name,
+            parts.stated(figures[name].value, figures[name].bound),
+            unit_text(figures[name].unit),
+        )
         for name in _HEADLINES
         if name in figures
     ]
@@ -97,7 +105,7 @@ def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
     rows = [
         named(
             figure.name,
-            significant(figure.value, figure.digits),
+            parts.stated(figure.value, figure.bound, figure.digits),
             unit_text(figure.unit) or DASH,
             parts.interval(figure.low, figure.high),
             figure.source,

@@ -225,4 +225,9 @@ def _door(data: Mapping[str, Any]) -> Iterator[Mistake]:
 
 def _number(section: object, name: str, default: float) -> float | None:
     value = section.get(name, default) if isinstance(section, dict) else None
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return None
+    try:
+        return float(value)
+    except OverflowError:  # an integer of hundreds of digits: the section's own check refuses it
+        return None

@@ -102,7 +102,7 @@ class Catalogue:
                 where=str(folder),
                 found=error.strerror or str(error),
                 expected="a folder of runs that can be written",
-                remedy="check --runs, or keep the catalogue elsewhere with --catalogue sqlite:///FILE",
+                remedy="check the folder, or keep the catalogue elsewhere with --catalogue sqlite:///FILE",
             ) from error
         return cls(f"sqlite:///{folder.absolute() / 'runs.sqlite'}")
 
@@ -195,8 +195,9 @@ class Catalogue:
         return {name for (name,) in found}
 
     def _read(self, runs: Path, root: str, names: Sequence[str], progress: ReadProgress | None) -> None:
+        place = str(runs)  # text: a `Path` for each run costs more than opening its manifest
         for start in range(0, len(names), _AT_ONCE):
-            rows = [read_row(runs / name, root) for name in names[start : start + _AT_ONCE]]
+            rows = [read_row(place, name, root) for name in names[start : start + _AT_ONCE]]
             runs_rows = [vars(row) | {"units": json.dumps(row.units, ensure_ascii=False)} for row in rows]
             units = [{"unit": unit, "root": root, "name": row.name} for row in rows for unit in row.units]
             with self._database.transaction():
@@ -239,7 +240,7 @@ def _changed_ns(runs: Path) -> int:
             "there is no such folder of runs",
             where=str(runs),
             found=error.strerror or str(error),
-            remedy="see --runs",
+            remedy="name the folder that `gyrobench run --runs` wrote to",
         ) from error
 
 
@@ -302,16 +303,16 @@ def period_s(text: str) -> tuple[float, float]:
     return start.timestamp(), start.timestamp() + length_s
 
 
-def read_row(folder: Path, root: str) -> CatalogueRow:
-    """Return a run folder as a row of the catalogue; what cannot be read says why."""
+def read_row(runs: str, name: str, root: str) -> CatalogueRow:
+    """Return run folder `name` below `runs` as a row of the catalogue; what cannot be read says why."""
     try:
-        manifest = parse_json(read_bounded(folder / MANIFEST_FILE, MANIFEST_BYTES))
+        manifest = parse_json(read_bounded(f"{runs}/{name}/{MANIFEST_FILE}", MANIFEST_BYTES))
         started = datetime.datetime.fromisoformat(str(manifest["started_utc"]))
         started = started if started.tzinfo else started.replace(tzinfo=datetime.UTC)
         duration = manifest.get("duration_s")
         return CatalogueRow(
             root=root,
-            name=folder.name,
+            name=name,
             run_id=_text(manifest["run_id"]),
             procedure=_text(manifest["procedure"]),
             bench=_text(manifest.get("bench", {}).get("bench", {}).get("name", "")),
@@ -323,7 +324,7 @@ def read_row(folder: Path, root: str) -> CatalogueRow:
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         reason = f"{MANIFEST_FILE}: {type(error).__name__}: {error}"
-        return CatalogueRow(root, folder.name, folder.name, reason=reason)
+        return CatalogueRow(root, name, name, reason=reason)
 
 
 def _text(value: object) -> str:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import field
+from math import isfinite
 from typing import Any, Literal
 
 from bench.record.events._base import BenchTime, Event, Flag, Number, Whole
 
+_MOST_NUMBERS = 2000
 Sense = Literal["shortest", "positive", "negative"]
 
 
@@ -55,6 +57,33 @@ class Measured(Event, kind="measurement"):
     low: Number | None
     high: Number | None
     passed: Flag | None
+
+
+class Series(Event, kind="series"):
+    """Columns of numbers that a procedure worked out: the run's report shows a table, with `plot` curves too.
+
+    `columns`: heading with its unit, as "error [ppm]" -> numbers, None or NaN where one is not known, all of one
+    length. The first column is what the others are plotted over. ValueError for columns of different lengths, for
+    none, and for more than 2,000 numbers: what is longer is a table of the record.
+    """
+
+    title: str
+    columns: dict[str, list[Number | None]]
+    plot: bool = False
+
+    def __post_init__(self) -> None:
+        columns = {str(name): [_known(value) for value in values] for name, values in self.columns.items()}
+        lengths = {name: len(values) for name, values in columns.items()}
+        if len(set(lengths.values())) != 1 or sum(lengths.values()) > _MOST_NUMBERS:
+            raise ValueError(
+                f"series {self.title!r}: found {lengths}, expected columns of one length and at most "
+                f"{_MOST_NUMBERS} numbers"
+            )
+        object.__setattr__(self, "columns", columns)
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None or not isfinite(value) else float(value)
 
 
 class Requested(Event, kind="request"):

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet
 
@@ -19,6 +17,10 @@ from bench.record.exchange._text import layout_of, names_and_units, read_rows
 from bench.record.recording import check_room
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
+from drivers.base.plugins import from_extra
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TIME_OF_FILE = "time of the file"
 """Name of the times, in s, that an MDF file has beside its channels."""
@@ -148,6 +150,8 @@ def _table(
 
 def _numbers(values: pd.Series, decimal: str) -> tuple[Array | None, str, bool]:
     """Return numbers (None: text), a cell that is no number, and whether they are made of dates or times."""
+    import pandas as pd
+
     if pd.api.types.is_numeric_dtype(values):
         return np.asarray(values.to_numpy(np.float64, na_value=np.nan)), "", False
     if pd.api.types.is_timedelta64_dtype(values):
@@ -171,6 +175,8 @@ def _numbers(values: pd.Series, decimal: str) -> tuple[Array | None, str, bool]:
 
 def _dates(text: pd.Series) -> pd.Series:
     """Return times of day or date-times; day and month in the order that misses fewest and spans least."""
+    import pandas as pd
+
     first = str(text.dropna().iloc[0])
     if re.match(r"\d{1,2}:\d\d", first):
         return pd.Timestamp(0) + pd.to_timedelta(text, errors="coerce")
@@ -186,6 +192,8 @@ def _dates(text: pd.Series) -> pd.Series:
 
 
 def _parquet(file: Path, names: Sequence[str]) -> Table:
+    import pandas as pd
+
     with pyarrow.parquet.ParquetFile(file) as parquet:
         schema = parquet.schema_arrow
         stated = [(part.metadata or {}).get(b"unit", b"").decode() for part in schema]
@@ -245,7 +253,7 @@ def _mat(file: Path) -> dict[str, Any]:
 
 
 def _hdf5(file: Path) -> dict[str, Any]:
-    h5py = _extra("h5py", "HDF5 files (MATLAB 7.3 too)")
+    h5py = from_extra("h5py", "exchange", "reading HDF5 files (MATLAB 7.3 too)")
     arrays: dict[str, Any] = {}
     with h5py.File(file) as content:
         content.visititems(
@@ -276,9 +284,11 @@ def _mdf(
         raise _unreadable(file, f"{type(error).__name__}: {error}") from error
     if not signals:
         raise ConfigurationError(
-            "the MDF file has no channels of numbers", where=str(file), remedy="say --dbc",
+            "the MDF file has no channels of numbers",
+            where=str(file),
             expected="signals, or CAN frames and a DBC file",
-        )  # fmt: skip
+            remedy="`gyrobench look --dbc FILE` decodes CAN frames",
+        )
     time_s = np.asarray(next(iter(signals.values())).timestamps, np.float64)
     columns = {}
     for name, signal in signals.items():
@@ -335,15 +345,4 @@ def _on_times(time_s: Array, signal: Any, period: float) -> Array:
 
 def load_asammdf() -> Any:
     """Return the module that reads and writes MDF files; ConfigurationError without it."""
-    return _extra("asammdf", "MDF files")
-
-
-def _extra(package: str, what: str) -> Any:
-    try:
-        return importlib.import_module(package)
-    except ImportError as error:
-        raise ConfigurationError(
-            f"{what} need the package {package}",
-            found="it is not installed",
-            remedy="install gyrobench with its extra 'exchange'",
-        ) from error
+    return from_extra("asammdf", "exchange", "reading and writing MDF files")

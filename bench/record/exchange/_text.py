@@ -8,14 +8,16 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 
 from drivers.base.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _HEAD_BYTES = 1 << 17
 _COMMENTS = ("#", "%", "//", "!", "*")
@@ -95,6 +97,8 @@ def read_rows(file: Path, layout: TextLayout, wanted: Sequence[str]) -> tuple[pd
 
     Odd rows have another number of cells; they are left out. Comments are none.
     """
+    import pandas as pd  # here: it takes as long as the rest of the command line, and few commands read a log
+
     if layout.separator == " ":
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

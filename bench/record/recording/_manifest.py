@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, Va
 
 from bench.record.events._base import Number
 from bench.record.recording._events import EVENTS_FILE, record_error
-from bench.record.run_folder import MANIFEST_FILE
+from bench.record.run_folder import MANIFEST_FILE, PROCEDURE_FILE
 from drivers.base.errors import RecordError
 from drivers.base.files import MANIFEST_BYTES, read_bounded, replace_file
 
@@ -219,7 +219,7 @@ def read_manifest(folder: Path) -> Manifest:
             where=str(folder),
             found=f"{MANIFEST_FILE}: {error.strerror}",
             expected="a folder with manifest.json, events.jsonl and raw/",
-            remedy="`gyrobench runs` lists the runs there are",
+            remedy="`gyrobench runs list` lists the runs there are",
         ) from error
     except ValueError as error:
         raise RecordError(
@@ -239,9 +239,9 @@ def _mistakes(error: ValueError) -> str:
 
 
 def checksums(folder: Path) -> dict[str, FileEntry]:
-    """Return the checksums of the run's own files by relative path: events, raw/, tables, watchdog/."""
+    """Return the checksums of the run's own files by path: events, raw/, tables, watchdog/, procedure."""
     paths = [folder / EVENTS_FILE, *(folder / "raw").glob("*"), *folder.glob("*.parquet")]
-    paths += (folder / "watchdog").rglob("*")
+    paths += [*(folder / "watchdog").rglob("*"), folder / PROCEDURE_FILE]
     return {path.relative_to(folder).as_posix(): checksum(path) for path in sorted(paths) if path.is_file()}
 
 

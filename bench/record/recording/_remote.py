@@ -64,7 +64,7 @@ def local_run(place: Path | str, *, everything: bool = False) -> Path:
         where=url,
         found="no manifest.json" if sizes else "nothing",
         expected="a folder with manifest.json, events.jsonl and raw/",
-        remedy=f"`gyrobench runs list --runs {parent}` lists the runs there are",
+        remedy=f"`gyrobench runs list {parent}` lists the runs there are",
     )
 
 

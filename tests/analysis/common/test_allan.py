@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from bench.analysis.common.allan import _BLOCK, AllanDeviation, allan_deviation
 from bench.analysis.common.allan_confidence import confidence_interval, degrees_of_freedom, noise_exponents
-from bench.analysis.common.allan_noise import NOISE_NAMES, fit_noise
+from bench.analysis.common.allan_noise import NOISE_NAMES, _basis, _spectra, fit_noise
 from drivers.base.errors import ConfigurationError, RecordError
 
 NBS_9 = [892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0]
@@ -230,3 +230,14 @@ def test_the_error_of_a_value_is_that_of_its_number_of_clusters(clusters: int, e
     m = 7
     allan = allan_deviation(np.random.default_rng(12).normal(size=clusters * m), 10.0, [m / 10.0])
     assert allan.relative_error == pytest.approx(expected, rel=1e-12)
+
+
+def test_variances_and_spectra_of_unit_coefficients_are_those_of_ieee_std_952() -> None:
+    """Annex C: 3 Q^2/tau^2, N^2/tau, 2 ln 2/pi B^2, K^2 tau/3, R^2 tau^2/2, and 4 Q^2/dt sin^2(pi f dt), N^2."""
+    tau_h = np.array([0.5, 2.0])
+    expected = [[3.0 / t**2, 1.0 / t, 2.0 * np.log(2.0) / np.pi, t / 3.0, t * t / 2.0] for t in tau_h]
+    assert _basis(tau_h) == pytest.approx(np.array(expected))
+    dt_h, sine = 0.01, np.sin(np.pi * np.array([0.1, 0.3]))
+    slow = 2.0 * sine / dt_h  # 2 pi f where f dt is small
+    columns = [4.0 * sine**2 / dt_h, np.ones(2), 1.0 / slow, 1.0 / slow**2, np.zeros(2)]
+    assert _spectra(sine, dt_h) == pytest.approx(np.column_stack(columns))

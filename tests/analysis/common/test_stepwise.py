@@ -245,3 +245,20 @@ def test_a_term_that_enters_and_leaves_for_ever_ends_the_search_where_it_was_bef
     y = x[:, 0] + rng.normal(size=200)
     result = stepwise(x, y, p_enter=0.9, p_remove=0.1)
     assert "x1" in result.selected and len(result.steps) < 10
+
+
+@pytest.mark.parametrize(
+    ("names", "start", "rows"),
+    [
+        (["a", "b", "c", "d"], [], 9),
+        (["a", "b"], [], 9),
+        (["a", "b", "b"], [], 9),
+        (["a", "b", "c"], ["d"], 9),
+        (["a", "b", "c"], [], 5),
+    ],
+)
+def test_input_that_does_not_fit_together_is_refused(names: list[str], start: list[str], rows: int) -> None:
+    x = np.random.default_rng(0).normal(size=(rows, 3))
+    with pytest.raises(ConfigurationError, match="input cannot be used") as refused:
+        stepwise(x, x[:, 0], names=names, start=start)
+    assert f"{len(names)} names" in refused.value.found

@@ -170,6 +170,30 @@ def test_an_effect_outside_the_catalogue_is_described_by_what_it_follows(nominal
     assert part.at[int(np.argmax(np.abs(part.curve)))] == pytest.approx(-10.0, abs=5.0)
 
 
+def _crossing_dph(warm_k: np.ndarray, at_k: float) -> np.ndarray:
+    """The dispersion of a spurious mode that a gyro's own crosses at a temperature, 2.5 K wide."""
+    x = (warm_k - at_k) / 2.5
+    return np.asarray(0.4 * 2.0 * x / (1.0 + x**2))
+
+
+@pytest.mark.parametrize("cubic_dph", [0.0, 0.6])
+def test_modes_that_cross_are_no_step_of_the_bias(nominal: Model, cubic_dph: float) -> None:
+    """The place is told to a kelvin, and what is known beside it is named."""
+    rng = np.random.default_rng(17)
+    runs = []
+    for name in "abc":
+        s = stimulus(8000)
+        extra = _crossing_dph(s.warm_k, -22.0) + cubic_dph * (s.warm_k / 50.0) ** 3
+        runs.append(made_run(name, s, rng, extra))
+    found = diagnose(runs, nominal)
+    assert [cause.name for cause in found.causes] == (["bias_cubic"] if cubic_dph else [])
+    assert found.rate.unknown_probability > 0.9
+    (part,) = found.rate.unknown_parts
+    assert part.follows == "T_in"
+    ends = [part.at[int(np.argmin(part.curve))], part.at[int(np.argmax(part.curve))]]
+    assert ends == pytest.approx([3.0 - 2.5, 3.0 + 2.5], abs=1.0)
+
+
 def test_a_slow_line_is_described_by_its_frequency(nominal: Model) -> None:
     """Slower than a minute it is no vibration and no mains: something is switched."""
     rng = np.random.default_rng(13)

@@ -36,7 +36,7 @@ _NOTHING = Solution(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 0)))
 
 
 def _judged(energy: float, *names: str, evidence: float = 0.0, rest: float = 0.0) -> Judged:
-    left = Remainder(np.array([rest]), 0.0, np.zeros(1))
+    left = Remainder(np.array([rest]), 0.0, np.zeros(1), np.zeros(1))
     return Judged(
         frozenset(names), frozenset(), evidence, _NOTHING, np.array([energy]), left, _NOTHING, _NOTHING
     )

@@ -223,3 +223,27 @@ def test_rows_that_a_logger_repeats_are_left_out() -> None:
     values[700:703] = values[699]
     assert np.flatnonzero(held_rows(values)).tolist() == [700, 701, 702]
     assert not held_rows(np.round(values)).any()
+
+
+def test_rows_of_a_coarse_signal_that_are_equal_by_chance_are_kept() -> None:
+    """A slow swing in steps of 0.04 under noise of 0.2: one row in twenty or so equals its neighbour."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        swing = 30.0 * np.sin(np.arange(1448) / 30.0)
+        coarse = np.round((swing + rng.normal(0.0, 0.2, 1448)) / 0.04) * 0.04
+        assert (np.diff(coarse) == 0.0).sum() > 1
+        assert not held_rows(coarse).any()
+
+
+def test_stamps_that_are_rounded_to_a_microsecond_make_no_rate(tmp_path: Path) -> None:
+    """Rows every 16/15 s, the table to and fro at 12 deg/s: rounded stamps are 0.02 deg/h."""
+    time_s = np.arange(600) * 16.0 / 15.0
+    angle = 12.0 * np.abs((time_s + 4.0) % 16.0 - 8.0)
+    rate = np.diff(angle, prepend=angle[0]) / (16.0 / 15.0)
+    kept = np.ones(600, dtype=bool)
+    kept[[200, 201, 417]] = False
+    run = _log(tmp_path, time_s[kept], rate[kept], angle[kept])
+    assert run.stimulus.period_s == pytest.approx(16.0 / 15.0, abs=1e-6)
+    rest = run.output_dph - 3600.0 * run.stimulus.table_rate_dps
+    assert np.isnan(rest).sum() <= 5
+    assert np.nanmax(np.abs(rest)) < 2e-3

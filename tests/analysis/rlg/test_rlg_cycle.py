@@ -161,3 +161,11 @@ def test_the_real_cycle_is_told_honestly() -> None:
     assert x.static_pct < 30.0 and x.dynamic_pct > x.static_pct + 15.0
     assert x.verdict.startswith("follows temperature in part")
     assert z.static_pct < 0.0 and z.verdict.startswith("hardly reproducible")
+
+
+@pytest.mark.parametrize(("up", "down"), [(9, 60), (60, 8)])
+def test_a_leg_of_less_than_ten_means_is_no_leg(up: int, down: int) -> None:
+    temp = np.concatenate([np.linspace(0.0, 50.0, up + 1), np.linspace(50.0, 0.0, down + 1)[1:]])
+    rate = np.random.default_rng(0).normal(size=len(temp))
+    with pytest.raises(RecordError, match="the recording is no cycle"):
+        study_chamber_cycle(temp, {"x": rate}, 1)

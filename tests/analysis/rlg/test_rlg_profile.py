@@ -7,11 +7,40 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.analysis.rlg import RampRun
+from bench.analysis.rlg import RampRun, _study
 from bench.analysis.rlg._rows import ramp_run
-from bench.analysis.rlg._study import how_it_differs, hysteresis_dph, judge, profile_of, run_rlg_study
+from bench.analysis.rlg._study import (
+    RampProfile,
+    how_it_differs,
+    hysteresis_dph,
+    judge,
+    profile_of,
+    run_rlg_study,
+)
 
 Runs = Callable[[int], dict[str, RampRun]]
+
+
+@pytest.mark.parametrize(
+    ("low_c", "high_c", "words"),
+    [
+        (-20.0, 60.0, "another day"),
+        (-25.0, 65.0, "another day"),
+        (-15.0, 55.0, "another day"),
+        (-25.1, 60.0, "beyond the range"),
+        (-20.0, 65.1, "beyond the range"),
+        (-14.9, 60.0, "part of the range"),
+        (-20.0, 54.9, "part of the range"),
+        (-14.9, 54.9, "part of the range"),
+        (-14.9, 65.1, "beyond the range"),
+    ],
+)
+def test_five_kelvin_at_either_end_are_the_same_range(
+    monkeypatch: pytest.MonkeyPatch, low_c: float, high_c: float, words: str
+) -> None:
+    monkeypatch.setattr(_study, "profile_of", lambda profile: profile)
+    fitted = [RampProfile(1, 1.0, -20.0, 40.0), RampProfile(1, 1.0, 0.0, 60.0)]
+    assert how_it_differs(RampProfile(1, 1.0, low_c, high_c), fitted) == words  # type: ignore[arg-type]
 
 
 def test_a_run_is_named_by_what_its_temperatures_did(runs: Runs) -> None:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.analysis.common.statistics import bias_stability, block_means
-from bench.analysis.thermal import Prediction, ThermalRun
+from bench.analysis.common.statistics import attained, bias_stability, block_means
+from bench.analysis.thermal import Prediction, Scores, ThermalRun
 from bench.analysis.thermal._evaluate import evaluate, noise_floor
 
 N = 40_000
@@ -68,7 +68,7 @@ def test_the_true_drift_as_prediction_reaches_the_oracle() -> None:
     assert scores.oracle_pct == pytest.approx(
         100 * (1 - 6 * ARW / np.hypot(0.2 / np.sqrt(2), 6 * ARW)), abs=1.5
     )
-    assert scores.attained_fraction == pytest.approx(1.0, abs=0.002)
+    assert attained([scores])[1] == pytest.approx(100.0, abs=0.2)
     assert scores.attainable_pct == pytest.approx(scores.oracle_pct, abs=2.0)
     # What remains is the 10 s hold: 4.5 s late on average, 0.2 * 2 pi / 4000 * 4.5.
     assert scores.true_max_dph == pytest.approx(0.2 * 2 * np.pi / 4000 * 4.5, rel=0.1)
@@ -88,7 +88,32 @@ def test_without_a_truth_the_noise_floor_bounds_the_claim() -> None:
     run, drift = known_run()
     scores = evaluate(on_grid(drift), replace(run, true_bias_dph=None))
     assert scores.oracle_pct is None and scores.true_rmse_dph is None
-    assert scores.attained_fraction == pytest.approx(1.0, abs=0.03)
+    assert attained([scores]) == (None, None)  # what could be attained is not known
+    assert scores.improvement_pct == pytest.approx(scores.attainable_pct, abs=3.0)
+
+
+def test_of_attainable_is_the_share_of_the_means() -> None:
+    rows = [
+        Scores("a", improvement_pct=40.0, oracle_pct=50.0),
+        Scores("b", improvement_pct=90.0, oracle_pct=90.0),
+    ]
+    assert attained([*rows, Scores("c", improvement_pct=10.0)]) == pytest.approx((70.0, 100.0 * 65.0 / 70.0))
+
+
+def test_inside_and_outside_of_the_range_are_given_apart() -> None:
+    """The prediction is right up to 20 000 s; beyond, out of its range, it is wrong by 1 deg/h."""
+    run, drift = known_run()
+    beyond = run.time_s >= 20_000
+    wrong = drift + np.where(beyond, np.sin(2 * np.pi * run.time_s / 5000), 0.0)
+    split = evaluate(on_grid(wrong), run, beyond[::10]).apart
+    assert split is not None and (split.outside, split.count) == (20_000, N)
+    assert run.bias_dph is not None
+    assert split.inside_before == pytest.approx(bias_stability(run.bias_dph[:20_000]))
+    assert split.outside_before == pytest.approx(bias_stability(run.bias_dph[20_000:]))
+    assert split.inside_after == pytest.approx(6 * ARW, rel=0.15)
+    assert split.outside_after == pytest.approx(np.sqrt(0.5), rel=0.02)
+    inside = evaluate(on_grid(drift), run, np.zeros(N // 10, dtype=np.bool_)).apart
+    assert inside is not None and (inside.outside, inside.outside_before) == (0, None)
 
 
 def test_the_time_before_the_reference_window_does_not_count() -> None:

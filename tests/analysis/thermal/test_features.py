@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.analysis.thermal import ThermalRun, prepare
-from bench.analysis.thermal._features import centred_mean, change_per_minute, trailing_mean
+from bench.analysis.thermal._features import centred_mean, change_per_minute, trailing_mean, window_mean
+from bench.analysis.thermal._signals import LAG_TIMES_S, Signals, lag_terms
 from drivers.base.errors import RecordError
 
 
@@ -127,3 +128,29 @@ def test_importing_the_room_brings_neither_torch_nor_pandas() -> None:
     question = "import sys, bench.analysis.thermal; print({'torch', 'pandas'} & set(sys.modules))"
     answer = subprocess.run([sys.executable, "-c", question], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "set()"
+
+
+def test_a_mean_over_a_window_is_that_of_its_finite_values() -> None:
+    time_s, values = np.arange(10.0), np.arange(10.0) ** 2
+    values[4] = np.nan
+    assert window_mean(time_s, values, (3.0, 6.0)) == (9.0 + 25.0) / 2.0
+    with pytest.raises(RecordError, match="holds no data") as refused:
+        window_mean(time_s, values, (20.0, 30.0), where="run r1")
+    assert refused.value.found == "window 20..30 s, data 0..9 s"
+
+
+def test_terms_of_lags_are_temperatures_low_passes_and_their_products() -> None:
+    """Row by row: T_in and T_out, their low-passes, T_in^2, T_in^3, and lags times T_in and T_in^2."""
+    rng, count, lags = np.random.default_rng(2), 5, len(LAG_TIMES_S)
+    t_in, t_out, other = rng.normal(size=(3, count))
+    low_in, low_out = rng.normal(size=(2, count, lags))
+    inputs = Signals(t_in, t_out, other, other, other, low_in, low_out)
+    plain = lag_terms(inputs, with_temperature=False)
+    whole = lag_terms(inputs, with_temperature=True)
+    for row in range(count):
+        t = t_in[row]
+        behind = [*(t - low_in[row]), *(t_out[row] - low_out[row])]
+        linear = [t, t_out[row], *low_in[row], *low_out[row]]
+        assert plain[row] == pytest.approx(linear)
+        products = [t * t, t * t * t, *(one * t for one in behind), *(one * t * t for one in behind)]
+        assert whole[row] == pytest.approx([*linear, *products])

@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from scipy.signal import lfilter
 
 from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._lstm_training import _Batch, _epoch, _loss_of
 from bench.analysis.thermal._lstm_weights import LstmSettings
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
@@ -234,3 +236,40 @@ def test_a_device_by_name_gives_what_the_default_gives(runs: dict[str, list[Feat
     for device in ("cpu", *(["cuda"] if torch.cuda.is_available() else [])):
         other = train_lstm(runs["train"], runs["validation"], settings, device)
         np.testing.assert_allclose(other.w_hidden, plain.w_hidden, atol=1e-3)
+
+
+def tensor(rows: Array) -> torch.Tensor:
+    return torch.as_tensor(np.asarray(rows, np.float32))
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_the_loss_is_the_mean_over_targets_of_what_is_left_beside_the_reference(both: bool) -> None:
+    """Two runs of six steps; the second target is 3 off everywhere, or in no run at all."""
+    rng = np.random.default_rng(1)
+    error = rng.normal(size=(6, 2, 2)).astype(np.float32)
+    mask, reference = np.ones((6, 2, 2)), np.zeros((6, 2, 2))
+    mask[5, 1] = 0.0  # the second run is shorter
+    reference[:2] = 1.0
+    mask[:, :, 1] *= both
+    reference[:, :, 1] *= both
+    batch = _Batch(tensor(np.zeros((6, 2, 3))), tensor(-error), tensor(mask), tensor(reference))
+    found = _loss_of(lambda inputs: (torch.zeros(6, 2, 2), None), lambda hidden: hidden, batch)  # type: ignore[arg-type]
+    expected = []
+    for target in range(1 + both):
+        left = [error[:6, 0, target], error[:5, 1, target]]
+        squares = np.concatenate([(run - run[:2].mean()) ** 2 for run in left])
+        expected.append(squares.mean())
+    assert found == pytest.approx(np.mean(expected), rel=1e-5)
+
+
+def test_a_stretch_without_targets_does_not_end_an_epoch() -> None:
+    torch.manual_seed(0)
+    network, head = torch.nn.LSTM(3, 4), torch.nn.Linear(4, 2)
+    rng = np.random.default_rng(0)
+    mask = np.ones((30, 1, 2))
+    mask[:10] = 0.0
+    batch = _Batch(*(tensor(rows) for rows in (rng.normal(size=(30, 1, 3)), np.ones((30, 1, 2)), mask, mask)))
+    before = head.weight.detach().clone()
+    optimiser = torch.optim.SGD([*network.parameters(), *head.parameters()], lr=0.1)
+    _epoch(network, head, batch, optimiser, LstmSettings(hidden=4, chunk=10, warm_up=0))
+    assert not torch.equal(before, head.weight)

@@ -257,6 +257,27 @@ def test_frames_whose_length_stands_in_them_little_endian_in_words():
     assert [value for message in messages for value in message.columns()["last"].tolist()] == [42, 42, 42]
 
 
+@pytest.mark.parametrize("kind", ["u16", "u32"])
+def test_a_rate_in_some_bits_is_scaled_without_the_others(kind):
+    """Ten bits from bit 4 on, 0.5 deg/s a step and 100 deg/s less."""
+    rate = {"name": "rate_x", "axis": "x", "at": 7, "type": kind, "bits": [4, 10], "unit": "deg/s",
+            "role": "rate", "scale": {"div": 2.0}, "offset": -100.0}  # fmt: skip
+    data = changed((("field",), [rate, BINARY["field"][1]]))
+    words = [(raw << 4) | 0xC00F for raw in (0, 200, 1023)]
+    rows = []
+    for count, word in enumerate(words):
+        body = b"\xa5\x5a" + bytes(4) + bytes([count])
+        body += struct.pack(">HH" if kind == "u16" else ">I", *([word, 0] if kind == "u16" else [word]))
+        rows.append(body + bytes([sum(body) % 256]))
+    assert decoded(data, b"".join(rows)).columns["rate_x"].tolist() == [-100.0, 0.0, 411.5]
+
+
+def test_a_line_may_have_one_column():
+    data = {**LINE, "line": {"start": "$A,", "columns": 1}, "field": [LINE["field"][0]]}
+    (message,) = reader_of(family_from(data, "here")).feed(b"$A,1.5\r\n$A,-2\r\n")
+    assert message.columns()["rate_z"].tolist() == [1.5, -2.0]
+
+
 def test_a_counter_in_some_bits_wraps_where_they_do():
     data = changed((("field", 1, "bits"), [2, 3]))
     decoder = FrameDecoder(family_from(data, "here"), rate_hz=100.0, axes="x")
@@ -290,6 +311,64 @@ def test_a_cumulative_angle_becomes_what_was_turned_in_a_sample_over_its_wrap():
         assert turned.tolist() == pytest.approx([math.nan, 0.5, -0.36, -0.5], nan_ok=True)
         valid = np.concatenate([batch.columns["valid"] for batch in batches])
         assert valid.tolist() == [False, True, True, True]
+
+
+def test_a_cumulative_angle_in_some_bits_wraps_where_they_do():
+    """Ten bits of 0.1 deg from bit 4 on, whatever the other six hold: 1020, 1023 and 2 are 0.3 deg apart."""
+    angle = {"name": "angle_x", "axis": "x", "at": 9, "type": "u16", "bits": [4, 10], "unit": "deg",
+             "role": "cumulative_angle", "scale": {"div": 10.0}}  # fmt: skip
+    data = changed((("field", 3), angle), (("field", 0), {"name": "spare", "at": 2, "type": "i32"}))
+    rows = [(10, 1020 << 4 | 0xC00F), (11, 1023 << 4), (12, 2 << 4 | 0x8001), (13, 1021 << 4)]
+    stream = b"".join(frame(0, count, 0, value) for count, value in rows)
+    turned = decoded(data, stream).columns["angle_x"]
+    assert turned.tolist() == pytest.approx([math.nan, 0.3, 0.3, -0.5], nan_ok=True)
+
+
+@pytest.mark.parametrize("cut", range(1, 12))
+def test_a_length_behind_other_bytes_is_waited_for(cut):
+    """The fourth byte says the length, eight bytes; the stream stops anywhere for a while."""
+    data = {
+        "schema": 1, "name": "far", "title": "a length in the fourth byte",
+        "frame": {
+            "endian": "big", "sync": "A55A", "max_length": 64, "length_field": {"at": 3, "type": "u8"},
+            "checksum": {"kind": "sum8", "ranges": [[0, -1]], "at": -1},
+        },
+        "field": [
+            {"name": "rate_x", "axis": "x", "at": 4, "type": "i16", "unit": "deg/s", "role": "rate"},
+            {"name": "kind", "at": 2, "type": "u8"},
+        ],
+    }  # fmt: skip
+    frames = []
+    for rate in (1, -2):
+        body = b"\xa5\x5a\x77\x08" + struct.pack(">hB", rate, 0)
+        frames.append(body + bytes([sum(body) % 256]))
+    stream = b"".join(frames)
+    decoder = FrameDecoder(family_from(data, "here"), rate_hz=100.0, axes="x")
+    batches = [decoder.feed(part) for part in (stream[:cut], stream[cut:])]
+    assert np.concatenate([batch.columns["rate_x"] for batch in batches]).tolist() == [1, -2]
+    assert decoder.counts.bytes_skipped == 0 and decoder.counts.rejected == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "found", "expected"),
+    [
+        (
+            (("frame", "checksum", "knid"), "x"),
+            "frame.checksum[0].knid",
+            "an unknown key",
+            "did you mean 'kind'",
+        ),
+        ((("frame", "cheksum"), {}), "frame.cheksum", "an unknown key", "did you mean 'checksum'"),
+        ((("field", 1, "tipe"), "u8"), "field[1] 'count'.tipe", "an unknown key", "did you mean 'type'"),
+        ((("title",), None), "title", "nothing", ""),
+        ((("frame", "checksum", "kind"), None), "frame.checksum[0].kind", "nothing", ""),
+    ],
+)
+def test_a_mistake_says_which_key_what_stands_there_and_what_could(change, key, found, expected):
+    with pytest.raises(ConfigurationError) as refused:
+        family_from(changed(change), "here")
+    text = str(refused.value)
+    assert key in text and found in text and expected in text
 
 
 def test_a_counter_that_wraps_at_no_power_of_two():
@@ -364,6 +443,7 @@ def test_vectors_of_lines_are_decoded_and_damaged():
     cut = LINE | {"vector": [vector, vector | {"text": vector["text"][:-1] + "?"}]}
     (mistake,) = vector_mistakes(family_from(cut, "here"))
     assert (mistake.key, mistake.found) == ("vector[1].text", "a line refused for its checksum")
+    assert mistake.expected == "a line of this description"
 
 
 def test_a_check_that_leaves_characters_out_is_named_by_the_vectors():

@@ -46,6 +46,29 @@ def read(settings: dict[str, str], data: bytes = DATAGRAM) -> dict[str, Any]:
     return FrameDecoder(load_family("stim300", settings), rate_hz=125.0, axes="xyz").feed(data).columns
 
 
+@pytest.mark.parametrize(("axes", "usable"), [("z", True), ("y", False), ("xyz", False)])
+def test_axes_that_a_description_lacks_are_refused_with_the_bench_file(axes: str, usable: bool) -> None:
+    given = {"description": "kvh_dsp3000", "axes": axes}
+    if usable:
+        read_in, mistakes = FramesConfig.with_files(given, Path())
+        assert (read_in["baudrate"], read_in["rate_hz"], mistakes) == (38_400, 100.0, [])
+        assert FramesConfig.with_files(given | {"rate_hz": 50.0}, Path())[0]["rate_hz"] == 50.0
+    else:
+        with pytest.raises(ConfigurationError, match="has no gyro channel") as refused:
+            FramesConfig.with_files(given, Path())
+        assert refused.value.found == "axes z"
+
+
+def test_what_has_the_wrong_type_is_left_to_the_sections_own_check() -> None:
+    for given in (
+        {"description": 3},
+        {"description": "kvh_dsp3000", "settings": {"range": 1}},
+        {"description": "kvh_dsp3000", "settings": "none"},
+    ):
+        assert FramesConfig.with_files(given, Path()) == (given, [])
+    assert FramesConfig.with_files({"description": "kvh_dsp3000", "axes": ["y"]}, Path())[0]["axes"] == ["y"]
+
+
 def test_one_datagram_in_every_output_of_the_data_sheet() -> None:
     """TS1524 rev. 31, equations 1 to 4."""
     assert read({})["rate_x"][0] == read({"gyro_output": "average_rate"})["rate_x"][0] == 292 / 2**14

@@ -3,14 +3,10 @@
 import json
 import os
 import re
-import shutil
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.request import urlopen
 
 import pytest
@@ -18,76 +14,20 @@ import pytest
 from bench.control.live import read_now
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import load_bench_file
-from drivers.base.clock import WallClock, utc_now
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Page
+from tests.present.panel.browser import (
+    BROWSER,
+    FLAGS,
+    NEEDED,
+    PATIENCE_S,
+    Panel,
+    browser_page,
+    until,
+    write_now,
+)
 
 DEMO = Path(__file__).parents[3] / "examples" / "demo.toml"
 PROGRAM = Path(__file__).parents[2] / "reliability" / "runner_program.py"
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
-PATIENCE_S = 60.0
-pytestmark = [
-    pytest.mark.skipif(
-        BROWSER is None, reason="no Chromium here: `apt-get install chromium` tests the panel"
-    ),
-    pytest.mark.timeout(600),
-    pytest.mark.concurrent,
-    pytest.mark.slow,
-]
-
-
-def until(condition, what: str) -> None:
-    """Wait for a condition outside of the browser."""
-    clock = WallClock()
-    try:
-        while not condition():
-            assert clock.now() < PATIENCE_S, f"waited in vain for {what}"
-            clock.sleep(0.1)
-    finally:
-        clock.close()
-
-
-class Panel:
-    """A panel in a process of its own, on a port that was free."""
-
-    def __init__(self, runs: Path) -> None:
-        self.runs = runs
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            self.port = server.getsockname()[1]
-        self.url = f"http://127.0.0.1:{self.port}/"
-        self.start()
-
-    def start(self) -> None:
-        command = "from bench.present.cli import main; main()"
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", command, "panel", str(self.runs), "--port", str(self.port)],
-            stdout=subprocess.DEVNULL,
-            # NiceGUI takes these for a test of its own kind
-            env={name: text for name, text in os.environ.items() if not name.startswith("PYTEST_")},
-        )
-        until(self.answers, "the panel to answer")
-
-    def answers(self) -> bool:
-        assert self.process.poll() is None, "the panel ended"
-        try:
-            with urlopen(self.url, timeout=10) as page:
-                return page.status == 200
-        except OSError:
-            return False
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.wait()
+pytestmark = [*NEEDED, pytest.mark.concurrent]
 
 
 @pytest.fixture
@@ -191,30 +131,6 @@ def test_an_operator_sees_answers_and_aborts(panel: Panel, session: subprocess.P
     assert any(url.startswith(panel.url) for url in requested)
     outside = [url for url in requested if not url.startswith((panel.url, "data:", "blob:"))]
     assert outside == [] and wrong == []
-
-
-def write_now(session: Path, title: str, **more) -> None:
-    """Write what a living session of that campaign writes."""
-    (session / "live" / "requests").mkdir(parents=True, exist_ok=True)
-    now = {"format": 1, "utc": utc_now(), "pid": os.getpid(), "state": "running", "gyros": {}}
-    campaign = {"title": title, "bench": f"bench of {title}", "number": 1, "count": 2, "run": "one"}
-    now |= {"campaign": campaign, "run": None, "prompts": []} | more
-    part = session / "live" / "now.json.part"
-    part.write_text(json.dumps(now))
-    part.replace(session / "live" / "now.json")
-
-
-@contextmanager
-def browser_page(width: int = 1280) -> "Iterator[Page]":
-    from playwright.sync_api import expect, sync_playwright
-
-    expect.set_options(timeout=1000.0 * PATIENCE_S)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        context = browser.new_context(viewport={"width": width, "height": 900})
-        context.set_default_timeout(1000.0 * PATIENCE_S)
-        yield context.new_page()
-        browser.close()
 
 
 def test_every_page_has_the_strip_of_all_benches(panel: Panel) -> None:

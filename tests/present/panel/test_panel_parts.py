@@ -298,7 +298,7 @@ def say(now, events, silent_s=0.0, **more):
 
 
 def test_idle_running_gone_silent() -> None:
-    assert nothing_yet("/runs", False).word == "Idle"
+    assert nothing_yet("/runs", False, False).word == "Idle"
     assert say({"state": "running", "alive": True}, [], 0.0).tone == "good"
     gone = say({"state": "running", "alive": False}, [], 0.0)
     assert gone.tone == "bad" and "Go and look" in gone.press

@@ -13,7 +13,7 @@ from bench.present.report._certificate import CertifiedFigure, UnitCertificate, 
 from bench.present.report._certificate_of_runs import certificate_content, check_record
 from bench.present.report._file import find_browser
 from bench.present.report._page import Page, Verdict
-from bench.record.figure_limits import FIGURES, FURTHER, Limits, load_limits
+from bench.record.figure_limits import FIGURES, FURTHER, Decision, Limits, load_limits
 from bench.record.recording import Manifest, read_manifest, write_manifest
 from bench.record.recording._tables import table_writer
 from drivers.base.errors import ConfigurationError, RecordError
@@ -130,6 +130,49 @@ def test_an_expected_unit_without_a_run_does_not_pass(tmp_path: Path) -> None:
     assert content.verdict == "not passed"
 
 
+def own_run(folder: Path, *values: float | None, unit: str = "ppm") -> Path:
+    run = run_folder(folder)
+    rows = [
+        {"name": "error", "value": value, "unit": unit, "low": None, "high": None, "passed": None}
+        for value in values
+    ]
+    update = {"procedure": "my-test", "measurements": tuple(rows)}
+    write_manifest(run, read_manifest(run).model_copy(update=update))
+    return run
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "judgement"),
+    [
+        ((499.0,), "ppm", "pass"),
+        ((501.0,), "ppm", "fail"),
+        ((501.0, 499.0), "ppm", "pass"),  # the last one counts
+        ((499.0, 501.0), "ppm", "fail"),
+        ((None,), "ppm", "fail"),
+        ((499.0,), "%", "not measured"),
+        ((), "ppm", "not measured"),
+    ],
+)
+def test_what_a_procedure_of_the_users_measures_is_judged(
+    tmp_path: Path, values: tuple[float | None, ...], unit: str, judgement: str
+) -> None:
+    limits = limits_of(tmp_path, '[limits."my-test.error"]\nunit = "ppm"\nhigh = 500\n')
+    content = made([own_run(tmp_path / "runs" / "r", *values, unit=unit)], limits)
+    (own,) = [figure for figure in content.units[0].figures if figure.limited]
+    assert (own.name, own.unit, own.judgement) == ("my-test.error", "ppm", judgement)
+    assert content.verdict == ("passed" if judgement == "pass" else "not passed")
+    assert "my-test.error" in render_page(certificate_page(content))
+
+
+def test_a_run_that_is_invalid_gives_no_figure_of_its_own(tmp_path: Path) -> None:
+    limits = limits_of(tmp_path, '[limits."my-test.error"]\nunit = "ppm"\nhigh = 500\n')
+    run = own_run(tmp_path / "runs" / "r", 10.0)
+    write_manifest(run, read_manifest(run).model_copy(update={"outcome": "invalid", "reason": "x"}))
+    content = made([run], limits)
+    (own,) = [figure for figure in content.units[0].figures if figure.limited]
+    assert own.judgement == "not measured" and content.verdict == "not passed"
+
+
 def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
     content = made([run_folder(tmp_path / "runs" / "r")], Limits())
     assert content.verdict == "not judged" and "Passed" not in render_page(certificate_page(content))
@@ -161,7 +204,7 @@ def test_a_value_that_is_not_a_number_is_shown_as_the_worst() -> None:
 
 
 def test_an_interval_beyond_the_limit_is_marked() -> None:
-    figure = CertifiedFigure("bias instability", "deg/h", {"r": 0.9}, None, 1.0, low=0.7, high=1.2)
+    figure = CertifiedFigure("bias instability", "deg/h", {"r": 0.9}, None, 1.0, {"r": (0.7, 1.2)})
     assert figure.judgement == "pass" and figure.doubtful
     content = CertificateContent("t", "", [UnitCertificate("U", [figure])])
     assert "interval beyond limit" in render_page(certificate_page(content))
@@ -241,3 +284,66 @@ def test_without_a_browser_a_pdf_is_refused(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr("shutil.which", lambda name: None)
     with pytest.raises(ConfigurationError, match="apt-get install chromium"):
         write_pdf(write_report(tmp_path / "page.html", page_that_says("Passed")))
+
+
+@pytest.mark.parametrize(
+    ("rule", "risk", "value", "half", "judgement"),
+    [
+        ("simple acceptance", None, 0.99, 0.5, "pass"),
+        ("simple acceptance", None, 1.01, 0.5, "fail"),
+        ("guard band", None, 0.94, 0.05, "pass"),
+        ("guard band", None, 0.96, 0.05, "undecided"),
+        ("guard band", None, 1.04, 0.05, "undecided"),
+        ("guard band", None, 1.06, 0.05, "fail"),
+        # a standard error of 0.1: beyond 1 with 5 % at 1 - 1.6449 * 0.1 = 0.8355 (printed tables)
+        ("false acceptance", 0.05, 0.8354, 0.196, "pass"),
+        ("false acceptance", 0.05, 0.8357, 0.196, "undecided"),
+        ("false acceptance", 0.05, 1.1643, 0.196, "undecided"),
+        ("false acceptance", 0.05, 1.1646, 0.196, "fail"),
+        ("false acceptance", 0.05, 0.5, float("inf"), "undecided"),
+        ("false acceptance", 0.05, float("nan"), 0.1, "fail"),
+    ],
+)
+def test_the_rule_decides(rule: str, risk: float | None, value: float, half: float, judgement: str) -> None:
+    decision = Decision.model_validate({"rule": rule, "risk": risk})
+    interval = {"r": (value - half, value + half)}
+    figure = CertifiedFigure("bias", "deg/h", {"r": value}, -9.0, 1.0, interval, decision=decision)
+    assert figure.judgement == judgement
+    if rule != "simple acceptance" and value == value:
+        assert (
+            CertifiedFigure("bias", "deg/h", {"r": value}, None, 1.0, decision=decision).judgement
+            == "undecided"
+        )
+    verdict = {"pass": "passed", "fail": "not passed", "undecided": "undecided"}[judgement]
+    content = CertificateContent("t", "", [UnitCertificate("U", [figure])], decision=decision)
+    assert content.verdict == verdict and verdict.capitalize() in render_page(certificate_page(content))
+
+
+def test_units_that_pass_are_beyond_their_limits_no_more_often_than_the_risk() -> None:
+    """50,000 units spread evenly about the limits, measured with a standard error of 0.1."""
+    rng = np.random.default_rng(5)
+    true = rng.uniform(-2.0, 2.0, 50_000)
+    value = true + 0.1 * rng.standard_normal(len(true))
+    decision = Decision(rule="false acceptance", risk=0.1)
+    found = np.array([decision.judge(v, (v - 0.196, v + 0.196), -1.0, 1.0) for v in value])
+    inside = np.abs(true) <= 1.0
+    edge = (found == "pass") & (np.abs(value) > 0.86)
+    assert 0.07 < np.mean(~inside[edge]) < 0.1 and np.mean(~inside[found == "pass"]) < 0.01
+    edge = (found == "fail") & (np.abs(value) < 1.14)
+    assert 0.07 < np.mean(inside[edge]) < 0.1
+
+
+def test_the_rule_stands_in_the_file_of_limits_and_with_its_risk_on_the_certificate(tmp_path: Path) -> None:
+    rule = '[decision]\nrule = "false acceptance"\nrisk = 0.01\n'
+    content = made([run_folder(tmp_path / "runs" / "r")], limits_of(tmp_path, BIAS_LIMIT + rule))
+    assert content.verdict == "passed"
+    assert "false acceptance" in render_page(certificate_page(content)) and content.decision.risk == 0.01
+    assert "at most 0.01" in render_page(certificate_page(content))
+    tight = BIAS_LIMIT.replace("high = 1.0", "high = 0.505")
+    assert made([tmp_path / "runs" / "r"], limits_of(tmp_path, tight + rule)).verdict == "undecided"
+    for text, says in (
+        ('rule = "guess"', "simple acceptance"),
+        ('rule = "false acceptance"', "risk goes with"),
+    ):
+        with pytest.raises(ConfigurationError, match=says):
+            limits_of(tmp_path, f"{BIAS_LIMIT}[decision]\n{text}\n")

@@ -35,3 +35,14 @@ def test_nulls_and_texts_are_refused():
         from_arrow(pa.array([1, None]))
     with pytest.raises(ValueError, match="not of numbers"):
         from_arrow(pa.array(["a"]))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_column_of_no_chunks_is_empty_and_one_of_one_is_not_copied(dtype):
+    kind = to_arrow(np.zeros(1, dtype)).type
+    empty = from_arrow(pa.chunked_array([], type=kind))
+    assert empty.shape == (0,) and empty.dtype == dtype
+    column = np.ones(5, dtype)
+    found = from_arrow(pa.chunked_array([to_arrow(column)]))
+    assert found.tolist() == column.tolist()
+    assert dtype is np.bool_ or np.shares_memory(found, column)

@@ -5,6 +5,7 @@ import resource
 import shutil
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -101,12 +102,23 @@ def test_a_disk_that_stalls_stalls_nobody_until_memory_would_run_out(journal, mo
         journal.check()
     assert (journal.folder / "events.jsonl").read_bytes() == b""
     port.received(b"x", 4.0)
-    with pytest.raises(RecordError, match="does not keep up"):
+    with pytest.raises(RecordError, match="does not keep up") as full:
         journal.check()
+    assert (full.value.found, full.value.expected) == ("3 MiB that are not written yet", "less than 3 MiB")
     journal._writer.call()
     journal.check()
     assert len((journal.folder / "events.jsonl").read_bytes().splitlines()) == 3
     assert (journal.folder / "raw" / "p.bin").stat().st_size == (3 << 20) + 1
+
+
+def test_a_quarter_of_a_gibibyte_may_wait_for_the_disk(journal):
+    port = SimpleNamespace(pending_bytes=256 << 20)
+    journal._ports.append(port)
+    journal.check()
+    port.pending_bytes += 1
+    with pytest.raises(RecordError, match="does not keep up"):
+        journal.check()
+    journal._ports.remove(port)
 
 
 def test_what_the_writer_meets_is_raised_once_by_the_next_check(journal):
@@ -175,7 +187,9 @@ def test_a_full_disk_is_told_and_what_fitted_can_be_read(tmp_path):
         signal.signal(signal.SIGXFSZ, handler)
     assert (tmp_path / "raw" / "p.bin").read_bytes() == data[:1000]
     assert marks(tmp_path / "raw" / "p.idx") == [[900, 1_000_000_000]]
+    assert port.pending_bytes == 2048 - 1000
     port.flush(sync=True)
+    assert port.pending_bytes == 0
     assert (tmp_path / "raw" / "p.bin").read_bytes() == data
 
 

@@ -16,11 +16,13 @@ from bench.record.recording import (
     Manifest,
     Run,
     decode_stream,
+    read_manifest,
     read_table,
     seal,
     verify,
     write_manifest,
 )
+from bench.record.recording._remote import local_manifests, local_run
 from bench.record.run_folder import url_of
 from drivers.base.errors import RecordError
 
@@ -79,11 +81,49 @@ def test_a_run_on_s3_verifies_and_damage_is_named(bucket: Any, kept: Path, fake:
     assert "raw/fog.bin" in {problem.path for problem in verify(url, decode).problems}
 
 
+def test_arrivals_of_a_run_on_s3_are_those_on_the_disk(bucket: Any, kept: Path, fake: Any) -> None:
+    storage, name = bucket
+    storage.put(str(kept), f"{name}/runs/r1", recursive=True)
+    far = Run.open(f"s3://{name}/runs/r1")
+    assert far.has_arrivals("fog") and not far.has_arrivals("table")
+    found = far.arrivals(fake.source())
+    assert found.count.tolist() == list(range(2000))
+    assert found.arrival_s == pytest.approx(1.0 + 0.01 * np.arange(2000))
+
+
+def test_only_what_is_not_in_the_cache_as_it_was_sealed_is_fetched_again(bucket: Any, kept: Path) -> None:
+    """Small files beside the sealed ones come with a new manifest only: nothing else tells of their change."""
+    storage, name = bucket
+    for extra in ("a.txt", "z.txt"):
+        (kept / extra).write_text("first")
+    storage.put(str(kept), f"{name}/runs/r1", recursive=True)
+    folder = local_run(f"s3://{name}/runs/r1")
+    for file in ("a.txt", "events.jsonl", "z.txt"):
+        (folder / file).write_bytes(b"x" * (folder / file).stat().st_size)
+    (folder / "z.txt").unlink()
+    assert local_run(f"s3://{name}/runs/r1") == folder
+    assert (folder / "events.jsonl").read_bytes() == (kept / "events.jsonl").read_bytes()
+    assert (folder / "a.txt").read_text() == "xxxxx" and (folder / "z.txt").read_text() == "first"
+    seal(kept, read_manifest(kept), reason="sealed anew")
+    storage.put(str(kept / "manifest.json"), f"{name}/runs/r1/manifest.json")
+    local_run(f"s3://{name}/runs/r1")
+    assert (folder / "a.txt").read_text() == "first"
+
+
+def test_a_cache_that_somebody_cleared_is_filled_again(bucket: Any, kept: Path) -> None:
+    storage, name = bucket
+    storage.put(str(kept), f"{name}/runs/r1", recursive=True)
+    folder = local_manifests(Path(f"s3://{name}/runs"))
+    (folder / "r1" / "manifest.json").unlink()
+    storage.rm(f"{name}/runs/r1", recursive=True)
+    assert not list(local_manifests(Path(f"s3://{name}/runs")).glob("*/manifest.json"))
+
+
 def test_the_list_follows_what_lies_in_the_bucket(bucket: Any, kept: Path) -> None:
     storage, name = bucket
     for run in ("r1", "r2"):
         storage.put(str(kept), f"{name}/runs/{run}", recursive=True)
-    command = ["runs", "list", "--runs", f"s3://{name}/runs", "--json"]
+    command = ["runs", "list", f"s3://{name}/runs", "--json"]
     assert CliRunner().invoke(app, command).output.count('"completed"') == 2
     storage.rm(f"{name}/runs/r2", recursive=True)
     assert CliRunner().invoke(app, command).output.count('"completed"') == 1

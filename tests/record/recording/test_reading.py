@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from bench.record.events.run import Outcome, PhaseBegun
+from bench.record.events.run import Invalid, Measured, Outcome, PhaseBegun
 from bench.record.recording import (
     EventLog,
     Manifest,
@@ -126,6 +126,8 @@ def test_the_tables_angle_counts_turns_and_the_earths_rate_follows_it(folder):
     run = Run.open(folder)
     times_s = np.array([10.0, 10.5, 30.0])
     assert run.table_angle_deg(times_s).tolist() == pytest.approx([90.0, 95.0, 290.0])
+    over_zero = run.table_angle_deg(np.array([0.5, 36.5, 37.5]))
+    assert (over_zero - over_zero[0]).tolist() == pytest.approx([0.0, 360.0, 370.0])
     north_dph = math.degrees(7.292115e-5) * 3600.0 * 0.5
     expected = [north_dph * math.cos(math.radians(angle + 5.0)) for angle in (90.0, 95.0, 290.0)]
     assert run.earth_rate_dph(times_s).tolist() == pytest.approx(expected, rel=1e-7)
@@ -134,11 +136,11 @@ def test_the_tables_angle_counts_turns_and_the_earths_rate_follows_it(folder):
 
 def test_parameters_and_measurements_are_numbers_or_nothing():
     made = manifest(
-        parameters={"ramp": 12.5, "count": 3, "name": "x", "flag": True},
+        parameters={"ramp": 12.5, "count": 3, "name": "x" * 99, "flag": True},
         measurements=({"name": "a", "value": 1.5}, {"name": "b", "value": None}),
     )
     assert (made.parameter("ramp"), made.parameter("count"), made.parameter("none")) == (12.5, 3, None)
-    for name, found in (("name", "'x'"), ("flag", "True")):
+    for name, found in (("name", "'" + "x" * 59), ("flag", "True")):
         with pytest.raises(RecordError, match=f"the parameter {name} is no number") as refused:
             made.parameter(name)
         assert (refused.value.where, refused.value.found) == ("run r1", found)
@@ -169,6 +171,17 @@ def test_a_count_in_a_manifest_is_a_whole_number_of_64_bits(folder, value, sound
         assert read_manifest(folder).stream["fog"]["frames"] == value
     else:
         with pytest.raises(RecordError, match="frames"):
+            read_manifest(folder)
+
+
+@pytest.mark.parametrize(("year", "sound"), [(1969, False), (1970, True), (2999, True), (3000, False)])
+def test_a_run_began_in_a_year_that_clocks_know(folder, year, sound):
+    text = (folder / "manifest.json").read_text().replace("2026-11-21", f"{year}-11-21")
+    (folder / "manifest.json").write_text(text)
+    if sound:
+        assert read_manifest(folder).started_utc.startswith(str(year))
+    else:
+        with pytest.raises(RecordError, match="no time of a run"):
             read_manifest(folder)
 
 
@@ -278,3 +291,73 @@ def test_a_truth_known_at_whole_seconds_has_its_means_between_them(folder):
     assert run.true_means("fog", "bias_dph", 2, 5).tolist() == [6.5, 12.5, 20.5]
     assert run.true_means("fog", "bias_dph", 2, 11) is None and run.true_means("fog", "other", 0, 1) is None
     assert run.true_means("fog", "none", 2, 5) is None and run.true_means("can", "bias_dph", 2, 5) is None
+
+
+def test_a_table_that_would_not_fit_in_memory_is_refused(monkeypatch):
+    """16 MiB of memory: 2**20 numbers of 8 bytes, once in Arrow and once as numpy."""
+    pages = {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 4096}
+    monkeypatch.setattr("os.sysconf", pages.__getitem__)
+    reading.check_room("a table", 1 << 18, 4)
+    with pytest.raises(RecordError, match="larger than this machine's memory") as refused:
+        reading.check_room("a table", (1 << 18) + 1, 4)
+    assert refused.value.found == "262145 rows of 4 columns, memory of 16 MiB"
+    monkeypatch.delattr("os.sysconf")
+    reading.check_room("a table", 1 << 40, 4)  # nobody tells how much there is
+
+
+MEASURED = {"name": "azimuth_error", "value": 5.0, "unit": "deg", "low": None, "high": None, "passed": None}
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({}, None),
+        ({"outcome": "aborted"}, "its outcome or reason is not that of the events"),
+        ({"reason": "it rained"}, "its outcome or reason is not that of the events"),
+        ({"measurements": (MEASURED | {"value": 5.5},)}, "its measurements are not those of the events"),
+        ({"measurements": ()}, "its measurements are not those of the events"),
+        ({"measurements": (), "imported": {"log": "log.csv", "mapping": "map.toml"}}, None),
+    ],
+)
+def test_a_sealed_manifest_is_held_against_the_events(folder, changes, problem):
+    log = EventLog(folder)
+    log.event(1.0, Measured(**MEASURED))
+    log.event(2.0, Outcome("completed", "", True))
+    log.close()
+    seal(folder, manifest(**{"outcome": "completed", "measurements": (MEASURED,)} | changes))
+    found = [(found.path, found.text) for found in verify(folder, lambda *_: None).problems]
+    assert found == ([] if problem is None else [("manifest.json", problem)])
+
+
+def test_events_that_say_invalid_are_held_against_a_manifest_that_does_not(folder):
+    log = EventLog(folder)
+    log.event(1.0, Invalid("slow", "the shock was slower than asked for", {}))
+    log.event(2.0, Outcome("completed", "", True))
+    log.close()
+    seal(folder, manifest(outcome="completed"))
+    (problem,) = verify(folder, lambda *_: None).problems
+    assert problem.text == "says completed, the events do not"
+
+
+def test_a_seal_that_was_taken_off_is_told(folder):
+    log = EventLog(folder)
+    log.event(2.0, Outcome("completed", "", True))
+    log.close()
+    write_manifest(folder, seal(folder, manifest(outcome="completed")).model_copy(update={"seal": ""}))
+    report = verify(folder, lambda *_: None)
+    assert [problem.text for problem in report.problems] == ["its seal was taken off"] and not report.sealed
+
+
+@pytest.mark.parametrize("size", [99, 101])
+def test_a_file_of_another_size_is_told_without_being_summed(folder, size, monkeypatch):
+    port = PortJournal(folder, "fog")
+    port.received(bytes(100), 1.0)
+    port.flush(sync=False)
+    log = EventLog(folder)
+    log.event(2.0, Outcome("completed", "", True))
+    log.close()
+    seal(folder, manifest(outcome="completed"))
+    (folder / "raw" / "fog.bin").write_bytes(bytes(size))
+    first = verify(folder, lambda *_: None).problems[0]
+    assert first.path == "raw/fog.bin"
+    assert first.text == f"differs from the manifest: {size} bytes, expected 100"

@@ -79,6 +79,15 @@ def test_a_gap_of_any_length_is_counted_and_placed(chunk, gap, at, seed):
     assert np.abs(time_s[-1000:] - (5.0 + samples[-1000:] * 0.01)).max() < 0.002
 
 
+def test_whole_wraps_are_lost_where_it_is_late_not_where_the_counter_steps_most():
+    """Three wraps and five samples are missing before one frame, fifty before the next one."""
+    after = 2000 + 3 * MODULO + 5
+    samples = np.concatenate((np.arange(2000), [after], np.arange(after + 51, 6000)))
+    _, time_s, counts = fit(samples, 0.01, 0.0)
+    assert counts.tolist() == samples.tolist()
+    assert np.abs(time_s - (5.0 + samples * 0.01)).max() < 1e-6
+
+
 def test_sparse_arrival_marks_at_a_high_rate_still_resolve_a_gap_of_many_wraps():
     """1 kHz, one mark a second as the emulated lab may give: a wrap is 0.128 s."""
     samples = np.concatenate((np.arange(20_500), np.arange(20_500 + 1000, 61_000)))
@@ -117,6 +126,21 @@ def test_a_microsecond_counter_that_wraps_gives_rate_and_gaps():
     assert (counts - counts[0]).tolist() == (samples * 10_000).tolist()
     assert timing.clock_error_ppm == pytest.approx(200, abs=3)
     assert np.abs(time_s - 5.0 - samples * period_s).max() < 5e-4
+
+
+@pytest.mark.parametrize("block", [2, 3, 1000])
+def test_a_devices_own_step_is_measured_however_few_frames_come_at_once(block):
+    """Its datasheet says 10,000 us a sample; it makes 9,998."""
+    counter = (9_998 * np.arange(3000)) % 2**32
+    ends = FRAME * np.arange(1, 3001)
+    marks = np.column_stack((ends, 9_998_000 * np.arange(3000)))
+    timer = StreamTimer(2**32, 10_000, 100.0)
+    for at in range(0, 3000, block):
+        timer.feed(counter[at : at + block], ends[at : at + block], marks)
+    timing = timer.fit()
+    assert timing.counter_step == 9_998
+    assert timing.sample_rate_hz == pytest.approx(1e6 / 9_998, rel=1e-9)
+    assert timing.clock_error_ppm == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_rate_two_percent_off_is_warned_of():
@@ -163,7 +187,7 @@ def test_memory_is_one_row_a_second():
 
 
 @pytest.mark.parametrize("off_s", [5.0, 60.0])
-@pytest.mark.parametrize("on_s", [37.0, 400.0, 640.0])
+@pytest.mark.parametrize("on_s", [4.0, 37.0, 400.0, 640.0])
 @pytest.mark.parametrize("clock_ppm", [-10_000, 0, 10_000])
 def test_a_device_switched_off_and_on_counts_anew_and_keeps_its_times(off_s, on_s, clock_ppm):
     """A 16-bit counter at 100 Hz wraps in 655 s: its step across the pause says anything from 0 to that."""

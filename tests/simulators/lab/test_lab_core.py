@@ -128,7 +128,7 @@ def test_however_it_is_driven_time_goes_forward_and_marks_are_in_order(steps):
 
 
 def test_a_pty_port_is_raw_and_counts_both_ways():
-    port = PtyPort("table", waits_for_room=True)
+    port = PtyPort("table")
     bench = os.open(port.url, os.O_RDWR | os.O_NOCTTY)
     try:
         port.write(b"lost: nobody has it open")
@@ -155,7 +155,7 @@ def test_a_pty_port_is_raw_and_counts_both_ways():
 
 
 def test_an_impatient_port_loses_what_does_not_fit_as_a_uart_does():
-    port = PtyPort("gyro", waits_for_room=False)
+    port = PtyPort("gyro")
     port.open()
     port.write(bytes(1 << 20))
     assert 0 < port.written < 1 << 20
@@ -163,7 +163,7 @@ def test_an_impatient_port_loses_what_does_not_fit_as_a_uart_does():
 
 
 def test_a_tcp_port_serves_one_bench_after_another():
-    port = TcpPort("chamber", waits_for_room=True)
+    port = TcpPort("chamber")
     try:
         for text in (b"first", b"second"):
             with socket.create_connection(("127.0.0.1", int(port.url.rsplit(":", 1)[1]))) as bench:
@@ -183,7 +183,7 @@ def test_a_tcp_port_serves_one_bench_after_another():
 
 
 def test_a_bench_that_resets_its_connection_costs_the_lab_nothing():
-    port = TcpPort("chamber", waits_for_room=True)
+    port = TcpPort("chamber")
     try:
         address = ("127.0.0.1", int(port.url.rsplit(":", 1)[1]))
         bench = socket.create_connection(address)

@@ -179,7 +179,7 @@ def _certify(folder: CampaignFolder, console: Terminal, *, quiet: bool) -> str:
         return "not passed"
     verdict = certificate.verdict
     say_certificate(shown, certificate)
-    passed = {"passed": True, "not passed": False, "not judged": None}[verdict]
+    passed = {"passed": True, "not passed": False, "undecided": None, "not judged": None}[verdict]
     folder.event(CertificateMade(CERTIFICATE_FILE, passed))
     shown.say(f"certificate: {folder.path / CERTIFICATE_FILE}", soft_wrap=True)
     return verdict

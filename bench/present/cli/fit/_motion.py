@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 from typer import Argument, Option
 
 from bench.present.cli._console import Terminal
-from bench.present.cli._options import FitFolder, FittedRuns, GyroToFit, TestRuns
+from bench.present.cli._options import FitFolder, FittedRuns, GyroToFit, Json, TestRuns
 from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError
 
@@ -26,6 +26,7 @@ def whirl(
     gyro: GyroToFit = None,
     out: FitFolder = Path("whirl"),
     gauge: Annotated[str, Option(help="how the unobservable constant tilt is fixed")] = "mean",
+    as_json: Json = False,
 ) -> None:
     """Whirl of a rotating mechanism from gyro and angle, and its compensation of the attitude."""
     from bench.analysis.common.state_file import saved_together
@@ -35,7 +36,7 @@ def whirl(
 
     if gauge not in ("mean", "start"):
         raise ConfigurationError("no such gauge", where="--gauge", found=gauge, expected="mean or start")
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     opened = [Run.open(folder) for folder in (*runs, *(test or []))]
     with console.status("fitting whirl"):
         fitted, judging = opened[: len(runs)], opened[len(runs) :]
@@ -49,6 +50,23 @@ def whirl(
     if study.judged_on_fitted:
         console.print("no --test run: the figures are on the runs that were fitted", style="yellow")
     console.say(f"files in {out}")
+    fit = study.fit
+    lines = [
+        {"line": line, "x_arcsec": value.real, "y_arcsec": value.imag, "sd_arcsec": sd}
+        for line, value, sd in zip(fit.lines, fit.amplitudes_arcsec, fit.sd_arcsec, strict=True)
+    ]
+    judged = [
+        {
+            "run_id": row.record.run_id,
+            "before_arcsec": row.before.locked_arcsec,
+            "after_arcsec": row.after.locked_arcsec,
+            "total_after_arcsec": row.after.total_arcsec,
+        }
+        for row in study.judgements
+    ]
+    told = [*study.compensation.declared, *(finding.text for finding in study.findings)]
+    on_fitted = study.judged_on_fitted
+    console.say_json("result", lines=lines, runs=judged, told=told, judged_on_fitted=on_fitted, folder=out)
 
 
 def _print_whirl(console: Terminal, study: WhirlStudy) -> None:
@@ -91,6 +109,7 @@ def heading_effect(
     damping: Annotated[float, Option(help="damping ratio of the platform's Schuler loop")] = 0.0,
     form: Annotated[str, Option(help="lag9 or lag15; the paper's form is always shown beside")] = "lag9",
     window_h: Annotated[float, Option(help="moving window of the paper's form")] = 35.901708,
+    as_json: Json = False,
 ) -> None:
     """Heading effect of a space-stable platform from position errors and platform temperature.
 
@@ -101,7 +120,7 @@ def heading_effect(
     from bench.present.cli._settings import parse_settings
     from bench.present.report import heading_page, mixed_text, write_report
 
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     if form not in ("lag9", "lag15"):
         raise ConfigurationError(f"there is no model {form!r}", where="--form", expected="lag9 or lag15")
     refusal = "a column that is not quantity=column"
@@ -126,6 +145,7 @@ def heading_effect(
             runs = dict([checksum_of_log(log)])
             HeadingCompensation.from_fit(study.model, unit_of_log(log), runs).save(part / HEADING_FILE)
         write_report(part / "report.html", page)
+    console.say_json("result", **_heading_facts(study), folder=out)
     for finding in study.findings:
         console.say(f"{finding.what}: {finding.consequence}", style="yellow")
     if not caused:
@@ -145,6 +165,18 @@ def heading_effect(
     ]
     console.table(("log", "model", "before arcmin", "after arcmin", "reduction %"), rows)
     console.say(f"time constant {study.model.tau_s / 3600.0:.2f} h; files in {out}")
+
+
+def _heading_facts(study: HeadingStudy) -> dict[str, object]:
+    """Return what drives the drift, and each log's error before and after; `tau_h` where temperature does."""
+    keys = ("name", "method", "held_out", "rms_before_as", "rms_after_as", "reduction_percent")
+    caused = study.model.evidence.cause == "temperature"
+    return {
+        "cause": study.model.evidence.cause,
+        "tau_h": study.model.tau_s / 3600.0 if caused else None,
+        "logs": [{key: getattr(row, key) for key in keys} for row in study.judgements],
+        "findings": [f"{finding.what}: {finding.consequence}" for finding in study.findings],
+    }
 
 
 def _not_temperature(study: HeadingStudy) -> str:

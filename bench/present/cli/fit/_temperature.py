@@ -10,7 +10,7 @@ from rich.table import Table
 from typer import Argument, Option
 
 from bench.present.cli._console import Terminal
-from bench.present.cli._options import Cluster, FitFolder, FittedRuns, GyroToFit, Jobs, TestRuns
+from bench.present.cli._options import Cluster, FitFolder, FittedRuns, GyroToFit, Jobs, Json, TestRuns
 from drivers.base.clock import utc_now
 
 if TYPE_CHECKING:
@@ -27,13 +27,14 @@ def cold_shock(
     models: Annotated[str | None, Option(help="models to fit, separated by commas; default all")] = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
+    as_json: Json = False,
 ) -> None:
     """Fit bias and scale-factor models to cold shocks, choose on the validation runs, judge on the test runs."""
     from bench.analysis.common.fan_out import fan_out
     from bench.analysis.thermal import study_folders
-    from bench.present.report import write_study
+    from bench.present.report import outside_sentence, write_study
 
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     validate, test = validate or [], test or []
     names = [name.strip() for name in models.split(",")] if models else None
     with console.status("fitting models"), fan_out(jobs, cluster) as fan:
@@ -42,12 +43,20 @@ def cold_shock(
     console.print(score_table(study))
     chosen_on = ", ".join(run.run_id for run in study.validation)
     console.say(f"chosen on {chosen_on}: {study.chosen}; files in {out}")
+    for score in study.scores[study.chosen]:
+        if text := outside_sentence(score):
+            console.say(text, style="yellow")
     if study.judged_on_chosen:
         console.print("no --test runs: the figures are on the runs that chose the model", style="yellow")
+    validated = [run.run_id for run in study.validation]
+    judged = {"scores": study.scores, "judged_on_chosen": study.judged_on_chosen}
+    console.say_json("result", chosen=study.chosen, chosen_on=validated, **judged, folder=out)
 
 
 def score_table(study: Study) -> Table:
     """Return the models' mean figures over the test runs."""
+    from bench.analysis.common.statistics import attained
+
     table = Table(title="means over the test runs")
     table.add_column("model", no_wrap=True)
     heads = ("1σ of 100 s, deg/h", "less by %", "of attainable %", "peak deg/h", "SF rms ppm", "max ppm")
@@ -55,11 +64,10 @@ def score_table(study: Study) -> Table:
         table.add_column(head, justify="right")
     for score in study.selection:
         rows = study.scores[score.name]
-        shares = [None if row.attained_fraction is None else 100 * row.attained_fraction for row in rows]
         cells = [
             _mean([row.stability_dph for row in rows], ".4f"),
             _mean([row.improvement_pct for row in rows], ".1f"),
-            _mean(shares, ".1f"),
+            _mean([attained(rows)[1]], ".1f"),
             _mean([row.true_max_dph for row in rows], ".3f"),
             _mean([row.sf_true_rms_ppm or row.sf_rms_ppm for row in rows], ".2f"),
             _mean([row.sf_true_max_ppm or row.sf_max_ppm for row in rows], ".1f"),
@@ -83,6 +91,7 @@ def stepwise(
     ] = None,
     p_enter: Annotated[float, Option(help="p below which a variable enters")] = 0.05,
     p_remove: Annotated[float, Option(help="p above which a variable leaves")] = 0.10,
+    as_json: Json = False,
 ) -> None:
     """Stepwise regression of a ring-laser gyro's bias over temperature, judged on the test runs.
 
@@ -93,7 +102,7 @@ def stepwise(
     from bench.present.report import stepwise_page, write_report
     from bench.record.recording import Run
 
-    console = Terminal()
+    console, facts = Terminal(as_json=as_json), {}
     names = tuple(name.strip() for name in variables.split(",")) if variables else CANDIDATES
     gyros = (gyro,) if gyro else ()
     studies = study_units(runs, test or [], gyros, names, p_enter=p_enter, p_remove=p_remove)
@@ -114,6 +123,20 @@ def stepwise(
             for remark in run.remarks:
                 console.say(f"{run.run_id}: {remark}", style="yellow")
         console.say(f"files in {folder}")
+        facts[unit] = _stepwise_facts(study) | {"folder": folder}
+    console.say_json("result", units=facts, warnings=warnings)
+
+
+def _stepwise_facts(study: RlgStudy) -> dict[str, object]:
+    """Return the chosen equation, and the stability before and after it on every test run."""
+    keys = ("run_id", "before_dph", "after_dph", "improvement_pct")
+    return {
+        "chosen": study.chosen.name,
+        "equation": study.chosen.compensation.equation(),
+        "terms": list(study.chosen.result.selected),
+        "left_out": dict(study.left_out),
+        "tests": [{key: getattr(row, key) for key in keys} for row in study.chosen.judged],
+    }
 
 
 def _print_equations(console: Terminal, study: RlgStudy) -> None:
@@ -147,13 +170,14 @@ def chamber_cycle(
     ] = None,
     block: Annotated[int, Option(help="rows that make a mean", min=1)] = 25,
     out: Annotated[Path, Option(help="HTML report")] = Path("chamber-cycle.html"),
+    as_json: Json = False,
 ) -> None:
     """Regression over temperature on a recorded chamber cycle, judged axis by axis on its last leg."""
     from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
     from bench.present.report import chamber_cycle_page, write_report
     from bench.record.recording import checksum
 
-    console, study = Terminal(), study_chamber_cycle(*load_chamber_cycle(log, mapping), block)
+    console, study = Terminal(as_json=as_json), study_chamber_cycle(*load_chamber_cycle(log, mapping), block)
     page = chamber_cycle_page(study, source=log.name, checksum=checksum(log).sha256, created_utc=utc_now())
     write_report(out, page)
     rows = [
@@ -176,3 +200,6 @@ def chamber_cycle(
     for remark in study.remarks:
         console.say(remark, style="yellow")
     console.say(f"{out}")
+    keys = ("axis", "before", "after_static", "after_dynamic", "static_pct", "dynamic_pct", "verdict")
+    axes = [{key: getattr(axis, key) for key in keys} for axis in study.axes]
+    console.say_json("result", axes=axes, failed=dict(study.failed), remarks=study.remarks, file=out)

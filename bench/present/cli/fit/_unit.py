@@ -11,7 +11,16 @@ from rich.table import Table
 from typer import Argument, Option
 
 from bench.present.cli._console import Terminal
-from bench.present.cli._options import Arw, FitFolder, FittedRuns, Gravity, GyroToFit, VelocityNoise, Vrw
+from bench.present.cli._options import (
+    Arw,
+    FitFolder,
+    FittedRuns,
+    Gravity,
+    GyroToFit,
+    Json,
+    VelocityNoise,
+    Vrw,
+)
 from drivers.base.clock import utc_now
 
 if TYPE_CHECKING:
@@ -24,6 +33,7 @@ def standard_test(
     runs: FittedRuns,
     gyro: GyroToFit = None,
     out: Annotated[Path, Option(help="HTML report")] = Path("standard-test.html"),
+    as_json: Json = False,
 ) -> None:
     """Figures of the standards (bias, noise, scale factor, threshold, temperature) from standard-test runs.
 
@@ -33,7 +43,7 @@ def standard_test(
     from bench.present.report import standard_test_page, write_report
     from bench.record.recording import Run
 
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     results, over_runs = figures_of_unit(runs, gyro)
     manifests = [Run.open(folder).manifest for folder in runs]
     warnings = [f"Run {m.run_id} is {m.outcome}: {m.reason}" for m in manifests if m.outcome != "completed"]
@@ -49,6 +59,10 @@ def standard_test(
     if over_runs:
         _print_figures(console, "over runs", over_runs)
     console.say(f"{out}")
+    by_run = [
+        {"run_id": each.run_id, "figures": each.figures, "missing": dict(each.missing)} for each in results
+    ]
+    console.say_json("result", runs=by_run, over_runs=over_runs, warnings=warnings, file=out)
 
 
 def _print_figures(console: Terminal, title: str, figures: Sequence[Figure]) -> None:
@@ -56,7 +70,10 @@ def _print_figures(console: Terminal, title: str, figures: Sequence[Figure]) -> 
     for figure in figures:
         known = figure.low is not None and figure.high is not None
         interval = f"{figure.low:.3g} .. {figure.high:.3g}" if known else ""
-        rows.append((figure.name, f"{figure.value:.{figure.digits}g}", figure.unit, interval))
+        value = f"{figure.value:.{figure.digits}g}"
+        if figure.bound is not None:
+            value = f"not seen above {figure.bound:.2g}"
+        rows.append((figure.name, value, figure.unit, interval))
     console.table(("figure", "value", "unit", "95 % interval"), rows, title)
 
 
@@ -77,6 +94,7 @@ def calibration(
     wander_ug: Annotated[float, Option(help="accelerometer bias wander, ug; 0: none")] = 0.0,
     lever_arms: Annotated[bool, Option("--lever-arms", help="estimate inner lever arms and lag")] = False,
     range_dps: Annotated[float | None, Option(help="measuring range of the gyros, deg/s")] = None,
+    as_json: Json = False,
 ) -> None:
     """System-level calibration of an IMU from the record of a rotation scheme."""
     from bench.analysis.calibration import DPH_RAD_S, BiasWander, Noise, calibrate, load_record
@@ -88,7 +106,7 @@ def calibration(
     wander = None
     if wander_dph > 0.0 or wander_ug > 0.0:
         wander = BiasWander(wander_dph * DPH_RAD_S, wander_ug * UG_MPS2, 1000.0)
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     with console.status(f"{len(run.increments.angle_rad):,} samples"):
         result = calibrate(
             run,
@@ -108,6 +126,14 @@ def calibration(
         write_report(part / "report.html", calibration_page(content))
     _print(console, result.estimate, content)
     console.say(f"{out}/compensation.gyrocomp, calibration.json, report.html")
+    console.say_json(
+        "result",
+        compensation=compensation.describe(),
+        innovation_rms=result.estimate.innovation_rms,
+        poorly_seen=content.poorly_seen,
+        warnings=content.warnings,
+        folder=out,
+    )
 
 
 def _print(console: Terminal, estimate: Estimate, content: CalibrationContent) -> None:

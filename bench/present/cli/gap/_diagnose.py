@@ -135,22 +135,26 @@ def close(
     model: NominalModel,
     gyro: DiagnosedGyro = None,
     out: Annotated[Path | None, Option(help="file; default nominal+<effect>.toml beside the model")] = None,
+    as_json: Json = False,
 ) -> None:
     """Write the nominal model with the missing effects in it, and what was learned for those without a name."""
     from bench.analysis import gap
     from bench.analysis.common.state_file import save_file
     from bench.present.sentences import learned_sentences
 
-    console = Terminal()
+    console = Terminal(as_json=as_json)
     given = gap.read_recordings(runs, gyro=gyro)
     found = gap.diagnose(given.runs, gap.read_model(model), missing=given.missing)
+    facts = {"verdict": found.verdict, "effects": list(found.closing)}
     if not found.closing:
+        console.say_json("result", **facts, file=None)
         named = "".join(f", {cause.name}" for cause in found.causes)
         text = f"{found.verdict}{named}: there is no effect to put into the model"
         console.say(text, style="yellow")
         return
     path = out or model.with_name(f"{model.stem}+{'+'.join(found.closing)}.toml")
     save_file(path, gap.model_text(gap.closed_model(found)))
+    console.say_json("result", **facts, file=path)
     console.say(f"{path}")
     for sentence in learned_sentences(found.rate.learned) if found.position is None else ():
         console.say(sentence)

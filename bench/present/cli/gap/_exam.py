@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import BadParameter, Option
 
 from bench.present.cli._console import Terminal
-from bench.present.cli._options import Cluster, Jobs
+from bench.present.cli._options import Cluster, Jobs, Json
 
 if TYPE_CHECKING:
     from bench.analysis.gap import Exam, Marked
@@ -36,29 +36,34 @@ def exam(
     ] = None,
     table: Annotated[Path | None, Option(help="with --from: file for the table (Markdown)")] = None,
     note: Annotated[str, Option(help="with --from: words for its first line, e.g. the commit")] = "",
+    as_json: Json = False,
 ) -> None:
     """Examine the diagnosis on plants whose physics is not the catalogue's, answers sealed beforehand."""
     from bench.analysis.common.fan_out import fan_out
     from bench.analysis.gap import Exam, hold_exam, read_exam
 
+    console = Terminal(as_json=as_json)
     if held is not None:
-        text = exam_text(read_exam(held), note)
+        result = read_exam(held)
+        text = exam_text(result, note)
         if table is not None:
             table.write_text(f"# Result of the blind exam\n\n{text}", encoding="utf-8")
-            return
+            text = f"{table}"
     elif seed is None:
         raise BadParameter("an exam needs --seed, or --from with the folder of one that was held")
     else:
         with tempfile.TemporaryDirectory() as spare, fan_out(jobs, cluster) as fan:
-            marked = _watched(hold_exam(cases, seed, out or Path(spare), fan), cases)
-        text = exam_text(Exam(seed, cases, tuple(marked)))
+            marked = _watched(console, hold_exam(cases, seed, out or Path(spare), fan), cases)
+        result = Exam(seed, cases, tuple(marked))
+        text = exam_text(result)
         if out is not None:
             (out / TABLE_FILE).write_text(text, encoding="utf-8")
-    Terminal().say(text, soft_wrap=True)
+    console.say(text, soft_wrap=True)
+    counts = {"seed": result.seed, "cases": result.cases, "marked": len(result.marked)}
+    console.say_json("result", **counts, lines=result.lines)
 
 
-def _watched(exam: Iterator[tuple[str, Marked | None]], cases: int) -> list[Marked]:
-    console = Terminal()
+def _watched(console: Terminal, exam: Iterator[tuple[str, Marked | None]], cases: int) -> list[Marked]:
     marked: list[Marked] = []
     try:
         for name, case in exam:

@@ -2,7 +2,7 @@
 // text, never as markup.
 (() => {
   "use strict";
-  const place = (selector) => document.querySelector(selector);
+  const { element, paper, place, setText, showBenches } = window.gyrobenchPage;
   const state = { values: {}, session: "", columns: [], levels: {}, capacity: 0, level: "run", gyros: "", auxiliary: "" };
   const PLOTS = {
     temperature: { unit: "°C", title: "Temperature", least: 2 },
@@ -12,10 +12,6 @@
   const PAINTS = ["--c1", "--c3", "--c4", "--c5", "--c6", "--c7", "--c8"];
 
   // Numbers
-
-  function setText(node, text) {
-    if (node.textContent !== text) node.textContent = text;
-  }
 
   function showValues(values) {
     for (const [key, text] of Object.entries(values)) {
@@ -30,13 +26,6 @@
       const bar = place("[data-progress]");
       if (bar) bar.style.width = `${100 * Number(values.progress)}%`;
     }
-  }
-
-  function element(name, className, text) {
-    const node = document.createElement(name);
-    if (className) node.className = className;
-    if (text !== undefined) node.textContent = text;
-    return node;
   }
 
   function live(key, unit, className) {
@@ -143,28 +132,6 @@
 
   function fill(name, rows, nothing) {
     place(`[data-list="${name}"]`).replaceChildren(...(rows.length ? rows : [element("li", "k-none", nothing)]));
-  }
-
-  function paper([what, address]) {
-    const link = element("a", "paper", what);
-    link.href = address;
-    link.target = "_blank";
-    return link;
-  }
-
-  function showBenches(benches, session) {
-    const nav = place("[data-benches]");
-    nav.replaceChildren(
-      ...benches.map((bench) => {
-        const link = element("a", `bench ${bench.tone}${bench.emulated ? " emulated" : ""}`);
-        link.href = bench.link;
-        if (bench.session === session) link.setAttribute("aria-current", "page");
-        link.append(element("b", "", bench.name), element("span", "state", bench.word), element("span", "what", bench.what));
-        if (bench.emulated) link.append(element("span", "mark", "emulated"));
-        if (bench.alarms) link.append(element("span", "count", bench.alarms === 1 ? "1 alarm not seen" : `${bench.alarms} alarms not seen`));
-        return link;
-      }),
-    );
   }
 
   function showRuns(runs) {

@@ -1,0 +1,279 @@
+"""What the server answers of queues: a page for each bench, its state, and what operators ask of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+
+from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from bench.campaign.queue import BenchQueue, CampaignOrder, Order, Preset, Presets, RunOrder
+from bench.control.procedure import find_procedure, load_procedures
+from bench.present.panel._desk import Desk, repeated, resume_order
+from bench.present.panel._folders import RunsFolder
+from bench.present.panel._forms import Mistakes, fields, order_of
+from bench.present.panel._rehearse import Rehearsals
+from bench.record.recording import read_manifest
+from drivers.base.clock import host_seconds
+from drivers.base.errors import BenchError, ConfigurationError
+
+HERE = Path(__file__).parent
+_VIEW_S = 0.5
+PAGE_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+
+
+class Desks:
+    """The desks of all benches that the panel was given, by the name in their address."""
+
+    def __init__(self, folder: RunsFolder, desks: list[Desk]) -> None:
+        self._folder = folder
+        self._desks = {desk.queue.name: desk for desk in desks}
+        self._presets = Presets(folder.root)
+        self._rehearsals = Rehearsals(folder.root)
+        self._problems: dict[str, str] = {}
+        self._views: dict[str, tuple[float, dict[str, Any]]] = {}
+
+    @property
+    def addresses(self) -> dict[str, str]:
+        """Bench -> the address of its queue."""
+        return {desk.queue.bench: f"/queue/{name}" for name, desk in self._desks.items()}
+
+    def work(self) -> None:
+        """Start what is due; what is wrong with a queue is shown on its page."""
+        for name, desk in self._desks.items():
+            try:
+                if desk.queue.work():
+                    self._views.pop(name, None)
+                self._problems.pop(name, None)
+            except (BenchError, OSError) as error:
+                self._problems[name] = str(error)
+
+    def page(
+        self, name: str, procedure: str = "", item: str = "", edit: str = "", run: str = "", preset: str = ""
+    ) -> Response:
+        """Return a bench's page; its form is filled from a run, a preset, or an item of the queue."""
+        if name not in self._desks:
+            return RedirectResponse("/", 303)
+        desk, problem = self._desks[name], ""
+        values: dict[str, Any] = {}
+        try:
+            procedure, values = self._filled(desk, procedure, item or edit, run, preset)
+            shown = fields(find_procedure(procedure), desk.file, values) if procedure else []
+        except BenchError as error:
+            procedure, shown, problem = "", [], str(error)
+        text = template("desk.html.j2").render(
+            desk=desk,
+            tabs=[(f"/queue/{one.queue.name}", one.queue.bench, one is desk) for one in self._desks.values()],
+            emulated=self._emulated(desk),
+            procedures=[(one.name, one.title) for one in load_procedures().values()],
+            procedure=find_procedure(procedure) if procedure else None,
+            fields=shown,
+            edit=edit,
+            problem=problem,
+            presets=self._of_procedure(procedure),
+            campaigns=desk.campaign_files(),
+            resumable=list(desk.open_campaigns()),
+        )
+        return HTMLResponse(text, headers=PAGE_HEADERS)
+
+    def view(self, name: str) -> Response:
+        """Return the state of a queue."""
+        if name not in self._desks:
+            return _refused("There is no such bench.", 404)
+        known = self._views.get(name)
+        if known is None or host_seconds() - known[0] > _VIEW_S:
+            try:
+                view = self._desks[name].view() | {"problem": self._problems.get(name, "")}
+            except (BenchError, OSError) as error:
+                view = {"problem": str(error)}
+            self._views[name] = known = host_seconds(), view
+        return JSONResponse(known[1])
+
+    def plan(self, name: str, asked: dict[str, Any]) -> Response:
+        """Return an estimate of an order, or what is wrong with it."""
+        try:
+            desk, order = self._asked(name, asked)
+            return JSONResponse(desk.estimate(order))
+        except _WrongForm as wrong:
+            return wrong.answer
+        except BenchError as error:
+            return _refused(str(error))
+
+    async def rehearse(self, name: str, asked: dict[str, Any]) -> Response:
+        """Return the plan of an order by rehearsal."""
+        try:
+            desk, order = self._asked(name, asked)
+            known = desk.estimate(order)
+            return JSONResponse(known | await self._rehearsals.plan(order, desk.queue.bench_file))
+        except _WrongForm as wrong:
+            return wrong.answer
+        except (BenchError, OSError) as error:
+            return _refused(str(error))
+
+    def change(self, name: str, asked: dict[str, Any]) -> Response:
+        """Do what an operator asks of a queue."""
+        try:
+            self._change(name, asked)
+        except _WrongForm as wrong:
+            return wrong.answer
+        except (BenchError, OSError) as error:
+            return _refused(str(error))
+        self._views.pop(name, None)
+        return self.view(name)
+
+    def _change(self, name: str, asked: Mapping[str, Any]) -> None:
+        action, by, item = (str(asked.get(key, "")) for key in ("action", "by", "item"))
+        queue = self._desk(name).queue
+        if action in ("add", "edit", "start_now"):
+            order, at = self._order(name, asked), _time(asked.get("not_before"))
+            if action == "edit":
+                queue.edit(item, order, by, at)
+            elif action == "add":
+                queue.add(order, by, at)
+            else:
+                self._start_now(queue, order, by)
+        elif action == "move":
+            place = asked.get("place")
+            queue.move(item, place if isinstance(place, int) else 0)
+        elif action == "remove":
+            queue.remove(item)
+        elif action == "start":
+            queue.start(item, by)
+        elif action == "hold":
+            queue.hold(by)
+        elif action == "let_go":
+            queue.let_go(by)
+        elif action == "save_preset":
+            order = cast(RunOrder, self._order(name, asked))
+            title = str(asked.get("preset") or "").strip()[:60]
+            if not title or not by.strip():
+                raise ConfigurationError("a preset needs a name, and so does whoever saves it")
+            self._presets.save(
+                Preset(name=title, procedure=order.procedure, parameters=order.parameters, by=by)
+            )
+        elif action == "remove_preset":
+            self._presets.remove(str(asked.get("procedure")), str(asked.get("preset")))
+        else:
+            raise ConfigurationError("this cannot be asked of a queue", found=action)
+
+    @staticmethod
+    def _start_now(queue: BenchQueue, order: Order, by: str) -> None:
+        """Start an order at once or not at all: one that is refused does not stay in the queue."""
+        item = queue.add(order, by)
+        try:
+            queue.start(item.id, by)
+        except BenchError:
+            queue.remove(item.id)
+            raise
+
+    def _filled(
+        self, desk: Desk, procedure: str, item: str, run: str, preset: str
+    ) -> tuple[str, dict[str, Any]]:
+        """Return procedure and values that a form begins with."""
+        if item:
+            state = desk.queue.state()
+            every = (*state.waiting, *state.ended, *((state.current,) if state.current else ()))
+            found = next((one for one in every if one.id == item), None)
+            if found is None or not isinstance(found.order, RunOrder):
+                raise ConfigurationError("this is not in the queue any more", found=item)
+            return found.order.procedure, found.order.parameters
+        if run:
+            folder = self._folder.inside(run)
+            if folder is None:
+                raise ConfigurationError("there is no such run", found=run)
+            manifest = read_manifest(folder)
+            return manifest.procedure, repeated(manifest.parameters, manifest.procedure)
+        if preset:
+            saved = next((one for one in self._of_procedure(procedure) if one.name == preset), None)
+            if saved is None:
+                raise ConfigurationError("there is no such preset", found=preset)
+            return procedure, saved.parameters
+        return procedure, {}
+
+    def _asked(self, name: str, asked: Mapping[str, Any]) -> tuple[Desk, RunOrder | CampaignOrder]:
+        order = self._order(name, asked)
+        if not isinstance(order, RunOrder | CampaignOrder):
+            raise ConfigurationError("a campaign that was begun has no plan any more", found=order.title)
+        return self._desk(name), order
+
+    def _order(self, name: str, asked: Mapping[str, Any]) -> Order:
+        """Return the order that a page sends; _WrongForm for a form with mistakes."""
+        desk = self._desk(name)
+        if campaign := str(asked.get("campaign") or ""):
+            return desk.campaign_order(campaign)
+        if resume := str(asked.get("resume") or ""):
+            return resume_order(desk.queue.runs, resume)
+        procedure, typed = find_procedure(str(asked.get("procedure"))), asked.get("typed")
+        if not isinstance(typed, dict):
+            raise ConfigurationError(
+                "a run without its form", expected="typed: name and text of each parameter"
+            )
+        order = order_of(procedure, {str(key): str(text) for key, text in typed.items()})
+        if isinstance(order, Mistakes):
+            raise _WrongForm(order)
+        if asked.get("action") != "save_preset":
+            desk.estimate(order)  # refused here and now, not when its turn comes
+        return order
+
+    def _of_procedure(self, procedure: str) -> list[Preset]:
+        return [one for one in self._presets.all() if one.procedure == procedure]
+
+    def _desk(self, name: str) -> Desk:
+        if name not in self._desks:
+            raise ConfigurationError("there is no such bench", found=name)
+        return self._desks[name]
+
+    @staticmethod
+    def _emulated(desk: Desk) -> bool:
+        try:
+            bench = desk.file.bench
+            return bool(bench.emulated or bench.clock)
+        except BenchError:
+            return False
+
+
+class _WrongForm(Exception):
+    """A form with mistakes, and the answer that tells them."""
+
+    def __init__(self, mistakes: Mistakes) -> None:
+        super().__init__()
+        self.answer = JSONResponse(
+            {"mistakes": dict(mistakes.fields), "error": "; ".join(mistakes.whole)}, status_code=422
+        )
+
+
+def _time(text: object) -> datetime | None:
+    """Return a time that the browser sends, with its zone."""
+    if not text:
+        return None
+    try:
+        time = datetime.fromisoformat(str(text))
+    except ValueError as error:
+        raise ConfigurationError("this is no time", found=str(text)[:60]) from error
+    if time.tzinfo is None:
+        raise ConfigurationError("a time without its zone", found=str(text)[:60])
+    return time
+
+
+def _refused(text: str, status: int = 400) -> Response:
+    return JSONResponse({"error": text}, status_code=status)
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        autoescape=True, undefined=StrictUndefined, loader=FileSystemLoader(HERE), trim_blocks=True
+    )
+
+
+def template(name: str) -> Any:
+    """Return a page's template."""
+    return _environment().get_template(name)

@@ -1,0 +1,22 @@
+"""The queue in words."""
+
+from __future__ import annotations
+
+HELD = {
+    "new": "The queue is held: nothing starts by itself.",
+    "operator": "{by} holds the queue: nothing starts by itself.",
+    "ended_badly": "The queue is held because the last item did not end well. Look at why before the next.",
+    "left_alone": "The queue is held: no panel looked after it for a while, and nobody may expect a start.",
+}
+"""`Hold.why` -> what the page says."""
+
+ENDED = {
+    "completed": "✓ completed",
+    "invalid": "! invalid",
+    "aborted": "✕ aborted",
+    "failed": "✕ failed",
+    "refused": "✕ refused: nothing was recorded",
+    "lost": "✕ its process ended without a word: look at the live page",
+    "unclear": "? the panel was killed while it started this: it may or may not have run",
+}
+"""`Ended.outcome` -> what the page says."""

@@ -1,0 +1,386 @@
+"""What a standard test certifies perfect units with, and how often its intervals hold the truth of others.
+
+`python -m benchmarks metrology` simulates units of three grades by closed forms of their own: white noise,
+quantisation and flicker shaped in the spectrum, a cubic and an asymmetric scale factor, hysteresis, a dead zone,
+an exponential warm-up, a bias that differs between power-ons and with temperature. The figures are made by the
+functions that make those of a run folder, on the same intervals. A perfect unit has its noise and nothing else.
+Truth is worked out from what was put in, never by those functions. `python -m benchmarks.metrology UNITS` takes
+another number of units and prints the tables of docs/uncertainty.md.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bench.analysis.common.allan_noise import NOISE_NAMES, NoiseCoefficients
+from bench.analysis.figures import Figure
+from bench.analysis.figures._from_run import figures_of_record
+from bench.record.events.run import Interval
+from benchmarks._measure import Row, figure, usual
+from benchmarks.allan import simulate
+from drivers.base.arrays import Array
+from drivers.base.constants import EARTH_RATE_DPH
+from procedures.standard_test import StandardTestParameters
+
+UNITS, QUICK_UNITS = 100, 10
+LATITUDE_DEG = 39.1
+EAST_DPH = 0.0
+UP_DPH = EARTH_RATE_DPH * math.sin(math.radians(LATITUDE_DEG))
+SETTLE_S = 30.0
+STEPS = 5
+TEMPERATURES_C = (25.0, -40.0, 60.0)
+FULL_SCALE_DPS = 20.0
+MISALIGNMENT = "input-axis misalignment, component along the table"
+HYSTERESIS = "scale-factor hysteresis, rising and falling"
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What an imperfect unit has beside noise; ppm of the scale factor or of full scale, deg/h, s."""
+
+    sf_ppm: float = 0.0
+    cubic_ppm: float = 0.0
+    asymmetry_ppm: float = 0.0
+    hysteresis_ppm: float = 0.0
+    sf_spread_ppm: float = 0.0
+    bias_dph: float = 0.0
+    bias_spread_dph: float = 0.0
+    warm_up_dph: float = 0.0
+    warm_up_s: float = 1.0
+    dead_zone_dph: float = 0.0
+    misalignment_deg: float = 0.0
+    bias_dph_per_c: float = 0.0
+    sf_ppm_per_c: float = 0.0
+
+
+@dataclass(frozen=True)
+class Grade:
+    """A class of units: noise, what the plan of its grade measures, and faults of the size of its class."""
+
+    name: str
+    noise: NoiseCoefficients
+    rate_hz: float
+    bias_s: int
+    warm_up_s: int
+    noise_s: int
+    step_dph: float
+    step_s: int
+    faults: Faults
+
+
+GRADES = (
+    Grade("MEMS", NoiseCoefficients(0.0, 0.2, 4.0, 0.0, 0.0), 1.0, 1800, 1200, 7200, 0.6, 600,
+          Faults(300.0, 150.0, 200.0, 60.0, 40.0, 30.0, 6.0, 150.0, 150.0, 20.0, 0.2, 3.0, 30.0)),
+    Grade("FOG", NoiseCoefficients(0.0, 0.004, 0.006, 0.0, 0.0), 1.0, 3600, 3600, 21600, 0.01, 900,
+          Faults(50.0, 20.0, 15.0, 6.0, 4.0, 0.05, 0.01, 0.5, 600.0, 0.1, 0.02, 1e-3, 1.0)),
+    Grade("RLG", NoiseCoefficients(2.4e-5, 2e-4, 8e-4, 0.0, 0.0), 4.0, 7200, 3600, 43200, 0.002, 1800,
+          Faults(4.0, 1.5, 0.6, 0.3, 0.3, 0.004, 0.002, 0.02, 800.0, 0.02, 0.002, 2e-4, 0.08)),
+)  # fmt: skip
+PERFECT = Faults()
+
+
+@dataclass
+class Unit:
+    """A simulated standard test: what `Measured` asks for, from noise and faults instead of a run folder."""
+
+    grade: Grade
+    faults: Faults
+    seed: int
+    latitude_deg: float = LATITUDE_DEG
+    rows: list[Interval] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Lay out the intervals of the plan one after the other, draw power-ons and noise."""
+        plan = StandardTestParameters(max_rate_dps=FULL_SCALE_DPS)
+        grade, now = self.grade, 0.0
+
+        def add(test: str, length_s: float, **fields: float) -> None:
+            nonlocal now
+            self.rows.append(Interval(test, now, now + length_s, **fields))
+            now += length_s + SETTLE_S
+
+        add("warm_up", grade.warm_up_s)
+        for cycle in range(plan.plan().power_cycles + 1):
+            add("bias", grade.bias_s, cycle=cycle)
+            now += grade.warm_up_s if cycle < plan.plan().power_cycles else 0.0
+        add("noise", grade.noise_s)
+        for test in ("threshold", "resolution"):
+            for step in range(STEPS):
+                for sense in (0.0, 1.0, 0.0):
+                    add(test, grade.step_s, step=step, input_dph=-sense * grade.step_dph * 2.0**step)
+        for sense in (1.0, -1.0):
+            add("misalignment", plan.dwell_s(FULL_SCALE_DPS), rate_dps=sense * FULL_SCALE_DPS)
+        for sequence in range(1, plan.sequences + 1):
+            for rate in plan.rates():
+                add("scale_factor", plan.dwell_s(rate), rate_dps=rate, sequence=sequence)
+        for temp_c in TEMPERATURES_C:
+            now += 9000.0
+            for rate in (0.0, FULL_SCALE_DPS, -FULL_SCALE_DPS):
+                add("temperature", 612.0, rate_dps=rate, temp_c=temp_c)
+        rng = np.random.default_rng((self.seed, zlib.crc32(grade.name.encode())))
+        self.power_ons_dph = self.faults.bias_spread_dph * rng.standard_normal(plan.plan().power_cycles + 1)
+        self.sequence_ppm = self.faults.sf_spread_ppm * rng.standard_normal(plan.sequences)
+        q, n, b, k, r = (float(getattr(grade.noise, name)) for name in NOISE_NAMES)
+        count = (
+            1 << (math.ceil(now * grade.rate_hz) + 1).bit_length()
+        )  # a transform of another length is slow
+        self.fast = simulate(rng, count, (q, n, 0.0, 0.0, 0.0), grade.rate_hz)
+        self.slow = simulate(rng, count, (0.0, 0.0, b, k, r), grade.rate_hz)
+
+    def intervals(self, test: str) -> list[Interval]:
+        return [row for row in self.rows if row.test == test]
+
+    def needed(self, test: str) -> list[Interval]:
+        return self.intervals(test)
+
+    def output_dph(self, interval: Interval) -> Array:
+        part = self.part(interval)
+        output = self.fast[part] + self.slow[part] + self.systematic_dph(interval)
+        if interval.test == "warm_up":
+            output = output + self.transient_dph(np.arange(len(output)) / self.grade.rate_hz)
+        return np.asarray(output)
+
+    def samples_dph(self, interval: Interval) -> tuple[Array, float]:
+        return self.output_dph(interval), self.grade.rate_hz
+
+    def seconds_dph(self, interval: Interval) -> Array:
+        samples = self.output_dph(interval)
+        return np.asarray(samples.reshape(-1, round(self.grade.rate_hz)).mean(axis=1))
+
+    def mean_dps(self, interval: Interval) -> float:
+        return float(self.output_dph(interval).mean()) / 3600.0
+
+    def temp_c(self, interval: Interval) -> float:
+        return interval.temp_c or 0.0
+
+    def true_rate_dps(self, interval: Interval) -> float:
+        return interval.rate_dps or 0.0
+
+    def earth_dph(self, interval: Interval) -> float:
+        return EAST_DPH
+
+    def part(self, interval: Interval) -> slice:
+        """Return the samples of an interval."""
+        begin = math.ceil(interval.start_s * self.grade.rate_hz)
+        return slice(begin, begin + round((interval.end_s - interval.start_s) * self.grade.rate_hz))
+
+    def transient_dph(self, time_s: Array) -> Array:
+        """Return the warm-up."""
+        return np.asarray(self.faults.warm_up_dph * np.exp(-time_s / self.faults.warm_up_s))
+
+    def systematic_dph(self, interval: Interval) -> float:
+        """Return the output without noise and warm-up."""
+        f, rate = self.faults, interval.rate_dps or 0.0
+        if interval.test == "misalignment":
+            return 3600.0 * rate * math.sin(math.radians(f.misalignment_deg))
+        if interval.test in ("threshold", "resolution"):
+            size = interval.input_dph or 0.0
+            return EAST_DPH + f.bias_dph + (size if abs(size) >= f.dead_zone_dph else 0.0)
+        if interval.test == "scale_factor":
+            return 3600.0 * float(self.rates_dps(interval.sequence or 1)[self._place(interval)])
+        if interval.test == "temperature":
+            warmer = (interval.temp_c or 0.0) - TEMPERATURES_C[0]
+            return 3600.0 * rate * (1.0 + 1e-6 * (f.sf_ppm + f.sf_ppm_per_c * warmer)) + (
+                UP_DPH + f.bias_dph + f.bias_dph_per_c * warmer
+            )
+        cycle = int(interval.cycle or 0) if interval.test == "bias" else 0
+        return EAST_DPH + f.bias_dph + float(self.power_ons_dph[cycle])
+
+    def _place(self, interval: Interval) -> int:
+        same = [row for row in self.intervals("scale_factor") if row.sequence == interval.sequence]
+        return same.index(interval)
+
+    def rates_dps(self, sequence: float) -> Array:
+        """Return the outputs of one rate sequence without noise, deg/s."""
+        f = self.faults
+        rates = np.array([row.rate_dps for row in self.intervals("scale_factor") if row.sequence == sequence])
+        share = rates / FULL_SCALE_DPS
+        sense = np.sign(np.diff(rates, prepend=rates[0]))
+        ppm = f.sf_ppm + self.sequence_ppm[int(sequence) - 1] + 0.5 * f.asymmetry_ppm * np.sign(rates)
+        shape = f.cubic_ppm * share**3 - 0.5 * f.hysteresis_ppm * sense * (1.0 - share**2)
+        return np.asarray(rates * (1.0 + 1e-6 * ppm) + 1e-6 * FULL_SCALE_DPS * shape + UP_DPH / 3600.0)
+
+
+def truth(unit: Unit, tolerance_dph: float) -> dict[str, float]:
+    """Return what the figures should be, by what was put in; `tolerance_dph`: the band of the warm-up."""
+    f, first = unit.faults, unit.intervals("bias")[0]
+    rates = np.array([row.rate_dps for row in unit.intervals("scale_factor") if row.sequence == 1])
+    sequences = sorted({row.sequence or 0.0 for row in unit.intervals("scale_factor")})
+    outputs = [unit.rates_dps(sequence) for sequence in sequences]
+    slopes = [np.polyfit(rates, out, 1)[0] for out in outputs]
+    left = np.mean([out - np.polyval(np.polyfit(rates, out, 1), rates) for out in outputs], axis=0)
+    at_rate = [left[rates == rate].mean() for rate in np.unique(rates)]
+    sense = np.diff(rates, prepend=rates[0])
+    falling = [
+        left[(rates == rate) & (sense < 0)].mean() - left[(rates == rate) & (sense > 0)].mean()
+        for rate in np.unique(rates)
+        if (sense[rates == rate] < 0).any() and (sense[rates == rate] > 0).any()
+    ]
+    sides = [
+        np.polyfit(rates[rates >= 0], out[rates >= 0], 1)[0]
+        - np.polyfit(rates[rates <= 0], out[rates <= 0], 1)[0]
+        for out in outputs
+    ]
+    ppm, full_ppm = 1e6 / np.mean(slopes), 1e6 / np.mean(slopes) / FULL_SCALE_DPS
+    time_s = np.arange(float(unit.grade.warm_up_s))
+    course = unit.transient_dph(time_s)
+    course = course - course[-len(course) // 4 :].mean()
+    outside = time_s[np.abs(course) > tolerance_dph]
+    hot = np.array([1.0 + 1e-6 * (f.sf_ppm + f.sf_ppm_per_c * (t - 25.0)) for t in TEMPERATURES_C])
+    noise = unit.grade.noise
+    taus_h = 2.0 ** np.arange(30) / unit.grade.rate_hz / 3600.0
+    taus_h = taus_h[taus_h <= 0.1 * unit.grade.noise_s / 3600.0]
+    return {
+        "bias": f.bias_dph + float(unit.power_ons_dph[0] + unit.slow[unit.part(first)].mean()),
+        "bias repeatability": f.bias_spread_dph,
+        "warm-up time to 3 s_100": float(outside[-1]) if len(outside) else 0.0,
+        "threshold": f.dead_zone_dph,
+        "resolution": f.dead_zone_dph,
+        MISALIGNMENT: f.misalignment_deg,
+        "scale factor": float(np.mean(slopes)),
+        "scale-factor nonlinearity": float(full_ppm * np.abs(at_rate).max()),
+        "scale-factor asymmetry": float(ppm * np.mean(sides)),
+        "scale-factor repeatability": f.sf_spread_ppm,
+        HYSTERESIS: float(full_ppm * falling[int(np.argmax(np.abs(falling)))]),
+        "bias temperature sensitivity": abs(f.bias_dph_per_c),
+        "scale-factor temperature sensitivity": float(
+            max(abs(1e6 * (hot[1:] / hot[0] - 1.0) / (np.array(TEMPERATURES_C[1:]) - 25.0)))
+        ),
+        "angle random walk": noise.angle_random_walk_deg_sqrt_h,
+        "bias instability": noise.bias_instability_dph,
+        "quantisation": noise.quantisation_deg,
+        "rate random walk": noise.rate_random_walk_dph_sqrt_h,
+        "rate ramp": noise.rate_ramp_dph_h,
+        "Allan deviation, minimum": float(_allan_deviation(noise, taus_h).min()),
+    }
+
+
+def _allan_deviation(noise: NoiseCoefficients, tau_h: ArrayLike) -> Array:
+    """IEEE Std 952: 3 Q^2/tau^2 + N^2/tau + 2 ln2/pi B^2 + K^2 tau/3 + R^2 tau^2/2."""
+    tau = np.asarray(tau_h, dtype=np.float64)
+    q, n, b, k, r = (float(getattr(noise, name)) for name in NOISE_NAMES)
+    fast = 3.0 * q**2 / tau**2 + n**2 / tau + 2.0 * math.log(2.0) / math.pi * b**2
+    return np.asarray(np.sqrt(fast + k**2 * tau / 3.0 + r**2 * tau**2 / 2.0))
+
+
+def drawn(grade: Grade, seed: int) -> Faults:
+    """Return faults of the size of a grade: a tenth to all of it, of either sign where it has one."""
+    rng = np.random.default_rng((seed, 9, zlib.crc32(grade.name.encode())))
+    signed = {"sf_ppm", "cubic_ppm", "asymmetry_ppm", "hysteresis_ppm", "bias_dph", "warm_up_dph",
+              "misalignment_deg", "bias_dph_per_c", "sf_ppm_per_c"}  # fmt: skip
+    values = {}
+    for name in Faults.__dataclass_fields__:
+        size = getattr(grade.faults, name) * rng.uniform(0.1, 1.0)
+        values[name] = size * (rng.choice((-1.0, 1.0)) if name in signed else 1.0)
+    return Faults(**{**values, "warm_up_s": grade.faults.warm_up_s})
+
+
+def measured(grade: Grade, seed: int, perfect: bool) -> tuple[dict[str, Figure], dict[str, float]]:
+    """Return the figures of a unit and the truth behind them."""
+    unit = Unit(grade, PERFECT if perfect else drawn(grade, seed), 2 * seed + perfect)
+    figures = {item.name: item for item in figures_of_record(unit)[0]}
+    return figures, truth(unit, 3.0 * figures["bias stability, 100 s averages"].value)
+
+
+@dataclass
+class Tally:
+    """A figure of a grade: of how many units it was stated and seen, how often it held, its bounds."""
+
+    units: int = 0
+    stated: int = 0
+    seen: int = 0
+    held: int = 0
+    values: list[float] = field(default_factory=list)
+    bounds: list[float] = field(default_factory=list)
+
+    def add(self, item: Figure | None, true: float) -> None:
+        """Count a unit; a stability's truth is not known from one unit."""
+        self.units += 1
+        if item is None or item.low is None or item.high is None:
+            return
+        self.stated += 1
+        self.seen += item.seen
+        self.held += item.low <= true <= item.high
+        self.values.append(item.value)
+        if item.bound is not None:
+            self.bounds.append(item.bound)
+
+
+STABILITIES = ("bias stability, 10 s averages", "bias stability, 100 s averages")
+
+
+def tallies(grade: Grade, units: int, perfect: bool) -> dict[str, Tally]:
+    """Return the tally of every figure of so many units.
+
+    The truth of a bias stability, a figure of noise, is the root mean square over all of them.
+    """
+    found = [measured(grade, seed, perfect) for seed in range(units)]
+    for name in STABILITIES:
+        mean = math.sqrt(np.mean([figures[name].value ** 2 for figures, _ in found]))
+        for _, true in found:
+            true[name] = mean
+    table: dict[str, Tally] = {}
+    for figures, true in found:
+        for name, value in true.items():
+            table.setdefault(name, Tally()).add(figures.get(name), value)
+    return table
+
+
+def rows() -> Iterator[Row]:
+    """Yield for each grade the lowest coverage of an interval, and what perfect units are certified with."""
+    units = usual(UNITS, QUICK_UNITS)
+    for grade in GRADES:
+        good, bad = (tallies(grade, units, perfect) for perfect in (True, False))
+        worst = min(bad, key=lambda name: _share(bad[name]))
+        yield figure(
+            f"{grade.name}, {units} imperfect units: lowest coverage, {worst}",
+            100.0 * _share(bad[worst]), 93.0, "aim: at least", "%",
+        )  # fmt: skip
+        shown = {name: good[name].seen / max(good[name].stated, 1) for name in ZERO_WHEN_PERFECT}
+        most = max(shown, key=lambda name: shown[name])
+        yield figure(
+            f"{grade.name}, {units} perfect units: most often certified with {most}",
+            100.0 * shown[most], 5.0, "aim: at most", "%", least=True,
+        )  # fmt: skip
+
+
+ZERO_WHEN_PERFECT = (
+    "bias repeatability", "warm-up time to 3 s_100", "threshold", "resolution", MISALIGNMENT,
+    "scale-factor nonlinearity", "scale-factor asymmetry", "scale-factor repeatability", HYSTERESIS,
+    "bias temperature sensitivity", "scale-factor temperature sensitivity",
+)  # fmt: skip
+"""Figures that a unit with nothing but its noise does not have."""
+
+
+def _share(tally: Tally) -> float:
+    return tally.held / tally.stated if tally.stated else math.nan
+
+
+def section(grade: Grade, good: Mapping[str, Tally], bad: Mapping[str, Tally]) -> str:
+    """Return the table of a grade for docs/uncertainty.md."""
+    text = [
+        f"\n### {grade.name}\n",
+        "| figure | imperfect: stated, seen | held | perfect: stated, seen | held | not seen above, median |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, other in bad.items():
+        own = good[name]
+        bound = f"{np.median(own.bounds):.3g}" if own.bounds else ""
+        text.append(
+            f"| {name} | {other.stated} of {other.units}, {other.seen} | {100 * _share(other):.0f} % "
+            f"| {own.stated} of {own.units}, {own.seen} | {100 * _share(own):.0f} % | {bound} |"
+        )
+    return "\n".join(text) + "\n"
+
+
+if __name__ == "__main__":
+    units = int(sys.argv[1]) if len(sys.argv) > 1 else UNITS
+    for grade in GRADES:
+        print(section(grade, tallies(grade, units, True), tallies(grade, units, False)), flush=True)

@@ -1,0 +1,108 @@
+"""A panel in a process of its own, and a browser that looks at it: for the tests of its pages."""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.request import urlopen
+
+import pytest
+
+from drivers.base.clock import WallClock, utc_now
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+PATIENCE_S = 60.0
+NEEDED = [
+    pytest.mark.skipif(
+        BROWSER is None, reason="no Chromium here: `apt-get install chromium` tests the panel"
+    ),
+    pytest.mark.timeout(600),
+    pytest.mark.slow,
+]
+
+
+def until(condition, what: str) -> None:
+    """Wait for a condition outside of the browser."""
+    clock = WallClock()
+    try:
+        while not condition():
+            assert clock.now() < PATIENCE_S, f"waited in vain for {what}"
+            clock.sleep(0.1)
+    finally:
+        clock.close()
+
+
+class Panel:
+    """A panel in a process of its own, on a port that was free."""
+
+    def __init__(self, runs: Path, *options: object) -> None:
+        self.runs = runs
+        self.options = [str(option) for option in options]
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            self.port = server.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}/"
+        self.start()
+
+    def start(self) -> None:
+        command = "from bench.present.cli import main; main()"
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", command, "panel", str(self.runs), "--port", str(self.port), *self.options],
+            stdout=subprocess.DEVNULL,
+            # NiceGUI takes these for a test of its own kind
+            env={name: text for name, text in os.environ.items() if not name.startswith("PYTEST_")},
+        )
+        until(self.answers, "the panel to answer")
+
+    def answers(self) -> bool:
+        assert self.process.poll() is None, "the panel ended"
+        try:
+            with urlopen(self.url, timeout=10) as page:
+                return page.status == 200
+        except OSError:
+            return False
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+
+def write_now(session: Path, title: str, **more) -> None:
+    """Write what a living session of that campaign writes."""
+    (session / "live" / "requests").mkdir(parents=True, exist_ok=True)
+    now = {"format": 1, "utc": utc_now(), "pid": os.getpid(), "state": "running", "gyros": {}}
+    campaign = {"title": title, "bench": f"bench of {title}", "number": 1, "count": 2, "run": "one"}
+    now |= {"campaign": campaign, "run": None, "prompts": []} | more
+    part = session / "live" / "now.json.part"
+    part.write_text(json.dumps(now))
+    part.replace(session / "live" / "now.json")
+
+
+@contextmanager
+def browser_page(width: int = 1280) -> "Iterator[Page]":
+    from playwright.sync_api import expect, sync_playwright
+
+    expect.set_options(timeout=1000.0 * PATIENCE_S)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
+        context = browser.new_context(viewport={"width": width, "height": 900})
+        context.set_default_timeout(1000.0 * PATIENCE_S)
+        yield context.new_page()
+        browser.close()
