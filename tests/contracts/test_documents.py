@@ -83,6 +83,7 @@ def test_every_benchmark_and_target_exists(page: Path) -> None:
         if module == "benchmarks":
             for name in (word for word in words if word[0].islower()):
                 script = ROOT / "benchmarks" / f"{name}.py"
+                script = script if script.exists() else ROOT / "benchmarks" / name / "__init__.py"
                 assert script.exists() and "def rows(" in script.read_text(), f"{page.name}: python -m {line}"
         elif module.startswith("benchmarks."):
             path = ROOT / module.replace(".", "/")

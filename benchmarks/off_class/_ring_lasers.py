@@ -1,0 +1,142 @@
+"""Four ring lasers whose bias over temperature is no sum of the eleven candidates, with a spread from run to run.
+
+Heat flows through linear nodes on a grid of 10 s. Every power-on draws the size of each effect, `spread`
+(1 sigma) about the unit's own; the offset of a run is drawn too, since a regression judges spreads only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.signal import lfilter
+
+from bench.analysis.rlg import RampRun
+from bench.analysis.rlg._rows import ramp_run
+from drivers.base.arrays import Array
+
+_STEP_S = 10.0
+_DWELL_S = 3600.0
+Effects = Callable[[Array, np.random.Generator], tuple[Array, Array, list[Array]]]
+PROFILES: dict[str, tuple[float, float, float]] = {
+    "train": (-40.0, 65.0, 1.0 / 3.0),
+    "repeat": (-40.0, 65.0, 1.0 / 3.0),
+    "reverse": (65.0, -40.0, 1.0 / 3.0),
+    "faster": (-40.0, 65.0, 1.0),
+    "partial": (-20.0, 50.0, 1.0 / 3.0),
+}
+"""Where a run begins, where it turns back (degC), and its ramp in K/min."""
+
+
+def air_of(profile: tuple[float, float, float]) -> Array:
+    """Return the chamber's air at 10 s: dwell, ramp, dwell, ramp back, dwell."""
+    begin, end, ramp = profile
+    dwell = np.ones(round(_DWELL_S / _STEP_S))
+    there = np.linspace(begin, end, round(abs(end - begin) / ramp * 60.0 / _STEP_S))
+    return np.concatenate([begin * dwell, there, end * dwell, there[::-1], begin * dwell])
+
+
+def lag(values: Array, tau_s: float) -> Array:
+    """Return values after a first-order lag, settled on the first."""
+    gain = 1.0 - np.exp(-_STEP_S / tau_s)
+    return np.asarray(lfilter([gain], [1.0, gain - 1.0], values, zi=[(1.0 - gain) * values[0]])[0])
+
+
+def per_minute(values: Array) -> Array:
+    """Return the rate of change per minute."""
+    return np.asarray(np.gradient(values) * 60.0 / _STEP_S)
+
+
+def mode_hops(air: Array, unit: np.random.Generator) -> tuple[Array, Array, list[Array]]:
+    """The cavity hops from mode to mode and the path-length control resets it: steps and saw teeth."""
+    case = lag(air, unit.uniform(600.0, 900.0))
+    block = lag(case, unit.uniform(1200.0, 1800.0)) + 3.0
+    period = unit.uniform(15.0, 22.0)
+    saw = ((block + unit.uniform(0.0, period)) / period) % 1.0
+    return case, block, [block, saw, np.exp((case - 65.0) / 40.0), case - block]
+
+
+def slow_mounts(air: Array, unit: np.random.Generator) -> tuple[Array, Array, list[Array]]:
+    """Mirror mounts creep for two hours after a ramp; the drag of the gas grows with its viscosity."""
+    case = lag(air, unit.uniform(600.0, 900.0))
+    block = lag(case, unit.uniform(1200.0, 1800.0)) + 3.0
+    mount = lag(block, unit.uniform(5000.0, 9000.0))
+    viscosity = ((block + 273.15) / 298.15) ** 0.7
+    return case, block, [mount - block, viscosity * (case - block), viscosity, per_minute(mount)]
+
+
+def lock_in(air: Array, unit: np.random.Generator) -> tuple[Array, Array, list[Array]]:
+    """Scatter that interferes: backscatter adds as phasors whose phase runs with the body's expansion."""
+    case = lag(air, unit.uniform(600.0, 900.0))
+    block = lag(lag(case, 800.0), unit.uniform(600.0, 1000.0)) + 2.0
+    phase = (block - 25.0) / unit.uniform(7.0, 11.0)
+    beat = np.hypot(1.0 + 0.4 * np.cos(phase), 0.3 * np.sin(0.7 * phase))
+    return (
+        case,
+        block,
+        [beat, np.tanh((block - 10.0) / 30.0), per_minute(block) * np.abs(per_minute(block)), block],
+    )
+
+
+def third_node(air: Array, unit: np.random.Generator) -> tuple[Array, Array, list[Array]]:
+    """The discharge's arms sit at two ends of the block, one of them nearer to a third, unmeasured body."""
+    case = lag(air, unit.uniform(600.0, 900.0))
+    block = lag(case, unit.uniform(1200.0, 1800.0)) + 3.0
+    frame = lag(air, unit.uniform(3000.0, 5000.0))
+    arms = lag(frame, 1500.0) - block
+    return case, block, [arms, arms * np.abs(arms), block - 0.003 * (block - 20.0) ** 2, per_minute(case)]
+
+
+FAMILIES: dict[str, Effects] = {
+    "mode hops": mode_hops,
+    "slow mounts": slow_mounts,
+    "backscatter": lock_in,
+    "third body": third_node,
+}
+_PEAKS_DPH = (0.02, 0.008, 0.012, 0.015)
+
+
+def unit_runs(effects: Effects, unit: int, spread: float, kinds: Sequence[str]) -> list[RampRun]:
+    """Return one run of a unit for each profile named, every one after a power-on of its own."""
+    made = []
+    nominal = effects(air_of(PROFILES["train"]), np.random.default_rng((unit, 5)))[2]
+    own = np.random.default_rng((unit, 6))
+    sizes = [peak * own.uniform(0.7, 1.3) * own.choice([-1.0, 1.0]) / np.ptp(effect)
+             for peak, effect in zip(_PEAKS_DPH, nominal, strict=True)]  # fmt: skip
+    for number, kind in enumerate(kinds):
+        rng = np.random.default_rng((unit, 7, number))
+        case, block, found = effects(air_of(PROFILES[kind]), np.random.default_rng((unit, 5)))
+        truth = sum(size * (1.0 + spread * rng.standard_normal()) * effect
+                    for size, effect in zip(sizes, found, strict=True))  # fmt: skip
+        truth = truth + 8e-4 * rng.standard_normal()
+        keep = round(_DWELL_S / _STEP_S)
+        made.append(
+            _rows(f"{kind} {number}", f"RLG-{unit}", kind, case[keep:], block[keep:], truth[keep:], rng)
+        )
+    return made
+
+
+def _rows(
+    run_id: str, unit_id: str, kind: str, case: Array, block: Array, truth: Array, rng: np.random.Generator
+) -> RampRun:
+    """Return rows of 100 s of a run at 10 s, with noise of a 2e-4 deg/sqrt(h) gyro and sensors of 0.01 K."""
+    repeat = round(_STEP_S)
+    count = len(case) * repeat
+    time_s = np.arange(1.0, count + 1.0)
+    grid = _STEP_S * np.arange(len(case))
+
+    def fine(values: Array) -> Array:
+        return np.asarray(np.interp(time_s, grid, values))
+
+    noise = 60.0 * 2.0e-4 * rng.standard_normal(count)
+    own = fine(truth)
+    return ramp_run(
+        run_id,
+        unit_id,
+        time_s,
+        fine(case) + 0.01 * rng.standard_normal(count),
+        fine(block) + 0.01 * rng.standard_normal(count),
+        own + noise,
+        true_bias_dph=own,
+        kind=kind,
+    )
