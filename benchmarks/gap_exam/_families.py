@@ -8,6 +8,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from benchmarks.gap_exam._exam_plant import EXAM_PLANT, make_exam_case, plan_exam_cases
+from benchmarks.gap_exam._floated import FLOATED
 from benchmarks.gap_exam._hemispherical import HEMISPHERICAL
 from benchmarks.gap_exam._make import Plan, kinds_of, make_case, plan, prepare_folder
 from benchmarks.gap_exam._mems import MEMS
@@ -16,7 +17,8 @@ from benchmarks.gap_exam._strapdown import STRAPDOWN
 from benchmarks.gap_exam._tuned_rotor import TUNED_ROTOR
 
 FAMILIES = {
-    family.name: family for family in (RING_LASER, MEMS, TUNED_ROTOR, HEMISPHERICAL, STRAPDOWN, EXAM_PLANT)
+    family.name: family
+    for family in (RING_LASER, MEMS, TUNED_ROTOR, HEMISPHERICAL, STRAPDOWN, FLOATED, EXAM_PLANT)
 }
 
 

@@ -87,6 +87,7 @@ class Family:
 
     `sense` gives the true rate without effects on the fine grid; `read` the logged (t_in, t_out, angle).
     `noisy`: stochastic effects by name, with the range of their factor and what the catalogue calls them.
+    `weakest_ratio`: the least signal-to-noise ratio of its effects, where a case asks for no greater one.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Family:
     campaign: Callable[[Unit], list[Stage]]
     rows: Callable[[Unit, Stage, Array, np.random.Generator], Array]
     read: Callable[[Unit, Stage, np.random.Generator], tuple[Array, Array, Array]]
+    weakest_ratio: float = 1.0
 
     @property
     def known(self) -> tuple[str, ...]:

@@ -57,7 +57,7 @@ def plan(family: Family, seed: int, cases: int, only: str = "") -> list[Plan]:
     turns = {"known": _endless(family.known, rng), "foreign": _endless(family.foreign, rng)}
     noisy = _endless(tuple(family.noisy), rng)
 
-    def some(group: str, most: float, least: float = 1.0) -> tuple[str, float]:
+    def some(group: str, most: float, least: float = family.weakest_ratio) -> tuple[str, float]:
         return next(turns[group]), math.exp(rng.uniform(math.log(least), math.log(most)))
 
     result, kinds = [], kinds_of(cases, only)
