@@ -271,7 +271,9 @@ def leaking_case(unit: Unit, stage: Stage, size: float) -> Array:
 
 def supply_dips(unit: Unit, stage: Stage, size: float) -> Array:
     """The compressor pulls the mains down, the wheel's supply sags with it: a torque while it runs."""
-    sag = 0.6 * (stage.body("compressor") > 0.0) + 0.4 * stage.body("compressor")
+    load = stage.body("compressor")
+    # it runs at 15 % at least; less is the smoothing's tail
+    sag = 0.6 * (load > 0.075) + 0.4 * load
     return size * follow(sag, 6.0 + 20.0 * unit.draw["b"], stage.step_s)
 
 

@@ -361,3 +361,12 @@ def test_a_retainer_changes_place_late_both_ways(unit, stages):
     warm = 38.0 + 6.0 * unit.draw["b"]
     apart = 3.0 + 6.0 * unit.draw["a"]
     np.testing.assert_allclose(sorted(crossed), (warm - apart, warm), atol=0.2)
+
+
+def test_the_supply_dips_only_while_the_compressor_runs(unit, stages):
+    shock = stages["HU|0"]
+    own = effects.supply_dips(unit, shock, 1.0)
+    falling = (shock.time_s > 1850.0) & (shock.time_s < 2000.0)
+    rising = (shock.time_s > 5500.0) & (shock.time_s < 6500.0)
+    assert own[falling].max() > 0.9
+    assert np.abs(own[rising]).max() < 1e-3
