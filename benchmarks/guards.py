@@ -188,6 +188,7 @@ _T_WHOLE, _T_RUNS = "tests/safety/test_whole_files.py", "tests/record/recording/
 _T_SESSION, _T_DOG = "tests/control/test_session.py", "tests/reliability/test_watchdog.py"
 _T_LIMITS, _T_LEASE = "tests/integration/test_limits.py", "tests/control/test_lease.py"
 _T_FILES, _T_PANEL = "tests/safety/test_hostile_files.py", "tests/present/panel/test_panel_parts.py"
+_T_SIGN_IN = "tests/present/panel/test_panel_sign_in.py"
 _T_VISITORS, _T_TYPES = (
     "tests/present/panel/test_panel_visitors.py",
     "tests/integration/test_manifest_types.py",
@@ -428,22 +429,22 @@ MECHANISMS = (
     Mechanism(
         3,
         "the panel listens on this machine",
-        f"{_PANEL}._server:PanelSettings.host",
+        f"{_PANEL}._settings:PanelSettings.host",
         Value("'0.0.0.0'"),
         _T_CODE,
     ),
     Mechanism(
         3,
         "an open panel wants a token",
-        f"{_PANEL}._server:PanelSettings.check",
-        never("self.token is None and not is_local(self.host)"),
+        f"{_PANEL}._settings:PanelSettings.check",
+        never("self.token is None and self.operators is None and not is_local(self.host)"),
         _T_PANEL,
     ),
     Mechanism(
         3,
         "without the token nothing is served",
-        f"{_PANEL}._access:Access.__call__",
-        always("self._token is None or self._has_token(request)"),
+        f"{_PANEL}._access:Access._visit",
+        always("self._token is None or self._bears_token(request) or self._equal(cookie)"),
         _T_PANEL,
     ),
     Mechanism(
@@ -456,16 +457,51 @@ MECHANISMS = (
     Mechanism(
         3,
         "no requests from other sites' pages",
-        f"{_PANEL}._access:Access.__call__",
-        never("origin.partition('://')[2] != host"),
+        f"{_PANEL}._access:Access._refused",
+        never("origin is not None and origin.partition('://')[2] != host"),
         _T_PANEL,
     ),
     Mechanism(
         3,
         "no name of another site's that leads here",
-        f"{_PANEL}._access:Access.__call__",
+        f"{_PANEL}._access:Access._refused",
         never("host_name(host) not in LOCAL_NAMES"),
         _T_PANEL,
+    ),
+    Mechanism(
+        3,
+        "a role that is not enough gets no further",
+        f"{_PANEL}._access:Access._passed",
+        never("not may(visit.role, needs)"),
+        _T_SIGN_IN,
+    ),
+    Mechanism(
+        3,
+        "whoever has not signed in sees the door only",
+        f"{_PANEL}._access:Access._passed",
+        always("self._sessions is not None and path.startswith(_OPEN)"),
+        _T_SIGN_IN,
+    ),
+    Mechanism(
+        3,
+        "a session ends with its operator's password",
+        f"{_PANEL}._sign_in:Sessions.of",
+        always("found is not None and found.name == name and (_stamp(found) == stamp)"),
+        _T_SIGN_IN,
+    ),
+    Mechanism(
+        3,
+        "who guesses passwords waits",
+        f"{_PANEL}._sign_in:Doorkeeper._require_patience",
+        never("wrong >= _FREE_TRIES"),
+        _T_SIGN_IN,
+    ),
+    Mechanism(
+        3,
+        "no password crosses a network in the open",
+        f"{_PANEL}._settings:PanelSettings._check_sign_in",
+        never("self.certificate is None and (not self.tls_elsewhere) and (not is_local(self.host))"),
+        _T_SIGN_IN,
     ),
     Mechanism(
         3,

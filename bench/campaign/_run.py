@@ -18,6 +18,7 @@ from bench.campaign._plan import check_limits
 from bench.control.disk import check_disk, estimated_bytes
 from bench.control.lease import Lease, take_lease
 from bench.control.live import Live
+from bench.control.operators import Signature
 from bench.control.procedure import Procedure, find_procedure
 from bench.control.progress import Progress
 from bench.control.questions import Assisted, AssumeYes, EmulatedOperator, Operator, Prepared
@@ -85,7 +86,7 @@ class CampaignRunner:
 
     `operator` answers what was not answered beforehand, None asks in the live files only; `yes` answers all.
     `display` is given each run's name and expected duration, and returns what shows its progress while entered.
-    `say` hears how each run ended.
+    `say` hears how each run ended. `started_by`: who, for the record; None: the user who holds the bench.
     """
 
     folder: CampaignFolder
@@ -95,6 +96,7 @@ class CampaignRunner:
         _shows_nothing
     )
     say: Callable[[RunResult], None] = lambda result: None
+    started_by: Signature | None = None
     _file: BenchFile = field(init=False, repr=False)
     _notifier: Notifier = field(init=False, repr=False)
     _lease: Lease | None = field(init=False, repr=False, default=None)
@@ -139,9 +141,10 @@ class CampaignRunner:
         states = folder.states(thorough=True)
         before = [event for _, event in folder.events() if isinstance(event, Started | Continued)]
         moved = folder.moved()
-        by = self._lease.holder.user if self._lease is not None else "emulated"
+        user = self._lease.holder.user if self._lease is not None else "emulated"
+        starter = self.started_by or Signature(user)
         begun = Continued if before else Started
-        folder.event(begun(by, folder.plant is not None))
+        folder.event(begun(starter.name, folder.plant is not None, starter.role))
         for state in states:
             if state.state == "open" and state.folder is not None:
                 where = state.folder.relative_to(folder.path).as_posix()
@@ -220,7 +223,8 @@ class CampaignRunner:
             )
             show = stack.enter_context(self.display(run_id, procedure.expected_duration_s(values)))
             request = RunRequest(procedure, values, self._file, runs, self._operator(lab), show, run_id)
-            return run_in_lab(replace(request, lease=self._lease, live=self._live), lab)
+            shared = replace(request, lease=self._lease, live=self._live, started_by=self.started_by)
+            return run_in_lab(shared, lab)
 
     def _operator(self, lab: EmulatedLab | None) -> Operator:
         if lab is not None and not self.folder.ask:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from bench.control.questions import Question, Reply
 from bench.control.session import Bench
-from bench.record.events.run import Answer, Prompt
+from bench.record.events.run import Prompt
 from drivers.base.errors import ConfigurationError, LimitExceeded, RunAborted
 
 _LOOK_S = 0.2
@@ -69,7 +69,7 @@ def next_order(bench: Bench, idle_min: float) -> Order:
     """
     end_s = bench.now_s + 60.0 * idle_min
     while (reply := _reply(bench, end_s)) is not None:
-        bench.event(Answer(QUESTION, reply.answer, reply.by))
+        bench.event(Question(QUESTION).answered(reply))
         if reply.answer.strip().lower() in ("no", "n", "abort"):
             raise RunAborted(f"{reply.by} answered {reply.answer!r}")
         try:

@@ -10,6 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
+from bench.record.events import Role
+from bench.record.events.run import Answer
+
 
 @dataclass(frozen=True)
 class Question:
@@ -22,12 +25,19 @@ class Question:
     text: str
     act: dict[str, Any] = field(default_factory=dict)
 
+    def answered(self, reply: Reply) -> Answer:
+        """Return what the record says of a reply: whose it is, and what the question asked to be done."""
+        act = dict(self.act)
+        what, mounting = act.pop("act", None), act.pop("mounting", None)
+        return Answer(self.text, reply.answer, reply.by, what, mounting, act, reply.role)
+
 
 class Reply(NamedTuple):
-    """What somebody answered, and who."""
+    """What somebody answered, and who; `role`: as which they were signed in at the panel."""
 
     answer: str
     by: str
+    role: Role | None = None
 
 
 class Operator(Protocol):
@@ -100,7 +110,7 @@ class Console:
     """
 
     def __init__(self, prompt: Callable[[str], str], say: Callable[[str], None] | None = None) -> None:
-        self.name = f"{_user()} at the console"
+        self.name = f"{user_name()} at the console"
         self._prompt, self._say = prompt, say
         self._lines: queue.Queue[tuple[int, str]] = queue.Queue()
         self._number = 0
@@ -145,7 +155,8 @@ class Console:
         threading.Thread(target=read, name="operator", daemon=True).start()
 
 
-def _user() -> str:
+def user_name() -> str:
+    """Return the name of the user whose process this is."""
     try:
         return getpass.getuser()
     except (OSError, KeyError):

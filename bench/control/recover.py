@@ -19,6 +19,7 @@ from bench.record.recording import (
     Manifest,
     local_run,
     missing_tail,
+    operators_of,
     read_events,
     read_manifest,
     read_marks,
@@ -100,6 +101,7 @@ def _complete(folder: Path, manifest: Manifest) -> Manifest:
         ended_utc=utc_now(),
         duration_s=duration_s,
         measurements=tuple(dict(vars(measured)) for _, measured in events.of(Measured)),
+        operators=operators_of(line.event for line in events.lines),
         repeats=dict(Counter(repeat.device for _, repeat in events.of(Repeat))),
         stream={name: dataclasses.asdict(stream) for name, stream in streams.items()},
     )

@@ -29,6 +29,7 @@ from bench.record.recording import (
     StreamSource,
     decode_instrument,
     decode_stream,
+    operators_of,
     read_events,
     read_manifest,
     seal,
@@ -88,6 +89,7 @@ class RunRecord:
             bench_file_sha256=file.sha256,
             units=file.units,
             emulated=None if emulated is None else dict(emulated),
+            operators=(),
             flush_interval_s=min(file.recording.flush_interval_s, 1.0),
             software={"python": platform.python_version()} | {name: version(name) for name in _SOFTWARE},
         )
@@ -116,6 +118,8 @@ class RunRecord:
             self._note(repeats=known.repeats | {event.device: known.repeats.get(event.device, 0) + 1})
         if isinstance(event, Answer) and event.mounting is not None:
             self._note(mounting=event.mounting)
+        if (operators := operators_of([event], known.operators or ())) != known.operators:
+            self._note(operators=operators)
         self._events.event(time_s, event)
 
     def emulated(self, metadata: Mapping[str, Any]) -> None:

@@ -15,6 +15,7 @@ from bench.control.devices import open_chamber, open_clock, open_instrument, ope
 from bench.control.instrument_station import InstrumentStation, SupplyStation
 from bench.control.lease import Lease, take_lease
 from bench.control.live import Live
+from bench.control.operators import Signature
 from bench.control.procedure import Parameters, Procedure, beyond_limits, require_none_beyond
 from bench.control.progress import Progress
 from bench.control.questions import Operator
@@ -24,6 +25,7 @@ from bench.control.session import Bench
 from bench.control.stream_stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from bench.control.watchdog import Watchdog
 from bench.record.benchfile import BenchFile
+from bench.record.events.campaign import Started
 from bench.record.events.safe import SafeState
 from bench.record.shown import Shown
 from drivers.base.clock import Clock, WallClock
@@ -51,6 +53,7 @@ class RunRequest:
     bench file says, and nothing on real devices.
     `lease`: of a caller who keeps the bench for more than this run; None has the run take one for itself.
     `live`: where others see and steer the run; None keeps it to itself.
+    `started_by`: who, for the record; None says nothing of it.
     """
 
     procedure: Procedure
@@ -64,6 +67,7 @@ class RunRequest:
     before_close: Callable[[Path], None] | None = None
     lease: Lease | None = None
     live: Live | None = None
+    started_by: Signature | None = None
 
 
 @dataclass(repr=False)
@@ -117,6 +121,8 @@ def _run(request: RunRequest) -> RunResult:
     )
     if request.procedure.text:
         record.keep_procedure(request.procedure.text)
+    if (starter := request.started_by) is not None:
+        record.event(0.0, Started(starter.name, role=starter.role))
     if request.live is not None:
         request.live.begin_run(
             record.folder,

@@ -23,7 +23,6 @@ from bench.record.benchfile import BenchFile
 from bench.record.events import Event
 from bench.record.events.run import (
     Alarm,
-    Answer,
     Invalid,
     Measured,
     Note,
@@ -155,14 +154,14 @@ class Bench:
     def ask(self, question: str, **act: Any) -> str:
         """Put a question to the operator and wait, telemetry running, for the answer."""
         self.event(Prompt(question))
-        answered = self.operator.ask(Question(question, act))
+        asked = Question(question, act)
+        answered = self.operator.ask(asked)
         with self._standing():
             while (reply := answered()) is None:
                 self._stream_watchdog.excuse_until(self.clock.now() + 1.0)
                 self.wait(0.2, f"operator: {question}")
-        more = {key: value for key, value in act.items() if key not in ("act", "mounting")}
         self.table.mountings.tell(act)
-        self.event(Answer(question, reply.answer, reply.by, act.get("act"), act.get("mounting"), more))
+        self.event(asked.answered(reply))
         if reply.answer.strip().lower() in ("no", "n", "abort"):
             raise RunAborted(f"the operator answered {reply.answer!r} to: {question}")
         return reply.answer

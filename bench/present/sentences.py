@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from bench.record.events import Event, Other, read_event
+from bench.record.events.campaign import Continued, Started
 from bench.record.events.run import (
     AirDemand,
     Alarm,
@@ -63,6 +64,8 @@ _SENTENCES: dict[type[Event], str] = {
     UnitsOff: "units to be switched off and on",
     UnitsOn: "units are on again",
     Outcome: "{outcome} {reason}",
+    Started: "started by {by}",
+    Continued: "continued by {by}",
 }
 
 

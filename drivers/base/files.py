@@ -59,14 +59,16 @@ def read_bounded(path: Path | str, most_bytes: int) -> bytes:
         os.close(descriptor)
 
 
-def replace_file(path: Path, content: bytes | str, *, sync: bool = True) -> None:
+def replace_file(path: Path, content: bytes | str, *, sync: bool = True, mode: int = 0o666) -> None:
     """Write a file in one piece: whatever happens, a reader finds the old one or the new one. Raises OSError.
 
     With `sync` the new one is on the disk before it takes the old one's place: a power cut leaves no empty one.
+    `mode`: who may read and write it, before the process's mask.
     """
     part = path.with_name(f"{path.name}.part")
     try:
-        with part.open("wb") as file:
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, mode)
+        with os.fdopen(descriptor, "wb") as file:
             file.write(content.encode("utf-8") if isinstance(content, str) else content)
             if sync:
                 file.flush()

@@ -90,15 +90,8 @@ def test_a_new_queue_starts_nothing_until_somebody_lets_it_go(queue, processes):
     queue.let_go("Ada")
     assert queue.work()
     assert processes.commands[0][:2] == ["run", "constant-rotation"]
-    assert processes.commands[0][-7:] == [
-        "--set",
-        "turns=1",
-        "--set",
-        "rest_s=10",
-        "--set",
-        "rate_dps=12.0",
-        "--json",
-    ]
+    words = " ".join(processes.commands[0][-9:])
+    assert words == "--set turns=1 --set rest_s=10 --set rate_dps=12.0 --by Ada --json"
     assert not queue.work() and len(processes.commands) == 1
 
 
@@ -114,6 +107,11 @@ def test_the_order_is_the_operators(queue, time):
         queue.remove(first.id)
     with pytest.raises(ConfigurationError, match="no name"):
         queue.add(TURN, " ")
+
+
+def test_a_command_says_who_and_as_what_they_were_signed_in(queue, processes):
+    queue.start(queue.add(HOME, "Ada", role="run").id, "Cyd", "configure")
+    assert processes.commands[0][-5:] == ["--by", "Cyd", "--signed-in-as", "configure", "--json"]
 
 
 def test_one_after_the_other_and_held_after_a_bad_end(queue, processes):
@@ -250,8 +248,8 @@ def test_campaigns_are_begun_and_resumed(queue, processes, campaign_path):
     queue.work()
     bench, out = str(queue.bench_file), str(queue.runs / "lot-12")
     assert processes.commands == [
-        ["campaign", "run", str(campaign_path), "--bench", bench, "--out", out, "--json"],
-        ["campaign", "resume", out, "--json"],
+        ["campaign", "run", str(campaign_path), "--bench", bench, "--out", out, "--by", "Ada", "--json"],
+        ["campaign", "resume", out, "--by", "Ada", "--json"],
     ]
 
 
@@ -308,7 +306,18 @@ def test_a_run_from_the_queue_is_byte_for_byte_the_one_from_the_command_line(ben
             queue = BenchQueue(runs, path)
             item = queue.add(RunOrder(procedure="known-state", parameters={"angle_deg": 30.0}), "Ada")
             if name == "typed":
-                words = ["run", "known-state", "--bench", path, "--runs", runs, "--set", "angle_deg=30.0"]
+                words = [
+                    "run",
+                    "known-state",
+                    "--bench",
+                    path,
+                    "--runs",
+                    runs,
+                    "--set",
+                    "angle_deg=30.0",
+                    "--by",
+                    "Ada",
+                ]
                 assert gyrobench(*words, "--json").wait() == 0
             else:
                 queue.start(item.id, "Ada")

@@ -4,16 +4,16 @@ import threading
 
 import pytest
 
-from bench.control.questions import AssumeYes, Console, EmulatedOperator, Question
+from bench.control.questions import AssumeYes, Console, EmulatedOperator, Question, Reply
 from drivers.base.errors import BenchError
 
 pytestmark = pytest.mark.concurrent
 
-DONE = ("done", "emulated operator")
+DONE = Reply("done", "emulated operator")
 
 
 def test_beforehand_is_yes():
-    assert AssumeYes().ask(Question("Ready?"))() == ("yes", "answered beforehand")
+    assert AssumeYes().ask(Question("Ready?"))() == Reply("yes", "answered beforehand")
 
 
 def test_the_emulated_operator_does_the_act_and_answers_done():

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
+from bench.record.events import Role
 from drivers.base.errors import RecordError
 from drivers.base.files import SETTINGS_BYTES, read_bounded, replace_file
 
@@ -58,6 +59,7 @@ class Started(_Part):
     """Who started an item, and its process; `pid` 0: whoever started it was killed before it could say."""
 
     by: str
+    role: Role | None = None
     utc: AwareDatetime
     pid: int = 0
     process_start: int = 0
@@ -76,11 +78,15 @@ class Ended(_Part):
 
 
 class Item(_Part):
-    """An order in the queue, by whom, and not before when."""
+    """An order in the queue, by whom, and not before when.
+
+    `role`: as which they were signed in at the panel, None for a name that nobody has checked.
+    """
 
     id: str = Field(pattern=r"^[0-9a-f]{12}$", default_factory=lambda: secrets.token_hex(6))
     order: Order
     by: str = Field(min_length=1)
+    role: Role | None = None
     added: AwareDatetime
     not_before: AwareDatetime | None = None
     started: Started | None = None

@@ -34,6 +34,7 @@ from bench.control.lease import lease_holder
 from bench.control.live import read_lines
 from bench.control.process import process_start
 from bench.record.benchfile import load_bench_file
+from bench.record.events import Role
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, BenchInUse, ConfigurationError
 
@@ -71,19 +72,28 @@ class BenchQueue:
         found = read_model(self._path, QueueState, "the queue")
         return found or QueueState(bench=self.bench)
 
-    def add(self, order: Order, by: str, not_before: datetime | None = None) -> Item:
+    def add(
+        self, order: Order, by: str, not_before: datetime | None = None, role: Role | None = None
+    ) -> Item:
         """Put an order at the end; ConfigurationError for one without a name, or one too many."""
         with self._changing() as change:
             if len(change.state.waiting) >= MOST_WAITING:
                 raise ConfigurationError("the queue is full", found=f"{MOST_WAITING} items")
-            item = Item(order=order, by=_named(by), added=self._now(), not_before=not_before)
+            item = Item(order=order, by=_named(by), role=role, added=self._now(), not_before=not_before)
             change.state = change.state.but(waiting=(*change.state.waiting, item), attended=self._now())
         return item
 
-    def edit(self, item_id: str, order: Order, by: str, not_before: datetime | None = None) -> Item:
+    def edit(
+        self,
+        item_id: str,
+        order: Order,
+        by: str,
+        not_before: datetime | None = None,
+        role: Role | None = None,
+    ) -> Item:
         """Put another order in the place of a waiting one; ConfigurationError if that has begun or is gone."""
         with self._changing() as change:
-            update = {"order": order, "by": _named(by), "not_before": not_before}
+            update = {"order": order, "by": _named(by), "role": role, "not_before": not_before}
             item = _waiting(change.state, item_id).model_copy(update=update)
             others = (item if one.id == item_id else one for one in change.state.waiting)
             change.state = change.state.but(waiting=tuple(others))
@@ -114,7 +124,7 @@ class BenchQueue:
         with self._changing() as change:
             change.state = change.state.but(held=None, attended=self._now())
 
-    def start(self, item_id: str, by: str) -> Item:
+    def start(self, item_id: str, by: str, role: Role | None = None) -> Item:
         """Start a waiting item at once, also of a queue that is held.
 
         BenchInUse if another item goes on or somebody else has the bench.
@@ -125,7 +135,7 @@ class BenchQueue:
                 raise BenchInUse("the bench is busy", where=self.bench, found="a run of this queue goes on")
             if holder := lease_holder(load_bench_file(self.bench_file)):
                 raise BenchInUse("the bench is in use", where=self.bench, found=str(holder))
-            return self._begin(change, item, _named(by))
+            return self._begin(change, item, _named(by), role)
 
     def work(self) -> bool:
         """See what has ended, start what is due; return whether anything has changed. For a call a second."""
@@ -145,11 +155,11 @@ class BenchQueue:
             change.state = state = state.but(attended=now) if not attended else state
             due = state.held is None and state.current is None and state.waiting
             if due and (state.waiting[0].not_before or now) <= now and self._free():
-                self._begin(change, state.waiting[0], state.waiting[0].by)
+                self._begin(change, state.waiting[0], state.waiting[0].by, state.waiting[0].role)
             return change.written or change.changed
 
-    def arguments(self, order: Order) -> list[str]:
-        """Return the command line of an order, as a person would type it behind `gyrobench`."""
+    def arguments(self, order: Order, by: str, role: Role | None = None) -> list[str]:
+        """Return the command line of an order that `by` starts, as they would type it behind `gyrobench`."""
         if isinstance(order, RunOrder):
             words = ["run", order.procedure, "--bench", str(self.bench_file), "--runs", str(self.runs)]
             for name, value in order.parameters.items():
@@ -159,7 +169,8 @@ class BenchQueue:
             words = ["campaign", "run", str(order.file), "--bench", str(self.bench_file), "--out", out]
         else:
             words = ["campaign", "resume", str(order.folder)]
-        return [*words, "--json"]
+        signed = ["--by", by, *(["--signed-in-as", role] if role else [])]
+        return [*words, *signed, "--json"]
 
     def _free(self) -> bool:
         try:
@@ -167,16 +178,16 @@ class BenchQueue:
         except BenchError:
             return True  # the command says what is wrong with the bench file
 
-    def _begin(self, change: _Change, item: Item, by: str) -> Item:
+    def _begin(self, change: _Change, item: Item, by: str, role: Role | None) -> Item:
         """Start an item. That it is being started is on the disk before its process is: at most once."""
         waiting = tuple(one for one in change.state.waiting if one.id != item.id)
-        item = item.model_copy(update={"started": Started(by=by, utc=self._now())})
+        item = item.model_copy(update={"started": Started(by=by, role=role, utc=self._now())})
         change.write(change.state.but(current=item, waiting=waiting, attended=self._now()))
         output, errors = self._logs(item)
         output.parent.mkdir(exist_ok=True)
         with output.open("wb") as out, errors.open("wb") as err:
             child = subprocess.Popen(
-                [sys.executable, "-P", "-m", "gyrobench", *self.arguments(item.order)],
+                [sys.executable, "-P", "-m", "gyrobench", *self.arguments(item.order, by, role)],
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,

@@ -6,7 +6,7 @@ import itertools
 import json
 import os
 import secrets
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 
 from bench.control.live._shape import checked_now
 from bench.control.process import process_start
-from bench.record.events.run import Note, Requested
+from bench.record.events.run import Note, Requested, Role
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
@@ -34,11 +34,12 @@ _order = itertools.count()
 
 @dataclass(frozen=True)
 class Answer:
-    """What somebody answered."""
+    """What somebody answered; `role`: as which they were signed in, None for a name that was typed."""
 
     answer: str
     by: str
     utc: str
+    role: Role | None = None
 
 
 def read_now(session: Path) -> dict[str, Any] | None:
@@ -81,12 +82,12 @@ def read_lines(path: Path, offset: int = 0) -> tuple[list[dict[str, Any]], int]:
     return rows, offset + len(whole) + len(newline)
 
 
-def drop_answer(session: Path, prompt_id: int, answer: str, by: str) -> Answer:
+def drop_answer(session: Path, prompt_id: int, answer: str, by: str, role: Role | None = None) -> Answer:
     """Answer a question; the first answer stays. Returns the one that counts, which may be somebody else's.
 
     Raises ConfigurationError for an answer that is empty or too long.
     """
-    given = Answer(answer.strip(), by.strip() or "unknown", utc_now())
+    given = Answer(answer.strip(), by.strip() or "unknown", utc_now(), role)
     text = json.dumps(asdict(given), ensure_ascii=False)
     if not given.answer or len(text.encode()) > _LONGEST:
         raise ConfigurationError(
@@ -113,16 +114,17 @@ def read_answer(session: Path, prompt_id: int) -> Answer | None:
     if found is None:
         return None
     try:
-        return Answer(**{name: str(found[name]) for name in ("answer", "by", "utc")})
+        words = {name: str(found[name]) for name in ("answer", "by", "utc")}
+        return Answer(**words, role=_role(found))
     except KeyError as error:
         raise RecordError("this is not an answer", where=str(path), found=f"no {error}") from error
 
 
-def drop_request(session: Path, action: Action, by: str) -> Requested:
+def drop_request(session: Path, action: Action, by: str, role: Role | None = None) -> Requested:
     """Ask a session for pause, resume or abort."""
     if action not in get_args(Action):
         raise ConfigurationError("an unknown request", found=action, expected=", ".join(get_args(Action)))
-    request = Requested(action, by.strip()[:_LONGEST_NAME] or "unknown", utc_now())
+    request = Requested(action, by.strip()[:_LONGEST_NAME] or "unknown", utc_now(), role)
     # the name sorts by time, then by the order in this process, so that requests are taken in order
     name = f"{epoch_seconds() * 1e3:.0f}-{next(_order):06d}-{secrets.token_hex(4)}.json"
     path = session / LIVE_FOLDER / "requests" / name
@@ -172,7 +174,7 @@ def take_requests(session: Path) -> Iterator[Requested | Note]:
                 action, by, utc = (str(found.get(key, "")) for key in ("action", "by", "utc"))
                 if action not in get_args(Action):
                     raise RecordError("this is not a request", where=str(path), found=repr(action[:40]))
-                yield Requested(action, by[:_LONGEST_NAME] or "unknown", utc[:40])
+                yield Requested(action, by[:_LONGEST_NAME] or "unknown", utc[:40], _role(found))
             except RecordError as error:
                 yield Note(str(error))
             finally:
@@ -209,6 +211,10 @@ def _read_small(path: Path) -> dict[str, Any] | None:
     if not isinstance(found, dict):
         raise RecordError("a live file cannot be read", where=str(path), found="no short JSON object")
     return found
+
+
+def _role(found: Mapping[str, Any]) -> Role | None:
+    return next((role for role in get_args(Role) if role == found.get("role")), None)
 
 
 def _runs(pid: object, started: object) -> bool:

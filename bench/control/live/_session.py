@@ -187,7 +187,7 @@ class Live:
                 self.wait()
                 return None
             self._close(number)
-            return Reply(found.answer, found.by)
+            return Reply(found.answer, found.by, found.role)
 
         return answer
 
@@ -201,7 +201,7 @@ class Live:
             if self._session is not None:
                 try:
                     first = drop_answer(self._session, number, *reply)
-                    reply = Reply(first.answer, first.by)
+                    reply = Reply(first.answer, first.by, first.role)
                 except BenchError as error:
                     self.problem = str(error)
             self._close(number)

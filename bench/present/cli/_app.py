@@ -30,6 +30,7 @@ COMMANDS = {
 """Command -> the file here that holds it, in `app`."""
 GROUPS = {
     "new": ("_new", "Write a procedure, driver, effect, campaign or bench of your own that runs at once."),
+    "operators": ("_operators", "Who may sign in at the panel, and as what."),
     "runs": ("_runs", "Look at recorded runs."),
     "campaign": ("campaign", "Many runs from one file: plan, run, resume, watch, rehearse, fit."),
     "fit": ("fit", "Fit compensations to recorded runs."),

@@ -21,6 +21,10 @@ PlantFile = Annotated[
 ]
 Seed = Annotated[int | None, Option("--seed", help="seed of the emulated lab")]
 Yes = Annotated[bool, Option("--yes", help="answer operator questions beforehand")]
+By = Annotated[str, Option("--by", help="who starts it, for the record; default the user")]
+SignedIn = Annotated[
+    str, Option("--signed-in-as", help="the role as which the panel let them in", hidden=True)
+]
 JsonLines = Annotated[
     bool, Option("--json", help="for machines: one JSON object a line, the last one the result")
 ]

@@ -29,6 +29,8 @@ def run(
     runs: options.RunsFolder = options.DEFAULT_RUNS,
     set_: Set = None,
     yes: options.Yes = False,
+    by: options.By = "",
+    signed_in_as: options.SignedIn = "",
     json: options.JsonLines = False,
 ) -> None:
     """Run a procedure on the bench that the bench file describes.
@@ -36,11 +38,13 @@ def run(
     The procedure's parameters are options too: --dwell-s 60 is --set dwell_s=60.
     """
     from bench.present.cli._console import Terminal
-    from bench.present.cli._shown_run import EXIT_CODES, perform, say_result
+    from bench.present.cli._shown_run import EXIT_CODES, perform, say_result, signature
     from bench.record.benchfile import load_bench_file
 
-    console = Terminal(as_json=json)
-    result = perform(console, *_chosen(procedure, set_, context.args), load_bench_file(bench), runs, yes=yes)
+    console, starter = Terminal(as_json=json), signature(by, signed_in_as)
+    chosen, parameters = _chosen(procedure, set_, context.args)
+    file = load_bench_file(bench)
+    result = perform(console, chosen, parameters, file, runs, yes=yes, started_by=starter)
     say_result(console, result, kind="result")
     sys.exit(EXIT_CODES[result.outcome])
 

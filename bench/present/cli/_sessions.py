@@ -32,6 +32,19 @@ def panel(
     campaigns: Annotated[
         Path | None, Option(help="folder of campaign files; default beside the bench file")
     ] = None,
+    operators: Annotated[
+        Path | None, Option(help="who may sign in: the file that `gyrobench operators add` makes")
+    ] = None,
+    certificate: Annotated[
+        Path | None, Option(help="TLS certificate with its chain (PEM): serve https")
+    ] = None,
+    key: Annotated[
+        Path | None, Option(help="the certificate's private key (PEM), if it is not in its file")
+    ] = None,
+    tls_elsewhere: Annotated[
+        bool,
+        Option("--tls-elsewhere", help="a proxy before the panel does TLS: passwords may come as they are"),
+    ] = False,
 ) -> None:
     """Show in a browser what the bench is doing, plan and start runs; a run is a process of its own."""
     from bench.present.cli._console import Terminal
@@ -45,11 +58,23 @@ def panel(
             expected="the extra `panel`",
             remedy="pip install 'gyrobench[panel]'",
         ) from error
-    settings = PanelSettings(runs, host, port, token, tuple(bench or ()), campaigns)
+    settings = PanelSettings(
+        runs,
+        host,
+        port,
+        token,
+        tuple(bench or ()),
+        campaigns,
+        operators=operators,
+        certificate=certificate,
+        key=key,
+        tls_elsewhere=tls_elsewhere,
+    )
     settings.check()
     shown = f"[{host}]" if ":" in host else host
-    query = "/?token=..." if token else "/"
-    Terminal().say(f"panel of {runs}: http://{shown}:{port}{query}   Ctrl-C ends it")
+    query = "/?token=..." if token and operators is None else "/"
+    scheme = "https" if certificate is not None else "http"
+    Terminal().say(f"panel of {runs}: {scheme}://{shown}:{port}{query}   Ctrl-C ends it")
     serve(settings)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,9 @@ from rich.text import Text
 
 from bench.control.disk import check_disk, estimated_bytes
 from bench.control.live import Live
+from bench.control.operators import Signature, checked_name, checked_role
 from bench.control.procedure import Parameters, Procedure
-from bench.control.questions import AssumeYes
+from bench.control.questions import AssumeYes, user_name
 from bench.control.questions import Console as ConsoleOperator
 from bench.control.runner import RunRequest, RunResult, run_procedure
 from bench.lab.emulated import Plant
@@ -34,6 +36,7 @@ def perform(
     *,
     plant: Plant | None = None,
     yes: bool = False,
+    started_by: Signature | None = None,
 ) -> RunResult:
     """Run a procedure, shown on `console`; with `plant` in virtual time, on a lab emulated after the bench.
 
@@ -49,7 +52,14 @@ def perform(
         with Live() as live:
             human = live if console.as_json else live.beside(console_operator(console))
             operator = AssumeYes() if yes else human
-            return run_procedure(RunRequest(procedure, parameters, file, runs, operator, display, live=live))
+            request = RunRequest(procedure, parameters, file, runs, operator, display, live=live)
+            return run_procedure(replace(request, started_by=started_by))
+
+
+def signature(by: str, signed_in_as: str) -> Signature:
+    """Return who starts something on the terminal, by the options `--by` and `--signed-in-as`."""
+    role = checked_role(signed_in_as) if signed_in_as else None
+    return Signature(checked_name(by) if by else user_name(), role)
 
 
 def console_operator(console: Terminal) -> ConsoleOperator:

@@ -4,6 +4,7 @@ It opens nothing of the bench for writing but the two folders that docs/events.m
 hangs cannot touch a run, and any number of them may be open.
 """
 
-from bench.present.panel._server import PanelSettings, serve
+from bench.present.panel._server import serve
+from bench.present.panel._settings import PanelSettings
 
 __all__ = ["PanelSettings", "serve"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -214,7 +215,7 @@ class Desk:
             "not_before": None if item.not_before is None else _utc(item.not_before),
             "again": back + urlencode(again) if again else "",
             "edit": back + urlencode(again | {"edit": item.id}) if isinstance(order, RunOrder) else "",
-            "command": "gyrobench " + " ".join(self.queue.arguments(order)),
+            "command": "gyrobench " + shlex.join(self.queue.arguments(order, item.by, item.role)),
         }
 
     def _live(self, item: Item) -> dict[str, Any]:

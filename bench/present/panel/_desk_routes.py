@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
+from fastapi import Request
 from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from bench.campaign.queue import BenchQueue, CampaignOrder, Order, Preset, Presets, RunOrder
+from bench.campaign.queue import BenchQueue, CampaignOrder, Order, Preset, Presets, QueueState, RunOrder
+from bench.control.operators import Signature
 from bench.control.procedure import find_procedure, load_procedures
+from bench.present.panel._access import visit_of
 from bench.present.panel._desk import Desk, repeated, resume_order
 from bench.present.panel._folders import RunsFolder
 from bench.present.panel._forms import Mistakes, fields, order_of
@@ -46,6 +50,14 @@ class Desks:
         """Bench -> the address of its queue."""
         return {desk.queue.bench: f"/queue/{name}" for name, desk in self._desks.items()}
 
+    def states(self) -> dict[str, QueueState]:
+        """Return the queue of each bench, without those whose file cannot be read."""
+        found = {}
+        for desk in self._desks.values():
+            with suppress(BenchError):
+                found[desk.queue.bench] = desk.queue.state()
+        return found
+
     def work(self) -> None:
         """Start what is due; what is wrong with a queue is shown on its page."""
         for name, desk in self._desks.items():
@@ -57,7 +69,14 @@ class Desks:
                 self._problems[name] = str(error)
 
     def page(
-        self, name: str, procedure: str = "", item: str = "", edit: str = "", run: str = "", preset: str = ""
+        self,
+        request: Request,
+        name: str,
+        procedure: str = "",
+        item: str = "",
+        edit: str = "",
+        run: str = "",
+        preset: str = "",
     ) -> Response:
         """Return a bench's page; its form is filled from a run, a preset, or an item of the queue."""
         if name not in self._desks:
@@ -71,6 +90,7 @@ class Desks:
             procedure, shown, problem = "", [], str(error)
         text = template("desk.html.j2").render(
             desk=desk,
+            visit=visit_of(request),
             tabs=[(f"/queue/{one.queue.name}", one.queue.bench, one is desk) for one in self._desks.values()],
             emulated=self._emulated(desk),
             procedures=[(one.name, one.title) for one in load_procedures().values()],
@@ -118,10 +138,10 @@ class Desks:
         except (BenchError, OSError) as error:
             return _refused(str(error))
 
-    def change(self, name: str, asked: dict[str, Any]) -> Response:
+    def change(self, request: Request, name: str, asked: dict[str, Any]) -> Response:
         """Do what an operator asks of a queue."""
         try:
-            self._change(name, asked)
+            self._change(name, asked, visit_of(request).signature(str(asked.get("by", ""))))
         except _WrongForm as wrong:
             return wrong.answer
         except (BenchError, OSError) as error:
@@ -129,24 +149,25 @@ class Desks:
         self._views.pop(name, None)
         return self.view(name)
 
-    def _change(self, name: str, asked: Mapping[str, Any]) -> None:
-        action, by, item = (str(asked.get(key, "")) for key in ("action", "by", "item"))
+    def _change(self, name: str, asked: Mapping[str, Any], signature: Signature) -> None:
+        action, item = (str(asked.get(key, "")) for key in ("action", "item"))
+        by, role = signature
         queue = self._desk(name).queue
         if action in ("add", "edit", "start_now"):
             order, at = self._order(name, asked), _time(asked.get("not_before"))
             if action == "edit":
-                queue.edit(item, order, by, at)
+                queue.edit(item, order, by, at, role)
             elif action == "add":
-                queue.add(order, by, at)
+                queue.add(order, by, at, role)
             else:
-                self._start_now(queue, order, by)
+                self._start_now(queue, order, signature)
         elif action == "move":
             place = asked.get("place")
             queue.move(item, place if isinstance(place, int) else 0)
         elif action == "remove":
             queue.remove(item)
         elif action == "start":
-            queue.start(item, by)
+            queue.start(item, by, role)
         elif action == "hold":
             queue.hold(by)
         elif action == "let_go":
@@ -165,11 +186,11 @@ class Desks:
             raise ConfigurationError("this cannot be asked of a queue", found=action)
 
     @staticmethod
-    def _start_now(queue: BenchQueue, order: Order, by: str) -> None:
+    def _start_now(queue: BenchQueue, order: Order, signature: Signature) -> None:
         """Start an order at once or not at all: one that is refused does not stay in the queue."""
-        item = queue.add(order, by)
+        item = queue.add(order, signature.name, role=signature.role)
         try:
-            queue.start(item.id, by)
+            queue.start(item.id, *signature)
         except BenchError:
             queue.remove(item.id)
             raise

@@ -13,7 +13,10 @@ from jinja2 import Environment, StrictUndefined, Template
 from nicegui import ui
 
 from bench.control.live import Action, drop_answer, drop_request
+from bench.control.operators import Signature
+from bench.present.panel._presence import Presence
 from bench.present.panel._watch import LEVELS, Watch
+from bench.record.events import Role
 from drivers.base.errors import BenchError
 
 _HERE = Path(__file__).parent
@@ -23,19 +26,20 @@ _ORDER_TRIES = 12
 """How often an order looks for the question that asks for it, a quarter of a second apart."""
 
 
-def build_page(watch: Watch, queue: str = "") -> None:
+def build_page(watch: Watch, queue: str, presence: Presence) -> None:
     """Build the page of one browser: what it shows is plain HTML and there at once, its controls follow.
 
     `queue`: the address where runs can be started, empty if they cannot be.
     """
     dark = ui.dark_mode(value=None)
     ui.add_head_html(f"<style>{style_sheet()}</style>")
-    ui.add_body_html(_first_paint(watch.values(), watch.news(), queue))
+    operators = presence.signs_in and presence.may("configure")
+    ui.add_body_html(_first_paint(watch.values(), watch.news(), queue, operators))
     for script in ("common", "panel"):
         ui.add_body_html(f'<script src="/panel/assets/{script}.js"></script>')
     ui.query(".nicegui-content").classes("panel")
     ui.colors(primary="#005f96", negative="#b3261e", dark="#161d25", dark_page="#0d1116")
-    controls = Controls(watch)
+    controls = Controls(watch, presence)
     ui.element("div").props('data-place="benches"')
     ui.element("div").props('data-place="pages"')
     with ui.element("header").classes("bar"):
@@ -62,8 +66,9 @@ def build_page(watch: Watch, queue: str = "") -> None:
 class Controls:
     """Buttons and questions of one page; every press becomes a file that the session takes."""
 
-    def __init__(self, watch: Watch) -> None:
+    def __init__(self, watch: Watch, presence: Presence) -> None:
         self._watch = watch
+        self._presence = presence
         self._client = ui.context.client
         self._asked: list[int] = []
         self._answered: set[int] = set()
@@ -71,10 +76,14 @@ class Controls:
     def header(self, dark: ui.dark_mode) -> None:
         """Build name, pause, resume, abort and the switch between light and dark."""
         with ui.element("div").classes("controls"):
-            self._name = ui.input(placeholder="your name", on_change=_keep_name).props(
+            keep = None if self._presence.signs_in else _keep_name
+            self._name = ui.input(placeholder="your name", on_change=keep).props(
                 'dense outlined maxlength=40 aria-label="your name, for the record" data-testid="name"'
             )
-            ui.timer(0.1, self._recall_name, once=True)
+            if self._presence.signs_in:
+                self._sign_in_shown()
+            else:
+                ui.timer(0.1, self._recall_name, once=True)
             self._pause = self._button("Pause", "pause", lambda: self._request("pause"))
             self._resume = self._button("Resume", "play_arrow", lambda: self._request("resume"))
             self._abort = self._button("Abort", "dangerous", self._ask_abort, color="negative")
@@ -89,12 +98,21 @@ class Controls:
             )
             self._aborter = ui.input(label="your name, for the record").props(
                 'dense outlined autofocus maxlength=40 data-testid="abort-name"'
+                + (" readonly" if self._presence.signs_in else "")
             )
             with ui.element("div").classes("choices"):
                 ui.button("Keep running", on_click=self._dialog.close).props("outline no-caps")
                 ui.button("Abort now", on_click=self._abort_now, color="negative").props(
                     'no-caps unelevated data-testid="abort-now"'
                 )
+
+    def _sign_in_shown(self) -> None:
+        """Show who is signed in instead of a field to type in."""
+        self._name.value = self._presence.name
+        self._name.props(f'readonly label="signed in to {self._presence.role}"')
+        ui.button(icon="logout", on_click=_sign_out).props('flat round dense aria-label="sign out"').classes(
+            "contrast"
+        )
 
     def questions(self) -> None:
         """Make the place where questions appear."""
@@ -128,20 +146,20 @@ class Controls:
 
     async def _order(self, text: Callable[[], str]) -> None:
         """Answer the open question with an order; between two questions wait a moment for the next."""
-        by, order = self._named(), text()
-        if not by or not order:
+        by, order = self._signed("run"), text()
+        if by is None or not order:
             return
         for _ in range(_ORDER_TRIES):
             session, open_ = self._watch.session, self._watch.prompts
             number = next((row["id"] for row in open_ if row["id"] not in self._answered), None)
             if session is not None and number is not None:
                 try:
-                    counted = drop_answer(session.path, number, order, by)
+                    counted = drop_answer(session.path, number, order, by.name, by.role)
                 except BenchError as error:
                     ui.notify(str(error), type="negative")
                     return
                 self._answered.add(number)
-                if (counted.by, counted.answer) == (by, order):
+                if (counted.by, counted.answer) == (by.name, order):
                     ui.notify(f"ordered: {order}")
                     return
             await asyncio.sleep(_CONTROL_S)
@@ -154,9 +172,10 @@ class Controls:
         paused = bool(now.get("pause_wanted")) or now.get("state") == "paused"
         self._pause.set_visibility(not paused)
         self._resume.set_visibility(paused)
+        pressable = steerable and self._presence.may("answer")
         for button in (self._pause, self._resume, self._abort):
-            if button.enabled != steerable:
-                button.set_enabled(steerable)
+            if button.enabled != pressable:
+                button.set_enabled(pressable)
         by_hand = watch.by_hand
         if self._hand.visible != by_hand:
             self._hand.set_visibility(by_hand)
@@ -173,6 +192,9 @@ class Controls:
     def _question(self, number: int, text: str) -> None:
         with ui.element("div").classes("question"):
             ui.label(text).classes("text").props('data-testid="question"')
+            if not self._presence.may("answer"):
+                ui.label(f"You are signed in to {self._presence.role}: somebody else answers this.")
+                return
             with ui.element("div").classes("choices"):
                 ui.button("Done, go on", on_click=lambda: self._answer(number, "yes")).props(
                     'no-caps unelevated data-testid="answer-yes"'
@@ -186,28 +208,28 @@ class Controls:
         self._dialog.open()
 
     def _answer(self, number: int, answer: str) -> None:
-        session, by = self._watch.session, self._named()
-        if session is None or not answer.strip() or not by:
+        session, by = self._watch.session, self._signed("answer")
+        if session is None or not answer.strip() or by is None:
             return
         try:
-            counted = drop_answer(session.path, number, answer, by)
+            counted = drop_answer(session.path, number, answer, by.name, by.role)
         except BenchError as error:
             ui.notify(str(error), type="negative")
             return
-        if counted.by != by:
+        if counted.by != by.name:
             ui.notify(f"{counted.by} was first and answered {counted.answer!r}", type="warning")
         self._answered.add(number)
         self.refresh()
 
-    def _request(self, action: Action, by: str = "") -> None:
+    def _request(self, action: Action, nameless: str = "") -> None:
         session = self._watch.session
         if session is None or not self._watch.steerable:
             ui.notify("Nothing runs.", type="warning")
             return
-        if not (by := by or self._named()):
+        if (by := self._signed("answer", nameless)) is None:
             return
         try:
-            drop_request(session.path, action, by)
+            drop_request(session.path, action, by.name, by.role)
         except BenchError as error:
             ui.notify(str(error), type="negative")
             return
@@ -217,16 +239,25 @@ class Controls:
         """An abort waits for nobody: without a name the record says so."""
         self._dialog.close()
         name = str(self._aborter.value or "").strip()
-        if name:
+        if name and not self._presence.signs_in:
             self._name.value = name
-        self._request("abort", name or f"somebody without a name at {self._client.ip}")
+        self._request("abort", f"somebody without a name at {self._client.ip}")
 
-    def _named(self) -> str:
-        """Return who presses; empty, and said, if there is no name at the top of the page."""
-        name = str(self._name.value or "").strip()
-        if not name:
+    def _signed(self, needs: Role, nameless: str = "") -> Signature | None:
+        """Return who presses; None, and said, for nobody and for somebody who may not do that.
+
+        `nameless`: what the record says where names are typed and none was.
+        """
+        if not self._presence.may(needs):
+            role = self._presence.role
+            has = f"you are signed in to {role}" if role else "you are signed out: load the page anew"
+            ui.notify(f"This needs the role {needs}: {has}.", type="warning")
+            return None
+        signature = self._presence.signature(str(self._name.value or "").strip() or nameless)
+        if not signature.name:
             ui.notify("Type your name at the top of the page first: it goes into the record.", type="warning")
-        return name
+            return None
+        return signature
 
     async def _recall_name(self) -> None:
         try:
@@ -240,6 +271,10 @@ class Controls:
     def _button(text: str, icon: str, act: Callable[[], object], color: str = "primary") -> ui.button:
         props = f'no-caps unelevated data-testid="{text.lower()}"'
         return ui.button(text, icon=icon, on_click=act, color=color).props(props)
+
+
+def _sign_out() -> None:
+    ui.run_javascript("fetch('/sign-out', {method: 'POST'}).then(() => location.assign('/sign-in'))")
 
 
 def _order_text(verb: str, field: ui.input) -> str:
@@ -277,9 +312,12 @@ def style_sheet() -> str:
     )
 
 
-def _first_paint(values: Mapping[str, str], news: Mapping[str, Any], queue: str) -> str:
+def _first_paint(
+    values: Mapping[str, str], news: Mapping[str, Any], queue: str, operators: bool = False
+) -> str:
     """Return benches, names, banner, cards and lists as they are now; panel.js moves them to their places."""
-    return _template().render(values=values, banner=news["banner"], benches=news["benches"], queue=queue)
+    facts = {"values": values, "banner": news["banner"], "benches": news["benches"]}
+    return _template().render(facts, queue=queue, operators=operators)
 
 
 @cache

@@ -3,40 +3,40 @@
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 import json
 import secrets
-import socket
 import sys
 import tempfile
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fastapi import Body, WebSocket
-from fastapi.responses import FileResponse, PlainTextResponse, Response
+from fastapi import Body, Request, WebSocket
+from fastapi.responses import FileResponse, JSONResponse, PlainTextResponse, Response
 from nicegui import app, ui
 
-from bench.campaign.queue import BenchQueue
-from bench.present.panel._access import LOCAL_NAMES, Access
+from bench.control.operators import OperatorsFile
+from bench.present.panel._access import Access, visit_of
 from bench.present.panel._benches import Benches
-from bench.present.panel._desk import Desk
 from bench.present.panel._desk_routes import Desks
 from bench.present.panel._folders import PAPERS, RunsFolder
 from bench.present.panel._history import History
+from bench.present.panel._metrics import Metrics
 from bench.present.panel._page import build_page, style_sheet
+from bench.present.panel._presence import Presence
+from bench.present.panel._settings import PanelSettings, tls
+from bench.present.panel._sign_in import Sessions
+from bench.present.panel._sign_in_routes import SignIn
 from bench.present.panel._visitors import SERVER_LIMITS, Visitor
 from bench.present.panel._watch import Watch
 from bench.record.run_folder import MANIFEST_FILE
-from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.errors import BenchError
 
 _TICK_S = 0.1
 _REPORT_TIMEOUT_S = 300.0
 _WORK_S = 1.0
+_SIGNED_OUT = 4401
 _WAITING = 8
 """Ticks a slow browser may be behind before it is given everything anew."""
-_SHORTEST_TOKEN = 16
 _IDLE_HUBS = 4
 """Sessions that nobody looks at any more and that are kept all the same: a page comes back within seconds."""
 _NO_SCRIPTS = {
@@ -46,89 +46,24 @@ _NO_SCRIPTS = {
 }
 
 
-@dataclass(frozen=True)
-class PanelSettings:
-    """Where the panel looks and who may open it."""
-
-    runs: Path
-    host: str = "127.0.0.1"
-    port: int = 8765
-    token: str | None = None
-    benches: tuple[Path, ...] = ()
-    """Bench files: on these benches runs can be started."""
-    campaigns: Path | None = None
-    """The folder of campaign files; None: beside each bench file."""
-
-    def desks(self, benches: Benches) -> list[Desk]:
-        """Return the desk of every bench; ConfigurationError for a file that is none, for two of one name."""
-        queues = [BenchQueue(self.runs, path) for path in self.benches]
-        names = [queue.bench for queue in queues]
-        if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ConfigurationError(
-                "two bench files of one name",
-                where="--bench",
-                found=", ".join(twice),
-                expected="a name of its own for every bench ([bench] name)",
-            )
-        return [Desk(queue, benches, self.campaigns or queue.bench_file.parent) for queue in queues]
-
-    def check(self) -> None:
-        """Raise ConfigurationError for a folder that is none, an open door without a token, a port in use."""
-        if self.runs.exists() and not self.runs.is_dir():
-            raise ConfigurationError(
-                "this is no runs folder",
-                where=str(self.runs),
-                expected="the folder that `gyrobench run --runs` or `campaign run --out` writes to",
-            )
-        if self.token is not None and (len(self.token) < _SHORTEST_TOKEN or not self.token.isascii()):
-            raise ConfigurationError(
-                "a token that is easy to guess",
-                where="--token",
-                found=f"{len(self.token)} characters",
-                expected=f"at least {_SHORTEST_TOKEN} letters and digits",
-                remedy="GYROBENCH_PANEL_TOKEN=$(openssl rand -hex 16) gyrobench panel ...",
-            )
-        if self.token is None and not is_local(self.host):
-            raise ConfigurationError(
-                "a panel that others can reach needs a token",
-                where=f"--host {self.host}",
-                expected="--token, or GYROBENCH_PANEL_TOKEN in the environment",
-                remedy="GYROBENCH_PANEL_TOKEN=$(openssl rand -hex 16) gyrobench panel ...",
-            )
-        self.desks(Benches(RunsFolder(self.runs)))
-        try:
-            with socket.create_server((self.host, self.port), reuse_port=False):
-                pass
-        except (OSError, OverflowError) as error:
-            raise ConfigurationError(
-                "the panel cannot listen there",
-                where=f"{self.host}:{self.port}",
-                found=str(error),
-                expected="an address of this machine and a free port",
-                remedy="name others with --host and --port",
-            ) from error
-
-
-def is_local(host: str) -> bool:
-    """Return whether only this machine reaches that address."""
-    with suppress(ValueError):
-        return ipaddress.ip_address(host).is_loopback
-    return host in LOCAL_NAMES
-
-
 def serve(settings: PanelSettings) -> None:
     """Serve the panel until Ctrl-C; raises ConfigurationError for settings that cannot be used."""
     settings.check()
     folder = RunsFolder(settings.runs)
-    hubs = Hubs(folder)
+    sessions = None if settings.operators is None else Sessions(OperatorsFile(settings.operators))
+    hubs = Hubs(folder, sessions)
     desks = Desks(folder, settings.desks(hubs.benches))
     folder.queues = desks.addresses
-    app.add_middleware(Access, token=settings.token)
+    app.add_middleware(Access, token=settings.token, sessions=sessions)
+    if sessions is not None:
+        _serve_sign_in(SignIn(sessions))
     app.websocket("/panel/live")(hubs.attend)
     app.timer(_TICK_S, hubs.tick)
     app.timer(_WORK_S, desks.work)
     scratch = tempfile.TemporaryDirectory(prefix="gyrobench-panel-")
     reports = Reports(folder, Path(scratch.name))
+    app.get("/panel/who")(_who)
+    app.get("/metrics")(Metrics(folder, hubs.benches, desks).page)
     app.get("/report/{name:path}")(reports.get)
     app.get("/certificate/{name:path}")(reports.certificate)
     app.get("/history")(History(folder, hubs.benches, Path(scratch.name)).page)
@@ -155,36 +90,49 @@ def serve(settings: PanelSettings) -> None:
             message_history_length=100,
             http=Visitor,
             **SERVER_LIMITS,
+            **(tls(settings.certificate, settings.key) if settings.certificate is not None else {}),
         )
     finally:
         scratch.cleanup()
 
 
+def _serve_sign_in(sign_in: SignIn) -> None:
+    app.get("/sign-in")(sign_in.page)
+    app.post("/sign-in")(sign_in.enter)
+    app.post("/sign-out")(sign_in.leave)
+    app.get("/operators")(sign_in.operators)
+    app.post("/operators")(sign_in.change)
+    app.post("/panel/password")(sign_in.own_password)
+
+
 class Hubs:
     """A hub for every session that pages look at, by its name; "" is the one the panel chooses itself."""
 
-    def __init__(self, folder: RunsFolder) -> None:
+    def __init__(self, folder: RunsFolder, sessions: Sessions | None = None) -> None:
         self._folder = folder
+        self._sessions = sessions
         self.benches = self._benches = Benches(folder)
         self._hubs = {"": Hub(Watch(folder, self._benches))}
 
-    def page(self, session: str = "") -> None:
+    def page(self, request: Request, session: str = "") -> None:
         """Build the page of one browser."""
         hub = self._of(session)
         hub.tick()
-        build_page(hub.watch, next(iter(self._folder.queues.values()), ""))
+        queue = next(iter(self._folder.queues.values()), "")
+        build_page(hub.watch, queue, Presence(visit_of(request), self._sessions))
 
     async def attend(self, page: WebSocket, session: str = "") -> None:
-        """Send to one page until it goes."""
-        await self._of(session).attend(page)
+        """Send to one page until it goes, or whoever looks at it is signed out."""
+        await self._of(session).attend(page, Presence(visit_of(page), self._sessions))
 
-    def acknowledge(self, session: str = Body(), by: str = Body()) -> Response:
+    def acknowledge(self, request: Request, session: str = Body(), by: str = Body()) -> Response:
         """Write down that somebody has seen the alarms of a session's bench."""
         found = next((one for one in self._benches.sessions if one.name == session), None)
         if found is None:
             return PlainTextResponse("There is no such session.", status_code=404)
         try:
-            return PlainTextResponse(str(self._benches.acknowledge(found, by)))
+            name = visit_of(request).signature(by).name
+            return PlainTextResponse(str(self._benches.acknowledge(found, name)))
         except BenchError as error:
             return PlainTextResponse(str(error), status_code=400)
 
@@ -246,13 +194,16 @@ class Hub:
                 else:
                     queue.put_nowait(text)
 
-    async def attend(self, page: WebSocket) -> None:
+    async def attend(self, page: WebSocket, presence: Presence) -> None:
         """Send to one page until it goes; it says nothing itself."""
         await page.accept()
         self._begin(page)
         leaving = asyncio.create_task(_until_gone(page))
         try:
             while not leaving.done():
+                if not presence.may("look"):
+                    await page.close(_SIGNED_OUT)
+                    break
                 getting = asyncio.create_task(self._pages[page].get())
                 await asyncio.wait({getting, leaving}, return_when=asyncio.FIRST_COMPLETED)
                 if not getting.done():
@@ -320,6 +271,12 @@ class Reports:
                     process.kill()
                     await process.wait()
         return target if target.exists() else None
+
+
+def _who(request: Request) -> JSONResponse:
+    """Tell a page who looks at it."""
+    visit = visit_of(request)
+    return JSONResponse({"name": visit.name, "role": visit.role}, headers={"cache-control": "no-store"})
 
 
 async def _until_gone(page: WebSocket) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from bench.record.events import campaign, run, safe  # noqa: F401  (makes their kinds known)
 from bench.record.events._base import EVENTS, Event, Other, Row, event_from, plain, time_of
 from bench.record.events._legacy import typed
+from bench.record.events.run import Role
 
 
 def read_event(row: object) -> tuple[float, Event]:
@@ -25,4 +26,4 @@ def read_event(row: object) -> tuple[float, Event]:
     return time_s, Other(kind, {key: value for key, value in row.items() if key not in ("time_s", "kind")})
 
 
-__all__ = ["EVENTS", "Event", "Other", "Row", "plain", "read_event"]
+__all__ = ["EVENTS", "Event", "Other", "Role", "Row", "plain", "read_event"]

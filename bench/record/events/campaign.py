@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bench.record.events._base import Event, Flag
+from bench.record.events.run import Role
 
 
 class CampaignBegun(Event, kind="campaign"):
@@ -15,10 +16,14 @@ class CampaignBegun(Event, kind="campaign"):
 
 
 class Started(Event, kind="started"):
-    """A process begins to work on the campaign."""
+    """A process begins to work on a campaign, or a run begins; `by` has started it.
+
+    `role`: as which they were signed in at the panel; None for a name that nobody has checked.
+    """
 
     by: str
     emulated: Flag | None = None
+    role: Role | None = None
 
 
 class Continued(Event, kind="continued"):
@@ -26,6 +31,7 @@ class Continued(Event, kind="continued"):
 
     by: str
     emulated: Flag | None = None
+    role: Role | None = None
 
 
 class RunStarted(Event, kind="run_started"):

@@ -10,6 +10,8 @@ from bench.record.events._base import BenchTime, Event, Flag, Number, Whole
 
 _MOST_NUMBERS = 2000
 Sense = Literal["shortest", "positive", "negative"]
+Role = Literal["look", "answer", "run", "configure"]
+"""What an operator may do who is signed in at the panel; each role includes those before it."""
 
 
 class Step(Event, kind="step"):
@@ -38,7 +40,10 @@ class Prompt(Event, kind="prompt"):
 
 
 class Answer(Event, kind="answer"):
-    """The one answer that counts; `act`, `mounting` and `details` say what the question asked to be done."""
+    """The one answer that counts; `act`, `mounting` and `details` say what the question asked to be done.
+
+    `role`: as which whoever answered was signed in; None for a name that nobody has checked.
+    """
 
     question: str
     answer: str
@@ -46,6 +51,7 @@ class Answer(Event, kind="answer"):
     act: str | None = None
     mounting: str | None = None
     details: dict[str, Any] = field(default_factory=dict)
+    role: Role | None = None
 
 
 class Measured(Event, kind="measurement"):
@@ -87,11 +93,12 @@ def _known(value: float | None) -> float | None:
 
 
 class Requested(Event, kind="request"):
-    """Somebody asked for pause, resume or abort."""
+    """Somebody asked for pause, resume or abort; `role` as in an answer."""
 
     action: str
     by: str
     utc: str
+    role: Role | None = None
 
 
 class Paused(Event, kind="paused"):

@@ -22,6 +22,7 @@ from bench.record.recording._manifest import (
     seal_state,
     write_manifest,
 )
+from bench.record.recording._operators import operators_of
 from bench.record.recording._raw import missing_tail, read_exchanges, read_marks
 from bench.record.recording._read import Phase, Run, Table, check_room, read_table
 from bench.record.recording._remote import local_manifests, local_run
@@ -57,6 +58,7 @@ __all__ = [
     "local_run",
     "missing_tail",
     "names_at",
+    "operators_of",
     "read_events",
     "read_exchanges",
     "read_manifest",

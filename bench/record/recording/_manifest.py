@@ -13,6 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
+from bench.record.events import Role
 from bench.record.events._base import Number
 from bench.record.recording._events import EVENTS_FILE, record_error
 from bench.record.run_folder import MANIFEST_FILE, PROCEDURE_FILE
@@ -73,6 +74,14 @@ class Imported(_Part):
     mapping: FileName
 
 
+class OperatorEntry(_Part):
+    """Somebody who did something in the run; `role`: as which they were signed in, None if nobody checked."""
+
+    name: str
+    role: Role | None = None
+    did: tuple[str, ...] = ()
+
+
 class FileEntry(_Part):
     """Checksum and size of a file of the run."""
 
@@ -104,6 +113,8 @@ class Manifest(_Part):
     software: dict[str, str] = Field(default_factory=dict)
     stream: dict[str, dict[str, Any]] = Field(default_factory=dict)
     measurements: tuple[dict[str, Any], ...] = ()
+    operators: tuple[OperatorEntry, ...] | None = None
+    """Who started, answered, paused, resumed or aborted; None in imported and older runs."""
     repeats: dict[str, int] = Field(default_factory=dict)
     """How many exchanges with an instrument were tried again, by device: the `repeat` events."""
     written: dict[FileName, int] = Field(default_factory=dict)

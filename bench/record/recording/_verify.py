@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from bench.record.events.run import Invalid, Measured, Outcome
 from bench.record.recording._events import EVENTS_FILE, read_events
 from bench.record.recording._manifest import FileEntry, Manifest, checksum, read_manifest, seal_state
+from bench.record.recording._operators import operators_of
 from bench.record.recording._raw import missing_tail
 from bench.record.recording._remote import local_run
 from bench.record.recording._tables import from_arrow
@@ -119,6 +120,10 @@ def _compare_manifest(folder: Path, manifest: Manifest) -> Iterator[FileProblem]
         measured.fields() for _, measured in events.of(Measured)
     ]:
         yield FileProblem(MANIFEST_FILE, "its measurements are not those of the events")
+    if manifest.operators is not None and manifest.operators != operators_of(
+        line.event for line in events.lines
+    ):
+        yield FileProblem(MANIFEST_FILE, "who did what is not that of the events")
     if not ends or (manifest.outcome, manifest.reason) != (ends[-1].outcome, ends[-1].reason):
         yield FileProblem(MANIFEST_FILE, "its outcome or reason is not that of the events")
     elif manifest.outcome != "aborted" and invalid != (manifest.outcome == "invalid"):

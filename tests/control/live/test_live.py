@@ -111,7 +111,7 @@ def test_the_first_answer_stays_and_the_second_is_told_whose_it_was(session, tmp
     assert answered() is None
     assert drop_answer(tmp_path, prompt["id"], "yes", "Ann").by == "Ann"
     assert drop_answer(tmp_path, prompt["id"], "no", "Bob").by == "Ann"
-    assert answered() == ("yes", "Ann")
+    assert answered() == Reply("yes", "Ann")
     step(session)
     assert read_now(tmp_path)["prompts"] == []
 
@@ -131,7 +131,7 @@ def test_many_answers_at_once_leave_one(session, tmp_path):
         thread.start()
     for thread in threads:
         thread.join()
-    text, by = answered()
+    text, by, _ = answered()
     assert text == "yes" and set(told) == {by}
     assert [path.name for path in (tmp_path / "live" / "answers").iterdir()] == [f"{number}.json"]
 
@@ -149,14 +149,14 @@ def test_console_and_files_both_may_answer(session, tmp_path):
     answered = either.ask(Question("Mount?"))
     (number,) = session._prompts
     drop_answer(tmp_path, number, "done", "Ann on the panel")
-    assert answered() == ("done", "Ann on the panel")
+    assert answered() == Reply("done", "Ann on the panel")
     answered = either.ask(Question("Close?"))  # the console's thread still waits for the first line
     assert shown == ["Close?"] and answered() is None
     (number,) = session._prompts
     lines["Mount?"].set()
     while (given := answered()) is None:
         continue
-    assert given == ("yes", console.name) and "at the console" in console.name
+    assert given == Reply("yes", console.name) and "at the console" in console.name
     assert read_answer(tmp_path, number).by == console.name  # the panel is told who was first
 
 
@@ -166,8 +166,8 @@ def test_prepared_answers_match_patterns_and_pass_on_the_rest():
             return lambda: Reply(f"heard {question.text}", "Ann")
 
     operator = Prepared([("Mount *", "yes")], "campaign.toml", Human())
-    assert operator.ask(Question("Mount the unit"))() == ("yes", "campaign.toml")
-    assert operator.ask(Question("Door closed?"))() == ("heard Door closed?", "Ann")
+    assert operator.ask(Question("Mount the unit"))() == Reply("yes", "campaign.toml")
+    assert operator.ask(Question("Door closed?"))() == Reply("heard Door closed?", "Ann")
 
 
 def test_requests_are_taken_in_order_once_and_an_abort_interrupts(session, tmp_path):

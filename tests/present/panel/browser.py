@@ -4,12 +4,14 @@ import json
 import os
 import shutil
 import socket
+import ssl
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import pytest
@@ -58,8 +60,14 @@ class Panel:
         self.options = [str(option) for option in options]
         with socket.create_server(("127.0.0.1", 0)) as server:
             self.port = server.getsockname()[1]
-        self.url = f"http://127.0.0.1:{self.port}/"
+        scheme = "https" if "--certificate" in self.options else "http"
+        self.url = f"{scheme}://127.0.0.1:{self.port}/"
         self.start()
+
+    @property
+    def trusting(self) -> ssl.SSLContext | None:
+        """What takes the panel's own certificate for good."""
+        return ssl._create_unverified_context() if self.url.startswith("https") else None
 
     def start(self) -> None:
         command = "from bench.present.cli import main; main()"
@@ -74,8 +82,10 @@ class Panel:
     def answers(self) -> bool:
         assert self.process.poll() is None, "the panel ended"
         try:
-            with urlopen(self.url, timeout=10) as page:
+            with urlopen(self.url, timeout=10, context=self.trusting) as page:
                 return page.status == 200
+        except HTTPError as refused:
+            return refused.code == 401  # it asks who is there
         except OSError:
             return False
 
@@ -102,7 +112,7 @@ def browser_page(width: int = 1280) -> "Iterator[Page]":
     expect.set_options(timeout=1000.0 * PATIENCE_S)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        context = browser.new_context(viewport={"width": width, "height": 900})
+        context = browser.new_context(viewport={"width": width, "height": 900}, ignore_https_errors=True)
         context.set_default_timeout(1000.0 * PATIENCE_S)
         yield context.new_page()
         browser.close()

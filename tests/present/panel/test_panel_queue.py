@@ -56,7 +56,8 @@ class Bench:
 
 
 @contextmanager
-def bench_with_panel(folder: Path, **limits: float) -> Iterator[Bench]:
+def bench_with_panel(folder: Path, *options: object, **limits: float) -> Iterator[Bench]:
+    """A bench on an emulated lab with a panel of those options, within those limits."""
     (folder / "files").mkdir()
     plain = folder / "plain.toml"
     text = "".join(f"{name} = {value}\n" for name, value in limits.items())
@@ -65,7 +66,7 @@ def bench_with_panel(folder: Path, **limits: float) -> Iterator[Bench]:
         bench_file = folder / "files" / "bench.toml"
         bench_file.write_text(bench_file_text(bench_file_from(lab.file.model_dump(mode="json"))))
         (folder / "files" / "turns.toml").write_text(CAMPAIGN)
-        panel = Panel(folder / "runs", "--bench", bench_file)
+        panel = Panel(folder / "runs", "--bench", bench_file, *options)
         found = Bench(panel, bench_file)
         try:
             yield found

@@ -41,6 +41,8 @@ def run(
         bool, Option("--ask", help="with --emulated: put the questions to a human all the same")
     ] = False,
     yes: options.Yes = False,
+    by: options.By = "",
+    signed_in_as: options.SignedIn = "",
     as_json: options.JsonLines = False,
 ) -> None:
     """Run a campaign on the bench, one run after the other; `resume` goes on after a stop."""
@@ -55,14 +57,20 @@ def run(
         )
     plant = load_plant(plant_file, seed) if emulated else None
     folder = begin_campaign(campaign_file, file, out, plant=plant, ask=ask)
-    sys.exit(_work(folder, Terminal(as_json=as_json), yes=yes))
+    sys.exit(_work(folder, Terminal(as_json=as_json), (by, signed_in_as), yes=yes))
 
 
-def resume(path: Folder, yes: options.Yes = False, as_json: options.JsonLines = False) -> None:
+def resume(
+    path: Folder,
+    yes: options.Yes = False,
+    by: options.By = "",
+    signed_in_as: options.SignedIn = "",
+    as_json: options.JsonLines = False,
+) -> None:
     """Go on at the first run that is not complete, after a check that the bench is in a known state."""
     from bench.campaign import resume_campaign
 
-    sys.exit(_work(resume_campaign(path), Terminal(as_json=as_json), yes=yes))
+    sys.exit(_work(resume_campaign(path), Terminal(as_json=as_json), (by, signed_in_as), yes=yes))
 
 
 def status(path: Folder, as_json: options.JsonLines = False) -> None:
@@ -120,12 +128,12 @@ def _print_now(
         console.say(f"  {duration(float(row['time_s']))} {sentence(event_of(row))}", style="dim")
 
 
-def _work(folder: CampaignFolder, console: Terminal, *, yes: bool) -> int:
+def _work(folder: CampaignFolder, console: Terminal, by: tuple[str, str], *, yes: bool) -> int:
     """Do what is left of a campaign, fit and certify; return the exit code."""
     from bench.analysis.common.fan_out import ALONE
     from bench.campaign import CampaignRunner
     from bench.present.cli._display import RunDisplay
-    from bench.present.cli._shown_run import console_operator, say_result
+    from bench.present.cli._shown_run import console_operator, say_result, signature
     from bench.record.events.campaign import Fitted, Fitting
 
     campaign, reasons = folder.campaign, [""]
@@ -147,7 +155,8 @@ def _work(folder: CampaignFolder, console: Terminal, *, yes: bool) -> int:
             console.say(f"no report of this run: {error}", style="yellow")
 
     operator = None if console.as_json else console_operator(console)
-    ending = CampaignRunner(folder, operator, yes, partial(RunDisplay, console), say).run()
+    starter = signature(*by)
+    ending = CampaignRunner(folder, operator, yes, partial(RunDisplay, console), say, starter).run()
     if ending.outcome == "completed" and campaign.gyro is not None:
         folder.event(Fitting(campaign.gyro))
         _fit_campaign(campaign, ending.folders, folder.path, ALONE, console)

@@ -39,6 +39,7 @@ window.gyrobenchPage = (() => {
 
   // The operator's name is kept in this browser, for all pages.
   function recallName(field) {
+    if (field.readOnly) return; // signed in
     field.value = field.value || localStorage.getItem("gyrobench-name") || "";
     field.addEventListener("input", () => localStorage.setItem("gyrobench-name", field.value));
   }

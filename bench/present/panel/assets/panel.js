@@ -309,6 +309,13 @@
     window.gyrobench.messages += 1;
   }
 
+  // Whoever is signed out is asked to sign in; a panel that does not answer is tried again.
+  async function again() {
+    const answer = await fetch("/panel/who").catch(() => null);
+    if (answer?.status === 401) return void location.reload();
+    connect();
+  }
+
   let panel = "";
 
   function connect() {
@@ -327,7 +334,7 @@
     };
     socket.onclose = () => {
       document.body.classList.add("cut-off");
-      setTimeout(connect, 1000);
+      setTimeout(again, 1000);
     };
   }
 
