@@ -21,6 +21,7 @@ from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._features import CHANGE_S, WINDOW_S
 from bench.analysis.thermal._regression import TARGETS
 from bench.analysis.thermal._stream import FEATURES, LONGEST_GAP_S, Flag
+from bench.analysis.thermal._width import PER_EXCESS
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -65,6 +66,8 @@ def c_header(compensation: Compensation) -> str:
         change=CHANGE_S,
         longest_gap=LONGEST_GAP_S,
         self_test=SELF_TEST_STEPS,
+        width=compensation.width is not None,
+        per_excess=PER_EXCESS,
     )
 
 
@@ -85,11 +88,12 @@ def _environment() -> jinja2.Environment:
 
 
 def _own_constants(compensation: Compensation) -> list[CConstant]:
-    limits = compensation.limits
+    limits, width = compensation.limits, compensation.width
     inputs, outputs = _self_test(compensation)
     return [
         CConstant(f"{_PREFIX}_input_range", np.array([limits.inputs[name] for name in FEATURES]), "double"),
         CConstant(f"{_PREFIX}_output_range", np.array([getattr(limits, name) for name in TARGETS]), "double"),
+        *([] if width is None else [CConstant(f"{_PREFIX}_width", width.coefficients, "double")]),
         CConstant(f"{_PREFIX}_self_test_inputs", inputs),
         CConstant(f"{_PREFIX}_self_test_outputs", outputs),
     ]

@@ -10,7 +10,7 @@ sequence of these; the outputs of several add up.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -102,6 +102,25 @@ def _terms(*terms: str) -> Callable[[Mapping[str, Any]], Sequence[CProgram]]:
     return programs
 
 
+_SCALED = ("coef_bias", "coef_sf", "intercept", "target_mid", "target_scale")
+"""Constants that the outputs of a part are proportional to, all of them together."""
+
+
+def _mean(state: Mapping[str, Any]) -> Sequence[CProgram]:
+    """The parts of a mean, each with its outputs divided by how many there are."""
+    parts = []
+    for number, part in enumerate(state["parts"]):
+        for program in _PROGRAMS[part["name"]](part["state"]):
+            constants = tuple(
+                replace(constant, values=np.asarray(constant.values) / len(state["parts"]))
+                if constant.name in _SCALED
+                else constant
+                for constant in program.constants
+            )
+            parts.append(replace(program, tag=f"{program.tag}{number}", constants=constants))
+    return parts
+
+
 def _lag_ridge(state: Mapping[str, Any]) -> Sequence[CProgram]:
     gains = low_pass_gains(float(state["step_s"]))
     constants = (*_linear_map(state), CConstant("gain", gains, "double"))
@@ -145,6 +164,8 @@ _PROGRAMS: Mapping[str, Callable[[Mapping[str, Any]], Sequence[CProgram]]] = {
     "lag_ridge": _lag_ridge,
     "lag_ridge_x_temp": _lag_ridge,
     "grey_box": _grey_box,
+    "grey_box_residual": lambda state: [*_grey_box(state["grey_box"]), *_lag_ridge(state["residual"])],
     "lstm": _lstm,
+    "mean": _mean,
     "hybrid": lambda state: [*_lag_ridge(state["linear"]), *_lstm(state["network"])],
 }

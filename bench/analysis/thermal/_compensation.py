@@ -19,6 +19,7 @@ from bench.analysis.thermal._regression import TARGETS, common_step, in_referenc
 from bench.analysis.thermal._selection import ModelScore
 from bench.analysis.thermal._stream import FEATURES, CompensationStream, Flag, Interval, Limits
 from bench.analysis.thermal._types import FeatureRun, ThermalModel, ThermalRun
+from bench.analysis.thermal._width import PredictionWidth
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -53,7 +54,8 @@ class Compensation(FittedCompensation):
     """A fitted thermal model of one unit.
 
     `step_s`: the model's step. `reference_temp_c`: T_in at which the drift is zero. `k_ref`: the scale factor
-    there, output units per deg/s. `scores`: the models considered, on the validation runs, best first.
+    there, output units per deg/s. `scores`: the models considered, best first. `width`: of prediction intervals;
+    None where too few runs were left out to know it.
     """
 
     KIND = None
@@ -68,6 +70,7 @@ class Compensation(FittedCompensation):
     training_runs: tuple[TrainingRun, ...]
     validation_runs: tuple[TrainingRun, ...] = ()
     scores: tuple[ModelScore, ...] = ()
+    width: PredictionWidth | None = None
 
     @classmethod
     def from_fit(
@@ -78,6 +81,7 @@ class Compensation(FittedCompensation):
         *,
         scores: Sequence[ModelScore] = (),
         k_ref: float = 1.0,
+        width: PredictionWidth | None = None,
     ) -> Self:
         """Attach unit, runs, limits, software and date to a model fitted on `train`.
 
@@ -94,6 +98,7 @@ class Compensation(FittedCompensation):
             training_runs=tuple(map(_paper, train)),
             validation_runs=tuple(map(_paper, validation)),
             scores=tuple(scores),
+            width=width,
             **provenance({run.run_id: run.checksum for run in train}, "torch"),
         )
 
@@ -115,11 +120,12 @@ class Compensation(FittedCompensation):
             "trained_from_s": self.limits.trained_from_s,
             "training_runs": [asdict(run) for run in self.training_runs],
             "validation_runs": [asdict(run) for run in self.validation_runs],
-            "scores": [asdict(score) for score in self.scores],
+            "scores": [score.to_state() for score in self.scores],
         }
 
     def _arrays(self) -> dict[str, Any]:
-        return {"state": self.model.to_state()}
+        width = {} if self.width is None else {"width": self.width.to_state()}
+        return {"state": self.model.to_state(), **width}
 
     def _trial(self) -> Any:
         bias_dph, sf_error_ppm = self.model.stepper().step(
@@ -143,14 +149,29 @@ class Compensation(FittedCompensation):
             k_ref=state["k_ref"],
             training_runs=training,
             validation_runs=tuple(map(_read_paper, state["validation_runs"])),
-            scores=tuple(ModelScore(**score) for score in state["scores"]),
+            scores=tuple(
+                ModelScore(**{**score, "parts": tuple(score.get("parts", ()))}) for score in state["scores"]
+            ),
+            width=PredictionWidth.from_state(state["width"]) if "width" in state else None,
             **metadata,
         )
 
     def stream(self, unit_id: str, *, force_unit: bool = False) -> CompensationStream:
         """Return a corrector for a live stream of `unit_id`; UnitMismatch as in `apply`."""
         self.require_unit(unit_id, force=force_unit)
-        return CompensationStream(self.model.stepper, self.step_s, self.limits, self.k_ref)
+        return CompensationStream(self.model.stepper, self.step_s, self.limits, self.k_ref, self._half_widths)
+
+    def half_widths(self, features: FeatureRun) -> Array | None:
+        """Return half widths of the 95 % interval of bias (deg/h) and scale-factor error (ppm), (n, 2).
+
+        They are for means of 100 s as measured, noise included; None for a compensation that has none.
+        """
+        return None if self.width is None else self._half_widths(_inputs(features))
+
+    def _half_widths(self, inputs: Array) -> Array:
+        if self.width is None:
+            return np.full((*inputs.shape[:-1], 2), np.nan)
+        return self.width.half_widths(inputs, self.limits.inputs)
 
     def drift(self, run: ThermalRun, *, force_unit: bool = False) -> tuple[Array, Array, NDArray[np.uint8]]:
         """Return bias (deg/h), scale-factor error (ppm) and flags at every second of a run, shape (n,) each.

@@ -59,6 +59,8 @@ _STARTS = (
     GreyBoxParameters(0.01, 0.03, 0.5, 1 / 2000.0, -20.0, 8.0),
 )
 """A coil that follows its spool, and one that follows the case: descent does not cross from one to the other."""
+_AGAIN = 8
+"""Evaluations that are enough from the minimum of nearly the same runs."""
 _LOW = GreyBoxParameters(1e-3, 1e-4, 5e-3, 1 / 20000.0, -50.0, 2.0)
 _HIGH = GreyBoxParameters(0.5, 0.5, 5.0, 1 / 400.0, 20.0, 25.0)
 
@@ -75,14 +77,14 @@ class GreyBoxModel(MappedModel):
 
     parameters: GreyBoxParameters
 
-    def __init__(self, *, evaluations: int = 25) -> None:
+    def __init__(self, *, evaluations: int = 25, starts: Sequence[GreyBoxParameters] = _STARTS) -> None:
         super().__init__()
-        self.evaluations = evaluations
+        self.evaluations, self.starts = evaluations, tuple(starts)
 
     def fit(self, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> None:
         """Fit to `train`; ConfigurationError when there is nothing to fit."""
         step_s = common_step(train)
-        searched = [self._search(start, train, step_s) for start in _STARTS]
+        searched = [self._search(start, train, step_s) for start in self.starts]
         costs = [cost for _, cost in searched]
         fits = []
         for parameters, _ in searched:
@@ -112,6 +114,10 @@ class GreyBoxModel(MappedModel):
             max_nfev=self.evaluations,
         )
         return GreyBoxParameters.from_vector(found.x), float(found.cost)
+
+    def unfitted(self) -> GreyBoxModel:
+        """Return an unfitted model that starts from this one's parameters: for fits to nearly the same runs."""
+        return GreyBoxModel(evaluations=_AGAIN, starts=(self.parameters,))
 
     def run_terms(self, run: FeatureRun) -> Array:
         """Return the terms of a run, (n, 10)."""

@@ -1,79 +1,37 @@
-"""Hybrid: the lagged ridge model, and a small LSTM on what it leaves."""
+"""Hybrids: a model that extrapolates, and one on what it leaves."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Self
-
+from bench.analysis.thermal._grey_box import GreyBoxModel
 from bench.analysis.thermal._linear_models import LaggedRidgeModel
 from bench.analysis.thermal._lstm import LstmModel
 from bench.analysis.thermal._lstm_weights import LstmSettings
-from bench.analysis.thermal._regression import TARGETS
-from bench.analysis.thermal._types import FeatureRun, Prediction, Stepper
+from bench.analysis.thermal._sum import SumModel
 
 RESIDUAL_SETTINGS = LstmSettings(hidden=16, epochs=120)
 
 
-class HybridModel:
-    """Sum of two models: the linear one carries what extrapolates, the network only the rest.
-
-    `linear` and `network` are the parts, both fitted by `fit`, the network on the residual of the linear part.
-    """
+class HybridModel(SumModel[LaggedRidgeModel, LstmModel]):
+    """The lagged ridge model, and a small LSTM on its residual."""
 
     name = "hybrid"
+    KEYS = ("linear", "network")
 
     def __init__(self, settings: LstmSettings = RESIDUAL_SETTINGS) -> None:
-        self.linear = LaggedRidgeModel()
-        self.network = LstmModel(settings)
-
-    def fit(self, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> None:
-        """Fit the linear part, then the network on its residuals; errors are those of the parts."""
-        self.linear.fit(train, validation)
-        self.network.fit(
-            [_residual(self.linear, run) for run in train],
-            [_residual(self.linear, run) for run in validation],
-        )
-
-    def predict(self, run: FeatureRun) -> Prediction:
-        """Return the drift over a whole run."""
-        linear, rest = self.linear.predict(run), self.network.predict(run)
-        return Prediction(linear.bias_dph + rest.bias_dph, linear.sf_error_ppm + rest.sf_error_ppm)
-
-    def stepper(self) -> HybridStepper:
-        """Return a fresh streaming form."""
-        return HybridStepper(self.linear.stepper(), self.network.stepper())
-
-    def to_state(self) -> dict[str, Any]:
-        """Return the states of both parts."""
-        return {"linear": self.linear.to_state(), "network": self.network.to_state()}
-
-    @classmethod
-    def from_state(cls, state: Mapping[str, Any]) -> Self:
-        """Restore a fitted model."""
-        model = cls()
-        model.linear = LaggedRidgeModel.from_state(state["linear"])
-        model.network = LstmModel.from_state(state["network"])
-        return model
+        super().__init__(LaggedRidgeModel(), LstmModel(settings))
 
 
-class HybridStepper:
-    """Both parts on one stream."""
+class GreyResidualModel(SumModel[GreyBoxModel, LaggedRidgeModel]):
+    """The grey box, and a learned state space on its residual: twelve first-order states, linear in them and in
+    their products with temperature, ridge penalty by the runs left out. Deterministic on every processor.
+    """
 
-    def __init__(self, linear: Stepper, network: Stepper) -> None:
-        self._parts = (linear, network)
+    name = "grey_box_residual"
+    KEYS = ("grey_box", "residual")
 
-    def step(self, t_in: float, t_out: float, dt_60: float, gradient: float) -> tuple[float, float]:
-        """Return (bias_dph, sf_error_ppm) for this step."""
-        outputs = [part.step(t_in, t_out, dt_60, gradient) for part in self._parts]
-        return outputs[0][0] + outputs[1][0], outputs[0][1] + outputs[1][1]
+    def __init__(self, grey_box: GreyBoxModel | None = None) -> None:
+        super().__init__(grey_box or GreyBoxModel(), LaggedRidgeModel(with_temperature=True))
 
-
-def _residual(linear: LaggedRidgeModel, run: FeatureRun) -> FeatureRun:
-    prediction = linear.predict(run)
-    rest = {
-        target: getattr(run, target) - getattr(prediction, target)
-        for target in TARGETS
-        if getattr(run, target) is not None
-    }
-    return replace(run, **rest)
+    def unfitted(self) -> GreyResidualModel:
+        """Return an unfitted model that starts from this one's grey box."""
+        return GreyResidualModel(self.first.unfitted())

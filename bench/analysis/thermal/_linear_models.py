@@ -132,6 +132,8 @@ class StepwiseModel(_LinearModel):
 class LaggedRidgeModel(_LinearModel):
     """Both temperatures and their low-passes, ridge penalty chosen on the validation run for each target.
 
+    Without a validation run each training run is left out in turn, and the penalty with the least error is taken.
+
     With `with_temperature` (its name is then lag_ridge_x_temp) also T_in^2, T_in^3 and each difference of a
     temperature and its low-pass times T_in and T_in^2; it needs several runs of each kind, or it over-fits. The
     coefficients lean on near-collinear filters: never apply one unit's model to another.
@@ -175,9 +177,12 @@ class LaggedRidgeModel(_LinearModel):
     def _fit_map(
         self, terms: Sequence[Array], train: Sequence[FeatureRun], validation: Sequence[FeatureRun]
     ) -> LinearMap:
-        checks = [self.run_terms(run) for run in validation]
         maps = fit_ridge(terms, train, RIDGES)
-        scores = np.array([_scores(fitted, checks, validation) for fitted in maps])
+        if validation:
+            checks = [self.run_terms(run) for run in validation]
+            scores = np.array([_scores(fitted, checks, validation) for fitted in maps])
+        else:
+            scores = _left_out_scores(terms, train)
         carried = {target for target in TARGETS for run in train if getattr(run, target) is not None}
         best = dict(zip(TARGETS, scores.min(axis=0), strict=True))
         if missing := [target for target in TARGETS if target in carried and best[target] == np.inf]:
@@ -197,6 +202,25 @@ class LaggedRidgeModel(_LinearModel):
             np.column_stack([fitted.coefficients[:, column] for fitted, column in columns]),
             np.array([fitted.intercept[column] for fitted, column in columns]),
         )
+
+
+def _left_out_scores(terms: Sequence[Array], runs: Sequence[FeatureRun]) -> Array:
+    """Root mean square error of each penalty and target over the runs, each left out of the fit in turn,
+    (penalties, 2); inf for a target that fewer than two runs carry."""
+    scores = np.full((len(RIDGES), len(TARGETS)), np.inf)
+    for column, target in enumerate(TARGETS):
+        carriers = [number for number, run in enumerate(runs) if getattr(run, target) is not None]
+        if len(carriers) < 2:
+            continue
+        squares = np.zeros(len(RIDGES))
+        for left in carriers:
+            rest = [number for number in carriers if number != left]
+            maps = fit_ridge([terms[number] for number in rest], [runs[number] for number in rest], RIDGES)
+            predictions = [fitted.predict(terms[left]) for fitted in maps]
+            errors = [anchored_errors([prediction], [runs[left]], target) for prediction in predictions]
+            squares += [float(np.mean(error**2)) for error in errors]
+        scores[:, column] = np.sqrt(squares / len(carriers))
+    return scores
 
 
 def _scores(fitted: LinearMap, checks: Sequence[Array], runs: Sequence[FeatureRun]) -> list[float]:

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, cast
 
 from bench.analysis.thermal._grey_box import GreyBoxModel
-from bench.analysis.thermal._hybrid import HybridModel
+from bench.analysis.thermal._hybrid import GreyResidualModel, HybridModel
 from bench.analysis.thermal._linear_models import (
     CubicModel,
     LaggedRidgeModel,
@@ -20,6 +20,7 @@ from bench.analysis.thermal._linear_models import (
     StepwiseModel,
 )
 from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._mean import MeanModel
 from bench.analysis.thermal._types import ThermalModel
 from drivers.base.errors import ConfigurationError
 from drivers.base.plugins import entry_points_of
@@ -33,6 +34,7 @@ _BUILT_IN: Mapping[str, Callable[[], Any]] = {
     "lag_ridge": LaggedRidgeModel,
     "lag_ridge_x_temp": partial(LaggedRidgeModel, with_temperature=True),
     "grey_box": GreyBoxModel,
+    "grey_box_residual": GreyResidualModel,
     "lstm": LstmModel,
     "hybrid": HybridModel,
 }
@@ -46,6 +48,8 @@ def model_names() -> tuple[str, ...]:
 
 def new_model(name: str) -> ThermalModel:
     """Return an unfitted model with its default settings; ConfigurationError for a name nobody has."""
+    if name == MeanModel.name:
+        return MeanModel()
     if name in _BUILT_IN:
         return cast(ThermalModel, _BUILT_IN[name]())
     for entry in entry_points_of(ENTRY_POINT_GROUP).select(name=name):
@@ -59,6 +63,10 @@ def new_model(name: str) -> ThermalModel:
 
 
 def restore_model(name: str, state: Mapping[str, Any]) -> ThermalModel:
-    """Return the fitted model that `to_state` of a model called `name` gave `state`."""
+    """Return the fitted model whose `to_state` gave `state`; ValueError for a mean of no models."""
+    if name == MeanModel.name:
+        if not state["parts"]:
+            raise ValueError("a mean of no models")
+        return MeanModel([restore_model(part["name"], part["state"]) for part in state["parts"]])
     kind = cast(Any, type(new_model(name)))
     return cast(ThermalModel, kind.from_state(state))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -12,22 +13,33 @@ from bench.analysis.common.fan_out import ALONE, FanOut
 from bench.analysis.thermal._anchor import anchor_runs
 from bench.analysis.thermal._registry import model_names, new_model
 from bench.analysis.thermal._regression import TARGETS, anchored_errors
-from bench.analysis.thermal._types import FeatureRun, ThermalModel
+from bench.analysis.thermal._types import FeatureRun, Prediction, ThermalModel
 from drivers.base.errors import ConfigurationError
 
 
 @dataclass(frozen=True)
 class ModelScore:
-    """One model on the validation runs, errors counted from the reference window's mean.
+    """One model on runs it was not fitted on, errors counted from the reference window's mean.
 
     `bias_rms_dph`, `sf_rms_ppm`: root mean square of what is left (None: no validation run carries it).
-    `score`: mean over the targets of left / raw; 0 is perfect, 1 is no compensation at all.
+    `score`: mean over the targets of left / raw; 0 is perfect, 1 is no compensation at all. `left_out`: how many
+    runs were left out in turn, each predicted by a fit on the others; `standard_error`: of the score over them.
+    0 and None: the score is of the validation runs alone. `parts`: the models that a mean consists of.
     """
 
     name: str
     bias_rms_dph: float | None
     sf_rms_ppm: float | None
     score: float
+    left_out: int = 0
+    standard_error: float | None = None
+    parts: tuple[str, ...] = ()
+
+    def to_state(self) -> dict[str, Any]:
+        """Return what a file has of it; what was not left out is not said."""
+        state = asdict(self)
+        last = ("left_out", "standard_error", "parts")
+        return state if self.left_out else {name: state[name] for name in state if name not in last}
 
 
 def fit_models(
@@ -63,9 +75,15 @@ def _fitted(train: Sequence[FeatureRun], validation: Sequence[FeatureRun], name:
 
 
 def _score(name: str, model: ThermalModel, validation: Sequence[FeatureRun]) -> ModelScore:
+    return score_predictions(name, [model.predict(run) for run in validation], validation)
+
+
+def score_predictions(
+    name: str, predictions: Sequence[Prediction], validation: Sequence[FeatureRun]
+) -> ModelScore:
+    """Return the score of predictions of runs; ConfigurationError if none carries a usable target."""
     left: dict[str, float | None] = dict.fromkeys(TARGETS)
     ratios = []
-    predictions = [model.predict(run) for run in validation]
     for target in TARGETS:
         errors = anchored_errors(predictions, validation, target)
         if len(errors):

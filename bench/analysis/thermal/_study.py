@@ -15,9 +15,11 @@ from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.analysis.thermal._evaluate import Scores, evaluate
 from bench.analysis.thermal._features import prepare
+from bench.analysis.thermal._leave_out import choose
 from bench.analysis.thermal._selection import ModelScore, fit_models, score_models
 from bench.analysis.thermal._stream import FEATURES, Limits
-from bench.analysis.thermal._types import ThermalModel, ThermalRun
+from bench.analysis.thermal._types import FeatureRun, ThermalModel, ThermalRun
+from bench.analysis.thermal._width import fit_width
 from bench.record.recording import Run
 from bench.record.shown import Shown
 from drivers.base.errors import ConfigurationError
@@ -66,7 +68,11 @@ def run_study(
     *,
     fan: FanOut = ALONE,
 ) -> Study:
-    """Fit where `fan` says, choose, judge; ConfigurationError for no validation run or runs of several units."""
+    """Fit where `fan` says, choose, judge; ConfigurationError for no validation run or runs of several units.
+
+    With three runs of a kind or more each is left out in turn to choose, and the model chosen is fitted on all of
+    them; with fewer the validation runs choose.
+    """
     if not validation:
         raise ConfigurationError(
             "no validation run",
@@ -79,8 +85,14 @@ def run_study(
     prepared, checks = [prepare(run) for run in train], [prepare(run) for run in validation]
     models = fit_models(prepared, checks, names, fan=fan)
     selection = score_models(models, checks)
-    chosen = models[selection[0].name]
-    compensation = Compensation.from_fit(chosen, anchor_runs(prepared), checks, scores=selection)
+    chosen, learnt = models[selection[0].name], anchor_runs(prepared)
+    choice = choose(models, selection, *_apart(anchor_runs([*prepared, *checks]), len(prepared)), fan=fan)
+    width = None
+    if choice is not None:
+        width = fit_width(choice.left_out())
+        chosen, models, selection = choice.model, dict(choice.models), choice.scores
+        learnt = anchor_runs([*prepared, *checks])
+    compensation = Compensation.from_fit(chosen, learnt, checks, scores=selection, width=width)
     judged = tests or validation
     return Study(
         train=tuple(train),
@@ -95,6 +107,10 @@ def run_study(
         },
         judged_on_chosen=not tests,
     )
+
+
+def _apart(runs: list[FeatureRun], count: int) -> tuple[list[FeatureRun], list[FeatureRun]]:
+    return runs[:count], runs[count:]
 
 
 def _judged(model: ThermalModel, run: ThermalRun, limits: Limits) -> Scores:

@@ -205,7 +205,10 @@ def _course(study: Study, runs: Sequence[RunContent]) -> list[Block]:
 
 def _compensation(study: Study, path: Path) -> list[Block]:
     best, *others = study.selection
-    reason = f"smallest error on the validation runs (left over / raw {best.score:.3f}"
+    where = f"on {best.left_out} runs, each left out in turn" if best.left_out else "on the validation runs"
+    reason = f"smallest error {where} (left over / raw {best.score:.3f}"
+    if best.parts:
+        reason = f"mean of {', '.join(best.parts)}, between which the runs do not decide: {reason}"
     reason += f"; next {others[0].name} {others[0].score:.3f})" if others else ")"
     facts = [
         Fact("Model", study.chosen),

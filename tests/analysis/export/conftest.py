@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from bench.analysis.thermal import FeatureRun, ThermalModel, ThermalRun, prepare
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._grey_box import GreyBoxModel
-from bench.analysis.thermal._hybrid import HybridModel
+from bench.analysis.thermal._hybrid import GreyResidualModel, HybridModel
 from bench.analysis.thermal._linear_models import (
     CubicModel,
     LaggedRidgeModel,
@@ -19,6 +19,7 @@ from bench.analysis.thermal._linear_models import (
     StepwiseModel,
 )
 from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._mean import MeanModel
 from drivers.base.arrays import Array
 
 
@@ -94,7 +95,9 @@ def compensations(runs: dict[str, list[FeatureRun]]) -> Callable[[str], Compensa
         "lag_ridge": lambda: fitted(LaggedRidgeModel()),
         "lag_ridge_x_temp": lambda: fitted(LaggedRidgeModel(with_temperature=True)),
         "grey_box": lambda: fitted(GreyBoxModel(evaluations=6)),
+        "grey_box_residual": lambda: fitted(GreyResidualModel(GreyBoxModel(evaluations=6))),
         "lstm": lstm,
+        "mean": lambda: MeanModel([compensation(name).model for name in ("lag_ridge", "grey_box", "lstm")]),
         "hybrid": hybrid,
     }
     made: dict[str, Compensation] = {}

@@ -17,12 +17,16 @@ from bench.analysis.export._c_program import CConstant, CProgram
 from bench.analysis.thermal import FeatureRun, Prediction, ThermalRun
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._stream import Flag
+from bench.analysis.thermal._width import PredictionWidth
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 COMPILER = shutil.which("gcc") or shutil.which("cc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-NAMES = ("poly3", "multilinear", "stepwise", "lag_ridge", "lag_ridge_x_temp", "grey_box", "lstm", "hybrid")
+NAMES = (
+    *("poly3", "multilinear", "stepwise", "lag_ridge", "lag_ridge_x_temp", "grey_box", "grey_box_residual"),
+    *("lstm", "hybrid", "mean"),
+)
 
 MAIN = """
 #include <stdio.h>
@@ -66,11 +70,11 @@ class Compiled:
         return int(result), int(crc, 16)
 
 
-def build(folder: Path, header: str) -> Compiled:
+def build(folder: Path, header: str, main: str = MAIN) -> Compiled:
     assert COMPILER is not None
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "gyrocomp.h").write_text(header)
-    (folder / "main.c").write_text(MAIN)
+    (folder / "main.c").write_text(main)
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wshadow", "-Werror", "-O2"]
     command = [COMPILER, *flags, "main.c", "-o", "main", "-lm"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
@@ -118,6 +122,23 @@ def test_c_is_the_python_stream(
     assert worst[2] < 1e-3 * 1e-6 * 20 + 1e-6 / 3600, f"rate differs by {worst[2]:.2g} deg/s"
     seen = Flag(int(np.bitwise_or.reduce(ours[:, 3].astype(int))))
     assert seen & ~Flag.CLAMPED == ~Flag.CLAMPED & sum(Flag), "the stream must raise every flag"
+
+
+@needs_compiler
+def test_c_tells_how_far_off_the_drift_may_be(
+    compensations: Callable[[str], Compensation], live: Array, tmp_path: Path
+) -> None:
+    width = PredictionWidth(np.array([[0.01, 0.02, 0.003], [1.0, 0.5, 0.1]]), 5)
+    compensation = replace(compensations("poly3"), width=width)
+    text = MAIN.replace('"%.9g %.9g %.17g %u\\n", r.bias_dph, r.sf_error_ppm, gyrocomp_rate_dps(&r, f), r.flags',
+                        '"%.9g %.9g\\n", r.bias_half_dph, r.sf_half_ppm')  # fmt: skip
+    theirs = build(tmp_path, c_header(compensation), text).run(live)
+    stream = compensation.stream(compensation.unit_id)
+    samples = [stream.push(t, gyro, case, output) for t, gyro, case, _, output in live.tolist()]
+    ours = np.array([[sample.bias_half_dph, sample.sf_half_ppm] for sample in samples])
+    np.testing.assert_allclose(theirs, ours, rtol=1e-6, equal_nan=True)
+    outside = np.array([bool(sample.flags & Flag.OUT_OF_RANGE) for sample in samples])
+    assert np.nanmax(ours[outside, 0]) > 1.5 * np.nanmax(ours[~outside, 0])
 
 
 @needs_compiler

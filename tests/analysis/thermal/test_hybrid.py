@@ -75,7 +75,7 @@ def test_is_the_sum_of_its_parts_also_on_a_stream(
 ) -> None:
     test = runs["test"][0]
     whole = model.predict(test)
-    parts = model.linear.predict(test).sf_error_ppm + model.network.predict(test).sf_error_ppm
+    parts = model.first.predict(test).sf_error_ppm + model.second.predict(test).sf_error_ppm
     np.testing.assert_array_equal(whole.sf_error_ppm, parts)
     stepper = model.stepper()
     rows = zip(test.t_in, test.t_out, test.dt_60, test.gradient, strict=True)

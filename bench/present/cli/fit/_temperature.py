@@ -41,8 +41,15 @@ def cold_shock(
         study = study_folders(runs, validate, test, gyro, names, fan=fan)
     write_study(study, [*runs, *validate, *test], out, title="Cold-shock compensation")
     console.print(score_table(study))
+    best = study.selection[0]
     chosen_on = ", ".join(run.run_id for run in study.validation)
-    console.say(f"chosen on {chosen_on}: {study.chosen}; files in {out}")
+    how = (
+        f"chosen with each of {best.left_out} runs left out in turn"
+        if best.left_out
+        else f"chosen on {chosen_on}"
+    )
+    what = f"{study.chosen} of {', '.join(best.parts)}" if best.parts else study.chosen
+    console.say(f"{how}: {what}; files in {out}")
     for score in study.scores[study.chosen]:
         if text := outside_sentence(score):
             console.say(text, style="yellow")

@@ -1,0 +1,86 @@
+"""How far off a prediction may be: intervals that hold 95 % of what was measured, from the runs left out.
+
+half width = (base + per_rate |dT/dt| + per_gradient |gradient|) (1 + 10 excess)
+
+The three coefficients are a non-negative fit to the magnitude of errors on runs that the model was not fitted on,
+scaled so that 95 % of these errors are inside (split conformal prediction, Vovk et al. 2005, with a scale that
+depends on the inputs). `excess`: how far the inputs are outside of the training runs, in parts of their range; no
+run says what errors are there, so a tenth of the range doubles the width.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from scipy.optimize import nnls
+
+from bench.analysis.thermal._regression import TARGETS, anchored_errors
+from bench.analysis.thermal._stream import FEATURES, Interval
+from bench.analysis.thermal._types import FeatureRun, Prediction
+from drivers.base.arrays import Array
+
+LEVEL = 0.95
+PER_EXCESS = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class PredictionWidth:
+    """`coefficients` (2, 3): base, per degC/min, per degC of gradient, of bias in deg/h and scale factor in ppm.
+
+    The interval is for means of 100 s, their noise included. `runs`: how many were left out to find it.
+    """
+
+    coefficients: Array
+    runs: int
+
+    def half_widths(self, features: Array, inputs: Mapping[str, Interval]) -> Array:
+        """Return half widths, (..., 4) -> (..., 2), of features in the order of `FEATURES`."""
+        low, high = np.array([inputs[name] for name in FEATURES]).T
+        beyond = np.maximum(low - features, 0.0) + np.maximum(features - high, 0.0)
+        excess = (beyond / np.maximum(high - low, 1e-9)).sum(axis=-1)
+        return np.asarray(_terms(features) @ self.coefficients.T * (1.0 + PER_EXCESS * excess)[..., None])
+
+    def to_state(self) -> dict[str, Any]:
+        """Return what a file needs."""
+        return {"coefficients": self.coefficients, "runs": self.runs, "level": LEVEL}
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> Self:
+        """Restore a width; ValueError if it is none."""
+        coefficients = np.asarray(state["coefficients"], dtype=np.float64)
+        if coefficients.shape != (2, 3) or (coefficients < 0.0).any():
+            raise ValueError("coefficients of a prediction width that are none")
+        return cls(coefficients, int(state["runs"]))
+
+
+def fit_width(left_out: Sequence[tuple[FeatureRun, Prediction]]) -> PredictionWidth:
+    """Return the width that holds `LEVEL` of the errors of predictions of runs left out of the fit.
+
+    A target that no run carries gets no width.
+    """
+    coefficients = np.zeros((2, 3))
+    for row, target in enumerate(TARGETS):
+        carried = [(run, prediction) for run, prediction in left_out if getattr(run, target) is not None]
+        if not carried:
+            continue
+        errors = [np.abs(anchored_errors([prediction], [run], target)) for run, prediction in carried]
+        terms = [_terms(_features(run))[run.weight > 0] for run, _ in carried]
+        shape = nnls(np.concatenate(terms), np.concatenate(errors))[0]
+        ratio = np.concatenate(errors) / np.maximum(np.concatenate(terms) @ shape, 1e-12)
+        # A quantile of few runs is too small: each counts as one, as in n + 1 of conformal prediction.
+        few = 1.0 + 0.5 / len(carried)
+        coefficients[row] = few * float(np.quantile(ratio, LEVEL)) * shape
+    return PredictionWidth(coefficients, len(left_out))
+
+
+def _features(run: FeatureRun) -> Array:
+    return np.column_stack([getattr(run, name) for name in FEATURES])
+
+
+def _terms(features: Array) -> Array:
+    """Return 1, |dT/dt|, |gradient|, (..., 4) -> (..., 3)."""
+    rate, gradient = features[..., FEATURES.index("dt_60")], features[..., FEATURES.index("gradient")]
+    return np.stack([np.ones_like(rate), np.abs(rate), np.abs(gradient)], axis=-1)
