@@ -5,6 +5,8 @@ Run as `python -m benchmarks panel`; needs Chromium. The yardsticks are the limi
 * first paint: from opening the address to the first contentful paint and to live values on the page, warm server.
 * server load: a session 24 h into its run (86,400 lines of history), `now.json` replaced ten times a second, one
   page open in Chromium with six traces; CPU time of the server's process over wall time.
+* crowd: a second bench whose `now.json` is replaced as often, and five browsers, three on one bench and two on
+  the other; then from opening to live values in a sixth.
 * memory: growth of the server's resident memory over that time, and of the curves' over 24 h of updates at 10 Hz.
 * recorder: one emulated run that records in blocks of equally many frames, in the order A B B A beside a panel
   with a page open (A) and beside the same panel stopped by SIGSTOP (B), in turns with four blocks without it, the
@@ -41,6 +43,7 @@ from drivers.base.clock import WallClock, host_seconds, utc_now
 
 _LIMIT = "limit of the design"
 _OPENINGS = 5
+_BROWSERS = 5
 _WATCHED_S = 30.0
 _TURNS = 48
 _BLOCK_S = 100.0
@@ -88,13 +91,15 @@ def rows() -> Iterator[Row]:
             page.goto(url)
             page.wait_for_function("window.gyrobench?.messages > 3")
             watched_s = usual(_WATCHED_S, 10.0)
-            load, growth_mb, updates = watch(process.pid, runs / "day", page, watched_s)
+            load, growth_mb, updates = watch(process.pid, [runs / "day"], page, watched_s)
             yield figure("updates a second on the page", updates, 10.0, "asked for", "1/s")
             share = 100.0 * load
             yield figure(
                 "server load at 10 Hz, six traces, one page", share, 5.0, _LIMIT, "% of a core", least=True
             )
             yield figure(f"server memory growth in {watched_s:g} s", growth_mb, 1.0, _LIMIT, "MB", least=True)
+            page.close()
+            yield from crowd(chromium, process.pid, url, runs, watched_s)
         turns = usual(_TURNS, 4)
         for what, (found, control) in recorder_ratios(Path(scratch), chromium, turns).items():
             name = f"recorder's CPU without / with panel, {what}, median of {turns} turns"
@@ -105,6 +110,34 @@ def rows() -> Iterator[Row]:
             for end, value in (("low", control.low), ("high", control.high)):
                 yield figure(f"{what}: {end} end of the control's", value, 1.0, "no difference", "ratio")
         chromium.close()
+
+
+def crowd(chromium: Any, pid: int, url: str, runs: Path, watched_s: float) -> Iterator[Row]:
+    """Yield the server's load with two benches and five browsers, and how soon a sixth shows live values."""
+    write_day(runs / "other")
+    sessions, pages, live = ["day", "other"], [], "window.gyrobench?.messages > 3"
+    for number in range(_BROWSERS):
+        page = chromium.new_context().new_page()
+        page.goto(f"{url}?session={sessions[number % 2]}")
+        page.wait_for_function(live)
+        pages.append(page)
+    load, growth_mb, updates = watch(pid, [runs / name for name in sessions], pages[-1], watched_s)
+    what = f"two benches, {_BROWSERS} browsers"
+    yield figure(f"updates a second on the last page, {what}", updates, 10.0, "asked for", "1/s")
+    yield figure(f"server load at 10 Hz, {what}", 100.0 * load, 5.0, _LIMIT, "% of a core", least=True)
+    yield figure(f"server memory growth in {watched_s:g} s, {what}", growth_mb, 1.0, _LIMIT, "MB", least=True)
+    waits = []
+    for _ in range(_OPENINGS):
+        page = chromium.new_context().new_page()
+        start = host_seconds()
+        page.goto(url, wait_until="commit")
+        page.wait_for_function("document.querySelector('[data-live=air]').textContent.startsWith('−')")
+        waits.append(host_seconds() - start)
+        page.close()
+    wait_s = statistics.median(waits)
+    yield figure(f"from opening to values on the page, {what}", wait_s, 1.0, _LIMIT, "s", least=True)
+    for page in pages:
+        page.close()
 
 
 def write_day(session: Path, hours: float = 24.0) -> None:
@@ -181,20 +214,25 @@ def panel(runs: Path, *options: str) -> Iterator[tuple[subprocess.Popen[bytes], 
         clock.close()
 
 
-def watch(pid: int, session: Path, page: object, watched_s: float) -> tuple[float, float, float]:
-    """Return the server's load, memory growth in MB and the page's updates a second while now.json changes."""
+def watch(pid: int, sessions: Sequence[Path], page: object, watched_s: float) -> tuple[float, float, float]:
+    """Return the server's load, memory growth in MB and the page's updates a second while now.json changes.
+
+    The page looks at one of the sessions.
+    """
     clock = WallClock()
     time_s, count = 86_400.0, "window.gyrobench.messages"
     for _ in range(50):  # caches and pools fill once
         clock.sleep(0.1)
         time_s += 0.1
-        write_now(session, time_s)
+        for session in sessions:
+            write_now(session, time_s)
     start, cpu_s, memory = clock.now(), _cpu_s(pid), _resident_mb(pid)
     messages = page.evaluate(count)  # type: ignore[attr-defined]
     while clock.now() - start < watched_s:
         clock.sleep(0.1)
         time_s += 0.1
-        write_now(session, time_s)
+        for session in sessions:
+            write_now(session, time_s)
     wall_s = clock.now() - start
     seen = page.evaluate(count) - messages  # type: ignore[attr-defined]
     clock.close()
@@ -216,7 +254,7 @@ def server_load(watched_s: float = 10.0) -> float | None:
             page = chromium.new_page()
             page.goto(url)
             page.wait_for_function("window.gyrobench?.messages > 3")
-            load, _, _ = watch(process.pid, runs / "day", page, watched_s)
+            load, _, _ = watch(process.pid, [runs / "day"], page, watched_s)
         chromium.close()
     return load
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from bench.control.instrument_station import fed_units, switch_units
 from bench.control.session import Bench
@@ -33,7 +34,7 @@ def power_cycle(bench: Bench, which: str, off_s: float) -> None:
         switch_units(bench.instruments.supplies, False)
         if by_hand:
             units = "the units" if not fed else ", ".join(by_hand)
-            more = {"units": by_hand} if fed else {}
+            more: dict[str, Any] = {"units": by_hand} if fed else {}
             bench.ask(
                 f"Switch {units} off, wait {off_s:.0f} s, switch them on again ({which}). Done?",
                 act="power_cycle",

@@ -24,6 +24,13 @@ class Question:
 
     text: str
     act: dict[str, Any] = field(default_factory=dict)
+    picture: str | None = None
+    """A file of the run folder that shows what is meant."""
+
+    @property
+    def shown(self) -> str:
+        """The text for those who see no pictures, with where the picture lies."""
+        return f"{self.text} (see {self.picture} in the run folder)" if self.picture else self.text
 
     def answered(self, reply: Reply) -> Answer:
         """Return what the record says of a reply: whose it is, and what the question asked to be done."""
@@ -124,9 +131,9 @@ class Console:
             mine = self._number
             waiting, self._waiting = self._waiting, True
         if not waiting:
-            self._read(question.text)
+            self._read(question.shown)
         elif self._say is not None:
-            self._say(question.text)
+            self._say(question.shown)
 
         def answer() -> Reply | None:
             try:
@@ -137,7 +144,7 @@ class Console:
                 return Reply(line, self.name)
             with self._lock:
                 self._waiting = True
-            self._read(question.text)  # that line was for an earlier question
+            self._read(question.shown)  # that line was for an earlier question
             return None
 
         return answer

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import platform
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from functools import partial
@@ -36,9 +37,10 @@ from bench.record.recording import (
     units_off_s,
     write_manifest,
 )
-from bench.record.run_folder import PROCEDURE_FILE
+from bench.record.run_folder import PICTURES_FOLDER, PROCEDURE_FILE
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, RecordError
+from drivers.base.files import read_bounded, replace_file
 from drivers.kit.config import GyroConfig, InstrumentConfig, PlatformConfig
 from drivers.kit.instruments import Identity
 from drivers.kit.kinds import (
@@ -53,6 +55,8 @@ from drivers.kit.kinds import (
 )
 from drivers.kit.registry import load_kind
 
+_MOST_PICTURE_BYTES = 4 << 20
+_PICTURES = {b"\x89PNG\r\n\x1a\n": "png", b"\xff\xd8\xff": "jpg"}
 _SOFTWARE = ("gyrobench", "numpy", "scipy", "pyserial", "python-can")
 
 
@@ -99,6 +103,26 @@ class RunRecord:
     def keep_procedure(self, text: str) -> None:
         """Keep the source of a procedure that is not installed; it is sealed with the rest."""
         (self.folder / PROCEDURE_FILE).write_text(text, encoding="utf-8")
+
+    def keep_picture(self, path: Path | None, say: Callable[[str], None]) -> str | None:
+        """Keep the picture of a question, if it has one; return its name in the run folder, or say why not.
+
+        A question without its picture can still be answered: a run does not end for it.
+        """
+        if path is None:
+            return None
+        try:
+            content = read_bounded(path, _MOST_PICTURE_BYTES)
+            kind = next((kind for mark, kind in _PICTURES.items() if content.startswith(mark)), "")
+            if not kind:
+                raise ValueError("neither a PNG nor a JPEG")
+            name = f"{PICTURES_FOLDER}/{hashlib.sha256(content).hexdigest()[:16]}.{kind}"
+            (self.folder / PICTURES_FOLDER).mkdir(exist_ok=True)
+            replace_file(self.folder / name, content)
+        except (OSError, ValueError) as error:
+            say(f"a question without its picture: {path}: {error}")
+            return None
+        return name
 
     @property
     def started_utc(self) -> str:

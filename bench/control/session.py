@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, Literal
 
 from bench.control.chamber_station import ChamberStation
@@ -151,10 +152,10 @@ class Bench:
         with suppress(BenchError, OSError):
             self._show(self._doing)
 
-    def ask(self, question: str, **act: Any) -> str:
-        """Put a question to the operator and wait, telemetry running, for the answer."""
-        self.event(Prompt(question))
-        asked = Question(question, act)
+    def ask(self, question: str, *, picture: Path | None = None, **act: Any) -> str:
+        """Put a question to the operator, with a PNG or JPEG, and wait, telemetry running, for the answer."""
+        asked = Question(question, act, self._record.keep_picture(picture, self.note))
+        self.event(Prompt(question, asked.picture))
         answered = self.operator.ask(asked)
         with self._standing():
             while (reply := answered()) is None:

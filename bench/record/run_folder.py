@@ -9,6 +9,9 @@ MANIFEST_FILE = "manifest.json"
 PROCEDURE_FILE = "procedure.py"
 """Source of the procedure, if it was a file of the user\'s own."""
 
+PICTURES_FOLDER = "pictures"
+"""Pictures of the questions that were asked, named by their content."""
+
 _URL = re.compile(r"^([a-z][a-z0-9+.-]+):/{1,2}(?=[^/])", re.IGNORECASE)
 
 

@@ -171,7 +171,12 @@ class Live:
         """Put the question where others see it; whoever answers first, here or elsewhere, answers."""
         self._next_id += 1
         number = self._next_id
-        prompt = {"id": number, "question": question.text, "utc": utc_now()}
+        prompt = {
+            "id": number,
+            "question": question.text,
+            "picture": question.picture or "",
+            "utc": utc_now(),
+        }
         self._prompts = {**self._prompts, number: prompt}
 
         def answer() -> Reply | None:

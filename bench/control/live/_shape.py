@@ -24,6 +24,7 @@ class _Line(_Part):
 class _Prompt(_Part):
     id: Count
     question: str = ""
+    picture: str = ""
 
 
 class _Campaign(_Part):

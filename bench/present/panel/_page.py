@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from jinja2 import Environment, StrictUndefined, Template
 from nicegui import ui
@@ -90,7 +91,8 @@ class Controls:
             ui.button(icon="contrast", on_click=lambda: _toggle(dark)).props(
                 'flat round dense aria-label="light or dark"'
             ).classes("contrast")
-        with ui.dialog() as self._dialog, ui.element("div").classes("dialog"):
+        self._dialog = ui.dialog().props('aria-label="Abort the run?"')
+        with self._dialog, ui.element("div").classes("dialog"):
             ui.html(
                 "<h2>Abort the run?</h2><p>The table stops, the chamber goes to its safe set point, and what was "
                 "recorded is kept. The run cannot be continued; a campaign can be resumed later.</p>",
@@ -187,11 +189,21 @@ class Controls:
             self._place.clear()
             with self._place:
                 for prompt in prompts:
-                    self._question(prompt["id"], str(prompt.get("question", "")))
+                    self._question(prompt["id"], str(prompt.get("question", "")), self._picture(prompt))
 
-    def _question(self, number: int, text: str) -> None:
+    def _picture(self, prompt: Mapping[str, Any]) -> str:
+        """Return the address of a question's picture, empty without one."""
+        session, name = self._watch.session, str(prompt.get("picture") or "")
+        if session is None or session.run is None or not name:
+            return ""
+        return f"/picture/{quote(str(session.run.relative_to(self._watch.folder.root) / name))}"
+
+    def _question(self, number: int, text: str, picture: str) -> None:
         with ui.element("div").classes("question"):
             ui.label(text).classes("text").props('data-testid="question"')
+            if picture:
+                alt = "what the question means, as a picture"
+                ui.element("img").classes("shows").props(f'src="{picture}" alt="{alt}"')
             if not self._presence.may("answer"):
                 ui.label(f"You are signed in to {self._presence.role}: somebody else answers this.")
                 return

@@ -28,7 +28,7 @@ from bench.present.panel._sign_in import Sessions
 from bench.present.panel._sign_in_routes import SignIn
 from bench.present.panel._visitors import SERVER_LIMITS, Visitor
 from bench.present.panel._watch import Watch
-from bench.record.run_folder import MANIFEST_FILE
+from bench.record.run_folder import MANIFEST_FILE, PICTURES_FOLDER
 from drivers.base.errors import BenchError
 
 _TICK_S = 0.1
@@ -39,6 +39,7 @@ _WAITING = 8
 """Ticks a slow browser may be behind before it is given everything anew."""
 _IDLE_HUBS = 4
 """Sessions that nobody looks at any more and that are kept all the same: a page comes back within seconds."""
+_PICTURES = {".png": "image/png", ".jpg": "image/jpeg"}
 _NO_SCRIPTS = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:",
     "X-Content-Type-Options": "nosniff",
@@ -64,6 +65,7 @@ def serve(settings: PanelSettings) -> None:
     reports = Reports(folder, Path(scratch.name))
     app.get("/panel/who")(_who)
     app.get("/metrics")(Metrics(folder, hubs.benches, desks).page)
+    app.get("/picture/{name:path}")(reports.picture)
     app.get("/report/{name:path}")(reports.get)
     app.get("/certificate/{name:path}")(reports.certificate)
     app.get("/history")(History(folder, hubs.benches, Path(scratch.name)).page)
@@ -252,6 +254,14 @@ class Reports:
         if page is None:
             return PlainTextResponse("There is no certificate here.", status_code=404)
         return FileResponse(page, headers=_NO_SCRIPTS, media_type="text/html; charset=utf-8")
+
+    def picture(self, name: str) -> Response:
+        """Answer a request for the picture of a question."""
+        path = self._folder.inside(name)
+        kind = None if path is None else _PICTURES.get(path.suffix)
+        if path is None or kind is None or path.parent.name != PICTURES_FOLDER or not path.is_file():
+            return PlainTextResponse("There is no such picture.", status_code=404)
+        return FileResponse(path, headers=_NO_SCRIPTS, media_type=kind)
 
     async def _make(self, run: Path) -> Path | None:
         """Have a process of its own make it: numbers and plots cost seconds, and the panel stays smooth."""

@@ -34,9 +34,10 @@ class Note(Event, kind="note"):
 
 
 class Prompt(Event, kind="prompt"):
-    """A question is put to the operator."""
+    """A question is put to the operator; `picture`: what shows what is meant, a file of the run folder."""
 
     question: str
+    picture: str | None = None
 
 
 class Answer(Event, kind="answer"):

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, Va
 from bench.record.events import Role
 from bench.record.events._base import Number
 from bench.record.recording._events import EVENTS_FILE, record_error
-from bench.record.run_folder import MANIFEST_FILE, PROCEDURE_FILE
+from bench.record.run_folder import MANIFEST_FILE, PICTURES_FOLDER, PROCEDURE_FILE
 from drivers.base.errors import RecordError
 from drivers.base.files import MANIFEST_BYTES, read_bounded, replace_file
 
@@ -250,9 +250,10 @@ def _mistakes(error: ValueError) -> str:
 
 
 def checksums(folder: Path) -> dict[str, FileEntry]:
-    """Return the checksums of the run's own files by path: events, raw/, tables, watchdog/, procedure."""
+    """Return the checksums of the run's own files by path: events, raw, tables, watchdog, pictures, procedure."""
     paths = [folder / EVENTS_FILE, *(folder / "raw").glob("*"), *folder.glob("*.parquet")]
     paths += [*(folder / "watchdog").rglob("*"), folder / PROCEDURE_FILE]
+    paths += (folder / PICTURES_FOLDER).glob("*")
     return {path.relative_to(folder).as_posix(): checksum(path) for path in sorted(paths) if path.is_file()}
 
 

@@ -19,7 +19,7 @@ from bench.record.recording._operators import operators_of
 from bench.record.recording._raw import missing_tail
 from bench.record.recording._remote import local_run
 from bench.record.recording._tables import from_arrow
-from bench.record.run_folder import MANIFEST_FILE, PROCEDURE_FILE
+from bench.record.run_folder import MANIFEST_FILE, PICTURES_FOLDER, PROCEDURE_FILE
 from drivers.base.errors import BenchError, RecordError
 
 Decode = Callable[[Path, Path], object]
@@ -93,7 +93,8 @@ def _compare_files(folder: Path, expected: Mapping[str, FileEntry]) -> Iterator[
             yield FileProblem(name, f"differs from the manifest: {size} bytes, expected {entry.bytes}")
         elif (found := checksum(path)) != entry:
             yield FileProblem(name, f"differs from the manifest: found {found}, expected {entry}")
-    for path in [folder / EVENTS_FILE, folder / PROCEDURE_FILE, *sorted((folder / "raw").glob("*"))]:
+    more = [*sorted((folder / "raw").glob("*")), *sorted((folder / PICTURES_FOLDER).glob("*"))]
+    for path in [folder / EVENTS_FILE, folder / PROCEDURE_FILE, *more]:
         name = path.relative_to(folder).as_posix()
         if name not in expected and path.exists():
             yield FileProblem(name, "not in the manifest")

@@ -22,6 +22,7 @@ class TurnParameters(Parameters):
 
     hold_s: float = parameter(90 * 86_400.0, "time at rate", "s", ge=0)
     ask: bool = parameter(True, "wait for an operator first")
+    picture: str = parameter("", "file of a picture to the question")
 
 
 def turn(bench, p):
@@ -30,7 +31,8 @@ def turn(bench, p):
         bench.table.device.servo_on()
         bench.wait(30.0, "warming up")
         if p.ask:
-            bench.ask("Mount the unit with its axis up and close the door. Ready?")
+            picture = Path(p.picture) if p.picture else None
+            bench.ask("Mount the unit with its axis up and close the door. Ready?", picture=picture)
     with bench.step("2", "Turn"):
         bench.phase("turning")
         bench.chamber.go_to(-40.0, 2.0)
@@ -72,4 +74,4 @@ def main(runs: Path, run_id: str, **parameters) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else "turn")
+    main(Path(sys.argv[1]), *sys.argv[2:3] or ["turn"], **dict(word.split("=", 1) for word in sys.argv[3:]))

@@ -2,6 +2,7 @@
 // as markup.
 window.gyrobenchPage = (() => {
   "use strict";
+  document.documentElement.lang = "en";
   const place = (selector) => document.querySelector(selector);
 
   function setText(node, text) {
