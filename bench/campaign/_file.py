@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import hashlib
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -56,6 +57,14 @@ class CampaignRun(_Part):
     def values(self) -> Parameters:
         """The parameters, checked."""
         return self.test.parse(self.parameters)
+
+    def toml(self) -> str:
+        """Return the run as a [[run]] table of a campaign file."""
+        keys = {"name": self.name, "procedure": self.procedure, "role": self.role}
+        lines = ["[[run]]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items())]
+        lines += [f"repeats = {self.repeats}"] if self.repeats > 1 else []
+        pairs = ", ".join(f"{name} = {json.dumps(value)}" for name, value in self.parameters.items())
+        return "\n".join([*lines, f"parameters = {{ {pairs} }}"]) + "\n"
 
 
 class PreparedAnswer(_Part):

@@ -16,7 +16,7 @@ from bench.campaign._file import Campaign, CampaignRun, load_campaign
 from bench.lab.emulated import Plant
 from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.events import Event, read_event
-from bench.record.events.campaign import CampaignBegun, Checked, RunStarted
+from bench.record.events.campaign import CampaignBegun, Checked, RunAdded, RunStarted
 from bench.record.events.run import Demand
 from bench.record.recording import Manifest, checksum, read_events, read_manifest, seal_state
 from bench.record.run_folder import MANIFEST_FILE
@@ -63,15 +63,7 @@ class CampaignFolder(Shown):
         cls, path: Path, campaign_file: Path, file: BenchFile, plant: Plant | None, ask: bool
     ) -> CampaignFolder:
         """Begin a campaign in a new or empty folder; ConfigurationError if there is something in it."""
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            begun = (path / CAMPAIGN_FILE).exists()
-            raise ConfigurationError(
-                "the folder is not empty",
-                where=str(path),
-                found="a campaign that was begun" if begun else "files",
-                expected="a new or empty folder: runs are never overwritten",
-                remedy=f"`gyrobench campaign resume {path}`" if begun else "name another one with --out",
-            )
+        refuse_used(path)
         about = {
             "bench": file.model_dump(mode="json", exclude_none=True),
             "plant": None if plant is None else plant.model_dump(mode="json"),
@@ -91,6 +83,14 @@ class CampaignFolder(Shown):
         names = [run.name for run in campaign.runs]
         folder.event(CampaignBegun(campaign.title, campaign.sha256, file.sha256, names))
         return folder
+
+    def add(self, run: CampaignRun) -> None:
+        """Add a run at the campaign's end; ConfigurationError if there is one of its name."""
+        path = self.path / CAMPAIGN_FILE
+        text = read_bounded(path, SETTINGS_BYTES).decode("utf-8") + f"\n{run.toml()}"
+        replace_file(path, text)
+        self.campaign = load_campaign(path, self.file)
+        self.event(RunAdded(run.name, self.campaign.sha256))
 
     def shown(self) -> dict[str, object]:
         """Return the campaign, its bench, and how far it is."""
@@ -217,6 +217,19 @@ class CampaignFolder(Shown):
                 return state
             newest = newest or state
         return newest or RunState(run, "open")
+
+
+def refuse_used(path: Path) -> None:
+    """Raise ConfigurationError for a folder with something in it: nothing is begun there."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        begun = (path / CAMPAIGN_FILE).exists()
+        raise ConfigurationError(
+            "the folder is not empty",
+            where=str(path),
+            found="a campaign that was begun" if begun else "files",
+            expected="a new or empty folder: runs are never overwritten",
+            remedy=f"`gyrobench campaign resume {path}`" if begun else "name another one with --out",
+        )
 
 
 def _moved(folder: Path) -> bool:

@@ -5,7 +5,7 @@ What can be refused is refused before anything is written.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -87,6 +87,7 @@ class CampaignRunner:
     `operator` answers what was not answered beforehand, None asks in the live files only; `yes` answers all.
     `display` is given each run's name and expected duration, and returns what shows its progress while entered.
     `say` hears how each run ended. `started_by`: who, for the record; None: the user who holds the bench.
+    `further` is asked for one more run when all are recorded.
     """
 
     folder: CampaignFolder
@@ -97,6 +98,7 @@ class CampaignRunner:
     )
     say: Callable[[RunResult], None] = lambda result: None
     started_by: Signature | None = None
+    further: Callable[[], CampaignRun | None] = lambda: None
     _file: BenchFile = field(init=False, repr=False)
     _notifier: Notifier = field(init=False, repr=False)
     _lease: Lease | None = field(init=False, repr=False, default=None)
@@ -137,7 +139,7 @@ class CampaignRunner:
 
     def _work(self) -> tuple[str, str]:
         """Do what is left; return the outcome and its reason."""
-        folder, runs = self.folder, self.folder.campaign.runs
+        folder = self.folder
         states = folder.states(thorough=True)
         before = [event for _, event in folder.events() if isinstance(event, Started | Continued)]
         moved = folder.moved()
@@ -152,8 +154,9 @@ class CampaignRunner:
         left = [(number, state.run) for number, state in enumerate(states) if state.state == "open"]
         if left and moved:
             self._check_known_state(len(before))
-        for number, run in left:
+        for number, run in self._ahead(left):
             self._pause_between(run)
+            runs = folder.campaign.runs
             left_s = sum(later.test.expected_duration_s(later.values) for at, later in left if at > number)
             self._live.campaign(
                 title=folder.campaign.title,
@@ -173,6 +176,14 @@ class CampaignRunner:
             names = "; ".join(f"{state.run.name} ({state.reason})" for state in still_open)
             return "failed", f"not recorded: {names}"
         return "completed", ""
+
+    def _ahead(self, left: Sequence[tuple[int, CampaignRun]]) -> Iterator[tuple[int, CampaignRun]]:
+        """Yield the open runs with their numbers, then what `further` adds to the campaign."""
+        yield from left
+        while (run := self.further()) is not None:
+            check_limits(self.folder.campaign.model_copy(update={"run": (run,)}), self._file)
+            self.folder.add(run)
+            yield len(self.folder.campaign.runs) - 1, run
 
     def _note_sent(self) -> None:
         """Write to the journal what became of the messages so far."""

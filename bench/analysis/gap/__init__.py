@@ -2,6 +2,7 @@
 
 from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._describe import UnknownPart
+from bench.analysis.gap._designs import Design, designs_for, other_equipment
 from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
 from bench.analysis.gap._exam_folder import hold_exam, read_exam
 from bench.analysis.gap._facts import diagnosis_facts, identifiable_facts, log_gap_facts
@@ -10,6 +11,7 @@ from bench.analysis.gap._identify import Identifiable, identifiable
 from bench.analysis.gap._learn import Learned
 from bench.analysis.gap._model_file import Model, Term, model_text, parse_model, read_model
 from bench.analysis.gap._noise import Noise
+from bench.analysis.gap._outlook import UNKNOWN, Choice, Outlook, information_gained, outlook
 from bench.analysis.gap._position import PositionFinding
 from bench.analysis.gap._rate import RateFinding
 from bench.analysis.gap._recordings import Recordings, read_recordings
@@ -19,8 +21,11 @@ from bench.analysis.gap._series import Difference, differences
 from bench.analysis.gap._suggest import Suggestion, suggest
 
 __all__ = [
+    "UNKNOWN",
     "Cause",
     "ChannelFinding",
+    "Choice",
+    "Design",
     "Diagnosis",
     "Difference",
     "Exam",
@@ -33,6 +38,7 @@ __all__ = [
     "Marked",
     "Model",
     "Noise",
+    "Outlook",
     "Place",
     "PositionFinding",
     "RateFinding",
@@ -42,15 +48,19 @@ __all__ = [
     "Term",
     "UnknownPart",
     "closed_model",
+    "designs_for",
     "diagnose",
     "diagnosis_facts",
     "differences",
     "hold_exam",
     "identifiable",
     "identifiable_facts",
+    "information_gained",
     "log_gap_facts",
     "log_gaps",
     "model_text",
+    "other_equipment",
+    "outlook",
     "parse_model",
     "read_exam",
     "read_model",

@@ -36,7 +36,7 @@ def prepare(runs: Sequence[GapRun], model: Model, variants: Sequence[Variant]) -
     """Transform the runs, judge their noise, whiten and cut them into cells on the floor of the repeats."""
     check_runs(runs)
     groups = tuple(group_runs(runs))
-    stacks = tuple(_stack(group, model, variants) for group in groups)
+    stacks = tuple(stack_of(group, model, variants) for group in groups)
     nominal = [stack.chosen(range(1 + len(model.sigmas))) for stack in stacks]
     spectra, source = floor_data(groups, nominal, model.noise, model.sigmas)
     return gathered(groups, stacks, judge_noise(spectra, model.noise, source), model, None)
@@ -87,7 +87,7 @@ def with_columns(data: Prepared, columns: Sequence[int], fresh: Sequence[Variant
     return result
 
 
-def _stack(group: Group, model: Model, variants: Sequence[Variant]) -> Stack:
+def stack_of(group: Group, model: Model, variants: Sequence[Variant]) -> Stack:
     def rows(run: GapRun) -> list[Array]:
         s = run.stimulus
         own = [(run.output_dph - model.predict(s))[None, :], model.columns(s)]

@@ -6,12 +6,13 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis.calibration import load_calibration_run
 from bench.analysis.gap._data import GapRun, interpolated, stand_ins
 from bench.analysis.gap._import import read_imported_run
 from bench.control.procedure import load_procedures
-from bench.record.recording import Run
+from bench.record.recording import Run, seconds
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
@@ -19,6 +20,10 @@ from simulators.effects import Stimulus
 
 _TURNING_DPS = 0.05
 _SETTLING_S = 5
+_UNSURE = 3.0
+"""Standard deviations of a second's noise that the table's telemetry may be off by."""
+_SIGMA_OF_SECOND_DIFFERENCES = 1.4826 / math.sqrt(6.0)
+"""Standard deviation of white noise over the median size of its second differences."""
 AXES = "xyz"
 CALIBRATION = "system-calibration"
 
@@ -88,6 +93,8 @@ def _stretch(
     elevation = np.full(end - start, 90.0 if upright else 0.0)
     t_in, t_out = _temperatures(run, means.temp_c, _case_temp(run, gyro, edges[:-1] + 0.5))
     stimulus = Stimulus(edges[1:], t_in, t_out, angle, elevation, run.manifest.latitude_deg)
+    output = DPH_PER_DPS * means.rate_dps
+    output[_between_polls(run, edges, output - stimulus.input_rate_dph, upright)] = np.nan
     condition = f"{round(float(np.median(angle))) % 360} deg"
     if upright or abs(turning) > _TURNING_DPS:
         condition = f"{round(turning):+d}"
@@ -97,11 +104,36 @@ def _stretch(
         _profile(run),
         condition,
         stimulus,
-        DPH_PER_DPS * means.rate_dps,
+        output,
         run.phase_at(edges[1:] - 0.5),
         run.checksum,
         means.lost,
     )
+
+
+def _between_polls(run: Run, edges: Array, error_dph: Array, upright: bool) -> NDArray[np.bool_]:
+    """Return the seconds in which the table's telemetry is too coarse for the unit's noise, (n,).
+
+    Between two polls the rate may have changed at once: the straight line between their angles is then off by up
+    to change (t - t0)(t1 - t)/(t1 - t0). Where it stands or turns evenly nothing is.
+    """
+    seconds_lost = np.zeros(len(edges) - 1, dtype=np.bool_)
+    if not upright:  # a level axis feels the Earth alone, which changes little over such an angle
+        return seconds_lost
+    polls = run.turntable(("time_ns", "angle_deg"), edges[0] - 3.0, edges[-1] + 3.0)
+    at, angle = seconds(polls), np.unwrap(polls["angle_deg"], period=360.0)
+    if len(at) < 4:
+        return seconds_lost
+    rates = np.diff(angle) / np.diff(at)
+    jumps = np.abs(np.diff(rates, prepend=rates[0], append=rates[-1]))
+    change = np.maximum(jumps[:-1], jumps[1:])
+    place = np.clip(np.searchsorted(at, edges) - 1, 0, len(change) - 1)
+    before, after = np.maximum(edges - at[place], 0.0), np.maximum(at[place + 1] - edges, 0.0)
+    off_deg = change[place] * before * after / np.diff(at)[place]
+    known = error_dph[np.isfinite(error_dph)]
+    noise_dph = float(np.median(np.abs(np.diff(known, 2)))) * _SIGMA_OF_SECOND_DIFFERENCES
+    bad = DPH_PER_DPS * off_deg > _UNSURE * noise_dph
+    return np.asarray(bad[:-1] | bad[1:])
 
 
 def _profile(run: Run) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.record.events._base import Event, Flag
+from bench.record.events._base import Event, Flag, Number, Whole
 from bench.record.events.run import Role
 
 
@@ -72,6 +72,43 @@ class Checked(Event, kind="checked"):
     folder: str
     outcome: str
     reason: str
+
+
+class RunAdded(Event, kind="run_added"):
+    """A run was added at the campaign's end; `file_sha256` is that of its file with it."""
+
+    run: str
+    file_sha256: str
+
+
+class Sought(Event, kind="sought"):
+    """Where a search for the missing effect stands after some runs.
+
+    `probabilities` are of what may act ("no gap", or names joined by " + "), `gained_nats` how far they moved
+    with the newest run. `ended` is empty, or how the search ended: decided, undecided, budget.
+    """
+
+    after: list[str]
+    verdict: str
+    acts: str
+    probability: Number
+    probabilities: dict[str, Number]
+    used_h: Number
+    gained_nats: Number | None = None
+    confirmed: Flag | None = None
+    ended: str = ""
+
+
+class NextRun(Event, kind="next_run"):
+    """The run that a search chose of `considered` ones, what it is expected to tell and to take."""
+
+    run: str
+    procedure: str
+    parameters: str
+    expected_nats: Number
+    hours: Number
+    considered: Whole
+    to_confirm: Flag
 
 
 class Fitting(Event, kind="fitting"):

@@ -16,6 +16,7 @@ from bench.analysis.gap import Noise, _exam
 from bench.analysis.gap._cells import BANDS
 from bench.analysis.gap._channel_data import Demand, _in_force, _late_fraction, _quiet
 from bench.analysis.gap._data import Group
+from bench.analysis.gap._designs import usual_designs
 from bench.analysis.gap._fit import Floor, floor_from_repeats
 from bench.analysis.gap._generic import free_curves
 from bench.analysis.gap._lines import SpectralLine, _of_one_length, _surroundings
@@ -26,7 +27,6 @@ from bench.analysis.gap._rows import Steps
 from bench.analysis.gap._run_folder import _filled
 from bench.analysis.gap._score import Exam, Marked, wilson
 from bench.analysis.gap._stochastic import NoiseVerdict, _starts, judge_noise
-from bench.analysis.gap._suggest import _plans
 from bench.analysis.gap._where import REGIMES, phase_map, regime_map
 from bench.record.recording import Arrivals
 from drivers.base.errors import ConfigurationError
@@ -220,18 +220,18 @@ def test_a_noise_coefficient_is_looked_for_from_its_own_size_or_from_the_white_n
 
 
 def test_a_plans_settings_are_what_its_stimuli_do():
-    plans = {plan.procedure: plan for plan in _plans(39.1)}
+    plans = {plan.procedure: plan for plan in usual_designs(39.1)}
     level = plans["constant-rotation"]
-    (turning,) = level.stimuli
+    (turning,) = level.stimuli.values()
     assert np.median(turning.table_rate_dps) == pytest.approx(level.settings["rate_dps"])
     turns_s = level.settings["turns"] * 360.0 / level.settings["rate_dps"]
     assert len(turning) * turning.period_s == pytest.approx(turns_s, abs=0.5)
-    (steps,) = plans["standard-test"].stimuli
+    (steps,) = plans["standard-test"].stimuli.values()
     rates = np.unique(np.round(steps.table_rate_dps, 6))
     rates = rates[np.abs(rates - np.round(rates)) < 1e-6]  # the samples in which no step begins
     assert rates.tolist() == (-rates[::-1]).tolist() and 0.0 in rates
     assert rates.max() == plans["standard-test"].settings["max_rate_dps"]
-    three = [float(np.median(s.table_rate_dps)) for s in plans["scale-factor-cold-shock"].stimuli]
+    three = [float(np.median(s.table_rate_dps)) for s in plans["scale-factor-cold-shock"].stimuli.values()]
     assert three == pytest.approx([20.0, -20.0, 0.0])
 
 

@@ -11,7 +11,7 @@ import pytest
 from bench.analysis.gap import Model, Suggestion, diagnose, log_gaps, model_text, suggest
 from bench.analysis.gap._channel_data import load_channels
 from bench.analysis.gap._data import GapRun
-from bench.analysis.gap._suggest import _plans
+from bench.analysis.gap._designs import usual_designs
 from bench.control.procedure import find_procedure
 from bench.lab.emulated import load_plant
 from bench.present.cli._console import Terminal
@@ -71,10 +71,10 @@ def test_rehearsals_of_another_course_are_refused() -> None:
 
 
 def test_every_suggestion_is_a_procedure_that_its_settings_suit() -> None:
-    for plan in _plans(39.1):
+    for plan in usual_designs(39.1):
         parameters = find_procedure(plan.procedure).parse(dict(plan.settings))
         assert dict(plan.settings).items() <= parameters.model_dump().items()
-        assert plan.hours > len(plan.stimuli[0]) / 3600.0 / 2.0
+        assert plan.hours > len(next(iter(plan.stimuli.values()))) / 3600.0 / 2.0
 
 
 def test_a_suggestion_is_run_on_the_emulated_bench_with_its_fast_clock_and_late_frames(

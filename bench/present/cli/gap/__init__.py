@@ -5,8 +5,9 @@ from typer import Typer
 from bench.present.cli.gap._check import check
 from bench.present.cli.gap._diagnose import close, diagnose
 from bench.present.cli.gap._exam import exam
+from bench.present.cli.gap._hunt import hunt
 from bench.present.cli.gap._rehearse import rehearse
 
 app = Typer(name="gap", no_args_is_help=True)
-for command in (check, diagnose, close, rehearse, exam):
+for command in (check, diagnose, close, hunt, rehearse, exam):
     app.command()(command)

@@ -1,0 +1,86 @@
+"""What a run that has not been made would tell: expected information about which explanation is true, in nats.
+
+Each explanation foretells the run as a Gaussian: the mean that its fitted effects give, the spread of an effect
+of unknown size, white noise after whitening. The mutual information between explanation and data is bounded from
+below by pairwise Bhattacharyya distances (Kolchinsky and Tracey, Entropy 19, 361, 2017, eq. 10). All distances
+follow from the run's Gram matrix of the effects' columns, the nominal model's own taken out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.gap._fit import DIRECTIONS, MISFIT
+from drivers.base.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Foretold:
+    """How an explanation foretells a run: `mean` (p,) of the coefficients, `sigmas` (p,) their spread."""
+
+    probability: float
+    mean: Array
+    sigmas: Array
+
+    @property
+    def spread(self) -> NDArray[np.int64]:
+        """Columns of unknown size."""
+        return np.flatnonzero(self.sigmas > 0.0)
+
+
+def expected_information(gram: Array, explanations: Sequence[Foretold]) -> float:
+    """Return the least information that a run of this Gram matrix (p, p) is expected to give, in nats."""
+    weights = np.array([each.probability for each in explanations])
+    weights = weights / weights.sum()
+    count = len(explanations)
+    log_volumes = [_log_volume(gram, _root(each)) for each in explanations]
+    near = np.eye(count)
+    for i in range(count):
+        for j in range(i):
+            distance = _bhattacharyya(
+                gram, explanations[i], explanations[j], 0.5 * (log_volumes[i] + log_volumes[j])
+            )
+            near[i, j] = near[j, i] = math.exp(-distance)
+    return float(-(weights @ np.log(near @ weights)))
+
+
+def deflection(gram: Array, mean: Array) -> float:
+    """Return the norm of a foretold mean in a run, in standard deviations of its noise."""
+    return math.sqrt(max(float(mean @ gram @ mean), 0.0))
+
+
+def _root(*explanations: Foretold) -> Array:
+    """Return a root (p, k) of the mean covariance of explanations' coefficients."""
+    parts = []
+    for each in explanations:
+        part = np.zeros((len(each.mean), len(each.spread)))
+        part[each.spread, np.arange(len(each.spread))] = each.sigmas[each.spread]
+        parts.append(part)
+    return np.concatenate(parts, axis=1) / math.sqrt(len(explanations))
+
+
+def _log_volume(gram: Array, root: Array) -> float:
+    """Return the log determinant of the covariance I + X R R' X', X' X being the Gram matrix."""
+    inner = np.eye(root.shape[1]) + root.T @ gram @ root
+    return float(np.linalg.slogdet(inner)[1])
+
+
+def _bhattacharyya(gram: Array, one: Foretold, other: Foretold, log_volume: float) -> float:
+    """Return the distance of two predictions; `log_volume`: the mean of theirs.
+
+    A formula misses up to a quarter of a real effect's amplitude, in a few directions: what tells the means
+    apart counts only as far as that leaves.
+    """
+    root = _root(one, other)
+    apart = one.mean - other.mean
+    inner = np.eye(root.shape[1]) + root.T @ gram @ root
+    across = root.T @ gram @ apart
+    solved = np.linalg.solve(inner, across)
+    square = max(float(apart @ gram @ apart - across @ solved), 0.0)
+    square /= 1.0 + MISFIT**2 * square / DIRECTIONS
+    return 0.125 * square + 0.5 * max(float(np.linalg.slogdet(inner)[1]) - log_volume, 0.0)

@@ -1,0 +1,236 @@
+"""Where a search for the missing effect stands: explanations with probability, and what the next run would tell.
+
+An explanation is a set of effects that a diagnosis names, or one more that may act beside it and that the runs so
+far could not show. Such a hidden effect is taken for one that the bench's best run for it would show with 60
+standard deviations; each run that could have shown it and did not makes it less probable.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from bench.analysis.gap._candidates import effects_beside
+from bench.analysis.gap._cells import group_cells
+from bench.analysis.gap._data import GapRun, group_runs
+from bench.analysis.gap._designs import Design
+from bench.analysis.gap._evidence import reduced
+from bench.analysis.gap._fit import weighted_gram
+from bench.analysis.gap._information import Foretold, deflection, expected_information
+from bench.analysis.gap._model_file import Model, Term
+from bench.analysis.gap._prepare import stack_of
+from bench.analysis.gap._rate import RateFinding
+from drivers.base.arrays import Array
+from simulators.effects import Effect, Variant
+
+UNKNOWN = "unknown"
+_WORTH_FINDING = 60.0
+"""Standard deviations that a hidden effect has in the bench's best run for it."""
+_VISIBLE = 5.0
+"""Standard deviations below which a bench does not show an effect however large it may be."""
+_FIRST, _ANOTHER = 1.0, 0.25
+"""Prior odds that something acts where nothing was found, and that one more does beside what was found."""
+_DOUBTED = 0.1
+"""Probability that a diagnosis gives to something unknown, whatever the runs, as a rule: no evidence of it."""
+_LEAST = 1e-3
+"""Probability below which an explanation is left out."""
+
+Label = frozenset[str]
+"""Names of the effects that act; empty: no gap."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What may be true: effects as fitted, and perhaps a hidden one beside them, of which the size is unknown."""
+
+    label: Label
+    probability: float
+    terms: tuple[Term, ...] = ()
+    hidden: str = ""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A run that could be made next, with the information expected of it, in nats."""
+
+    design: Design
+    nats: float
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """Explanations after some runs, and the bench's `designs`; what is `hidden_from_bench` none of them shows.
+
+    `energies` are of each effect in the bench's best run for it, its first parameter at 1: the square of the
+    standard deviations by which it stands above the noise.
+    """
+
+    model: Model
+    designs: Sequence[Design]
+    explanations: tuple[Explanation, ...]
+    hidden_from_bench: tuple[str, ...]
+    energies: Mapping[str, float]
+    _columns: _Columns = field(repr=False)
+    _sigmas: Mapping[str, Array] = field(repr=False)
+
+    @property
+    def leading(self) -> Explanation:
+        """The most probable explanation."""
+        return max(self.explanations, key=lambda each: each.probability)
+
+    @cached_property
+    def probabilities(self) -> dict[Label, float]:
+        """Probability by what acts, hidden effects included."""
+        found: dict[Label, float] = {}
+        for each in self.explanations:
+            found[each.label] = found.get(each.label, 0.0) + each.probability
+        return found
+
+    def choices(self, most_h: float = math.inf) -> list[Choice]:
+        """Return the designs that last at most so long, by expected information an hour."""
+        fitting = [each for each in self.designs if each.hours <= most_h]
+        made = [Choice(each, self.information(each)) for each in fitting]
+        return sorted(made, key=lambda each: -each.nats / each.design.hours)
+
+    def information(self, design: Design) -> float:
+        """Return the information expected of a run, in nats."""
+        columns = self._columns.with_terms(self.explanations)
+        gram = columns.gram(design.runs())
+        return expected_information(gram, [self._foretold(each, columns) for each in self.explanations])
+
+    def showing(self, names: Label, most_h: float, least: float) -> Choice | None:
+        """Return the shortest run in which some leading effects stand so far above the noise, if there is one."""
+        columns = self._columns.with_terms(self.explanations)
+        terms = [term for term in self.leading.terms if term.name in names] or list(self.leading.terms)
+        explanation = Explanation(names, 1.0, tuple(terms))
+        for design in sorted(self.designs, key=lambda each: each.hours):
+            if design.hours > most_h:
+                return None
+            mean = self._foretold(explanation, columns).mean
+            if deflection(columns.gram(design.runs()), mean) >= least:
+                return Choice(design, self.information(design))
+        return None
+
+    def _foretold(self, explanation: Explanation, columns: _Columns) -> Foretold:
+        mean, sigmas = np.zeros(columns.count), np.zeros(columns.count)
+        for term in explanation.terms:
+            own = columns.place(term.variant)
+            mean[own] += np.array(term.values)
+            sigmas[own] = np.maximum(sigmas[own], np.array(term.sigmas))
+        if explanation.hidden:
+            sigmas[columns.usual(explanation.hidden)] = self._sigmas[explanation.hidden]
+        return Foretold(explanation.probability, mean, sigmas)
+
+
+def outlook(
+    finding: RateFinding | None, model: Model, recorded: Sequence[GapRun], designs: Sequence[Design]
+) -> Outlook:
+    """Return where a search stands: `finding` is that of the `recorded` runs, None before the first."""
+    fitted = model if finding is None else finding.nominal
+    effects = effects_beside(model)
+    columns = _Columns(fitted, {name: _usual(effect) for name, effect in effects.items()})
+    energies = np.array([np.diag(columns.gram(design.runs())) for design in designs])
+    best = energies.max(axis=0, initial=0.0)
+    seen = np.diag(columns.gram(recorded)) if recorded else np.zeros(columns.count)
+    named = _named(finding)
+    total = sum(each.probability for each in named)
+    named = [replace(each, probability=each.probability / total) for each in named]
+    leading = max(named, key=lambda each: each.probability)
+    sigmas: dict[str, Array] = {}
+    unseen: list[str] = []
+    odds: dict[str, float] = {}
+    for name, effect in effects.items():
+        own = columns.usual(name)
+        bounds = [max(abs(each) for each in p.bounds(model.noise.coarseness)) for p in effect.parameters]
+        sizes = np.minimum(_WORTH_FINDING / np.sqrt(np.maximum(best[own], 1e-300)), bounds)
+        if (sizes * np.sqrt(best[own])).max() < _VISIBLE:
+            unseen.append(name)
+            continue
+        sigmas[name] = 1.0 / np.sqrt(1.0 / sizes**2 + seen[own])
+        odds[name] = 1.0 / math.sqrt(1.0 + float((sizes**2 * seen[own]).max()))
+    share = (_ANOTHER if leading.label else _FIRST) / max(len(odds), 1)
+    hidden = [
+        Explanation(leading.label | {name}, share * each * leading.probability, leading.terms, name)
+        for name, each in odds.items()
+        if name not in leading.label
+    ]
+    kept = [*named, *(each for each in hidden if each.probability > _LEAST * share)]
+    total = sum(each.probability for each in kept)
+    normed = tuple(replace(each, probability=each.probability / total) for each in kept)
+    shown = {name: float(best[columns.usual(name)][0]) for name in sigmas}
+    return Outlook(fitted, designs, normed, tuple(unseen), shown, columns, sigmas)
+
+
+def information_gained(before: Mapping[str, float], after: Mapping[str, float]) -> float:
+    """Return how far the probabilities moved, in nats: the Kullback-Leibler divergence of after from before."""
+    gained = 0.0
+    for label, probability in after.items():
+        if probability > _LEAST:
+            gained += probability * math.log(probability / max(before.get(label, 0.0), _LEAST))
+    return max(gained, 0.0)
+
+
+class _Columns:
+    """Columns of the effects that a model lacks, each in its usual form, and of fitted terms after them."""
+
+    def __init__(self, model: Model, usual: Mapping[str, Variant], fitted: Sequence[Variant] = ()) -> None:
+        self._model, self._usual = model, usual
+        self.variants = [*usual.values(), *fitted]
+        ends = np.cumsum([0, *(len(each.effect.parameters) for each in self.variants)]).tolist()
+        self._places = [slice(start, end) for start, end in pairwise(ends)]
+        self.count = int(ends[-1])
+
+    def usual(self, name: str) -> slice:
+        """Return where the columns of an effect's usual form are."""
+        return self._places[list(self._usual).index(name)]
+
+    def place(self, variant: Variant) -> slice:
+        """Return where the columns of a fitted term are."""
+        return next(place for place, own in zip(self._places, self.variants, strict=True) if own is variant)
+
+    def with_terms(self, explanations: Sequence[Explanation]) -> _Columns:
+        """Return the columns with those of all terms of some explanations."""
+        fitted = {id(term.variant): term.variant for each in explanations for term in each.terms}
+        return _Columns(self._model, self._usual, list(fitted.values()))
+
+    def gram(self, runs: Sequence[GapRun]) -> Array:
+        """Return the whitened columns' products in some runs, (p, p), what the nominal model can imitate out."""
+        q = len(self._model.sigmas)
+        total = np.zeros((1 + q + self.count,) * 2)
+        for group in group_runs(runs):
+            stack = stack_of(group, self._model, self.variants)
+            cells = group_cells(group, stack, self._model.noise)
+            total += weighted_gram(cells, np.ones(len(cells)))
+        return reduced(total, self._model.sigmas)[1:, 1:]
+
+
+def _usual(effect: Effect) -> Variant:
+    """Return the middle of an effect's grid of shapes."""
+    variants = effect.variants()
+    return variants[len(variants) // 2]
+
+
+def _named(finding: RateFinding | None) -> list[Explanation]:
+    """Return what a diagnosis holds possible, with the terms that it fitted."""
+    if finding is None:
+        return [Explanation(frozenset(), 1.0)]
+    terms = {name: term for cause in finding.causes for name, term in cause.rivals.items()}
+    terms |= {cause.name: cause.term for cause in (*finding.resembles, *finding.causes)}
+    unknown = finding.unknown_probability if finding.unknown_probability > _DOUBTED else 0.0
+    found = [
+        Explanation(label, probability * (1.0 - unknown), tuple(terms[name] for name in sorted(label)))
+        for label, probability in finding.set_probabilities.items()
+        if label <= terms.keys() and probability > _LEAST
+    ]
+    if unknown > _LEAST:
+        label = frozenset({UNKNOWN, *(cause.name for cause in finding.causes)})
+        curves = [part.term for part in finding.unknown_parts if part.term is not None]
+        learned = finding.learned.terms if finding.learned and not curves else ()
+        parts = (*(cause.term for cause in finding.causes), *curves, *learned)
+        found.append(Explanation(label, unknown, parts))
+    return found or [Explanation(frozenset(), 1.0)]

@@ -1,0 +1,79 @@
+"""Expected information: against the exact information by sampling, and against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from bench.analysis.gap._information import Foretold, deflection, expected_information
+
+COLUMNS = np.array([[1.0, 0.2], [0.0, 0.7], [0.5, -0.3]])
+"""Three whitened samples of two columns."""
+GRAM = COLUMNS.T @ COLUMNS
+
+
+def foretold(probability, mean=(0.0, 0.0), sigmas=(0.0, 0.0)):
+    return Foretold(probability, np.array(mean), np.array(sigmas))
+
+
+def sampled_information(explanations, rng, count=40_000):
+    """Mutual information of explanation and data, in nats, from draws of both and exact densities."""
+    weights = np.array([each.probability for each in explanations])
+    densities = [
+        multivariate_normal(COLUMNS @ each.mean, np.eye(3) + (COLUMNS * each.sigmas**2) @ COLUMNS.T, seed=rng)
+        for each in explanations
+    ]
+    total = 0.0
+    for weight, own in zip(weights, densities, strict=True):
+        drawn = own.rvs(count)
+        mixture = sum(w * each.pdf(drawn) for w, each in zip(weights, densities, strict=True))
+        total += weight * float(np.mean(own.logpdf(drawn) - np.log(mixture)))
+    return total
+
+
+@given(
+    mean=st.tuples(st.floats(-3, 3), st.floats(-3, 3)),
+    sigma=st.floats(0.0, 6.0),
+    weight=st.floats(0.1, 0.9),
+)
+def test_the_bound_is_never_negative_nor_above_the_entropy(mean, sigma, weight):
+    explanations = [foretold(1.0 - weight), foretold(weight, mean, (sigma, 0.0))]
+    entropy = -sum(p * math.log(p) for p in (weight, 1.0 - weight))
+    assert -1e-12 <= expected_information(GRAM, explanations) <= entropy + 1e-12
+
+
+@pytest.mark.parametrize(
+    "explanations",
+    [
+        [foretold(0.5), foretold(0.5, (1.5, 0.0))],
+        [foretold(0.6), foretold(0.3, sigmas=(4.0, 0.0)), foretold(0.1, sigmas=(0.0, 9.0))],
+        [foretold(0.7, (1.0, 1.0)), foretold(0.3, (1.0, 1.0), (3.0, 0.0))],
+    ],
+)
+def test_the_bound_is_below_the_exact_information_and_most_of_it(explanations):
+    exact = sampled_information(explanations, np.random.default_rng(5))
+    bound = expected_information(GRAM, explanations)
+    assert 0.4 * exact < bound < exact + 0.01
+
+
+def test_what_foretells_the_same_tells_nothing_and_what_is_far_apart_tells_all():
+    same = [foretold(0.5, (2.0, 1.0)), foretold(0.5, (2.0, 1.0))]
+    assert expected_information(GRAM, same) == pytest.approx(0.0, abs=1e-12)
+    apart = [foretold(0.25), foretold(0.75, sigmas=(1e6, 0.0))]
+    entropy = -sum(p * math.log(p) for p in (0.25, 0.75))
+    assert expected_information(GRAM, apart) == pytest.approx(entropy, rel=0.01)
+
+
+def test_a_formula_that_may_miss_a_quarter_tells_no_more_with_ten_times_the_signal():
+    """The square of a distance is limited to 8 / 0.25^2 = 128, and its eighth counts."""
+    pairs = [[foretold(0.5), foretold(0.5, (size, 0.0))] for size in (1e3, 1e4)]
+    limits = [-math.log(0.5 * (1.0 + math.exp(-0.125 * 128.0)))] * 2
+    assert [expected_information(GRAM, pair) for pair in pairs] == pytest.approx(limits, rel=1e-3)
+
+
+def test_deflection_is_the_norm_of_the_foretold_samples():
+    mean = np.array([1.2, -0.4])
+    assert deflection(GRAM, mean) == pytest.approx(float(np.linalg.norm(COLUMNS @ mean)))
