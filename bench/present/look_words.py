@@ -26,6 +26,8 @@ def clock_words(found: Look) -> str:
     words = f"{clock.rows} rows {rate}"
     if clock.gaps:
         words += f"; {clock.gaps} gaps with {clock.lost} rows lost, the longest {clock.longest_s:.3g} s"
+    if clock.bursts:
+        return words + "; its times are those of reading in bursts: rows are taken as equally far apart"
     return words + (f"; {clock.odd} rows at a time not after the one before" if clock.odd else "")
 
 
@@ -53,16 +55,33 @@ def noise_words(axis: AxisLook) -> str:
     allan = axis.allan
     if allan is None or not math.isfinite(allan.coefficients[0, 0]):
         return "too short a rest"
+    factor, white_unit = _white(axis)
     if not allan.fits:
-        off = f"no fit: off by {allan.worst_ratio:.2g} at {allan.worst_tau_s:.3g} s"
-        return f"{off}; white {allan.white:.3g} {white_unit(axis)}"
-    _, white, flicker, *_ = allan.coefficients[0].tolist()
-    return f"N {white:.3g} {white_unit(axis)}, B {flicker:.3g} {allan.unit}"
+        off = f"no fit: off by {allan.worst_ratio:.2g} at {allan.worst_tau_s:.3g} {_time_unit(axis)}"
+        if not math.isfinite(allan.white):
+            return f"{off}; nowhere falls as white noise does"
+        return f"{off}; white {factor * allan.white:.3g} {white_unit}"
+    white, flicker = (
+        f"{name} {scale * value:.3g}" if low > 0.0 or value > 0.0 else f"{name} below {scale * high:.3g}"
+        for name, scale, (value, low, high) in (
+            ("N", factor, allan.coefficients[:, 1].tolist()),
+            ("B", 1.0, allan.coefficients[:, 2].tolist()),
+        )
+    )
+    return f"{white} {white_unit}, {flicker} {allan.unit}"
 
 
-def white_unit(axis: AxisLook) -> str:
-    """Return the unit of white noise in the Allan fit."""
-    return "deg/sqrt(h)" if axis.allan and axis.allan.unit == "deg/h" else f"{axis.channel.base_unit} sqrt(h)"
+def _white(axis: AxisLook) -> tuple[float, str]:
+    """Return what makes of the Allan fit's white noise, in its unit times sqrt(h), the unit returned."""
+    base = axis.channel.base_unit
+    if not axis.clock_known:  # what is called an hour are 3600 samples then
+        return 60.0, f"{base} sqrt(sample)"
+    units = {"deg/s": (1.0, "deg/sqrt(h)"), "m/s^2": (3600.0, "m/s/sqrt(h)")}
+    return units.get(base, (60.0, f"{base} sqrt(s)"))
+
+
+def _time_unit(axis: AxisLook) -> str:
+    return "s" if axis.clock_known else "samples"
 
 
 def nyquist_words(found: Look) -> str:

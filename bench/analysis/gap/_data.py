@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,7 +27,8 @@ class GapRun:
     """One stretch at constant mounting: `output_dph` (n,) with NaN where samples are missing.
 
     `profile` is the same for runs that went through the same temperatures; `condition` names what differs
-    between them (a rate such as "+20" or an orientation). `phase` (n,) holds each sample's phase.
+    between them (a rate such as "+20" or an orientation). `phase` (n,) holds each sample's phase. `finest_arcsec`
+    is the finest step of angle between the rows of the log that the samples are means of, NaN where not known.
     """
 
     run_id: str
@@ -38,6 +40,7 @@ class GapRun:
     phase: NDArray[np.str_]
     checksum: str = ""
     lost_fraction: float = 0.0
+    finest_arcsec: float = math.nan
 
     @cached_property
     def missing(self) -> NDArray[np.bool_]:

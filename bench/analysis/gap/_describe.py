@@ -87,6 +87,16 @@ def differing_part(noise: Noise, run_id: str, at_s: float) -> UnknownPart:
     return UnknownPart("the repeat", sentence)
 
 
+def shaken_part(noise: Noise, finest_arcsec: float) -> UnknownPart:
+    """Describe noise that has quantisation's spectrum and not its steps."""
+    sentence = (
+        f"Noise grows with frequency as white noise of the angle does, as if read in steps of "
+        f"{noise.quantum_arcsec:.3g} arcsec; the log has steps of {finest_arcsec:.2g} arcsec, so it is no "
+        "quantisation. A base that shakes or sways does this: look at accelerometers, mounting, people and wind."
+    )
+    return UnknownPart("time", sentence)
+
+
 def remaining_part(left: Sequence[Place], regimes: Sequence[RegimePlace]) -> UnknownPart | None:
     """Describe what fits no curve: the cell and the regime where most is left; None if nothing stands out."""
     cells = [place for place in left if place.clear]

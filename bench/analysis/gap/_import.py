@@ -27,6 +27,8 @@ _BY_CHANCE = 1e-6
 """Probability below which rows are not equal by chance, where that is as many times as frequent as estimated."""
 _FUZZ = 1e-6
 """Part of a usual step below which two values differ by the rounding of their text."""
+_FINEST_OF, _FINEST_PART = 100_000, 0.1
+"""Rows looked at for the finest step, and the part of all steps that are finer still: rounding of text."""
 _MOST_HELD = 0.2
 """Part of the rows that a logger may have held."""
 
@@ -97,7 +99,14 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         _phases(entry, ends_s - steps.period_s + 1.0),
         _checksum(file),
         float(held.mean()),
+        3600.0 * steps.usual_s * _finest_step(rows),
     )
+
+
+def _finest_step(rows: Array) -> float:
+    """Return the finest step that values of a log (m,) show again and again; NaN for one that never changes."""
+    apart = np.diff(np.unique(rows[np.isfinite(rows)][:_FINEST_OF]))
+    return float(np.quantile(apart, _FINEST_PART)) if len(apart) else np.nan
 
 
 def held_rows(values: Array) -> NDArray[np.bool_]:

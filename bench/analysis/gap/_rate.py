@@ -15,7 +15,14 @@ from bench.analysis.gap._causes import causes_of, models_with_and_without
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
 from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
-from bench.analysis.gap._describe import UnknownPart, curve_part, differing_part, line_part, remaining_part
+from bench.analysis.gap._describe import (
+    UnknownPart,
+    curve_part,
+    differing_part,
+    line_part,
+    remaining_part,
+    shaken_part,
+)
 from bench.analysis.gap._disturbed import Disturbed, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
 from bench.analysis.gap._fit import Floor, Solution, nominal_solution
@@ -25,7 +32,7 @@ from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise, power_of
 from bench.analysis.gap._prepare import Prepared, prepare
 from bench.analysis.gap._signal import Signal
-from bench.analysis.gap._stochastic import DATA_SHEET, NoiseVerdict
+from bench.analysis.gap._stochastic import DATA_SHEET, EFFECT_OF, NoiseVerdict
 from bench.analysis.gap._where import RegimePlace, phase_map, places, regime_map
 from bench.analysis.gap._which import Found, judged_sets, left_of_runs, second_look, set_weights
 from drivers.base.arrays import Array
@@ -37,6 +44,8 @@ _LEAST_HELD = 0.5
 """Part of what a cause adds that held-out runs, or each repeat, must show for its name to stand."""
 _DIFFERS = 0.5
 """Probability that repeats differ by more than noise from which each must show a cause."""
+_QUANTISATION, _FINER = EFFECT_OF["quantum_arcsec"], 0.2
+"""Finest step in a log over a quantum up to which that is not the quantum of what was logged."""
 _LONG_S = 3600.0
 _LOST_FRACTION = 1e-4
 
@@ -128,7 +137,8 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         weights = set_weights(found.judged)
         differs = ready.noise.differs
         unnamed = sum(both[1] for both in weights.values())
-        unknown = 1.0 - (1.0 - unnamed) * (1.0 - differs)
+        shaken = _shaken(ready.noise, runs)
+        unknown = 1.0 - (1.0 - unnamed) * (1.0 - differs) * (1.0 - shaken)
         null = weights.get(frozenset(), (0.0, 0.0))[0]
         if null > _DOUBTED:
             causes, resembles = (), ()
@@ -147,7 +157,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         finding = RateFinding(
             signal="rate",
             unit="deg/h",
-            verdict=_verdict(bool(causes or stochastic), unknown, runs),
+            verdict=_verdict(bool(causes or stochastic), unknown, runs, shaken),
             causes=causes,
             places=tuple(where),
             left=tuple(left),
@@ -172,6 +182,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             unknown_parts=(
                 *(_unknown_parts(found, variants, left, active) if unknown > 0.5 else ()),
                 *(_differing(ready, best.solution) if differs > 0.5 and not best.line else ()),
+                *([shaken_part(ready.noise.noise, _finest_arcsec(runs))] if shaken > 0.5 else ()),
             ),
             latitude_deg=runs[0].stimulus.latitude_deg,
             learned=closing,
@@ -238,8 +249,8 @@ def _doubted(finding: RateFinding, parts: Sequence[float], where: str) -> RateFi
     )
 
 
-def _verdict(named: bool, unknown: float, runs: Sequence[GapRun]) -> str:
-    if not named and _constant(runs):
+def _verdict(named: bool, unknown: float, runs: Sequence[GapRun], shaken: float) -> str:
+    if not named and shaken < 0.5 and _constant(runs):
         return "nothing to identify"
     if unknown > 0.5:
         return "explained in part" if named else "unknown"
@@ -251,6 +262,21 @@ def _stochastic(verdict: NoiseVerdict, runs: Sequence[GapRun]) -> dict[str, floa
     if max(run.lost_fraction for run in runs) > _LOST_FRACTION:
         found["lost_frames"] = 1.0
     return found
+
+
+def _shaken(verdict: NoiseVerdict, runs: Sequence[GapRun]) -> float:
+    """Return the probability of noise as of quantisation where the logs have steps far finer than its quantum.
+
+    White noise of the angle has the same spectrum: a base that shakes makes it.
+    """
+    if verdict.named != _QUANTISATION or not _finest_arcsec(runs) < _FINER * verdict.noise.quantum_arcsec:
+        return 0.0
+    return verdict.probabilities[_QUANTISATION]
+
+
+def _finest_arcsec(runs: Sequence[GapRun]) -> float:
+    """Return the coarsest of the logs' finest steps of angle, NaN where one is not known."""
+    return float(np.max([run.finest_arcsec for run in runs]))
 
 
 def _corrected(model: Model, solution: Solution, noise: Noise) -> Model:

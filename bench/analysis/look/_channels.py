@@ -15,34 +15,41 @@ from drivers.base.constants import STANDARD_GRAVITY_MPS2
 from drivers.base.errors import ConfigurationError
 
 TIME, GYRO, ACCELEROMETER, TEMPERATURE = "time", "gyro", "accelerometer", "temperature"
+NOBODY_KNOWS = "gyro?"
 QUANTITIES = {TIME: "time", GYRO: "rate", ACCELEROMETER: "specific force", TEMPERATURE: "temperature"}
 _INERTIAL = ("rate", "specific force")
 _NAMES = {
-    TIME: r"^(t|ts|stamp|sec(onds)?|utc\w*|date\w*|\w*timestamps?\w*|t_?\(?m?u?n?s\)?)$|"
-    r"^time|^elapsed|(^|[ _])i?tow$",
+    TIME: r"^(t|ts|stamp|sec(onds)?|utc\w*|date\w*|t_?\(?m?u?n?s\)?)$|timestamp|"
+    r"^time|^elapsed|(^|[ _])i?tow$|(^|[ _.a-z])time([ _]?[mun]?s)?$",
     TEMPERATURE: r"temp(?!l|or)|^t_?(in|out|gyro|imu|c)$|thermo",
-    ACCELEROMETER: r"acc(?!ur)|^[af]_?[xyz](?![a-z])|specific",
+    ACCELEROMETER: r"acc(?!ur)|^[af]_?[xyz](?![a-z])|specific|^(delta|d)[_ ]?v(el\w*)?(?![a-z])",
     GYRO: r"gyr|omega|ang\w*[_ .]?(vel|rate)|^[wg]_?[xyz](?![a-z])|^[pqr]$|"
-    r"(^|[_ .]|yaw|roll|pitch)rate(_?[xyz]|$)",
+    r"(^|[_ .]|yaw|roll|pitch)rate(_?[xyz]|$)|^(delta|d)[_ ]?(ang\w*|theta)",
 }
 """In this order: a temperature of a gyro is a temperature."""
 _OTHERWISE = re.compile(
     r"bias|status|valid|^est_|estimate|flag|std|cov|samples|_?count(er)?$|mag(n|_|$)|demand|command|set_?point|target|"
-    r"(table|sampl\w*|frame|data|baud|heart|turntable)[_ ]?(rate|ang)"
+    r"(table|sampl\w*|frame|data|baud|heart|turntable)[_ ]?(rate|ang)|norm(?!al)|abs|magnitude|total|resultant|"
+    r"(^|[_ ])dt$|integral|interval|clip|relative|packet|_id$"
 )
-"""Columns that are none of these in spite of their names."""
+"""Columns that are none of these in spite of their names or units."""
+_WITHOUT_GRAVITY = re.compile(r"lin(ear)?[_ ]?acc|gravity|user|free[_ ]?acc")
+"""A phone's accelerations of these names are a filter's, where it has an accelerometer beside them."""
 _COUNTER = re.compile(r"sample|row|index|count|^n$|^i$|frame|seq|packet")
 _IN_NAME = {
     "rad/s": r"rad_?(per_?|/)?s(ec)?|rads", "deg/s": r"dps|deg_?(per_?|/)?s(ec)?",
     "deg/h": r"dph|deg_?(per_?|/)?h", "m/s^2": r"m_?(per_?|/)?s\^?2|mps2|ms2", "mg": "_mg", "g": "_gs?",
     "degC": "deg_?c|_c", "K": "_k",
-    "ns": "_ns|nano(s\\w*)?", "us": "_us|micro(s\\w*)?", "ms": "_ms|milli(s\\w*)?", "s": "_s|_sec(onds)?",
+    "ns": "_ns|nano(s\\w*)?", "us": "_us|timeus|micro(s\\w*)?", "ms": "_ms|timems|milli(s\\w*)?",
+    "s": "_s|_sec(onds)?",
 }  # fmt: skip
 _AXIS = re.compile(r"(?:^|[^a-z])[a-z]?([xyz])(?![a-z])|([xyz])$|(?:gyro?|acc|rate|omega)_?([xyz])")
 _AXIS_WORDS = {"roll": "x", "pitch": "y", "yaw": "z", "p": "x", "q": "y", "r": "z"}
 _AS_IT_IS = Scale(1.0)
 _G_NEAR = 0.15
 """How far the norm of accelerometers at rest may be off gravity."""
+_PACE, _PACE_ROWS = 0.02, 4.0
+"""Part, and rows in all, by which times of one log may differ in pace: clocks differ by far less."""
 _SLOWEST_HZ, _FASTEST_HZ = 0.2, 20e3
 _EPOCH_S = (0.9e9, 4.1e9)
 """Seconds since 1970 from 1998 to 2099."""
@@ -69,13 +76,17 @@ class Channel:
 
 @dataclass(frozen=True)
 class Columns:
-    """What the columns are: channels, the time (None without), and what nobody knows and how to say it."""
+    """What the columns are: channels, the time (None without), and what nobody knows and how to say it.
+
+    `guessed`: nothing tells what the columns are; all that vary are taken for gyros.
+    """
 
     channels: tuple[Channel, ...]
     time: Channel | None
     ignored: tuple[str, ...]
     remarks: list[str] = field(default_factory=list)
     questions: list[str] = field(default_factory=list)
+    guessed: bool = False
 
 
 def is_gyro(name: str) -> bool:
@@ -89,8 +100,9 @@ def assign(
     told: Sequence[str],
     told_units: Sequence[str],
     rate_hz: float | None,
+    log_name: str = "",
 ) -> Columns:
-    """Say what every column is.
+    """Say what every column is: by its name, its unit, the log's name ("Gyroscope"), or else by its values.
 
     `told` are texts KIND=NAME,NAME (globs; "gyro", "accelerometer", "temperature", "time"), `told_units` texts
     NAME=UNIT (see `scale_of`: "gx=0.0305 deg/s"), `units` what the file says, `rate_hz` what is known of the
@@ -107,12 +119,14 @@ def assign(
         said_units |= dict.fromkeys(_matching(columns, pattern), unit.strip())
     remarks: list[str] = []
     questions: list[str] = []
-    kinds = {name: _kind_of(name) for name in columns} | said
+    kinds = _kinds(columns, units, log_name) | said
     foreign = [
         name for name, unit in units.items() if not any(scale_of(q, unit) for q in ("time", *_INERTIAL))
     ]
     if not {GYRO, ACCELEROMETER, TEMPERATURE} & set(kinds.values()) and not set(foreign) & set(columns):
-        kinds |= _by_values(columns, remarks) | said
+        kinds |= _by_values(columns, _kind_of(log_name), remarks) | said
+    guessed_gyros = NOBODY_KNOWS in kinds.values()
+    kinds = {name: GYRO if kind == NOBODY_KNOWS else kind for name, kind in kinds.items()}
     known = {name: _known(name, kinds[name], units, said_units, remarks) for name in columns}
     time = _time(columns, kinds, known, TIME in said.values(), rate_hz, questions)
     channels: list[Channel] = []
@@ -135,8 +149,36 @@ def assign(
             )
     used = {channel.name for channel in channels} | ({time.name} if time else set())
     return Columns(
-        tuple(channels), time, tuple(name for name in columns if name not in used), remarks, questions
-    )
+        tuple(channels), time, tuple(name for name in columns if name not in used), remarks, questions,
+        guessed_gyros,
+    )  # fmt: skip
+
+
+def _kinds(columns: Mapping[str, Array], units: Mapping[str, str], log_name: str) -> dict[str, str]:
+    """Return what each column is by its name, else by its unit, else, of x, y, z, by the log's name."""
+    kinds = {name: _kind_of(name) or _kind_by_unit(name, units.get(name, "")) for name in columns}
+    if not {GYRO, ACCELEROMETER} & set(kinds.values()) and (kind := _kind_of(log_name)) in (
+        GYRO,
+        ACCELEROMETER,
+    ):
+        kinds |= dict.fromkeys([name for name in columns if name.lower() in ("x", "y", "z")], kind)
+    filtered = {name for name, kind in kinds.items()
+                if kind == ACCELEROMETER and _WITHOUT_GRAVITY.search(name.lower())}  # fmt: skip
+    if filtered < {name for name, kind in kinds.items() if kind == ACCELEROMETER}:
+        kinds |= dict.fromkeys(filtered, "")
+    return kinds
+
+
+def _kind_by_unit(name: str, unit: str) -> str:
+    """Return what a column of another name is by a unit that only one kind has: "w_RS_S_x [rad s^-1]"."""
+    if (
+        not unit
+        or _OTHERWISE.search(name.lower())
+        or scale_of("specific force", unit) == scale_of("specific force", "g")
+    ):
+        return ""
+    kinds = (GYRO, ACCELEROMETER, TEMPERATURE)
+    return next((kind for kind in kinds if scale_of(QUANTITIES[kind], unit)), "")
 
 
 def _matching(columns: Mapping[str, Array], pattern: str) -> list[str]:
@@ -167,24 +209,30 @@ def _axes(names: Sequence[str]) -> list[str]:
     return [*"xyz"] * (len(names) // 3) if not any(axes) and len(names) in (3, 6) else axes
 
 
-def _by_values(columns: Mapping[str, Array], remarks: list[str]) -> dict[str, str]:
-    """Say what columns without telling names are: a time grows, three accelerometers have the norm of gravity."""
+def _by_values(columns: Mapping[str, Array], log_kind: str, remarks: list[str]) -> dict[str, str]:
+    """Say what columns without telling names are: a time grows, three accelerometers have the norm of gravity.
+
+    `log_kind`: what the log's own name says, of three columns beside a time.
+    """
     kinds: dict[str, str] = {}
     names = list(columns)
     if _grows(columns[names[0]]):
         kinds[names.pop(0)] = TIME
     triples = [names[k : k + 3] for k in range(0, len(names) - 2, 3)] if len(names) in (3, 6, 7) else []
     heavy = [triple for triple in triples if _accelerometer_unit(columns, triple)]
-    if triples and (len(triples) == 1 or len(heavy) == 1):
+    other = log_kind if len(triples) == 1 and log_kind != TIME else GYRO if len(heavy) == 1 else ""
+    if triples and (other or heavy == triples):
         for triple in triples:
-            kinds |= dict.fromkeys(triple, ACCELEROMETER if triple in heavy else GYRO)
+            kinds |= dict.fromkeys(triple, ACCELEROMETER if triple in heavy else other)
         told = ", ".join(f"{name} {kind}" for name, kind in kinds.items())
-        remarks.append(f"what the columns are is told by their values: {told}")
+        remarks.append(f"what the columns are is told by their values or the log's name: {told}")
         return kinds
+    names = [name for name in names if np.ptp(columns[name]) > 0.0 and not _grows(columns[name])] or names
     remarks.append(
-        "the names of the columns say nothing: all are looked at as gyros; say --column gyro=... otherwise"
+        f"the names of the columns say nothing: {', '.join(names)} are looked at as gyros, the whole log "
+        "as rest; say --column gyro=... otherwise"
     )
-    return kinds | dict.fromkeys(names, GYRO)
+    return kinds | dict.fromkeys(names, NOBODY_KNOWS)
 
 
 def _known(
@@ -206,7 +254,8 @@ def _known(
         return ""
     ends = r"(?:{})(?![a-z0-9^])"
     named = (unit for unit in _IN_NAME if scale_of(quantity, unit) is not None)
-    return next((unit for unit in named if re.search(ends.format(_IN_NAME[unit]), name.lower())), "")
+    plain = re.sub(r"[ \[]+", "_", name.lower())
+    return next((unit for unit in named if re.search(ends.format(_IN_NAME[unit]), plain)), "")
 
 
 def _guessed_unit(kind: str, columns: Mapping[str, Array], names: Sequence[str]) -> str:
@@ -227,9 +276,11 @@ def _accelerometer_unit(columns: Mapping[str, Array], names: Sequence[str]) -> s
     return ""
 
 
-def _grows(values: Array) -> bool:
+def _grows(values: Array, *, named: bool = False) -> bool:
+    """Return whether a column is a time; one `named` so may have coarse stamps, several rows the same."""
     step = np.diff(values[np.isfinite(values)][:100_000])
-    return len(step) > 1 and bool((step > 0.0).mean() > 0.99)
+    forward = step >= 0.0 if named else step > 0.0
+    return len(step) > 1 and bool(forward.mean() > 0.99 and step.sum() > 0.0)
 
 
 def _time(
@@ -241,12 +292,22 @@ def _time(
     questions: list[str],
 ) -> Channel | None:
     """Return the time column; without a unit where several are possible."""
-    name = next((name for name in columns if kinds[name] == TIME and _grows(columns[name])), None)
-    if name is None or (not told and _COUNTER.search(name.lower()) and not known[name]):
+    times = [name for name in columns if kinds[name] == TIME and _grows(columns[name], named=True)]
+    if not told:
+        times = [name for name in times if known[name] or not _COUNTER.search(name.lower())]
+    if not times:
         return None
+    name = times[0]
+    paces = {one: _length(columns[one]) / max(_length(columns[name]), 1e-300) for one in times}
+    slack = max(_PACE, _PACE_ROWS / len(columns[name]))
+    if other := next((one for one in times if not _same_pace(paces[one], slack)), ""):
+        questions.append(
+            f"{name} and {other} are times of different pace: sensors sampled apart; say --column time=..."
+        )
     if known[name]:
         return _channel(name, TIME, "", known[name])
     step, start = float(np.nanmedian(np.diff(columns[name]))), float(columns[name][0])
+    step = step or _length(columns[name]) / (len(columns[name]) - 1)
     rates = {unit: 1.0 / (step * _factor(unit)) for unit in ("s", "ms", "us", "ns")}
     fitting = [
         unit for unit, rate in rates.items()
@@ -258,6 +319,16 @@ def _time(
         likely = ", ".join(f"{unit}: {rates[unit]:.4g} Hz" for unit in fitting or rates)
         questions.append(f"the unit of {name} is not in the log ({likely}): say --unit {name}=...")
     return _channel(name, TIME, "", fitting[0] if len(fitting) == 1 else "")
+
+
+def _length(times: Array) -> float:
+    known = times[np.isfinite(times)]
+    return float(known[-1] - known[0])
+
+
+def _same_pace(ratio: float, slack: float) -> bool:
+    """Return whether two times are of one pace but for their units."""
+    return any(abs(ratio / unit - 1.0) < slack for unit in (1.0, 1e3, 1e-3, 1e6, 1e-6, 1e9, 1e-9))
 
 
 def _factor(unit: str) -> float:

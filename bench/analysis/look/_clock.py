@@ -22,6 +22,12 @@ _MOST_TIMES, _ALWAYS = 100, 1_000_000
 """Times as many places as rows, and as many places always, that a log's gaps may make."""
 _CAUGHT_UP = 3
 """Rows after a late one by which it is made up for."""
+_BURST_ROWS = (64, 512, 4096)
+"""Rows whose span may say the pace of times that are coarse, or at which a host read rows in bursts."""
+_BURST_STEADY = 1.35
+"""Ratio of long and short such spans (90 % and 10 %) up to which they have one pace."""
+_FEW_EVEN = 0.98
+"""Part of steps alike below which they may be those of bursts, if they cover less than half of the time."""
 _PAD = 4
 """Rows at an end that only repeat one value from which on they are padding."""
 
@@ -32,6 +38,7 @@ class Clock:
 
     `gaps`: pauses of more than one and a half steps, `lost` the rows missing in them, `longest_s` the longest;
     `odd` rows at a time not after the one before. `jitter_s` is 1 sigma of the steps. `source` says who told.
+    `bursts`: the times are those at which a host read rows in bursts; rows are taken as equally far apart.
     """
 
     rate_hz: float
@@ -43,6 +50,7 @@ class Clock:
     longest_s: float = 0.0
     odd: int = 0
     jitter_s: float = 0.0
+    bursts: bool = False
 
     @property
     def known(self) -> bool:
@@ -100,11 +108,18 @@ def clock_of(
     even = forward & (step < _GAP * usual) & (step > usual / _GAP)
     if even.mean() > 0.5:
         usual = float(step[even].mean())
+    covered = step[even].sum() / max(step[forward].sum(), 1e-300)
+    coarse = (step == 0.0).mean() > 0.5
+    pace = _pace_of_bursts(time_s) if coarse or (even.mean() < _FEW_EVEN and covered < 0.5) else None
+    if pace is None:
+        # A row that came late is none missing where those after it come early by as much: a bus or host was busy.
+        early = np.append(np.where(forward, np.clip(1.0 - step / usual, 0.0, 1.0), 0.0), np.zeros(_CAUGHT_UP))
+        after = sum(early[k : len(step) + k] for k in range(1, _CAUGHT_UP + 1))
+        ahead = np.where(forward, np.maximum(np.rint(step / usual - after), 1.0), 0.0).astype(np.int64)
+    else:
+        (usual, longest_s), forward = pace, np.ones(len(step), np.bool_)
+        ahead = np.where(step > longest_s, np.rint(step / usual), 1.0).astype(np.int64)
     unit_s = 1.0 if in_s else 1.0 / (usual * (rate_hz or 1.0))
-    # A row that came late is none missing where those after it come early by as much: a bus or a host was busy.
-    early = np.append(np.where(forward, np.clip(1.0 - step / usual, 0.0, 1.0), 0.0), np.zeros(_CAUGHT_UP))
-    after = sum(early[k : len(step) + k] for k in range(1, _CAUGHT_UP + 1))
-    ahead = np.where(forward, np.maximum(np.rint(step / usual - after), 1.0), 0.0).astype(np.int64)
     late = ahead > 1
     if ahead.sum() > _MOST_TIMES * rows + _ALWAYS:
         at = int(np.argmax(ahead))
@@ -126,8 +141,24 @@ def clock_of(
         float(step[late].max(initial=0.0)) * unit_s,
         int((~forward).sum()),
         float(step[even].std()) * unit_s if even.any() else 0.0,
+        pace is not None,
     )
     return clock, Grid(slot, int(slot.max()) + 1)
+
+
+def _pace_of_bursts(time_s: Array) -> tuple[float, float] | None:
+    """Return the usual step of rows (n,) that came in bursts of one pace, and the longest between bursts.
+
+    None for too few rows, or rows of no steady pace.
+    """
+    for rows in _BURST_ROWS:
+        spans = time_s[rows:] - time_s[:-rows]
+        if len(spans) < 3 * rows:
+            return None
+        short, usual, long = np.quantile(spans, (0.1, 0.5, 0.9))
+        if 0.0 < long < _BURST_STEADY * short:
+            return float(spans[spans < 2.0 * usual].mean()) / rows, float(usual)
+    return None
 
 
 def without_padding(columns: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:

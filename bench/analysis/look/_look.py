@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +28,13 @@ from bench.analysis.look._temperature import FASTEST_K_PER_S, TemperatureLook, d
 from bench.record.exchange import read_table
 from bench.record.shown import Shown
 from drivers.base.arrays import Array
-from drivers.base.constants import DPH_PER_DPS
+from drivers.base.constants import DPH_PER_DPS, STANDARD_GRAVITY_MPS2
 from drivers.base.errors import ConfigurationError
 
 _MOST_VALUES = 64
 """Values of an array that are still facts; longer ones are curves for plots."""
 _FEWEST = 64
+_GRAVITY_OFF = 0.15
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ class AxisLook:
     """One gyro or accelerometer. Noise and spectrum are those of the longest unbroken rest (s from row one).
 
     `figures` are those of all rests, of an accelerometer in a log with turns of the longest one.
-    `values`, shape (n,): on the grid, in `channel.base_unit`; the Allan deviation of a gyro is in deg/h.
+    `values`, shape (n,): on the grid, in `channel.base_unit`; the Allan deviation of a gyro is in deg/h. Without
+    `clock_known` every s is a sample, and the deviation is in the gyro's own unit.
     """
 
     channel: Channel
@@ -70,6 +72,7 @@ class AxisLook:
     spectrum: Spectrum | None
     temperature: TemperatureLook | None
     values: Array
+    clock_known: bool = True
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,7 +121,7 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
     sound, remarks = without_padding(table.columns)
     told = [f"{TIME}={table.time}", *options.columns] if table.time in sound else options.columns
     units = table.units | ({table.time: "s"} if table.time else {})
-    columns = assign(sound, units, told, options.units, options.rate_hz or table.rate_hz)
+    columns = assign(sound, units, told, options.units, options.rate_hz or table.rate_hz, log.stem)
     if not any(channel.kind in (GYRO, ACCELEROMETER) for channel in columns.channels):
         raise ConfigurationError(
             "the log has no gyro and no accelerometer",
@@ -141,7 +144,9 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
         placed[channel] = grid.put(recorded[channel])
     temperatures = {channel.name: values for channel, values in placed.items() if channel.kind == TEMPERATURE}
     axes = {channel: values for channel, values in placed.items() if channel.kind != TEMPERATURE}
-    gyros = [channel for channel in axes if channel.kind == GYRO and not options.still]
+    gyros = [
+        channel for channel in axes if channel.kind == GYRO and not options.still and not columns.guessed
+    ]
     motion = motion_of(
         [axes[channel] for channel in gyros],
         [channel.axis or channel.name for channel in gyros],
@@ -150,13 +155,18 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
         clock.per_s,
         all(channel.unit for channel in gyros),
     )
+    if motion.judged and not motion.rest.any():
+        remarks.append(
+            "nothing in it rests: means, drifts and noise are those of the whole record in its motion"
+        )
+        motion = replace(motion, rest=np.ones(grid.count, np.bool_))
     heat = next(iter(temperatures.items()), None)
     looks = tuple(
         _axis(channel, values, recorded[channel], motion, clock, heat) for channel, values in axes.items()
     )
     questions = (*columns.questions, *_clock_questions(clock, columns.questions, temperatures))
     held = held_remarks({channel.name: sound[channel.name] for channel in columns.channels})
-    remarks = [*table.remarks, *remarks, *columns.remarks, *held]
+    remarks = [*table.remarks, *remarks, *columns.remarks, *_gravity_remarks(looks), *held]
     return Look(log, clock, columns, motion, looks, temperatures, tuple(remarks), questions)
 
 
@@ -173,6 +183,20 @@ def _clock_questions(clock: Clock, asked: list[str], temperatures: Mapping[str, 
     ]
 
 
+def _gravity_remarks(looks: Sequence[AxisLook]) -> list[str]:
+    """Say if three accelerometers of a known unit do not feel gravity at rest: no such thing rests on Earth."""
+    heavy = [axis for axis in looks if axis.channel.kind == ACCELEROMETER and axis.channel.unit]
+    if len(heavy) != 3:
+        return []
+    norm = float(np.sqrt(sum(axis.figures.mean**2 for axis in heavy)))
+    if abs(norm / STANDARD_GRAVITY_MPS2 - 1.0) < _GRAVITY_OFF:
+        return []
+    return [
+        f"the accelerometers' mean is {norm:.3g} m/s^2 in all, not gravity's {STANDARD_GRAVITY_MPS2:.2f}: "
+        "gravity is taken off, or they move, or their unit is another"
+    ]
+
+
 def _axis(
     channel: Channel,
     values: Array,
@@ -182,24 +206,24 @@ def _axis(
     heat: tuple[str, Array] | None,
 ) -> AxisLook:
     part = longest(np.isfinite(values) & motion.rest)
-    if part.stop - part.start < _FEWEST:
-        part = longest(np.isfinite(values))
     rest = motion.rest
     if motion.turns and channel.kind == ACCELEROMETER:  # after a turn gravity is another one
         rest = np.zeros(len(values), np.bool_)
         rest[part] = True
     figures, clean = figures_of(values, rest, clock.per_s, recorded[np.isfinite(recorded)])
     stretch, per_s = clean[part], clock.per_s
-    factor, unit = (DPH_PER_DPS, "deg/h") if channel.base_unit == "deg/s" else (1.0, channel.base_unit)
+    in_dph = channel.base_unit == "deg/s" and clock.known
+    factor, unit = (DPH_PER_DPS, "deg/h") if in_dph else (1.0, channel.base_unit)
     return AxisLook(
         channel,
         figures,
         part.start / per_s,
         part.stop / per_s,
-        allan_of(stretch * factor, per_s, unit),
+        allan_of(stretch * factor, per_s, unit) if len(stretch) >= _FEWEST else None,
         spectrum_of(stretch, per_s) if len(stretch) >= _FEWEST else None,
         dependence(clean, heat[1], motion.rest, heat[0]) if heat else None,
         values,
+        clock.known,
     )
 
 

@@ -16,9 +16,12 @@ _SHAKEN = 3.0
 """Times the quiet windows' scatter from which on a window is not at rest."""
 _LEVEL_DPS = 0.5
 """Rate off the level at rest that is turning, at least; half the scatter of a coarser gyro's samples."""
+_LAG_S = 0.05
+_SWUNG, _STEPS, _STEP_WINDOWS = 2.0, 4.0, 200
+"""Scatter over that of samples 50 ms apart from which on a window swings; steps of the grid that it must have."""
 _SHORTEST = 2
 """Windows of the shortest stretch that is told."""
-_ONSET = 6.0
+_ONSET = 3.0
 """Times the scatter of samples by which the level changes where a turn begins or ends; in a drift it does not."""
 
 
@@ -67,11 +70,15 @@ def motion_of(
     mean, scatter, middle = (
         np.stack([of(block, axis=1) for block in blocks], axis=1) for of in (np.mean, np.std, np.median)
     )
+    whole = np.isfinite(scatter).all(axis=1)
+    if whole.sum() < 4:
+        return Motion(np.ones(count, np.bool_), (), (), 0.0, judged=False)
     usual = np.maximum(np.nanmedian(scatter, axis=0) * 1e-3, np.nanquantile(scatter, 0.2, axis=0))
     quiet = (scatter <= _SHAKEN * np.maximum(usual, 1e-15)).all(axis=1)
     mean, scatter, middle = (part[:, : len(gyros)] for part in (mean, scatter, middle))
+    quiet &= ~_swung(blocks[: len(gyros)], scatter, max(1, round(_LAG_S * per_s))).any(axis=1)
     if not quiet.any():
-        quiet = scatter.sum(axis=1) <= np.nanquantile(scatter.sum(axis=1), 0.2)
+        return Motion(np.zeros(count, np.bool_), (), (), 0.0)
     noise = np.median(scatter[quiet], axis=0)
     size = np.sqrt((middle**2).sum(axis=1))
     level = np.median(middle[quiet & (size <= np.quantile(size[quiet], 0.25))], axis=0)
@@ -96,6 +103,21 @@ def motion_of(
     mask[: windows * length] = np.repeat(rest, length)
     shaken = ~rest & ~turning & np.isfinite(mean).all(axis=1)  # neither in a gap
     return Motion(mask, rests, tuple(turns), float(shaken.sum() * seconds))
+
+
+def _swung(blocks: Sequence[Array], scatter: Array, lag: int) -> NDArray[np.bool_]:
+    """Return windows (windows, gyros) that vary by far more than from sample to sample: swings, not noise.
+
+    Windows that scatter by few steps of the gyro's grid tell nothing.
+    """
+    rough = np.stack([np.sqrt(0.5 * ((b[:, lag:] - b[:, :-lag]) ** 2).mean(axis=1)) for b in blocks], axis=1)
+    step = np.array([_step(block) for block in blocks])
+    return np.asarray((scatter > _SWUNG * rough) & (scatter > _STEPS * step), np.bool_)
+
+
+def _step(values: Array) -> float:
+    apart = np.diff(np.unique(values[:_STEP_WINDOWS]))
+    return float(apart[apart > 0.0].min(initial=np.inf)) if len(apart) else 0.0
 
 
 def _long(mask: NDArray[np.bool_]) -> list[list[int]]:

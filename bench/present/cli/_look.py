@@ -127,7 +127,7 @@ def _row(axis: AxisLook) -> tuple[str, ...]:
         axis.channel.base_unit,
         f"{figures.mean:.5g} +- {figures.mean_sigma:.2g}",
         f"{figures.sigma:.3g}",
-        f"{figures.drift_per_h:.3g} +- {figures.drift_sigma:.2g}",
+        f"{figures.drift_per_h:.3g} +- {figures.drift_sigma:.2g}" if axis.clock_known else "-",
     )
 
 

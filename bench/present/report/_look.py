@@ -85,6 +85,8 @@ def _axes(found: Look) -> Table:
             (own.drift_sigma, 2),
         )
         cells = [significant(*figure) for figure in (*figures, (own.quantum, 3))]
+        if not axis.clock_known:
+            cells[3:5] = [DASH, DASH]
         rows.append(named(axis.channel.name, kind, unit, *cells, "; ".join(noticed(axis)) or DASH))
     return Table([*heads, ">Quantum", "Noticed"], rows, "Figures at rest, in the unit of the row.")
 
@@ -131,7 +133,8 @@ def _noise(found: Look) -> Table:
             rows.append(
                 named(*heads, name, significant(value, 3), interval(low, high), fit if number == 0 else "")
             )
-    caption = "Coefficients with 95 % intervals, in the axis' unit, times in h."
+    times = "times in h" if found.clock.known else "3600 samples counting as an hour"
+    caption = f"Coefficients with 95 % intervals, in the axis' unit, {times}."
     return Table(["Axis", "Unit", "Coefficient", ">Value", ">95 % interval", "Fit"], rows, caption)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from bench.record.exchange._text import layout_of, names_and_units, read_rows
+from bench.record.exchange._text import head_of, layout_of, names_and_units, read_rows
 from bench.record.recording import check_room
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
@@ -27,6 +27,9 @@ TIME_OF_FILE = "time of the file"
 MDF_ENDINGS = (".mf4", ".mdf", ".dat")
 _PACKED = (".gz", ".bz2", ".zst", ".lz4", ".br", ".zip", ".xz")
 _KINDS = "text, Parquet (.parquet, .pq), MAT, NPY, NPZ, HDF5 (.h5) or MDF (.mf4)"
+_CHECKSUM = r"\*[0-9A-Fa-f]{2}$"
+"""As NMEA 0183 puts it behind the last number of a line."""
+_LABELS = ("_label", "_labels", "_names")
 _SHOWN = 20
 _NO_PERIODS: Mapping[str, float] = {}
 Sought = Callable[[str], bool]
@@ -70,27 +73,52 @@ def read_table(
         if ending in (".parquet", ".pq"):
             return _parquet(file, names)
         if ending == ".npy":
-            return _arrays(file, {file.stem: np.load(file, mmap_mode="r", allow_pickle=False)}, names, group)
+            array = np.load(file, mmap_mode="r", allow_pickle=False)
+            return _arrays(file, {file.stem: array}, names, group, sought)
         if ending == ".npz":
-            return _arrays(file, dict(np.load(file, allow_pickle=False)), names, group)
-        if ending in (".mat", ".h5", ".hdf5", ".hdf"):
-            return _arrays(file, _mat(file) if ending == ".mat" else _hdf5(file), names, group)
-        if ending in MDF_ENDINGS:
+            return _arrays(file, dict(np.load(file, allow_pickle=False)), names, group, sought)
+        if ending in (".mat", ".h5", ".hdf5", ".hdf") and not _is_text(file):
+            return _arrays(file, _mat(file) if ending == ".mat" else _hdf5(file), names, group, sought)
+        if ending in MDF_ENDINGS and not _is_text(file):
             return _mdf(file, names, dbc, periods, sought)
-        layout = layout_of(file, separator, skip)
+        head = head_of(file)
+        layout = layout_of(file, head, separator, skip)
+        if layout is None:
+            return _lines(file, head, names, group, sought)
         labels, units = _labelled(names, layout.headers, layout.units, file)
         frame, odd = read_rows(file, layout, list(labels))
         table = _table(frame.rename(columns=labels), layout.decimal, [layout.remark], units, layout.rate_hz)
-        if odd:
-            table.words[""] = (
-                f"{len(odd)} rows with another number of cells left out, the first {odd[0][:60]!r}"
-            )
-            table.remarks.append(table.words[""])
-        return table
+        return _without_odd(table, odd)
     except ConfigurationError:
         raise
     except (OSError, MemoryError, ValueError, KeyError, pa.ArrowException) as error:
         raise _unreadable(file, str(error).splitlines()[0] if str(error) else type(error).__name__) from error
+
+
+def _lines(file: Path, head: Sequence[str], names: Sequence[str], tag: str, sought: Sought) -> Table:
+    """Return the columns of a text that is no table; ConfigurationError if it is of no kind that is known."""
+    from bench.record.exchange._lines import lines_of
+
+    lines = lines_of(file, head, tag, sought)
+    if lines is None:
+        raise ConfigurationError(
+            "the log cannot be read: no rows of numbers in the head of the text",
+            where=str(file),
+            found=repr(head[0][:60]) if head else "nothing",
+            expected="columns of numbers, or a name before every number",
+            remedy="name the separator and the lines to skip (`gyrobench look` takes --separator and --skip)",
+        )
+    wanted = _checked(names, [str(name) for name in lines.frame], file)
+    units = {name: unit for name, unit in lines.units.items() if name in wanted}
+    return _without_odd(_table(lines.frame[wanted], ".", [lines.remark], units), lines.odd)
+
+
+def _without_odd(table: Table, odd: Sequence[str]) -> Table:
+    """Return a table with a word on rows that were left out, if there are."""
+    if odd:
+        table.words[""] = f"{len(odd)} rows with another number of cells left out, the first {odd[0][:60]!r}"
+        table.remarks.append(table.words[""])
+    return table
 
 
 def _unreadable(file: Path, found: str) -> ConfigurationError:
@@ -157,7 +185,7 @@ def _numbers(values: pd.Series, decimal: str) -> tuple[Array | None, str, bool]:
     if pd.api.types.is_timedelta64_dtype(values):
         values = pd.Timestamp(0) + values
     if not pd.api.types.is_datetime64_any_dtype(values):
-        text = values.astype("string").str.strip()
+        text = values.astype("string").str.strip().str.replace(_CHECKSUM, "", regex=True)
         numbers = pd.to_numeric(text.str.replace(",", ".") if decimal == "," else text, errors="coerce")
         known = text.notna().to_numpy(np.bool_)
         odd = known & ~np.isfinite(numbers.to_numpy(np.float64, na_value=np.nan))
@@ -177,6 +205,9 @@ def _dates(text: pd.Series) -> pd.Series:
     """Return times of day or date-times; day and month in the order that misses fewest and spans least."""
     import pandas as pd
 
+    text = text.str.replace(
+        r"(\d\d:\d\d:\d\d)[:_,](\d{1,6})$", r"\1.\2", regex=True
+    )  # ms behind another mark
     first = str(text.dropna().iloc[0])
     if re.match(r"\d{1,2}:\d\d", first):
         return pd.Timestamp(0) + pd.to_timedelta(text, errors="coerce")
@@ -204,34 +235,64 @@ def _parquet(file: Path, names: Sequence[str]) -> Table:
     return _table(frame, ".", [], units)
 
 
-def _arrays(file: Path, arrays: dict[str, Any], names: Sequence[str], group: str) -> Table:
-    """Return the columns of a file's arrays: vectors by their names, columns of matrices by number."""
-    tables = {name: np.atleast_1d(np.squeeze(array)) for name, array in arrays.items()}
+def _arrays(file: Path, arrays: dict[str, Any], names: Sequence[str], group: str, sought: Sought) -> Table:
+    """Return the columns of a file's arrays of one length: vectors by their names, columns of matrices by number,
+    or by the words of an array NAME_label, NAME_labels or NAME_names beside them.
+
+    Of several lengths that with most columns `sought` (or `names`) is taken, of equal ones the longest.
+    """
+    labels = {name: np.atleast_1d(np.squeeze(np.asarray(array))) for name, array in arrays.items()}
     tables = {
         name: array
-        for name, array in tables.items()
+        for name, array in labels.items()
         if array.dtype.names or (array.dtype.kind in "iufb" and array.ndim in (1, 2))
     }
     if group:
         tables = {group: tables[_checked([group], list(tables), file)[0]]}
-    rows = max((max(array.shape) for array in tables.values()), default=0)
-    columns: dict[str, Array] = {}
+    by_length: dict[int, dict[str, Any]] = {}
     for name, array in tables.items():
-        if max(array.shape) != rows:
-            continue
-        if array.dtype.names:
-            columns |= {key: np.array(array[key], np.float64).ravel() for key in array.dtype.names}
-        elif array.ndim == 1:
-            columns[name] = np.array(array, np.float64)
-        else:
-            upright = array if array.shape[0] == rows else array.T
-            check_room(str(file), *upright.shape)
-            prefix = name if len(tables) > 1 else "c"
-            columns |= {f"{prefix}{k + 1}": np.array(row, np.float64) for k, row in enumerate(upright.T)}
-    left_out = [name for name, array in tables.items() if max(array.shape) != rows]
+        rows = len(array) if array.dtype.names else max(array.shape)
+        words = next((labels[key] for end in _LABELS if (key := name + end) in labels), np.zeros(0))
+        by_length.setdefault(rows, {}).update(
+            _columns_of(file, name if len(tables) > 1 else "", array, words)
+        )
+    chosen = max(
+        by_length, key=lambda rows: (sum(n in names or sought(n) for n in by_length[rows]), rows), default=0
+    )
+    columns = {name: np.array(column, np.float64) for name, column in by_length.get(chosen, {}).items()}
     wanted = _checked(names, list(columns), file)
-    remarks = [f"left out, of another length: {', '.join(left_out)}"] if left_out else []
+    left_out = [name for rows, others in by_length.items() if rows != chosen for name in others]
+    more = f" and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
+    remarks = [f"left out, of another length: {', '.join(left_out[:_SHOWN])}{more}"] if left_out else []
     return Table({name: columns[name] for name in wanted}, remarks)
+
+
+def _columns_of(file: Path, name: str, array: Any, words: Any) -> dict[str, Any]:
+    """Return the columns of one array: fields of records, a vector, or a matrix upright or lying."""
+    if array.dtype.names:
+        parts = {key: np.squeeze(array[key]) for key in array.dtype.names}
+        parts = {
+            key: part for key, part in parts.items() if part.dtype.kind in "iufb" and len(part) == len(array)
+        }
+        columns: dict[str, Any] = {}
+        for key, part in parts.items():
+            columns |= {key: part} if part.ndim == 1 else _columns_of(file, key, part, ())
+        return columns
+    if array.ndim == 1:
+        return {name or "c1": array}
+    upright = array if array.shape[0] >= array.shape[1] else array.T
+    check_room(str(file), *upright.shape)
+    width = upright.shape[1]
+    if len(words) == width and len({str(word) for word in words}) == width:
+        return {".".join(filter(None, (name, str(words[k])))): upright[:, k] for k in range(width)}
+    return {f"{name or 'c'}{k + 1}": upright[:, k] for k in range(width)}
+
+
+def _is_text(file: Path) -> bool:
+    """Return whether a file is text whatever its name's ending says: a table saved as .mat or .dat, say."""
+    with file.open("rb") as source:
+        head = source.read(1024)
+    return b"\0" not in head and not head.startswith((b"MATLAB", b"MDF", b"\x89HDF"))
 
 
 def _mat(file: Path) -> dict[str, Any]:

@@ -51,8 +51,8 @@ class TextLayout:
     remark: str
 
 
-def layout_of(file: Path, separator: str, skip: int | None) -> TextLayout:
-    """Return the layout of a text log, guessed where it is not told; ConfigurationError for one without rows."""
+def head_of(file: Path) -> list[str]:
+    """Return the first lines of a text log; ConfigurationError for a file that is binary."""
     with file.open("rb") as source:
         head = source.read(_HEAD_BYTES)
     if b"\0" in head[:4096]:
@@ -65,20 +65,18 @@ def layout_of(file: Path, separator: str, skip: int | None) -> TextLayout:
     text = head.decode("utf-8-sig", "replace")
     text = head.decode("latin-1") if "\ufffd" in text[:-4] else text
     lines = text.splitlines()
-    lines = lines[:-1] if len(head) == _HEAD_BYTES else lines  # the last one may be cut
+    return lines[:-1] if len(head) == _HEAD_BYTES else lines  # the last one may be cut
+
+
+def layout_of(file: Path, lines: Sequence[str], separator: str, skip: int | None) -> TextLayout | None:
+    """Return the layout of a text log from its first lines, guessed where not told; None without a table."""
     told = _SEPARATORS.get(separator, separator)
     start, width, used, decimal = max(
         (_first_row(lines, one, skip) for one in ([told] if told else _SEPARATORS.values())),
         key=lambda found: found[1],
     )
     if width == 0:
-        raise ConfigurationError(
-            "the log cannot be read: no rows of numbers in the head of the text",
-            where=str(file),
-            found=repr(lines[0][:60]) if lines else "nothing",
-            expected="columns of numbers",
-            remedy="name the separator and the lines to skip (`gyrobench look` takes --separator and --skip)",
-        )
+        return None
     before = [line for line in lines[:start] if line.strip()]
     ends = lines[start].rstrip(" ").endswith(used) and used != " "
     headers, units = _header(before, used, width - ends, width)
@@ -137,7 +135,7 @@ def _fields(line: str, separator: str) -> list[str]:
     return line.split() if separator == " " else [part.strip() for part in line.split(separator)]
 
 
-def _first_row(lines: list[str], separator: str, skip: int | None) -> tuple[int, int, str, str]:
+def _first_row(lines: Sequence[str], separator: str, skip: int | None) -> tuple[int, int, str, str]:
     """Return line of the first row of numbers, columns (0: none), separator and decimal mark."""
     kept = [(number, line) for number, line in enumerate(lines) if line.strip() and number >= (skip or 0)]
     kept = [(number, line) for number, line in kept if not line.lstrip().startswith(_COMMENTS)]
@@ -171,7 +169,7 @@ def _header(before: list[str], separator: str, least: int, width: int) -> tuple[
 
     A header has `width` fields, or `least` where every row ends with a separator.
     """
-    rows = [_fields(line.lstrip("#%!*/ "), separator) for line in before]
+    rows = [_fields(re.sub(r"^[#%!*/ ]+(?:[^,;\t]*: )?", "", line), separator) for line in before]
     rows = [[part.strip("\"' ,") for part in row] + [""] * (width - len(row)) for row in rows
             if least <= len(row) <= width]  # fmt: skip
     stated = rows.pop() if len(rows) > 1 and _all_units(rows[-1]) else [""] * width
@@ -186,6 +184,12 @@ def names_and_units(headers: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the names in headers such as "rate [deg/s]", each once, and the units, "" without."""
     names: list[str] = []
     units = []
+    inside = [match.group(1) if (match := _UNIT.search(header)) else "" for header in headers]
+    outside = {header[: match.start()] for header in headers if (match := _UNIT.search(header))}
+    if (
+        len(outside) <= 0.5 * len(headers) and len(set(inside)) == len(headers) > 2
+    ):  # float(GyroX), float(GyroY)
+        return inside, [""] * len(headers)
     for header in headers:
         match = _UNIT.search(header)
         name = header[: match.start()].strip() if match else header

@@ -27,12 +27,21 @@ _INCREMENTS = {
     RATE: {"deg": 1.0, "rad": math.degrees(1.0), "arcsec": 1 / 3600, "urad": math.degrees(1e-6)},
     FORCE: {"m/s": 1.0, "g*s": _G, "mg*s": 1e-3 * _G, "ug*s": 1e-6 * _G},
 }
-_SPELT = {"°": "deg", "º": "deg", "²": "^2", "³": "^3", "µ": "u", "μ": "u"}
+_SPELT = {"°": "deg", "º": "deg", "²": "^2", "³": "^3", "⁻": "-", "¹": "1", "·": ".", "µ": "u", "μ": "u"}
 _ALIASES = {
     "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/sec^2": "m/s^2", "deg/sec": "deg/s", "rad/sec": "rad/s",
-    "deg/hr": "deg/h", "c": "degc", "celsius": "degc", "f": "degf", "kelvin": "k", "sec": "s", "seconds": "s",
+    "deg/hr": "deg/h", "rads/s": "rad/s", "gs": "g",
+    "c": "degc", "celsius": "degc", "f": "degf", "kelvin": "k", "sec": "s", "seconds": "s",
     "msec": "ms", "usec": "us", "hr": "h",
 }  # fmt: skip
+_SPELLINGS = (
+    (re.compile(r"(?<=[a-z])[ .*]?s(?:ec)?(?:\^-|-\^?)1$", re.I), "/s"),
+    (re.compile(r"(?<=[a-z])[ .*]?s(?:ec)?(?:\^-|-\^?)2$", re.I), "/s^2"),
+    (re.compile(r" ?/ ?"), "/"),
+    (re.compile(r"\bdegrees?/", re.I), "deg/"),
+    (re.compile(r"/second\b", re.I), "/s"),
+)
+"""Other ways to write units: "rad s^-1", "m.s-2", "degrees/second"."""
 _NUMBER = r"\d+\.?\d*(?:e[-+]?\d+)?"
 _TEXT = re.compile(rf"([-+]?{_NUMBER})?\s*([^\d\s]\S*?)(/sample)?\.?(?:\s+([-+])\s*({_NUMBER}))?", re.I)
 
@@ -51,7 +60,10 @@ def scale_of(quantity: str, text: str) -> Scale | None:
     `text` is "UNIT", "FACTOR UNIT" for counts, "... + OFFSET" or "... - OFFSET" (in that unit) where the
     counts' zero is another one, "UNIT/sample" for increments.
     """
-    match = _TEXT.fullmatch("".join(_SPELT.get(letter, letter) for letter in text.strip().strip("[]()")))
+    plain_text = "".join(_SPELT.get(letter, letter) for letter in text.strip().strip("[]()"))
+    for written, meant in _SPELLINGS:
+        plain_text = written.sub(meant, plain_text)
+    match = _TEXT.fullmatch(plain_text)
     if match is None:
         return None
     factor, plain, increment, sign, offset = match.groups()
