@@ -1,10 +1,12 @@
-"""What other packages bring: by entry points, looked up once a process since that takes 6 ms, and by extras."""
+"""What others bring: packages by entry points (looked up once: that takes 6 ms), extras, and a file."""
 
 from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoints, entry_points
+from pathlib import Path
+from runpy import run_path
 from typing import Any, cast
 
 from drivers.base.errors import ConfigurationError
@@ -26,6 +28,22 @@ def from_extra(module: str, extra: str, what: str) -> Any:
             found=str(error),
             expected=f"the extra `{extra}`",
             remedy=f"pip install 'gyrobench[{extra}]'",
+        ) from error
+
+
+def names_of_file(path: Path) -> dict[str, Any]:
+    """Return what a Python file beside somebody's data defines, name -> value; its code runs.
+
+    ConfigurationError for a file that cannot be read or that fails.
+    """
+    try:
+        return run_path(str(path))
+    except Exception as error:  # whatever somebody's code raises
+        raise ConfigurationError(
+            "the Python file cannot be used",
+            where=str(path),
+            found=f"{type(error).__name__}: {error}",
+            expected="a file that Python can run",
         ) from error
 
 

@@ -1,6 +1,6 @@
 """The catalogue of effects: what a gyro's output can depend on, as columns of a linear model of the stimulus."""
 
-from simulators.effects._catalogue import CATALOGUE, AnyEffect, catalogue, effect_named, simulate
+from simulators.effects._catalogue import CATALOGUE, AnyEffect, add_effects, catalogue, effect_named, simulate
 from simulators.effects._channel import (
     CHANNEL_UNITS,
     AppliedBySecond,
@@ -61,6 +61,7 @@ __all__ = [
     "Unit",
     "Values",
     "Variant",
+    "add_effects",
     "applied",
     "catalogue",
     "effect_named",

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
-from drivers.base.plugins import entry_points_of
+from drivers.base.plugins import entry_points_of, names_of_file
 from simulators.effects._channel import Channel, ChannelEffect, ChannelInputs, Values, applied
 from simulators.effects._disturbance import Disturbance
 from simulators.effects._effect import Effect, NoiseEffect, Shape
@@ -60,8 +61,36 @@ CATALOGUE: tuple[AnyEffect, ...] = (
 )
 
 
+def add_effects(path: Path) -> list[str]:
+    """Add the effects that a Python file defines to the catalogue of this process, and return their names.
+
+    ConfigurationError for a file that cannot be used or defines none, or for a name that is there already.
+    """
+    kinds = (Effect, Disturbance, ChannelEffect)
+    known = catalogue()
+    # What the file imports from the catalogue is not its own.
+    own = [value for value in names_of_file(path).values() if isinstance(value, kinds)]
+    own = [value for value in own if known.get(value.name) is not value]
+    if not own:
+        raise ConfigurationError(
+            "the file defines no effect",
+            where=str(path),
+            found="no Effect, Disturbance or ChannelEffect of its own",
+            expected="MINE = Effect(...), see docs/add_an_effect.md",
+        )
+    for effect in own:
+        if effect.name not in _FROM_FILES or _FROM_FILES[effect.name][1] != path.resolve():
+            _check(effect, str(path), known)
+        _FROM_FILES[effect.name] = (effect, path.resolve())
+    return [effect.name for effect in own]
+
+
+_FROM_FILES: dict[str, tuple[AnyEffect, Path]] = {}
+
+
 def catalogue() -> dict[str, AnyEffect]:
-    """Return the effects by name: this package's, then those of the entry point group `gyrobench.effects`.
+    """Return the effects by name: this package's, those of the entry point group `gyrobench.effects`, then those
+    that `add_effects` added.
 
     An entry point names an `Effect`, a `Disturbance`, a `ChannelEffect` or a sequence of them.
     ConfigurationError for a name that is there twice or an entry point that is something else.
@@ -72,7 +101,7 @@ def catalogue() -> dict[str, AnyEffect]:
         for effect in loaded if isinstance(loaded, (tuple, list)) else (loaded,):
             _check(effect, point.value, found)
             found[effect.name] = effect
-    return found
+    return found | {name: effect for name, (effect, _) in _FROM_FILES.items()}
 
 
 def effect_named(name: str, shape: Shape) -> AnyEffect | None:
@@ -83,7 +112,7 @@ def effect_named(name: str, shape: Shape) -> AnyEffect | None:
 def _check(effect: object, where: str, found: dict[str, AnyEffect]) -> None:
     if not isinstance(effect, (Effect, Disturbance, ChannelEffect)):
         raise ConfigurationError(
-            "an entry point of gyrobench.effects is no effect",
+            "what was to be an effect is none",
             where=where,
             found=type(effect).__name__,
             expected="Effect, Disturbance, ChannelEffect or a sequence of them",

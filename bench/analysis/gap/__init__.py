@@ -17,7 +17,8 @@ from bench.analysis.gap._rate import RateFinding
 from bench.analysis.gap._recordings import Recordings, read_recordings
 from bench.analysis.gap._rehearsal import LogCurve, LogGap, LogGaps, log_gaps
 from bench.analysis.gap._score import Exam, Marked
-from bench.analysis.gap._series import Difference, differences
+from bench.analysis.gap._series import Difference, differences, write_missing
+from bench.analysis.gap._simulation import Simulation
 from bench.analysis.gap._suggest import Suggestion, suggest
 
 __all__ = [
@@ -44,6 +45,7 @@ __all__ = [
     "RateFinding",
     "Recordings",
     "Shrinkage",
+    "Simulation",
     "Suggestion",
     "Term",
     "UnknownPart",
@@ -66,4 +68,5 @@ __all__ = [
     "read_model",
     "read_recordings",
     "suggest",
+    "write_missing",
 ]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,10 @@ from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects import REFERENCE_C, Stimulus
 
+if TYPE_CHECKING:
+    from bench.analysis.gap._simulation import Simulation
+
+T = TypeVar("T")
 _COPY = 0.8
 MOST_MISSING = 0.6
 """Part of a run's samples that may be missing."""
@@ -29,6 +34,7 @@ class GapRun:
     `profile` is the same for runs that went through the same temperatures; `condition` names what differs
     between them (a rate such as "+20" or an orientation). `phase` (n,) holds each sample's phase. `finest_arcsec`
     is the finest step of angle between the rows of the log that the samples are means of, NaN where not known.
+    `simulated`: what a user's own simulation foretold is taken off, and the input rate put in its place.
     """
 
     run_id: str
@@ -41,11 +47,26 @@ class GapRun:
     checksum: str = ""
     lost_fraction: float = 0.0
     finest_arcsec: float = math.nan
+    simulated: bool = False
 
     @cached_property
     def missing(self) -> NDArray[np.bool_]:
         """Which samples of the output are missing, (n,)."""
         return np.isnan(self.output_dph)
+
+
+def beside(simulation: Simulation | None, runs: Sequence[T]) -> list[T | GapRun]:
+    """Return runs with what a simulation foretells in the place of the input rate, other signals as they are."""
+    if simulation is None:
+        return list(runs)
+    return [_beside(simulation, run) if isinstance(run, GapRun) else run for run in runs]
+
+
+def _beside(simulation: Simulation, run: GapRun) -> GapRun:
+    if run.simulated:
+        return run
+    foretold = simulation.foretold_dph(run.stimulus, run.run_id)
+    return replace(run, output_dph=run.output_dph - foretold + run.stimulus.input_rate_dph, simulated=True)
 
 
 def check_runs(runs: Sequence[GapRun]) -> None:

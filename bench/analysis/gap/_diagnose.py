@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._channels import ChannelFinding, ChannelSignal
-from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._data import GapRun, beside
 from bench.analysis.gap._findings import Cause, Finding, refuse_judges, refuse_several_units
 from bench.analysis.gap._model_file import ChannelTerm, DisturbanceTerm, Model, Term
 from bench.analysis.gap._position import PositionFinding, PositionRun, PositionSignal
@@ -86,6 +86,7 @@ def diagnose(
     What was found is judged on `held_out` recordings of the same signal. `missing` says by channel why the runs
     lack it. ConfigurationError if a run is to judge that the model was fitted on.
     """
+    runs, held_out = beside(model.simulation, runs), beside(model.simulation, held_out)
     rates = [run for run in runs if isinstance(run, GapRun)]
     series = [run for run in runs if isinstance(run, ChannelSeries)]
     positions = [run for run in runs if isinstance(run, PositionRun)]

@@ -17,7 +17,7 @@ from bench.analysis.gap._candidates import (
     effects_beside,
     possible_candidates,
 )
-from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._data import GapRun, beside
 from bench.analysis.gap._diagnose import Recording
 from bench.analysis.gap._evidence import Candidate, reduced
 from bench.analysis.gap._fit import MISFIT, weighted_gram
@@ -60,7 +60,9 @@ def identifiable(runs: Sequence[Recording], model: Model) -> tuple[Identifiable,
             "these runs have no rate", found="positions of a platform", expected="runs of a gyro"
         )
     variants = [each for each in candidate_variants(model, rates) if not isinstance(each.effect, FreeCurve)]
-    data = prepare(rates, model, variants)
+    data = prepare(
+        [run for run in beside(model.simulation, rates) if isinstance(run, GapRun)], model, variants
+    )
     gram = weighted_gram(data.cells, np.ones(len(data.cells)))
     system = reduced(gram, model.sigmas)
     candidates = candidates_of(variants)

@@ -89,6 +89,10 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
     ends_s = steps.edges_s[1:]
     time_s, latitude_deg = ends_s + entry.power_on_s, mapping.latitude_deg
     stimulus = Stimulus(time_s, t_in, t_out, angle, elevation, latitude_deg, steps.period_s, edge_rate)
+    simulated = "foretold" in log.columns
+    if simulated:
+        left = steps.means(rows - log.columns["foretold"], steps.use)
+        output = np.where(steps.whole, DPH_PER_DPS * left + stimulus.input_rate_dph, np.nan)
     return GapRun(
         entry.run_id or file.stem,
         mapping.unit_id,
@@ -100,6 +104,7 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         _checksum(file),
         float(held.mean()),
         3600.0 * steps.usual_s * _finest_step(rows),
+        simulated,
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.gap._noise import NAMES, Noise
+from bench.analysis.gap._simulation import Simulation, read_simulation
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
 from simulators.effects import (
@@ -104,7 +105,7 @@ class Model:
 
     `channel_terms` are of the channels beside the gyro's rate; `accuracy` (channel's name to a value in its
     unit) is the tolerance of a channel's model: deviations below it are not reported. No column
-    predicts `disturbances`.
+    predicts `disturbances`. `simulation` is a user's own; the terms are then what it lacks.
     """
 
     name: str
@@ -114,6 +115,7 @@ class Model:
     channel_terms: tuple[ChannelTerm, ...] = ()
     accuracy: Mapping[str, float] = field(default_factory=dict)
     disturbances: tuple[DisturbanceTerm, ...] = ()
+    simulation: Simulation | None = None
 
     def predict(self, stimulus: Stimulus) -> NDArray[np.float64]:
         """Return the output in deg/h that the model expects, without noise, (n,)."""
@@ -180,6 +182,7 @@ def parse_model(text: str, where: str) -> Model:
         tuple(term for term in terms if isinstance(term, ChannelTerm)),
         _accuracy(data.get("accuracy", {}), where),
         tuple(term for term in terms if isinstance(term, DisturbanceTerm)),
+        read_simulation(data.get("simulation", {}), where),
     )
 
 
@@ -258,6 +261,12 @@ def model_text(model: Model) -> str:
     """Return a model as the text of its file; `read_model` reads it back to the last bit."""
     lines = [f"format = {FORMAT}", f"name = {json.dumps(model.name)}", "", "[noise]"]
     lines += [f"{name} = {getattr(model.noise, name)!r}" for name in NAMES]
+    if model.simulation is not None:
+        lines += [
+            "",
+            "[simulation]",
+            *(f"{key} = {_toml(value)}" for key, value in model.simulation.settings.items()),
+        ]
     if model.accuracy:
         lines += ["", "[accuracy]", *(f"{name} = {value!r}" for name, value in model.accuracy.items())]
     terms: tuple[AnyTerm, ...] = (*model.terms, *model.disturbances, *model.channel_terms)
@@ -271,6 +280,13 @@ def model_text(model: Model) -> str:
         lines += ["", "[fitted_on]"]
         lines += [f"{json.dumps(run)} = {json.dumps(text)}" for run, text in model.fitted_on.items()]
     return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    """Return a setting as TOML: a table inline."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml(own)}" for key, own in value.items()) + " }"
+    return json.dumps(value)
 
 
 def _inline(key: str, values: Mapping[str, float]) -> str:

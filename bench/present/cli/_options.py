@@ -35,6 +35,9 @@ GyroToFit = Annotated[str | None, Option(help="gyro to fit; default the first of
 FitFolder = Annotated[Path, Option(help="folder for the compensation and the report")]
 DiagnosedRuns = Annotated[list[Path], Argument(help="run folders, or mapping files of foreign recordings")]
 NominalModel = Annotated[Path, Option("--model", help="nominal model (TOML)")]
+OwnEffects = Annotated[
+    list[Path] | None, Option("--effects", help="Python file with effects of your own; its code runs")
+]
 DiagnosedGyro = Annotated[str | None, Option(help="gyro to diagnose; default the first of the runs")]
 Arw = Annotated[float, Option(help="angle random walk, deg/sqrt(h)")]
 Vrw = Annotated[float, Option(help="velocity random walk, ug/sqrt(Hz)")]

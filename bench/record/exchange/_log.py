@@ -16,8 +16,8 @@ from drivers.base.errors import ConfigurationError
 
 _QUANTITIES = {
     "time": TIME, "output": RATE, "rate": RATE, "accelerometer": FORCE, "table_rate": RATE, "rate_demand": RATE,
-    "angle": ANGLE, "angle_demand": ANGLE, "elevation": ANGLE, "t_in": TEMPERATURE, "t_out": TEMPERATURE,
-    "air": TEMPERATURE, "set_point": TEMPERATURE,
+    "foretold": RATE, "angle": ANGLE, "angle_demand": ANGLE, "elevation": ANGLE,
+    "t_in": TEMPERATURE, "t_out": TEMPERATURE, "air": TEMPERATURE, "set_point": TEMPERATURE,
 }  # fmt: skip
 LONGEST_S = 3.2e7
 """A year: a run's time grid has a point each second."""

@@ -33,8 +33,9 @@ class Columns(_Part):
     `gyros` and `accelerometers`: those of an IMU by axis; the gyro of the axis of test is then the output. A
     log of a chamber or a table alone has neither. `t_in`: the gyro's own temperature, `t_out` that of its case,
     `air` and `set_point` the chamber's; `angle` and `table_rate` the table's, `rate_demand` and `angle_demand`
-    what it was told, `elevation` that of the input axis (read by the gap diagnosis, not kept in runs). MDF
-    files have times of their own: `time` is left out for them.
+    what it was told, `elevation` that of the input axis, `foretold` what somebody's own simulation has for the
+    output (these two are read by the gap diagnosis, not kept in runs). MDF files have times of their own:
+    `time` is left out for them.
     """
 
     time: Column | None = None
@@ -51,6 +52,7 @@ class Columns(_Part):
     rate_demand: Column | None = None
     angle_demand: Column | None = None
     valid: Column | None = None
+    foretold: Column | None = None
 
 
 class PhaseEntry(_Part):

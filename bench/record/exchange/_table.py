@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
+from bench.record.exchange._array_files import columns_of, hdf5_arrays, is_text, mat_arrays
 from bench.record.exchange._text import head_of, layout_of, names_and_units, read_rows
 from bench.record.recording import check_room
 from drivers.base.arrays import Array
@@ -77,9 +78,11 @@ def read_table(
             return _arrays(file, {file.stem: array}, names, group, sought)
         if ending == ".npz":
             return _arrays(file, dict(np.load(file, allow_pickle=False)), names, group, sought)
-        if ending in (".mat", ".h5", ".hdf5", ".hdf") and not _is_text(file):
-            return _arrays(file, _mat(file) if ending == ".mat" else _hdf5(file), names, group, sought)
-        if ending in MDF_ENDINGS and not _is_text(file):
+        if ending in (".mat", ".h5", ".hdf5", ".hdf") and not is_text(file):
+            return _arrays(
+                file, mat_arrays(file) if ending == ".mat" else hdf5_arrays(file), names, group, sought
+            )
+        if ending in MDF_ENDINGS and not is_text(file):
             return _mdf(file, names, dbc, periods, sought)
         head = head_of(file)
         layout = layout_of(file, head, separator, skip)
@@ -253,9 +256,7 @@ def _arrays(file: Path, arrays: dict[str, Any], names: Sequence[str], group: str
     for name, array in tables.items():
         rows = len(array) if array.dtype.names else max(array.shape)
         words = next((labels[key] for end in _LABELS if (key := name + end) in labels), np.zeros(0))
-        by_length.setdefault(rows, {}).update(
-            _columns_of(file, name if len(tables) > 1 else "", array, words)
-        )
+        by_length.setdefault(rows, {}).update(columns_of(file, name if len(tables) > 1 else "", array, words))
     chosen = max(
         by_length, key=lambda rows: (sum(n in names or sought(n) for n in by_length[rows]), rows), default=0
     )
@@ -265,62 +266,6 @@ def _arrays(file: Path, arrays: dict[str, Any], names: Sequence[str], group: str
     more = f" and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
     remarks = [f"left out, of another length: {', '.join(left_out[:_SHOWN])}{more}"] if left_out else []
     return Table({name: columns[name] for name in wanted}, remarks)
-
-
-def _columns_of(file: Path, name: str, array: Any, words: Any) -> dict[str, Any]:
-    """Return the columns of one array: fields of records, a vector, or a matrix upright or lying."""
-    if array.dtype.names:
-        parts = {key: np.squeeze(array[key]) for key in array.dtype.names}
-        parts = {
-            key: part for key, part in parts.items() if part.dtype.kind in "iufb" and len(part) == len(array)
-        }
-        columns: dict[str, Any] = {}
-        for key, part in parts.items():
-            columns |= {key: part} if part.ndim == 1 else _columns_of(file, key, part, ())
-        return columns
-    if array.ndim == 1:
-        return {name or "c1": array}
-    upright = array if array.shape[0] >= array.shape[1] else array.T
-    check_room(str(file), *upright.shape)
-    width = upright.shape[1]
-    if len(words) == width and len({str(word) for word in words}) == width:
-        return {".".join(filter(None, (name, str(words[k])))): upright[:, k] for k in range(width)}
-    return {f"{name or 'c'}{k + 1}": upright[:, k] for k in range(width)}
-
-
-def _is_text(file: Path) -> bool:
-    """Return whether a file is text whatever its name's ending says: a table saved as .mat or .dat, say."""
-    with file.open("rb") as source:
-        head = source.read(1024)
-    return b"\0" not in head and not head.startswith((b"MATLAB", b"MDF", b"\x89HDF"))
-
-
-def _mat(file: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    try:
-        content = loadmat(file, squeeze_me=True, struct_as_record=True)
-    except NotImplementedError:  # MATLAB 7.3 writes HDF5
-        return _hdf5(file)
-    arrays: dict[str, Any] = {}
-    for name, value in content.items():
-        if not isinstance(value, np.ndarray):
-            continue
-        if value.dtype.names and value.ndim == 0:  # a struct: its fields
-            arrays |= {f"{name}.{key}": np.asarray(value[key].item()) for key in value.dtype.names}
-        else:
-            arrays[name] = value
-    return arrays
-
-
-def _hdf5(file: Path) -> dict[str, Any]:
-    h5py = from_extra("h5py", "exchange", "reading HDF5 files (MATLAB 7.3 too)")
-    arrays: dict[str, Any] = {}
-    with h5py.File(file) as content:
-        content.visititems(
-            lambda name, node: arrays.update({name: node[()]}) if isinstance(node, h5py.Dataset) else None
-        )
-    return {name: value for name, value in arrays.items() if isinstance(value, np.ndarray)}
 
 
 def _mdf(

@@ -5,15 +5,22 @@ from __future__ import annotations
 import json
 
 from bench.present.cli._console import Terminal
-from bench.present.cli._options import DiagnosedGyro, DiagnosedRuns, Json, NominalModel
+from bench.present.cli._options import DiagnosedGyro, DiagnosedRuns, Json, NominalModel, OwnEffects
 
 
 def check(
-    runs: DiagnosedRuns, model: NominalModel, gyro: DiagnosedGyro = None, as_json: Json = False
+    runs: DiagnosedRuns,
+    model: NominalModel,
+    gyro: DiagnosedGyro = None,
+    effects: OwnEffects = None,
+    as_json: Json = False,
 ) -> None:
     """Say what these runs can show of every effect: the smallest size, and which effects look the same."""
     from bench.analysis import gap
+    from simulators.effects import add_effects
 
+    for file in effects or ():
+        add_effects(file)
     console = Terminal()
     with console.status("checking"):
         given = gap.read_recordings(runs, (), gyro)

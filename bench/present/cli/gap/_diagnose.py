@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import BadParameter, Option
 
 from bench.present.cli._console import Terminal
-from bench.present.cli._options import DiagnosedGyro, DiagnosedRuns, Json, NominalModel
+from bench.present.cli._options import DiagnosedGyro, DiagnosedRuns, Json, NominalModel, OwnEffects
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError
 
@@ -29,6 +30,7 @@ def diagnose(
         Option(help="run to judge the closing on: id of one given, folder or mapping file"),
     ] = None,
     gyro: DiagnosedGyro = None,
+    effects: OwnEffects = None,
     as_json: Json = False,
     report: Annotated[Path | None, Option(help="HTML report to write, with the map and curves")] = None,
     run: Annotated[
@@ -55,11 +57,14 @@ def diagnose(
     from bench.present.cli.gap._text import print_position, print_rate
     from bench.present.report import write_report
     from bench.record.benchfile import load_bench_file
+    from simulators.effects import add_effects
 
     if run and bench is None:
         raise BadParameter("--run needs --bench, the bench to run on")
     if not run and (bench is not None or plant is not None or emulated):
         raise BadParameter("--bench, --plant and --emulated go with --run")
+    for file_of_effects in effects or ():
+        add_effects(file_of_effects)
     console, nominal = Terminal(), gap.read_model(model)
 
     def diagnosed(recorded: Sequence[Path]) -> tuple[Recordings, Diagnosis, Sequence[Suggestion]]:
@@ -134,14 +139,21 @@ def close(
     runs: DiagnosedRuns,
     model: NominalModel,
     gyro: DiagnosedGyro = None,
+    effects: OwnEffects = None,
     out: Annotated[Path | None, Option(help="file; default nominal+<effect>.toml beside the model")] = None,
     as_json: Json = False,
 ) -> None:
-    """Write the nominal model with the missing effects in it, and what was learned for those without a name."""
+    """Write the nominal model with the missing effects in it, and what was learned for those without a name.
+
+    Of a nominal that is a simulation of the user's own also a CSV file a run with what it lacks, over time.
+    """
     from bench.analysis import gap
     from bench.analysis.common.state_file import save_file
     from bench.present.sentences import learned_sentences
+    from simulators.effects import add_effects
 
+    for file in effects or ():
+        add_effects(file)
     console = Terminal(as_json=as_json)
     given = gap.read_recordings(runs, gyro=gyro)
     found = gap.diagnose(given.runs, gap.read_model(model), missing=given.missing)
@@ -153,8 +165,13 @@ def close(
         console.say(text, style="yellow")
         return
     path = out or model.with_name(f"{model.stem}+{'+'.join(found.closing)}.toml")
-    save_file(path, gap.model_text(gap.closed_model(found)))
-    console.say_json("result", **facts, file=path)
-    console.say(f"{path}")
+    closed = gap.closed_model(found)
+    if closed.simulation is not None:
+        closed = replace(closed, simulation=closed.simulation.moved(path.parent))
+    save_file(path, gap.model_text(closed))
+    tables = gap.write_missing(closed, given.shown, path)
+    console.say_json("result", **facts, file=path, tables=tables)
+    for written in (path, *tables):
+        console.say(f"{written}", soft_wrap=True)
     for sentence in learned_sentences(found.rate.learned) if found.position is None else ():
         console.say(sentence)
