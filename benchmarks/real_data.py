@@ -39,6 +39,9 @@ _MPU = LookOptions(units=["g?=0.00763359 deg/s", "a?=0.061035 mg"])
 """131 counts a deg/s and 16384 counts a g: the data sheet's smallest ranges, which its author states."""
 
 
+_SUNSIDED = "sunsided/sensor-fusion@f16045a9d1d4f9037a183f436fe3c098a38ad99d:data/set-1/"
+
+
 @dataclass(frozen=True)
 class Said:
     """One statement: what is known, by whom, what was said, and whether it is right."""
@@ -301,6 +304,75 @@ def heated_plate(path: Path) -> Iterator[Said]:
                    abs((run.manifest.duration_s or 0.0) - 598.9) < 0.1)  # fmt: skip
 
 
+def turned_by_hand(path: Path) -> Iterator[Said]:
+    found = look(path, LookOptions(units=["c[234]=deg/s"]))
+    turns, rate_hz = found.motion.turns, found.clock.rate_hz
+    yield Said(
+        "100 Hz; its times are those at which a computer read it",
+        "its readme",
+        f"{rate_hz:.4g} Hz, {'read in bursts' if found.clock.bursts else 'even'}",
+        abs(rate_hz - 100.0) < 1.0 and found.clock.bursts,
+    )
+    angle = sum(turn.angle for turn in turns)
+    axes = {turn.axis for turn in turns}
+    yield Said(
+        "two turns by 360 deg about z, counter-clockwise, by hand",
+        "its readme",
+        f"{', '.join(sorted(axes))} by {angle:+.0f} deg in {len(turns)} turns",
+        axes == {"z"} and abs(angle / 720.0 - 1.0) < 0.15,
+    )
+
+
+def unmoved(path: Path) -> Iterator[Said]:
+    found = look(path, LookOptions(units=["c[234]=deg/s"]))
+    rest_s = sum(stop - start for start, stop in found.motion.rests_s)
+    yield Said(
+        "never moved, 70 s",
+        "its readme",
+        f"{len(found.motion.turns)} turns, {rest_s:.0f} s of rest",
+        not found.motion.turns and rest_s > 60.0,
+    )
+
+
+def counts_of_an_mti(path: Path) -> Iterator[Said]:
+    found = look(path)
+    yield Said(
+        "three gyros in counts, a table saved as .mat",
+        "its authors' program",
+        f"{len(found.axes)} {found.axes[0].channel.kind}s; {found.questions[0][:40]}...",
+        len(found.axes) == 3 and {axis.channel.kind for axis in found.axes} == {"gyro"},
+    )
+    first_s = found.motion.rests_s[0][1]
+    yield Said(
+        "at rest for 50 s, then turned by hand again and again",
+        "its authors' program",
+        f"first rest to {first_s:.0f} s, {len(found.motion.turns)} turns",
+        abs(first_s - 50.0) < 5.0 and len(found.motion.turns) > 30,
+    )
+
+
+def autopilot(path: Path) -> Iterator[Said]:
+    found = look(path)
+    names = ", ".join(axis.channel.name for axis in found.axes[:3])
+    yield Said(
+        "inertial messages every 20 ms among others, named in the file",
+        "its labels and times",
+        f"{names}, {found.clock.rate_hz:.4g} Hz",
+        "GyrX" in names and abs(found.clock.rate_hz - 50.0) < 0.1,
+    )
+
+
+def names_in_a_comment(path: Path) -> Iterator[Said]:
+    found = look(path)
+    unit = {axis.channel.kind: axis.channel.unit for axis in found.axes}.get("accelerometer")
+    yield Said(
+        "three gyros, three accelerometers in g, times in us",
+        "its first line and gravity",
+        f"{len(found.axes)} axes, {unit}, {found.clock.rate_hz:.4g} Hz",
+        len(found.axes) == 6 and unit == "g" and abs(found.clock.rate_hz - 110.0) < 1.0,
+    )
+
+
 RECORDINGS = (
     Recording(
         "Ring-laser IMU in a parked vehicle", "rlg_psins_vehicle_static/lasergyro.imu", "BSD-2", ring_laser
@@ -355,6 +427,41 @@ RECORDINGS = (
         "Apache-2.0",
         heated_plate,
         "10278caee2b095cca028e19acd9146157a75cdd8426e0490231de7a9def8ebdc",
+    ),
+    Recording(
+        "MPU-6050 turned by hand",
+        f"{_SUNSIDED}rotate-360ccw-around-z-pointing-up/mpu6050_gyroscope.mat",
+        "EUPL-1.2",
+        turned_by_hand,
+        "beca713e77056aeb2a9526338d1d6a11abaf14c5c2037e1ffe3d29b7ec1ee66b",
+    ),
+    Recording(
+        "MPU-6050 on a table",
+        f"{_SUNSIDED}unmoved-x-pointing-up/mpu6050_gyroscope.mat",
+        "EUPL-1.2",
+        unmoved,
+        "a2e248a32a49cb835f69f6b759c5bc5994a8f5abfc18ff1ae1deb8f03ed73f92",
+    ),
+    Recording(
+        "MTi in many positions",
+        "Kyle-ak/imu_tk@7780270fb9a227c79323199303f23989e689a89d:bin/test_data/xsens_gyro.mat",
+        "BSD",
+        counts_of_an_mti,
+        "e0d6cc7ccbc996aba3dae5063e97360a8b765ad1dffd02eae8ec69820eb37c1d",
+    ),
+    Recording(
+        "Autopilot of an aeroplane",
+        "priseborough/InertialNav@037c5c3acb66e84d7a9d5fe03262455312e11d55:TestData/TestLog2.mat",
+        "BSD-3",
+        autopilot,
+        "874f886d25e5cc8167408dfa47d1473b47b8372645db8ca0abf31529b4ae7bd5",
+    ),
+    Recording(
+        "Tracker with names in a comment",
+        "thomas-haslwanter/scikit-kinematics@14bed21f56327cabb031cde072735e1cf995d657:tests/data/data_yei.txt",
+        "BSD-2",
+        names_in_a_comment,
+        "e59507292ee7d46af28be6c754bbb005c4eaa456888f382d7fc21da19a80921f",
     ),
 )
 

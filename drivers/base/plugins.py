@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import runpy
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
-from runpy import run_path
 from typing import Any, cast
 
 from drivers.base.errors import ConfigurationError
@@ -37,7 +37,7 @@ def names_of_file(path: Path) -> dict[str, Any]:
     ConfigurationError for a file that cannot be read or that fails.
     """
     try:
-        return run_path(str(path))
+        return runpy.run_path(str(path))
     except Exception as error:  # whatever somebody's code raises
         raise ConfigurationError(
             "the Python file cannot be used",

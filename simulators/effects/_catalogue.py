@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
-from drivers.base.plugins import entry_points_of, names_of_file
+from drivers.base.plugins import entry_points_of
 from simulators.effects._channel import Channel, ChannelEffect, ChannelInputs, Values, applied
 from simulators.effects._disturbance import Disturbance
 from simulators.effects._effect import Effect, NoiseEffect, Shape
@@ -61,27 +61,18 @@ CATALOGUE: tuple[AnyEffect, ...] = (
 )
 
 
-def add_effects(path: Path) -> list[str]:
-    """Add the effects that a Python file defines to the catalogue of this process, and return their names.
+def add_effects(values: Iterable[object], file: Path) -> list[str]:
+    """Add those of a file's values that are effects to the catalogue of this process, and return their names.
 
-    ConfigurationError for a file that cannot be used or defines none, or for a name that is there already.
+    What the file imports from the catalogue is not its own. ConfigurationError for a name that is there already.
     """
-    kinds = (Effect, Disturbance, ChannelEffect)
     known = catalogue()
-    # What the file imports from the catalogue is not its own.
-    own = [value for value in names_of_file(path).values() if isinstance(value, kinds)]
+    own = [value for value in values if isinstance(value, (Effect, Disturbance, ChannelEffect))]
     own = [value for value in own if known.get(value.name) is not value]
-    if not own:
-        raise ConfigurationError(
-            "the file defines no effect",
-            where=str(path),
-            found="no Effect, Disturbance or ChannelEffect of its own",
-            expected="MINE = Effect(...), see docs/add_an_effect.md",
-        )
     for effect in own:
-        if effect.name not in _FROM_FILES or _FROM_FILES[effect.name][1] != path.resolve():
-            _check(effect, str(path), known)
-        _FROM_FILES[effect.name] = (effect, path.resolve())
+        if effect.name not in _FROM_FILES or _FROM_FILES[effect.name][1] != file.resolve():
+            _check(effect, str(file), known)
+        _FROM_FILES[effect.name] = (effect, file.resolve())
     return [effect.name for effect in own]
 
 

@@ -18,7 +18,7 @@ from bench.analysis.gap._recordings import Recordings, read_recordings
 from bench.analysis.gap._rehearsal import LogCurve, LogGap, LogGaps, log_gaps
 from bench.analysis.gap._score import Exam, Marked
 from bench.analysis.gap._series import Difference, differences, write_missing
-from bench.analysis.gap._simulation import Simulation
+from bench.analysis.gap._simulation import Simulation, take_own
 from bench.analysis.gap._suggest import Suggestion, suggest
 
 __all__ = [
@@ -68,5 +68,6 @@ __all__ = [
     "read_model",
     "read_recordings",
     "suggest",
+    "take_own",
     "write_missing",
 ]

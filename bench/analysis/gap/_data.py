@@ -34,6 +34,7 @@ class GapRun:
     `profile` is the same for runs that went through the same temperatures; `condition` names what differs
     between them (a rate such as "+20" or an orientation). `phase` (n,) holds each sample's phase. `finest_arcsec`
     is the finest step of angle between the rows of the log that the samples are means of, NaN where not known.
+    `rows_dps` (rows,), `row_s` apart: those rows, NaN where missing, of a log whose rows are even and finer.
     `simulated`: what a user's own simulation foretold is taken off, and the input rate put in its place.
     """
 
@@ -48,6 +49,8 @@ class GapRun:
     lost_fraction: float = 0.0
     finest_arcsec: float = math.nan
     simulated: bool = False
+    rows_dps: Array | None = None
+    row_s: float = math.nan
 
     @cached_property
     def missing(self) -> NDArray[np.bool_]:

@@ -71,7 +71,7 @@ def line_part(line: SpectralLine) -> UnknownPart:
         else ", not bound to the table's angle"
     )
     sentence = (
-        f"It is periodic: {line.amplitude_dph:.3g} deg/h at {line.frequency_hz:.4g} Hz "
+        f"It is periodic: {line.amplitude_dph:.3g} deg/h at {line.frequency_hz:.4g} Hz, or at what folds to it "
         f"(period {line.period_s:.4g} s) in runs of {line.profile}{bound}."
     )
     return UnknownPart("time", sentence, frequency_hz=line.frequency_hz, harmonic=line.harmonic)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -51,11 +53,12 @@ def simulate_fmu(
         for name, values in {"time": time_s, **inputs}.items():
             signals[name] = values
     try:
-        result = fmpy.simulate_fmu(
-            str(file), start_time=0.0, stop_time=steps * period_s, output_interval=finer_s, input=signals,
-            output=[output], start_values=dict(start_values),
-            fmi_type="CoSimulation" if together else "ModelExchange",
-        )  # fmt: skip
+        with redirect_stdout(StringIO()):  # FMPy prints a line for every input that is not given
+            result = fmpy.simulate_fmu(
+                str(file), start_time=0.0, stop_time=steps * period_s, output_interval=finer_s, input=signals,
+                output=[output], start_values=dict(start_values),
+                fmi_type="CoSimulation" if together else "ModelExchange",
+            )  # fmt: skip
     except Exception as error:  # of FMPy, or of the FMU's own library
         raise _unusable(file, f"{type(error).__name__}: {error}") from error
     edges = np.arange(steps * _FINER + 1) * finer_s

@@ -27,6 +27,8 @@ _BY_CHANCE = 1e-6
 """Probability below which rows are not equal by chance, where that is as many times as frequent as estimated."""
 _FUZZ = 1e-6
 """Part of a usual step below which two values differ by the rounding of their text."""
+_UNEVEN, _MOST_PLACES = 0.3, 2
+"""Part of a step by which rows may be off an even grid; places of the grid a row."""
 _FINEST_OF, _FINEST_PART = 100_000, 0.1
 """Rows looked at for the finest step, and the part of all steps that are finer still: rounding of text."""
 _MOST_HELD = 0.2
@@ -105,7 +107,24 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         float(held.mean()),
         3600.0 * steps.usual_s * _finest_step(rows),
         simulated,
+        _even_rows(steps, rows),
+        steps.usual_s,
     )
+
+
+def _even_rows(steps: Steps, rows: Array) -> Array | None:
+    """Return the rows of a log (m,) on their grid, NaN where one is missing; None for uneven or slow ones."""
+    place = np.rint((steps.time_s - steps.time_s[0]) / steps.usual_s).astype(np.int64)
+    off = np.abs(steps.time_s - steps.time_s[0] - place * steps.usual_s).max(initial=0.0)
+    if (
+        off > _UNEVEN * steps.usual_s
+        or place[-1] > _MOST_PLACES * len(rows)
+        or steps.usual_s > 0.5 * steps.period_s
+    ):
+        return None
+    even = np.full(int(place[-1]) + 1, np.nan)
+    even[place] = rows
+    return even
 
 
 def _finest_step(rows: Array) -> float:

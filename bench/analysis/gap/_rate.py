@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.fft import idct
 
+from bench.analysis.gap._aliases import in_rows
 from bench.analysis.gap._align import aligned
 from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import causes_of, models_with_and_without
@@ -163,7 +164,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             left=tuple(left),
             stochastic=stochastic,
             terms=(*named, *disturbed.terms, *(closing.terms if closing else ())),
-            warnings=(*data.notes, *_warnings(ready)),
+            warnings=(*data.notes, *_warnings(ready), *_of_lines(found, disturbed)),
             model=model,
             resembles=resembles,
             unknown_probability=unknown,
@@ -262,6 +263,18 @@ def _stochastic(verdict: NoiseVerdict, runs: Sequence[GapRun]) -> dict[str, floa
     if max(run.lost_fraction for run in runs) > _LOST_FRACTION:
         found["lost_frames"] = 1.0
     return found
+
+
+def _of_lines(found: Found, disturbed: Disturbed) -> list[str]:
+    """Say where the lines that were found lie in the rows of the logs."""
+    lines = [found.line.frequency_hz] if found.line is not None and found.best.line else []
+    for term in disturbed.terms:
+        lines += [
+            value
+            for one, value in zip(term.effect.parameters, term.values, strict=True)
+            if one.unit.symbol == "Hz"
+        ]
+    return [in_rows(frequency_hz, disturbed.runs).sentence for frequency_hz in lines]
 
 
 def _shaken(verdict: NoiseVerdict, runs: Sequence[GapRun]) -> float:

@@ -6,6 +6,7 @@ works on what is left and the terms that it names are those which the simulation
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 from drivers.base.plugins import entry_points_of, names_of_file
-from simulators.effects import Stimulus
+from simulators.effects import Stimulus, add_effects
 
 GROUP = "gyrobench.simulations"
 """Entry points: functions of the inputs (name -> values (n,)) that return the rate in deg/s, (n,)."""
@@ -54,9 +55,8 @@ class Simulation:
     def moved(self, folder: Path) -> Simulation:
         """Return the same simulation for a model file in another folder: its paths are relative to that."""
         settings = dict(self.settings)
-        named = str(settings[self.kind])
-        if self.kind != "function" or ".py:" in named:
-            settings[self.kind] = os.path.relpath(self.folder / named, folder)
+        if self.kind != "function":
+            settings[self.kind] = os.path.relpath(self.folder / str(settings[self.kind]), folder)
         return Simulation(settings, folder)
 
     def foretold_dph(self, stimulus: Stimulus, run_id: str) -> Array:
@@ -92,7 +92,7 @@ class Simulation:
         return DPH_PER_DPS * _means(stimulus, time, rate)
 
     def _function(self, stimulus: Stimulus, run_id: str) -> Array:
-        function = _named_function(str(self.settings["function"]), self.folder)
+        function = _named_function(str(self.settings["function"]))
         inputs = {name: np.array(of(stimulus), np.float64) for name, of in INPUTS.items()}
         _, unit = self._column("output", needed=False)
         scale = self._scale("output", unit or BASE_UNITS["rate"])
@@ -165,19 +165,42 @@ def _middle(values: Array) -> Array:
     return np.asarray(0.5 * (values[1:] + values[:-1]))
 
 
-def _named_function(name: str, folder: Path) -> Callable[[Mapping[str, Array]], Array]:
-    """Return the function of "FILE.py:NAME" (beside the model file), or of an entry point's name."""
-    file, _, function = name.rpartition(":")
-    if file.endswith(".py"):
-        found = names_of_file(folder / file).get(function)
-    else:
-        found = next((point.load() for point in entry_points_of(GROUP) if point.name == name), None)
+_OWN_FUNCTIONS: dict[str, Callable[..., Any]] = {}
+
+
+def take_own(file: Path) -> None:
+    """Take effects and functions for `[simulation]` from a Python file of the user's own; its code runs.
+
+    ConfigurationError for a file that cannot be used, defines neither, or an effect of a name that is taken.
+    """
+    values = names_of_file(file)
+    functions = {
+        name: value
+        for name, value in values.items()
+        if inspect.isfunction(value) and value.__module__ == values["__name__"]
+    }
+    if not add_effects(values.values(), file) and not functions:
+        raise ConfigurationError(
+            "the file defines no effect",
+            where=str(file),
+            found="no Effect, Disturbance or ChannelEffect of its own, and no function",
+            expected="MINE = Effect(...), see docs/add_an_effect.md",
+        )
+    _OWN_FUNCTIONS.update(functions)
+
+
+def _named_function(name: str) -> Callable[[Mapping[str, Array]], Array]:
+    """Return a function by its name in a file that was taken, or by that of an entry point."""
+    found = _OWN_FUNCTIONS.get(name) or next(
+        (point.load() for point in entry_points_of(GROUP) if point.name == name), None
+    )
     if not callable(found):
+        known = [*_OWN_FUNCTIONS, *sorted(point.name for point in entry_points_of(GROUP))]
         raise ConfigurationError(
             "there is no such simulation",
             where="[simulation] function",
             found=name,
-            expected=f'"FILE.py:FUNCTION" beside the model, or an entry point of {GROUP}: '
-            + (", ".join(sorted(point.name for point in entry_points_of(GROUP))) or "none is installed"),
+            expected=f"a function of a file given by --effects, or an entry point of {GROUP}: "
+            + (", ".join(known) or "there is none"),
         )
     return cast(Callable[[Mapping[str, Array]], Array], found)

@@ -36,7 +36,10 @@ FitFolder = Annotated[Path, Option(help="folder for the compensation and the rep
 DiagnosedRuns = Annotated[list[Path], Argument(help="run folders, or mapping files of foreign recordings")]
 NominalModel = Annotated[Path, Option("--model", help="nominal model (TOML)")]
 OwnEffects = Annotated[
-    list[Path] | None, Option("--effects", help="Python file with effects of your own; its code runs")
+    list[Path] | None,
+    Option(
+        "--effects", help="Python file with effects, or a simulation's function, of your own; its code runs"
+    ),
 ]
 DiagnosedGyro = Annotated[str | None, Option(help="gyro to diagnose; default the first of the runs")]
 Arw = Annotated[float, Option(help="angle random walk, deg/sqrt(h)")]

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from bench.analysis.gap import take_own
 from bench.present.cli._app import app
 from drivers.base.errors import ConfigurationError
-from simulators.effects import add_effects
 
 PERIOD, STEPS = 1.0, 4000
 SLOPE_DPH_PER_K, SCALE = 0.8, 1.002
@@ -62,7 +62,7 @@ def nominal(folder: Path, simulation: str) -> Path:
 KINDS = {
     "columns of each run": '[simulation]\ncolumns = "sim_{run}.parquet"\ntime = { name = "s", unit = "s" }\n'
     'output = { name = "dph", unit = "deg/h" }\n',
-    "function of a file": '[simulation]\nfunction = "mine.py:foretell"\n',
+    "function of a file": '[simulation]\nfunction = "foretell"\n',
     "column of the log": "",
 }
 
@@ -71,6 +71,7 @@ KINDS = {
 def test_what_a_simulation_lacks_is_named_and_closed(campaign: Path, kind: str) -> None:
     model = nominal(campaign, KINDS[kind])
     runs = campaign / ("map.toml" if KINDS[kind] else "with_sim.toml")
+    take_own(campaign / "mine.py")
     check_closed(campaign, runs, model)
 
 
@@ -122,9 +123,9 @@ def test_an_fmu_of_a_makers_tool(campaign: Path, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(
     ("simulation", "told"),
     [
-        ('[simulation]\nfunction = "mine.py:other"\n', "no such simulation"),
+        ('[simulation]\nfunction = "other"\n', "no such simulation"),
         ('[simulation]\nfunction = "nobody"\n', "gyrobench.simulations"),
-        ('[simulation]\nfunction = "mine.py:foretell"\nfmu = "x.fmu"\n', "[simulation] cannot be used"),
+        ('[simulation]\nfunction = "foretell"\nfmu = "x.fmu"\n', "[simulation] cannot be used"),
         ('[simulation]\ncolumns = "none.csv"\n', "does not say its column"),
         (KINDS["columns of each run"].replace("sim_{run}", "none"), "no such file"),
         (KINDS["columns of each run"].replace("deg/h", "degC"), "unit is not known"),
@@ -163,7 +164,9 @@ def test_an_effect_of_ones_own_in_a_file_beside_the_runs(
     model = nominal(campaign, KINDS["function of a file"])
     arguments = ["gap", "diagnose", str(campaign / "map.toml"), "--model", str(model), "--json"]
     for _ in range(2):  # a file may be given again in one process
-        said = CliRunner().invoke(app, [*arguments, "--effects", str(own)])
+        said = CliRunner().invoke(
+            app, [*arguments, "--effects", str(own), "--effects", str(campaign / "mine.py")]
+        )
         assert said.exit_code == 0, said.output
     cause = json.loads(said.output)["causes"]
     assert [one["name"] for one in cause] == ["my_kink"]
@@ -177,10 +180,10 @@ def test_a_file_without_effects_or_with_a_name_that_is_taken(
     file = tmp_path / "mine.py"
     file.write_text("from simulators.effects import CATALOGUE\nx = CATALOGUE[0]\n")
     with pytest.raises(ConfigurationError, match="defines no effect"):
-        add_effects(file)
+        take_own(file)
     file.write_text(OWN.replace("my_kink", "warm_up"))
     with pytest.raises(ConfigurationError, match="two effects of one name"):
-        add_effects(file)
+        take_own(file)
     file.write_text("1 / 0")
     with pytest.raises(ConfigurationError, match="ZeroDivisionError"):
-        add_effects(file)
+        take_own(file)

@@ -17,10 +17,9 @@ def check(
 ) -> None:
     """Say what these runs can show of every effect: the smallest size, and which effects look the same."""
     from bench.analysis import gap
-    from simulators.effects import add_effects
 
     for file in effects or ():
-        add_effects(file)
+        gap.take_own(file)
     console = Terminal()
     with console.status("checking"):
         given = gap.read_recordings(runs, (), gyro)

@@ -57,14 +57,13 @@ def diagnose(
     from bench.present.cli.gap._text import print_position, print_rate
     from bench.present.report import write_report
     from bench.record.benchfile import load_bench_file
-    from simulators.effects import add_effects
 
     if run and bench is None:
         raise BadParameter("--run needs --bench, the bench to run on")
     if not run and (bench is not None or plant is not None or emulated):
         raise BadParameter("--bench, --plant and --emulated go with --run")
     for file_of_effects in effects or ():
-        add_effects(file_of_effects)
+        gap.take_own(file_of_effects)
     console, nominal = Terminal(), gap.read_model(model)
 
     def diagnosed(recorded: Sequence[Path]) -> tuple[Recordings, Diagnosis, Sequence[Suggestion]]:
@@ -150,10 +149,9 @@ def close(
     from bench.analysis import gap
     from bench.analysis.common.state_file import save_file
     from bench.present.sentences import learned_sentences
-    from simulators.effects import add_effects
 
     for file in effects or ():
-        add_effects(file)
+        gap.take_own(file)
     console = Terminal(as_json=as_json)
     given = gap.read_recordings(runs, gyro=gyro)
     found = gap.diagnose(given.runs, gap.read_model(model), missing=given.missing)
