@@ -131,7 +131,7 @@ def crowd(chromium: Any, pid: int, url: str, runs: Path, watched_s: float) -> It
         page = chromium.new_context().new_page()
         start = host_seconds()
         page.goto(url, wait_until="commit")
-        page.wait_for_function("document.querySelector('[data-live=air]').textContent.startsWith('−')")
+        page.wait_for_function("document.querySelector('[data-live=air]')?.textContent.startsWith('−')")
         waits.append(host_seconds() - start)
         page.close()
     wait_s = statistics.median(waits)

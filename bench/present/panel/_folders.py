@@ -12,12 +12,14 @@ from bench.present.sentences import event_of
 from bench.record.events.campaign import SetAside
 from bench.record.recording import Manifest, read_manifest
 from bench.record.run_folder import MANIFEST_FILE
+from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError
 
 EVENTS_FILE = "events.jsonl"
 _LISTED = 40
 _LOOKED_AT = 200
 _REHEARSED = 20
+_PAPERS_S = 2.0
 NOW = Path("live") / "now.json"
 PAPERS = {"certificate": "certificate.html", "report": "report.html"}
 """What lies in a campaign's folder: name and file."""
@@ -41,6 +43,7 @@ class RunsFolder:
         """Bench -> address of its queue, of those on which runs can be started from here."""
         self._manifests: dict[Path, tuple[int, Entry]] = {}
         self._journals: dict[Path, tuple[int, dict[str, str]]] = {}
+        self._papers: dict[Path, tuple[float, list[tuple[str, str]]]] = {}
 
     def inside(self, name: str) -> Path | None:
         """Return the folder or file of that relative name; None if it is not there or leads out."""
@@ -97,7 +100,18 @@ class RunsFolder:
         return path if path is not None and path.is_file() else None
 
     def papers(self, folder: Path) -> list[tuple[str, str]]:
-        """Return (what, address) of the certificate and the report that lie in a campaign's folder."""
+        """Return (what, address) of the certificate and the report that lie in a campaign's folder.
+
+        Pages ask ten times a second, the disk is asked every two.
+        """
+        now_s = host_seconds()
+        if now_s - self._papers.get(folder, (-_PAPERS_S, []))[0] >= _PAPERS_S:
+            if len(self._papers) > _LOOKED_AT:
+                self._papers.clear()
+            self._papers[folder] = (now_s, self._papers_there(folder))
+        return self._papers[folder][1]
+
+    def _papers_there(self, folder: Path) -> list[tuple[str, str]]:
         name = str(folder.relative_to(self.root))
         there = [(what, file) for what, file in PAPERS.items() if self.page_in(name, file) is not None]
         return [(what, f"/{what}/{quote(name)}") for what, _ in there]

@@ -42,6 +42,7 @@ class Session:
         self.problem = ""
         """Why the live state cannot be read; the one before stays."""
         self.run: Path | None = None
+        self._followed = ""
         self._folder = folder
         self._events: EventTail | None = None
         self._watchdog: EventTail | None = None
@@ -163,6 +164,9 @@ class Session:
 
     def _follow(self, folder: str) -> None:
         """Begin with another run's events when the session has gone on to it."""
+        if folder == self._followed and self.run is not None:
+            return
+        self._followed = folder
         run = self._folder.within(folder) if folder else None
         if run != self.run:
             self.run, self._parsed = run, None

@@ -32,8 +32,8 @@ parameters = { rate_dps = 12, turns = 2, rest_s = 10 }
 class Bench:
     """An emulated bench with a panel that may start runs on it."""
 
-    def __init__(self, panel: Panel, bench_file: Path) -> None:
-        self.panel, self.bench_file = panel, bench_file
+    def __init__(self, panel: Panel, bench_file: Path, lab: EmulatedLab) -> None:
+        self.panel, self.bench_file, self.lab = panel, bench_file, lab
         self.queue = BenchQueue(panel.runs, bench_file)
         self.address = f"{panel.url}queue/{self.queue.name}"
 
@@ -67,7 +67,7 @@ def bench_with_panel(folder: Path, *options: object, **limits: float) -> Iterato
         bench_file.write_text(bench_file_text(bench_file_from(lab.file.model_dump(mode="json"))))
         (folder / "files" / "turns.toml").write_text(CAMPAIGN)
         panel = Panel(folder / "runs", "--bench", bench_file, *options)
-        found = Bench(panel, bench_file)
+        found = Bench(panel, bench_file, lab)
         try:
             yield found
         finally:
