@@ -12,8 +12,8 @@ def check(
     runs: DiagnosedRuns,
     model: NominalModel,
     gyro: DiagnosedGyro = None,
-    effects: OwnEffects = None,
     as_json: Json = False,
+    effects: OwnEffects = None,
 ) -> None:
     """Say what these runs can show of every effect: the smallest size, and which effects look the same."""
     from bench.analysis import gap

@@ -30,7 +30,6 @@ def diagnose(
         Option(help="run to judge the closing on: id of one given, folder or mapping file"),
     ] = None,
     gyro: DiagnosedGyro = None,
-    effects: OwnEffects = None,
     as_json: Json = False,
     report: Annotated[Path | None, Option(help="HTML report to write, with the map and curves")] = None,
     run: Annotated[
@@ -50,6 +49,7 @@ def diagnose(
     yes: Annotated[
         bool, Option("--yes", "-y", help="with --run: answer the procedure's questions with yes")
     ] = False,
+    effects: OwnEffects = None,
 ) -> None:
     """Say where the gap is, which effect explains it, and how far it closes on held-out runs."""
     from bench.analysis import gap
@@ -138,9 +138,9 @@ def close(
     runs: DiagnosedRuns,
     model: NominalModel,
     gyro: DiagnosedGyro = None,
-    effects: OwnEffects = None,
     out: Annotated[Path | None, Option(help="file; default nominal+<effect>.toml beside the model")] = None,
     as_json: Json = False,
+    effects: OwnEffects = None,
 ) -> None:
     """Write the nominal model with the missing effects in it, and what was learned for those without a name.
 
