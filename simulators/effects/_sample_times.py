@@ -21,13 +21,18 @@ def _change(s: Stimulus, shape: Shape) -> Array:
     """
     if s.edge_rate_dps is not None:
         return np.asarray(3600.0 * np.diff(s.edge_rate_dps) * np.sin(np.radians(s.elevation_deg)))
-    rate, side = s.input_rate_dph, min(max(shape["side"], -1.0), 1.0)
+    side = min(max(shape["side"], -1.0), 1.0)
+    edges = s.once("rates at edges", lambda: _edges(s.input_rate_dph))
+    weights = np.array([np.interp(side, (-1.0, -0.5, 0.0, 0.5, 1.0), row) for row in np.eye(5)])
+    return np.diff(np.einsum("i,ij->j", weights, edges))
+
+
+def _edges(rate: Array) -> Array:
+    """Return the rate at samples' edges if its changes begin or end there, or it is smooth, (5, n + 1)."""
     forward, backward = _edge_values(rate), _edge_values(rate[::-1])[::-1]
     late = np.append(rate, rate[-1])
     early = np.insert(rate, 0, rate[0])
-    edges = (early, backward, _smooth_edges(rate), forward, late)
-    weights = np.array([np.interp(side, (-1.0, -0.5, 0.0, 0.5, 1.0), row) for row in np.eye(5)])
-    return np.diff(np.einsum("i,ij->j", weights, np.stack(edges)))
+    return np.stack((early, backward, _smooth_edges(rate), forward, late))
 
 
 def _smooth_edges(means: Array) -> Array:

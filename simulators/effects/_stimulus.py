@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -60,15 +61,22 @@ class Stimulus:
 
         The integral over the sample is exact for a constant rate in it: sin(m d/2)/(m d/2) at the middle angle.
         """
-        if order not in self._harmonics:
+
+        def waves() -> Array:
             middle = np.radians(order * 0.5 * (self.angle_deg[1:] + self.angle_deg[:-1]))
             half_turns = order * np.diff(self.angle_deg) / 360.0
-            waves = np.sinc(half_turns) * np.stack((np.cos(middle), np.sin(middle)))
-            self._harmonics[order] = np.asarray(waves)
-        return self._harmonics[order]
+            return np.asarray(np.sinc(half_turns) * np.stack((np.cos(middle), np.sin(middle))))
+
+        return self.once(f"harmonic {order}", waves)
+
+    def once(self, name: str, work: Callable[[], Array]) -> Array:
+        """Return what `work` gives, which is done once and kept under a name."""
+        if name not in self._kept:
+            self._kept[name] = work()
+        return self._kept[name]
 
     @cached_property
-    def _harmonics(self) -> dict[int, Array]:
+    def _kept(self) -> dict[str, Array]:
         return {}
 
     @cached_property

@@ -48,10 +48,14 @@ class Bridge:
             return values
         result = values.copy()
         result[:, self.missing] = 0.0
-        sums = np.zeros((len(values), values.shape[1] + 1))
-        np.cumsum(result, axis=1, out=sums[:, 1:])
-        means = (sums[:, self.high] - sums[:, self.low]) / np.maximum(self.counts, 1)
-        points = np.einsum("pgk,gjk->pgj", means, self.weights, optimize=True)
+        # sums between borders of stretches, not over every sample
+        borders, inverse = np.unique(np.stack((self.low, self.high)), return_inverse=True)
+        low, high = inverse.reshape(2, *self.low.shape)
+        sums = np.zeros((len(values), len(borders)))
+        inside = np.add.reduceat(result[:, : borders[-1]], borders[:-1], axis=1)
+        np.cumsum(inside, axis=1, out=sums[:, 1:])
+        means = (sums[:, high] - sums[:, low]) / np.maximum(self.counts, 1)
+        points = np.matmul(means.transpose(1, 0, 2), self.weights.transpose(0, 2, 1)).transpose(1, 0, 2)
         at = np.flatnonzero(self.missing)
         gap = np.searchsorted(self.stops, at, side="right")
         # from -1 at the first sample of a gap over 0 in its middle to 1 at its last

@@ -6,7 +6,7 @@ A cell's Gram matrix of [data, columns] is all that later steps need: every fit 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -149,6 +149,33 @@ def left_of_noise(group: Group, filled_for: Noise, noise: Noise) -> Array:
     period_s = group.flat[0].stimulus.period_s
     parts = [noise_left(run.missing, period_s, filled_for, noise) for run in group.flat]
     return np.asarray(np.mean(parts, axis=0))
+
+
+def whitened_rows(
+    group: Group, stack: Stack, noise: Noise, variance: Array
+) -> Callable[[NDArray[Any]], Array]:
+    """Return what turns coefficients (runs, k, n - 1) of a group into rows (k, runs (n - 1)).
+
+    Their products are the sum of those of `group_cells` over `variance`, which has their order.
+    """
+    n, period_s = stack.full.shape[2] + 1, group.runs[0][0].stimulus.period_s
+    mix = mixing(group)[2]
+    power = power_of(noise, n, period_s) * np.maximum(left_of_noise(group, stack.filled_for, noise), 1.0)
+    sizes = [part.stop - part.start for part in band_slices(n, period_s) if part.stop > part.start]
+    deviation = np.sqrt(power * np.repeat(variance.reshape(len(sizes), len(mix)), sizes, axis=0).T)
+
+    def rows(coefficients: NDArray[Any]) -> Array:
+        mixed = np.tensordot(mix, coefficients, axes=1) / deviation[:, None]
+        return np.asarray(mixed.transpose(1, 0, 2).reshape(mixed.shape[1], -1))
+
+    return rows
+
+
+def cells_in(group: Group) -> int:
+    """Return how many cells a group has: bands by parity runs."""
+    run = group.runs[0][0].stimulus
+    bands = [part for part in band_slices(len(run), run.period_s) if part.stop > part.start]
+    return len(bands) * len(group.flat)
 
 
 def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:

@@ -5,8 +5,9 @@ Index 0 of a Gram matrix is the data, 1 .. q the nominal model's columns, the re
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +38,13 @@ class Solution:
 def weighted_gram(cells: Sequence[Cell], variance: Array) -> Array:
     """Return the sum of the cells' Gram matrices of [data, columns] over their variance (cells,)."""
     total = np.zeros((cells[0].columns,) * 2)
-    for cell, each in zip(cells, variance, strict=True):
-        total[np.ix_(cell.at, cell.at)] += cell.block / each
+    # cells of one group and band have the same columns: added up first, put into place once
+    for _, alike in groupby(zip(cells, variance.tolist(), strict=True), key=lambda each: id(each[0].at)):
+        pairs = list(alike)
+        part = pairs[0][0].block / pairs[0][1]
+        for cell, each in pairs[1:]:
+            part += cell.block / each
+        total[np.ix_(pairs[0][0].at, pairs[0][0].at)] += part
     return total
 
 
@@ -66,16 +72,35 @@ def beside_nominal(gram: Array, prior_sigmas: Array, fitted: Solution, columns: 
     return Solution(np.concatenate((nominal, own)), np.concatenate((-taken, values)), np.zeros((0, 0)))
 
 
+@dataclass(frozen=True)
+class Products:
+    """Products of the data, 0, and some columns (u,), ascending, in every cell, (cells, u, u)."""
+
+    columns: NDArray[np.int64]
+    values: Array
+
+    @classmethod
+    def of(cls, cells: Sequence[Cell], columns: Iterable[int]) -> Products:
+        """Return the products of the data and `columns` in `cells`."""
+        at = np.array(sorted({0, *columns}), dtype=np.int64)
+        return cls(at, np.stack([cell.products(at) for cell in cells]))
+
+    def left(self, solution: Solution) -> Array:
+        """Return the energy of the whitened data that a solution leaves in each cell, (cells,)."""
+        return self._energies(np.append(solution.indices, 0), np.append(-solution.values, 1.0))
+
+    def action(self, solution: Solution, first: int = 0) -> Array:
+        """Return the energy that a solution's columns from `first` on have in each cell, (cells,)."""
+        return self._energies(solution.indices[first:], solution.values[first:])
+
+    def _energies(self, columns: NDArray[np.int64], weights: Array) -> Array:
+        at = np.searchsorted(self.columns, columns)
+        return np.asarray(self.values[:, at[:, None], at] @ weights @ weights)
+
+
 def energies(cells: Sequence[Cell], solution: Solution) -> Array:
     """Return the energy of the whitened data that a solution leaves in each cell, (cells,)."""
-    columns = np.concatenate(([0], solution.indices))
-    return left_energies(np.stack([cell.products(columns) for cell in cells]), solution.values)
-
-
-def left_energies(products: Array, values: Array) -> Array:
-    """Return the energy left, (cells,), of the cells' products (cells, 1 + k, 1 + k) of data and k columns."""
-    weights = np.concatenate(([1.0], -values))
-    return np.asarray(np.einsum("i,cij,j->c", weights, products, weights, optimize=True))
+    return Products.of(cells, solution.indices.tolist()).left(solution)
 
 
 def counts(cells: Sequence[Cell]) -> Array:

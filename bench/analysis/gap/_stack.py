@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,8 @@ from bench.analysis.gap._noise import Noise
 from drivers.base.arrays import Array
 
 _SHORTEST_S = 20.0
+_ROWS = 24
+"""Rows that are bridged and averaged together."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def _full(run: GapRun, blocks: Sequence[Array], noise: Noise) -> NDArray[np.floa
     filled = bridge(run.missing, run.stimulus.period_s, noise)
     held = np.empty((sum(len(own) for own in blocks), len(run.stimulus)), dtype=np.float32)
     at = 0
-    for block in blocks:
+    for block in _gathered(blocks):
         own = filled.over(block)
         # a large mean would cost digits and is no coefficient
         np.subtract(own, own.mean(axis=1, keepdims=True), out=held[at : at + len(own)], casting="same_kind")
@@ -116,9 +118,21 @@ def _slow(run: GapRun, blocks: Sequence[Array], noise: Noise) -> NDArray[np.floa
     b = next(each for each in range(longest, 0, -1) if n % each == 0)
     means = np.empty((sum(len(own) for own in blocks), n // b))
     at = 0
-    for block in blocks:
+    for block in _gathered(blocks):
         means[at : at + len(block)] = filled.over(block).reshape(len(block), n // b, b).mean(axis=2)
         at += len(block)
     angle = 0.5 * np.pi * np.arange(1, n // b) / n
     factor = np.sin(b * angle) / (np.sqrt(b) * np.sin(angle))
     return np.asarray(dct(means, norm="ortho", axis=-1)[:, 1:] * factor, dtype=np.float32)
+
+
+def _gathered(blocks: Sequence[Array]) -> Iterator[Array]:
+    """Yield the rows of blocks some at a time: few calls, and little memory."""
+    held: list[Array] = []
+    for block in blocks:
+        held.append(block)
+        if sum(map(len, held)) >= _ROWS:
+            yield np.concatenate(held)
+            held = []
+    if held:
+        yield np.concatenate(held)

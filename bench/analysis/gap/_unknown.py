@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.gap._cells import Cell
-from bench.analysis.gap._fit import Floor, Solution, counts
+from bench.analysis.gap._fit import Floor, Products, Solution, counts
 from drivers.base.arrays import Array
 
 _PENALTY = 7.0
@@ -109,5 +109,5 @@ def prevalence(cells: Sequence[Cell], gap: Array, acting: Solution, rest: Remain
 def _action(cells: Sequence[Cell], solution: Solution, columns: Sequence[int]) -> Array:
     """Return the energy that some of a solution's columns have in each cell, (cells,)."""
     at = np.isin(solution.indices, columns)
-    values, indices = solution.values[at], solution.indices[at]
-    return np.array([values @ cell.products(indices) @ values for cell in cells])
+    own = Solution(solution.indices[at], solution.values[at], np.zeros((0, 0)))
+    return Products.of(cells, own.indices.tolist()).action(own)

@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.analysis.gap._candidates import candidates_of, possible_candidates
-from bench.analysis.gap._cells import Cell, group_cells, rescaled
+from bench.analysis.gap._cells import cells_in, whitened_rows
+from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._evidence import SetPosterior, reduced, search
 from bench.analysis.gap._fit import (
     DIRECTIONS,
     MISFIT,
     TOLERANCE,
+    Products,
     Solution,
     counts,
-    energies,
-    left_energies,
     nominal_energies,
     solve,
     tolerated,
@@ -37,8 +37,9 @@ from bench.analysis.gap._judged import (
 from bench.analysis.gap._lines import SpectralLine, strongest_line
 from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._noise import power_of
-from bench.analysis.gap._prepare import Prepared, gathered, narrowed, noise_beside, with_columns
+from bench.analysis.gap._prepare import Prepared, gathered, narrowed, noise_beside
 from bench.analysis.gap._refine import best_of_each, between_grid_points, sets_of_note
+from bench.analysis.gap._stack import stacked
 from bench.analysis.gap._unknown import Remainder, remainder
 from drivers.base.arrays import Array
 from simulators.effects import Input, Variant
@@ -90,12 +91,25 @@ def _gram_of(found: Found, model: Model) -> Callable[[Sequence[Variant]], Array]
     """Return what gives the weighted products of [data, variants' columns], nominal columns projected out."""
     data, nominal = found.data, range(1 + len(model.sigmas))
     variance = tolerated(data.cells, found.before, directions=DIRECTIONS)
+    variance *= data.floor.ratio[[cell.band for cell in data.cells]]
+    whiten, own, start = [], [], 0
+    for group, stack in zip(data.groups, data.stacks, strict=True):
+        stop = start + cells_in(group)
+        whiten.append(whitened_rows(group, stack, data.noise.noise, variance[start:stop]))
+        own.append(whiten[-1](stack.chosen(nominal)))
+        start = stop
 
     def gram(variants: Sequence[Variant]) -> Array:
-        cells: list[Cell] = []
-        for group, stack in zip(data.groups, with_columns(data, nominal, variants), strict=True):
-            cells += group_cells(group, stack, data.noise.noise)
-        return reduced(weighted_gram(rescaled(cells, data.floor.ratio), variance), model.sigmas)
+        def columns(run: GapRun) -> list[Array]:
+            return [variant.columns(run.stimulus) for variant in variants]
+
+        size = len(nominal) + sum(len(variant.effect.parameters) for variant in variants)
+        total = np.zeros((size, size))
+        for group, stack, weighted, fixed in zip(data.groups, data.stacks, whiten, own, strict=True):
+            fresh = stacked(group.flat, columns, [False] * len(variants), stack.filled_for)
+            rows = np.concatenate((fixed, weighted(fresh.full)))
+            total += rows @ rows.T
+        return reduced(total, model.sigmas)
 
     return gram
 
@@ -158,22 +172,26 @@ def _judge_sets(
     kept = list(dict.fromkeys([*kept, *(names for names in instead if names is not None), frozenset()]))
     best = posterior.best_variants()
     solutions = {names: solve(gram, sigmas, _columns(posterior, best[names], len(sigmas))) for names in kept}
-    used = np.unique(np.concatenate([[0], *(each.indices for each in solutions.values())]))
-    products = np.stack([cell.products(used) for cell in data.cells])
+    curves = [
+        next(iter(members))
+        for names, members in best.items()
+        if len(names) == 1 and names <= posterior.curves
+    ]
+    used = _columns(posterior, frozenset(curves), len(sigmas))
+    used += [column for each in solutions.values() for column in each.indices.tolist()]
+    products = Products.of(data.cells, used)
     number = counts(data.cells)
 
     def rest_of(solution: Solution, left: Array) -> Remainder:
         """Return what a fit leaves; its effects' formulas may miss a part of what they do in a cell, no more."""
-        own, values = solution.indices[len(sigmas) :], solution.values[len(sigmas) :]
-        action = np.array([values @ cell.products(own) @ values for cell in data.cells])
+        action = products.action(solution, len(sigmas))
         misfit = np.minimum(action, np.maximum(np.maximum(before, left) - number, 0.0))
         return remainder(data.cells, tolerated(data.cells, number + misfit, MISFIT), before, left, data.floor)
 
     judged = []
     for names in kept:
         members, solution = best[names], solutions[names]
-        at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
-        left = left_energies(products[:, at[:, None], at], solution.values)
+        left = products.left(solution)
         rest = rest_of(solution, left)
         known = frozenset(member for member in members if not posterior.candidates[member].curve)
         alone = solve(gram, sigmas, _columns(posterior, known, len(sigmas))) if known != members else solution
@@ -183,9 +201,7 @@ def _judge_sets(
 
     def left_without(one: Judged, names: frozenset[str]) -> Array:
         rest = frozenset(member for member in one.members if posterior.candidates[member].effect not in names)
-        solution = solve(gram, sigmas, _columns(posterior, rest, len(sigmas)))
-        at = np.searchsorted(used, np.concatenate(([0], solution.indices)))
-        return left_energies(products[:, at[:, None], at], solution.values)
+        return products.left(solve(gram, sigmas, _columns(posterior, rest, len(sigmas))))
 
     def in_form(one: Judged) -> Judged:
         """Take out what curves over the very inputs of a set's effects take away, if that may be their form."""
@@ -196,20 +212,15 @@ def _judge_sets(
                 if not absorbed(effects[name], [variants[curve].effect]):
                     continue
                 solution = solve(gram, sigmas, _columns(posterior, one.members | {curve}, len(sigmas)))
-                gained = float(one.left.sum()) - float(energies(data.cells, solution).sum())
+                gained = float(one.left.sum()) - float(products.left(solution).sum())
                 if gained <= missed_beside(effects[posterior.candidates[curve].effect]) ** 2 * theirs:
                     members.add(curve)
         if members == one.members:
             return one
         solution = solve(gram, sigmas, _columns(posterior, frozenset(members), len(sigmas)))
-        return replace(one, rest=rest_of(solution, energies(data.cells, solution)), in_form=solution)
+        return replace(one, rest=rest_of(solution, products.left(solution)), in_form=solution)
 
     effects = {candidate.effect: variants[candidate.variant].effect for candidate in posterior.candidates}
-    curves = [
-        next(iter(members))
-        for names, members in best.items()
-        if len(names) == 1 and names <= posterior.curves
-    ]
     matter = curves_that_matter(judged, left_without, effects)
     matter = less_forms(matter, left_without, effects)
     matter = told_by_form(matter, left_without, data.cells, effects)
