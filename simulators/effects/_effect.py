@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, Flag, auto
+from functools import cached_property
 from types import MappingProxyType
 from typing import Literal
 
@@ -13,9 +14,11 @@ from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
-from simulators.effects._stimulus import Stimulus
+from simulators.effects._stimulus import REFERENCE_C, Stimulus
 from simulators.effects._tick import AtRate, Tick
 
+_RATES_DPS = np.geomspace(1e-3, 200.0, 24)
+_FAST_DPS, _SLOW_PART = 1.0, 0.01
 Shape = Mapping[str, float]
 Formula = Callable[[Stimulus, Shape], Array | tuple[Array, ...] | float]
 NO_SHAPE: Shape = MappingProxyType({})
@@ -197,6 +200,24 @@ class Effect:
     def variants(self) -> tuple[Variant, ...]:
         """Return the effect at every point of its grid."""
         return tuple(Variant(self, shape) for shape in self.shapes)
+
+    @cached_property
+    def parity(self) -> int | None:
+        """Whether it adds the same at opposite rates, 1, or the opposite, -1; None if it follows more than rate.
+
+        Nor has one that acts at slow rates only: a band about zero is no part of a curve over all rates.
+        """
+        if not self.inputs or self.inputs & ~(Input.RATE | Input.TABLE_RATE):
+            return None
+        rates_dps = np.repeat(_RATES_DPS, 2) * np.tile((1.0, -1.0), len(_RATES_DPS))
+        still = np.full(len(rates_dps), REFERENCE_C)
+        angle_deg = np.concatenate(([0.0], np.cumsum(rates_dps)))
+        s = Stimulus(np.cumsum(np.ones(len(still))), still, still, angle_deg, np.full(len(still), 90.0), 0.0)
+        forth, back = self.columns(s, self.shapes[0])[0].reshape(-1, 2).T
+        size = float(np.abs(forth).max())
+        if np.abs(forth[_RATES_DPS > _FAST_DPS]).max() < _SLOW_PART * size:
+            return None
+        return next((sign for sign in (1, -1) if np.allclose(forth, sign * back, atol=1e-6 * size)), None)
 
     @property
     def causal(self) -> Causal:

@@ -17,6 +17,10 @@ _OUTLIER = 8.0
 """Standard deviations by which a sample must stand off its neighbours, itself or with the next one."""
 _STEADY_DPS = 0.02
 _NEAR = 41
+_LEAST_NUMBER = 2
+"""One sample off its neighbours, in hours, shows no process."""
+_BY_CHANCE = 0.01
+"""Probability below which it is no chance that the table turns wherever there is an impulse."""
 _SAME_S = 3.0
 """Time by which what a run does may be earlier or later in its repeat."""
 
@@ -37,7 +41,7 @@ def _find(records: Sequence[Record]) -> Finding | None:
             output = output.copy()
             output[at] = np.nan
         outputs.append(output)
-    if not sizes or _come_again(records, places_s):
+    if len(sizes) < _LEAST_NUMBER or _come_again(records, places_s) or _with_turns(records, places_s):
         return None
     rate, size = len(sizes) / hours, float(np.sqrt(np.mean(np.square(sizes))))
     root = math.sqrt(len(sizes))
@@ -46,6 +50,21 @@ def _find(records: Sequence[Record]) -> Finding | None:
         "these samples are left out"
     )
     return Finding((rate, size), (rate / root, size / root), words, tuple(outputs))
+
+
+def _with_turns(records: Sequence[Record], places_s: Sequence[Array]) -> bool:
+    """Return whether all come while the table turns as fast as it seldom does: then table or logger bring them.
+
+    What comes by chance comes at rest, too. `places_s` are samples off their neighbours, by record.
+    """
+    speeds = [np.abs(record.stimulus.table_rate_dps) for record in records]
+    at = [
+        speed[np.rint(own_s / record.stimulus.period_s).astype(np.int64)]
+        for record, speed, own_s in zip(records, speeds, places_s, strict=True)
+    ]
+    slowest = float(np.concatenate(at).min(initial=math.inf))
+    part = float(np.mean(np.concatenate(speeds) >= slowest - _STEADY_DPS))
+    return part ** sum(map(len, at)) < _BY_CHANCE
 
 
 def _come_again(records: Sequence[Record], places_s: Sequence[Array]) -> bool:

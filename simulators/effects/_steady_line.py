@@ -30,7 +30,7 @@ _STEADY_SHARE = 0.5
 _SEEN = 3.0
 _ALIKE = 0.5
 """Part by which a line's amplitude in a run in which the table moves may differ from that in the steady ones."""
-_OVERTONES = 8
+_OVERTONES = 24
 
 
 @dataclass(frozen=True)

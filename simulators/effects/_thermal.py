@@ -206,6 +206,7 @@ WARM_UP = Effect(
     "self-heating of the electronics",
     "Bias settles after power-on.",
     tuple({"time_constant_s": tau} for tau in (300.0, 900.0, 1800.0, 3600.0)),
+    curve=Curve(Input.TIME),
 )
 BIAS_RAMP = Effect(
     "bias_ramp",
@@ -215,4 +216,5 @@ BIAS_RAMP = Effect(
     "time in the run",
     "IEEE Std 952, rate ramp",
     "Bias drifts steadily with time.",
+    curve=Curve(Input.TIME),
 )

@@ -36,6 +36,7 @@ class GapRun:
     is the finest step of angle between the rows of the log that the samples are means of, NaN where not known.
     `rows_dps` (rows,), `row_s` apart: those rows, NaN where missing, of a log whose rows are even and finer.
     `simulated`: what a user's own simulation foretold is taken off, and the input rate put in its place.
+    `remarks`: what was set right in its log.
     """
 
     run_id: str
@@ -51,6 +52,7 @@ class GapRun:
     simulated: bool = False
     rows_dps: Array | None = None
     row_s: float = math.nan
+    remarks: tuple[str, ...] = ()
 
     @cached_property
     def missing(self) -> NDArray[np.bool_]:

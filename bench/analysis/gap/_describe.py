@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.gap._findings import SIGNIFICANT, Place
-from bench.analysis.gap._generic import FreeCurve
+from bench.analysis.gap._generic import INPUTS, FreeCurve
 from bench.analysis.gap._lines import SpectralLine
 from bench.analysis.gap._model_file import Term
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._where import RegimePlace
-from simulators.effects import REFERENCE_C, Input, Variant
+from simulators.effects import Variant
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,14 @@ def curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
         return UnknownPart("table angle", sentence, harmonic=order, term=term)
     lag_s = variant.shape.get("lag_s")
     unit, kind = ("ppm of rate", "Scale factor") if effect.curve.of_rate else ("deg/h", "Bias")
-    above_c = REFERENCE_C if effect.curve.over is Input.T_IN else 0.0
+    along = INPUTS[effect.curve.over]
     inputs, curve = effect.drawn(variant.shape, values)
-    at = tuple(round(each, 2) + above_c for each in inputs.tolist())
+    at = tuple(round(each, 2) for each in along.shown(inputs).tolist())
     top = int(np.argmax(np.abs(curve)))
     late = f", {lag_s:.0f} s late" if lag_s else ""
-    unit_at = {Input.T_IN: "degC", Input.GRADIENT: "K"}.get(effect.curve.over, "K/min")
     sentence = (
         f"{kind} follows {effect.follows}{late}, by a curve that no effect of the catalogue has; "
-        f"largest, {curve[top]:.3g} {unit}, at {at[top]:.3g} {unit_at}."
+        f"largest, {curve[top]:.3g} {unit}, at {at[top]:.3g} {along.unit}."
     )
     return UnknownPart(
         effect.follows, sentence, lag_s, unit=unit, at=at, curve=tuple(curve.tolist()), term=term

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from bench.analysis.gap._data import GapRun
-from bench.analysis.gap._model_file import DisturbanceTerm, Model
+from bench.analysis.gap._model_file import DisturbanceTerm, Model, by_parameter
 from simulators.effects import Disturbance, Record, catalogue
 
 _SURE = 0.95
@@ -21,6 +21,12 @@ class Disturbed:
     terms: tuple[DisturbanceTerm, ...]
     probabilities: dict[str, float]
     sentences: dict[str, str]
+
+    @property
+    def lines_hz(self) -> list[float]:
+        """Frequencies of the lines that were named."""
+        named = [by_parameter(term, term.values) for term in self.terms]
+        return [values["frequency_hz"] for values in named if "frequency_hz" in values]
 
 
 def without_disturbances(runs: Sequence[GapRun], model: Model) -> Disturbed:

@@ -17,6 +17,7 @@ from bench.analysis.gap._data import GapRun
 from drivers.base.arrays import Array
 from simulators.effects import (
     PPM,
+    REFERENCE_C,
     Curve,
     Effect,
     Formula,
@@ -45,22 +46,36 @@ _ABOUT = np.linspace(-4.0, 4.0, 17)
 _ANGLE = "table angle"
 _TURNING_DPS = 1.0
 _STEADY_DPS = 0.01
+_SETTLING_S = 300.0
 _NO_CURVE = Curve(Input.NONE)
 
 
 class _Along(NamedTuple):
-    """An input that free curves are drawn over: its words, its values, and the least span that shows a curve."""
+    """An input that free curves are drawn over: its words, its values, and the least span that shows a curve.
+
+    `shown` turns values (m,) into those that a reader is told, in `unit`.
+    """
 
     words: str
     values: Callable[[Stimulus], Array]
     least_span: float
+    unit: str
+    shown: Callable[[Array], Array] = lambda values: values
 
 
 INPUTS = {
-    Input.T_IN: _Along("T_in", lambda s: s.warm_k, 10.0),
-    Input.T_OUT: _Along("T_out", lambda s: s.case_warm_k, 10.0),
-    Input.WARMING: _Along("dT_in/dt", lambda s: s.warming_k_per_min, 0.5),
-    Input.GRADIENT: _Along("T_in - T_out", lambda s: s.gradient_k, 1.0),
+    Input.T_IN: _Along("T_in", lambda s: s.warm_k, 10.0, "degC", lambda warm_k: warm_k + REFERENCE_C),
+    Input.T_OUT: _Along("T_out", lambda s: s.case_warm_k, 10.0, "degC", lambda warm_k: warm_k + REFERENCE_C),
+    Input.WARMING: _Along("dT_in/dt", lambda s: s.warming_k_per_min, 0.5, "K/min"),
+    Input.GRADIENT: _Along("T_in - T_out", lambda s: s.gradient_k, 1.0, "K"),
+    Input.TIME: _Along(
+        "time since power-on",
+        # nodes further apart the longer it is on: what settles does so by parts of what is left
+        lambda s: np.log1p(np.maximum(s.time_s, 0.0) / _SETTLING_S),
+        1.0,
+        "s",
+        lambda octaves: _SETTLING_S * np.expm1(octaves),
+    ),
 }
 
 
@@ -120,7 +135,8 @@ def free_curves(runs: Sequence[GapRun]) -> list[Variant]:
 
 def _grids(over: Input) -> list[tuple[int, tuple[float, ...]]]:
     """Return numbers of nodes, each with its lags."""
-    return [(count, _LAGS_S) for count in _NODES] + [(_FINE, _FINE_LAGS_S)] * (over is Input.T_IN)
+    lags_s = (0.0,) if over is Input.TIME else _LAGS_S
+    return [(count, lags_s) for count in _NODES] + [(_FINE, _FINE_LAGS_S)] * (over is Input.T_IN)
 
 
 def grid_points(effect: Effect) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import poisson
 
 from bench.analysis.gap._data import GapRun, interpolated, stand_ins
-from bench.analysis.gap._rows import Steps
+from bench.analysis.gap._rows import Steps, true_times
 from bench.record.exchange import LogEntry, Mapping, read_log, read_mapping
 from bench.record.recording import Run, names_at
 from drivers.base.arrays import Array
@@ -73,7 +73,14 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         )
     rows = log.columns["output"]
     held = held_rows(rows)
-    steps = Steps.of(log.time_s - log.time_s[0], ~np.isnan(rows) & ~held)
+    use, time_s = ~np.isnan(rows) & ~held, log.time_s - log.time_s[0]
+    if "angle" in log.columns:
+        # without the angle at both ends of a row nobody knows how far the table turned in it
+        known = ~np.isnan(log.columns["angle"])
+        use &= known & np.append(True, known[:-1])
+        log.columns["angle"] = interpolated(log.columns["angle"])
+        time_s = true_times(time_s, np.where(use, rows, np.nan), log.columns["angle"])
+    steps = Steps.of(time_s, use)
 
     def means(key: str) -> Array:
         return steps.means(log.columns[key])
@@ -109,6 +116,7 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         simulated,
         _even_rows(steps, rows),
         steps.usual_s,
+        log.remarks,
     )
 
 

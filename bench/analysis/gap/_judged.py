@@ -247,15 +247,18 @@ def _missed(one: Effect, other: Effect) -> float:
     """Return the part of an effect's amplitude that another, added alike, may correct in its formula; 0 for none.
 
     Temperatures are measured at one or two places, and all that follows them follows their changes and their
-    memory, too; a free curve only what it is over. Attitudes are known; what a field does with them less so.
+    memory, too; a free curve only what it is over. Attitudes are known; what a field does with them less so. Of
+    rates, even functions are akin, and odd ones: a curve bends as it will, and keeps its parity.
     """
+    if one.parity is not None and one.parity == other.parity:
+        return TOLERANCE
     if one.unit != other.unit:
         return 0.0
     common = one.inputs & other.inputs
     curves = [each for each in (one, other) if isinstance(each, FreeCurve)]
     if curves:
         least = MISFIT if any(curve.local for curve in curves) else TOLERANCE
-        return least if common & _TEMPERATURES else 0.0
+        return least if common & (_TEMPERATURES | Input.TIME) else 0.0
     if (one.inputs & _TEMPERATURES and other.inputs & _TEMPERATURES) or common & (Input.TIME | Input.CLOCKS):
         return TOLERANCE
     return _OF_ATTITUDE if common & _DIRECTIONS else 0.0

@@ -188,7 +188,8 @@ def _forms(runs: Sequence[GapRun]) -> list[Variant]:
     seen = {over for over, (low, high) in spans.items() if high - low >= INPUTS[over].least_span}
     rates = np.concatenate([run.stimulus.axis_rate_dps for run in runs])
     turning = float(np.abs(rates).max()) > _TURNING_DPS
-    shapes: dict[str, Sequence[float]] = {"time since power-on": (100.0, 300.0, 1000.0, 3000.0, 10000.0)}
+    settling_s = (100.0, 300.0, 1000.0, 3000.0, 10000.0)
+    shapes: dict[str, Sequence[float]] = {"time since power-on": settling_s}
 
     def nodes(over: Input, count: int) -> list[float]:
         low, high = spans[over]
@@ -217,6 +218,7 @@ def _forms(runs: Sequence[GapRun]) -> list[Variant]:
     if turning:
         shapes |= {
             "bias over rate": _levels(rates),
+            "scale factor since power-on": settling_s,
             "rate over table angle": [order for order in range(1, 37) for _ in "cs"],
             "heat of turning": (30.0, 100.0, 300.0, 1000.0),
             "answer to changes of rate": tuple(float(delay) for delay in range(12)),

@@ -48,14 +48,18 @@ class SpectralLine:
 
 
 def strongest_line(
-    groups: Sequence[Group], residuals: Sequence[Array], noise: Noise, gaps: dict[str, float]
+    groups: Sequence[Group],
+    residuals: Sequence[Array],
+    noise: Noise,
+    gaps: dict[str, float],
+    named_hz: Sequence[float] = (),
 ) -> SpectralLine | None:
     """Return the strongest line in whitened residuals (runs, n - 1) of each group; None without a clear one.
 
     `gaps` holds each profile's energy above the floor under the nominal model: a line that is a small part of
     it may be an effect's misfit. Looked at are the runs of each profile, and those of all profiles of one length:
     what hums in a laboratory does so at one frequency in all of them. Probability is of the strongest of all
-    windows looked at (Sidak).
+    windows looked at (Sidak). What is left at the alias of a line that is named already, `named_hz`, is none.
     """
     found: list[SpectralLine] = []
     pools = _of_one_length(groups)
@@ -75,6 +79,10 @@ def strongest_line(
         around = _surroundings(energy)
         ratio = np.maximum(around / size, 1.0)
         log_p = _log_tail(energy[first:] / ratio[first:], size)
+        for line_hz in named_hz:
+            cycles = abs((line_hz * period_s + 0.5) % 1.0 - 0.5)
+            own = round(2.0 * cycles * (residual.shape[1] + 1)) // _WIDTH - first
+            log_p[max(own - 1, 0) : max(own + 2, 0)] = 0.0
         k = int(np.argmin(log_p)) + first
         excess = float(energy[k] - around[k])
         evidence = -float(log_p[k - first]) - math.log(looked_at) - _CAUTION

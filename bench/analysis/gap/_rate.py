@@ -120,16 +120,18 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
         check_runs(runs)
         shifted, notes = aligned(runs)
+        notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
         disturbed = without_disturbances(shifted, model)
         variants = candidate_variants(model, disturbed.runs)
         return _Ready(model, variants, disturbed, prepare(disturbed.runs, model, variants), notes)
 
     def which(self, data: _Ready) -> _Sets:
-        found = judged_sets(data.data, data.model, data.variants)
+        lines_hz = data.disturbed.lines_hz
+        found = judged_sets(data.data, data.model, data.variants, lines_hz=lines_hz)
         if not found.best.members:
             return found, data.variants
         variants, again = second_look(found, data.model, data.variants)
-        return judged_sets(again, data.model, variants, found.hidden), variants
+        return judged_sets(again, data.model, variants, found.hidden, lines_hz), variants
 
     def finding(self, data: _Ready, sets: _Sets) -> RateFinding:
         found, variants = sets

@@ -19,6 +19,12 @@ _FINEST = 6
 """Digits of a second down to which stamps are rounded; a double holds the time of a year no finer."""
 _ROUNDED = 0.75
 """Times the last digit of the stamps by which even rows may be off their grid."""
+_ENOUGH, _BESIDE_GRID, _FAR_BETTER = 16, 0.4, 0.7
+"""Rows that say whether stamps are true, how far off a grid even ones are, how much less scatter tells."""
+_FEW, _ODD = 0.02, 2.0
+"""An odd time between rows deviates this many times as much from multiples of the usual one as all but few do."""
+_TWO_ROUNDED, _COARSEST = 1.5, 2
+"""Last digits by which the time between two rounded stamps may deviate, of a digit of 0.01 s or finer."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +49,11 @@ class Steps:
     @classmethod
     def of(cls, time_s: Array, use: NDArray[np.bool_]) -> Steps:
         """Return steps of as many whole rows as make up 1 s or more."""
-        time_s, even = _evened(time_s)
+        odd = _odd(time_s)
+        time_s, even = _evened(time_s, odd)
         apart = np.diff(time_s)
         usual_s = float(np.median(apart)) if len(apart) else 1.0
-        pause = np.concatenate(([False], apart > _PAUSE * usual_s))
+        pause = np.concatenate(([False], (apart > _PAUSE * usual_s) | odd))
         if len(apart):
             # their mean, in which jitter of time stamps cancels: runs of one rate have one period
             usual_s = float(apart[~pause[1:]].mean())
@@ -55,7 +62,8 @@ class Steps:
         count = math.floor((time_s[-1] + _INSTANT_S + _UNCOVERED * usual_s) / period_s)
         owner = np.floor((time_s - 0.5 * covers) / period_s).astype(np.int64)
         owner[(owner >= count) | (covers == 0.0)] = -1
-        use = use & (owner >= 0) & ~pause  # where a row after a pause began, the table's angle is not known
+        # where a row after a pause, or one of an odd length, began, the table's angle is not known
+        use = use & (owner >= 0) & ~pause
         own, covered = owner[use], np.zeros(count)
         np.add.at(covered, own, covers[use])
         starts, stops = np.full(count, np.inf), np.full(count, -np.inf)
@@ -113,21 +121,71 @@ class Steps:
         return angle, np.where(known > 0.0, rate / np.maximum(known, 1.0), np.gradient(angle) / self.period_s)
 
 
-def _evened(time_s: Array) -> tuple[Array, bool]:
+def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> Array:
+    """Return the times of rows (m,) as stamped, or on an even grid where that fits what the gyro saw far better.
+
+    Stamps of a logger that reads an even stream when it has time are uneven; those of one that polls are true.
+    `rate_dps` is the output, NaN where it is missing, `angle_deg` the table's angle at the stamps.
+    """
+    apart = np.diff(time_s)
+    if len(apart) < _ENOUGH or not (apart > 0.0).all():
+        return time_s
+    odd = _odd(time_s)
+    grid_s = _grid(time_s, odd)
+    if not 0.0 < np.abs(grid_s - time_s).max() < _BESIDE_GRID * np.median(apart):
+        return time_s
+
+    def scatter(times_s: Array) -> float:
+        rest = np.where(odd, np.nan, rate_dps[1:] - np.diff(angle_deg) / np.diff(times_s))
+        return float(np.nanmean(np.abs(np.diff(rest))))
+
+    return grid_s if scatter(grid_s) < _FAR_BETTER * scatter(time_s) else time_s
+
+
+def _odd(time_s: Array) -> NDArray[np.bool_]:
+    """Return which times between rows (m - 1,) are odd: the clock was set, or a stamp is late; none if many are.
+
+    At 12 deg/s a clock that is set by 0.1 s within a row of 1 s gives it a rate of 4000 deg/h that no gyro had.
+    """
+    apart = np.diff(time_s)
+    if len(apart) < 2 or not (apart > 0.0).all():
+        return np.zeros(len(apart), dtype=bool)
+    usual_s = float(np.median(apart))
+    off = np.abs(apart - usual_s * np.maximum(np.rint(apart / usual_s), 1.0))
+    rounded_s = _TWO_ROUNDED * 10.0 ** -max(_digits(time_s), _COARSEST)
+    return np.asarray(off > max(_ODD * float(np.quantile(off, 1.0 - _FEW)), rounded_s))
+
+
+def _evened(time_s: Array, odd: NDArray[np.bool_]) -> tuple[Array, bool]:
     """Return the times of rows (m,) on an even grid, and True, if they are on one but for rounded stamps.
 
-    At 12 deg/s a stamp that is wrong by 0.5 us in 1 s is a rate wrong by 0.02 deg/h. Rows may be missing.
+    At 12 deg/s a stamp that is wrong by 0.5 us in 1 s is a rate wrong by 0.02 deg/h. Rows may be missing; each
+    stretch between `odd` times (m - 1,) has a grid of its own, of the same step.
     """
     apart = np.diff(time_s)
     if len(apart) < 2 or not (apart > 0.0).all():
         return time_s, False
-    number = np.concatenate(([0.0], np.cumsum(np.rint(apart / np.median(apart)))))
-    digits = next((k for k in range(_FINEST) if _multiples(time_s, 10.0**-k)), _FINEST)
-    step_s, start_s = np.polyfit(number, time_s, 1)
-    grid_s = np.asarray(start_s + step_s * number)
-    if np.abs(grid_s - time_s).max() > _ROUNDED * 10.0**-digits:
+    grid_s = _grid(time_s, odd)
+    if np.abs(grid_s - time_s).max() > _ROUNDED * 10.0 ** -_digits(time_s):
         return time_s, False
     return grid_s - grid_s[0], True
+
+
+def _grid(time_s: Array, odd: NDArray[np.bool_]) -> Array:
+    """Return the multiples of one step nearest to the times of rows (m,), in each stretch between odd times."""
+    apart = np.diff(time_s)
+    number = np.concatenate(([0.0], np.cumsum(np.maximum(np.rint(apart / np.median(apart)), 1.0))))
+    stretch = np.concatenate(([0], np.cumsum(odd)))
+    size = np.bincount(stretch)
+    from_middle = number - (np.bincount(stretch, number) / size)[stretch]
+    middle_s = (np.bincount(stretch, time_s) / size)[stretch]
+    step_s = float(from_middle @ (time_s - middle_s)) / max(float(from_middle @ from_middle), 1e-12)
+    return np.asarray(middle_s + step_s * from_middle)
+
+
+def _digits(time_s: Array) -> int:
+    """Return to how many digits of a second stamps are rounded."""
+    return next((k for k in range(_FINEST) if _multiples(time_s, 10.0**-k)), _FINEST)
 
 
 def _multiples(time_s: Array, unit_s: float) -> bool:

@@ -124,8 +124,13 @@ def _renumbered(found: Found, kept: Sequence[int], q: int) -> Solution:
 
 
 def judged_sets(
-    data: Prepared, model: Model, variants: Sequence[Variant], hidden: dict[str, str] | None = None
+    data: Prepared,
+    model: Model,
+    variants: Sequence[Variant],
+    hidden: dict[str, str] | None = None,
+    lines_hz: Sequence[float] = (),
 ) -> Found:
+    """Weigh the sets; `hidden`: what the look before said cannot be seen, `lines_hz` are named lines."""
     sigmas, cells = model.sigmas, data.cells
     before = nominal_energies(cells, sigmas)
     variance = tolerated(cells, before)
@@ -143,7 +148,8 @@ def judged_sets(
     gaps = dict.fromkeys((cell.profile for cell in cells), 0.0)
     for cell, own in zip(cells, before, strict=True):
         gaps[cell.profile] += max(own - cell.count, 0.0) if cell.repeatable else 0.0
-    line = strongest_line(data.groups, left_of_runs(data, best.in_form), data.noise.noise, gaps)
+    left = left_of_runs(data, best.in_form)
+    line = strongest_line(data.groups, left, data.noise.noise, gaps, lines_hz)
     turning = any(Input.TURN in variants[member].effect.inputs for member in best.members)
     if line is not None and not (line.harmonic and turning):
         # harmonics of a ripple that is named already are its waveform, no effect of their own

@@ -19,6 +19,8 @@ _QUANTITIES = {
     "foretold": RATE, "angle": ANGLE, "angle_demand": ANGLE, "elevation": ANGLE,
     "t_in": TEMPERATURE, "t_out": TEMPERATURE, "air": TEMPERATURE, "set_point": TEMPERATURE,
 }  # fmt: skip
+_OFF_PLACE, _NEAR = 0.3, 10.0
+"""Parts of the usual time between rows: how far off its place a late row may be, and how far from the next."""
 LONGEST_S = 3.2e7
 """A year: a run's time grid has a point each second."""
 
@@ -29,11 +31,12 @@ class Log:
 
     `columns` has `output` and `table_rate` in deg/s, `angle` (unwrapped) and `elevation` in deg, `t_in`,
     `t_out`, `air` and `set_point` in degC, `valid` as it stood; only those that the mapping names. NaN where a
-    value is missing.
+    value is missing. `remarks` say which rows were put into order or were there twice.
     """
 
     time_s: Array
     columns: abc.Mapping[str, Array]
+    remarks: tuple[str, ...] = ()
 
 
 def read_log(file: Path, mapping: Mapping) -> Log:
@@ -73,6 +76,7 @@ def read_log(file: Path, mapping: Mapping) -> Log:
     else:
         dated = wanted["time"].name == table.time  # date-times are s already
         time_s = values.pop("time") * (1.0 if dated else scales["time"].factor)
+    time_s, values, remarks = _in_order(time_s, values)
     _check_time(time_s, file)
     per_s = 1.0 / float(np.median(np.diff(time_s)))
     for name, scale in scales.items():
@@ -80,7 +84,7 @@ def read_log(file: Path, mapping: Mapping) -> Log:
             values[name] = values[name] * (scale.factor * (per_s if scale.per_sample else 1.0)) + scale.offset
     if "angle" in values:
         values["angle"] = _unwrapped(values["angle"])
-    return Log(time_s, values)
+    return Log(time_s, values, remarks)
 
 
 def _scale(name: str, column: Column, file: Path) -> Scale:
@@ -91,6 +95,34 @@ def _scale(name: str, column: Column, file: Path) -> Scale:
     if scale is None:
         raise unit_error(quantity, column.unit, f"{file.name}: {name} ({column.name})")
     return scale
+
+
+def _in_order(time_s: Array, values: dict[str, Array]) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
+    """Return rows that a logger wrote late at their place, and rows that it wrote twice once; what was done.
+
+    As they stand where that does not give one row after the other: a clock that was set back is no late row.
+    """
+    apart = np.diff(time_s)
+    if len(apart) < 2 or (apart > 0.0).all() or not np.isfinite(time_s).all():
+        return time_s, values, ()
+    late = time_s < np.maximum.accumulate(time_s)
+    order = np.argsort(time_s, kind="stable")
+    sorted_s = time_s[order]
+    same = np.append(False, np.diff(sorted_s) == 0.0)
+    for column in values.values():
+        ordered = column[order]
+        same[1:] &= (ordered[1:] == ordered[:-1]) | (np.isnan(ordered[1:]) & np.isnan(ordered[:-1]))
+    kept = order[~same]
+    apart = np.diff(time_s[kept])
+    usual_s = float(np.median(apart)) if len(apart) else 0.0
+    moved = late[kept]
+    beside = apart[moved[1:] | moved[:-1]] / max(usual_s, 1e-12)
+    places = np.clip(np.rint(beside), 1.0, _NEAR)
+    if not (apart > 0.0).all() or not (np.abs(beside - places) < _OFF_PLACE).all():
+        return time_s, values, ()
+    counts = ((int(moved.sum()), "written late, put in their place"), (int(same.sum()), "twice, taken once"))
+    remarks = tuple(f"{count} of {len(time_s)} rows {what}" for count, what in counts if count)
+    return time_s[kept], {name: column[kept] for name, column in values.items()}, remarks
 
 
 def _check_time(time_s: Array, file: Path) -> None:
