@@ -12,6 +12,7 @@ from benchmarks._sections import stamp
 from benchmarks.gap_exam._answer import answer_all
 from benchmarks.gap_exam._families import FAMILIES, make_cases
 from benchmarks.gap_exam._make import KINDS
+from benchmarks.gap_exam._rotate import rotate, rotation_table
 from benchmarks.gap_exam._score import marked_cases
 from benchmarks.gap_exam._table import details, table
 from drivers.base.files import replace_file
@@ -34,6 +35,11 @@ def main(words: Sequence[str] | None = None) -> int:
     answering = commands.add_parser("diagnose", help="diagnose the cases of a folder that have no answer yet")
     answering.add_argument("folder", type=Path)
     answering.add_argument("--jobs", type=int, default=1)
+    rotating = commands.add_parser(
+        "rotate",
+        help="answer cases with constants changed; with several folders a table, each left out in turn",
+    )
+    rotating.add_argument("folders", type=Path, nargs="+")
     scoring = commands.add_parser("score", help="print the table, a column a folder")
     scoring.add_argument("folders", type=Path, nargs="+")
     scoring.add_argument("--details", action="store_true", help="a line a case, too")
@@ -47,6 +53,12 @@ def main(words: Sequence[str] | None = None) -> int:
     elif chosen.command == "diagnose":
         for name, seconds, verdict in answer_all(chosen.folder, chosen.jobs):
             print(f"{name}: {verdict} ({seconds:.1f} s)", flush=True)
+    elif chosen.command == "rotate":
+        for folder in chosen.folders:
+            for name in rotate(folder):
+                print(f"{folder.name}: {name}", flush=True)
+        if len(chosen.folders) > 1:
+            print("\n".join(rotation_table(chosen.folders)))
     else:
         _score(chosen.folders, with_details=chosen.details, write=chosen.write)
     return 0

@@ -22,11 +22,11 @@ class Disturbed:
     probabilities: dict[str, float]
     sentences: dict[str, str]
 
-    @property
-    def lines_hz(self) -> list[float]:
-        """Frequencies of the lines that were named."""
-        named = [by_parameter(term, term.values) for term in self.terms]
-        return [values["frequency_hz"] for values in named if "frequency_hz" in values]
+
+def lines_hz(terms: Sequence[DisturbanceTerm]) -> list[float]:
+    """Return the frequencies of the disturbances that have one."""
+    named = [by_parameter(term, term.values) for term in terms]
+    return [values["frequency_hz"] for values in named if "frequency_hz" in values]
 
 
 def without_disturbances(runs: Sequence[GapRun], model: Model) -> Disturbed:

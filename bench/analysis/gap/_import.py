@@ -74,12 +74,13 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
     rows = log.columns["output"]
     held = held_rows(rows)
     use, time_s = ~np.isnan(rows) & ~held, log.time_s - log.time_s[0]
-    if "angle" in log.columns:
+    turned_deg = log.columns.get("angle")
+    if turned_deg is not None:
         # without the angle at both ends of a row nobody knows how far the table turned in it
-        known = ~np.isnan(log.columns["angle"])
+        known = ~np.isnan(turned_deg)
         use &= known & np.append(True, known[:-1])
-        log.columns["angle"] = interpolated(log.columns["angle"])
-        time_s = true_times(time_s, np.where(use, rows, np.nan), log.columns["angle"])
+        turned_deg = interpolated(turned_deg)
+        time_s = true_times(time_s, np.where(use, rows, np.nan), turned_deg)
     steps = Steps.of(time_s, use)
 
     def means(key: str) -> Array:
@@ -90,8 +91,8 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
     output = np.where(steps.whole, DPH_PER_DPS * steps.means(rows, steps.use), np.nan)
     angle, edge_rate = entry.table_angle_deg(steps.edges_s), None
     angle = np.zeros(steps.count + 1) if angle is None else angle
-    if "angle" in log.columns:
-        angle, edge_rate = steps.angles(log.columns["angle"])
+    if turned_deg is not None:
+        angle, edge_rate = steps.angles(turned_deg)
     elevation = np.full(steps.count, entry.elevation_deg)
     if "elevation" in log.columns:
         elevation = interpolated(means("elevation"))

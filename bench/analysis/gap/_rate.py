@@ -24,7 +24,7 @@ from bench.analysis.gap._describe import (
     remaining_part,
     shaken_part,
 )
-from bench.analysis.gap._disturbed import Disturbed, without_disturbances
+from bench.analysis.gap._disturbed import Disturbed, lines_hz, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
 from bench.analysis.gap._fit import Floor, Solution, nominal_solution
 from bench.analysis.gap._generic import FreeCurve
@@ -126,12 +126,12 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         return _Ready(model, variants, disturbed, prepare(disturbed.runs, model, variants), notes)
 
     def which(self, data: _Ready) -> _Sets:
-        lines_hz = data.disturbed.lines_hz
-        found = judged_sets(data.data, data.model, data.variants, lines_hz=lines_hz)
+        named_hz = lines_hz((*data.model.disturbances, *data.disturbed.terms))
+        found = judged_sets(data.data, data.model, data.variants, lines_hz=named_hz)
         if not found.best.members:
             return found, data.variants
         variants, again = second_look(found, data.model, data.variants)
-        return judged_sets(again, data.model, variants, found.hidden, lines_hz), variants
+        return judged_sets(again, data.model, variants, found.hidden, named_hz), variants
 
     def finding(self, data: _Ready, sets: _Sets) -> RateFinding:
         found, variants = sets

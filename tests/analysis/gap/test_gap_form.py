@@ -12,11 +12,12 @@ import pytest
 from bench.analysis.gap._causes import _one_of
 from bench.analysis.gap._cells import Cell
 from bench.analysis.gap._fit import Solution
+from bench.analysis.gap._generic import free_curves
 from bench.analysis.gap._judged import Judged, correcting, less_forms, told_by_form
 from bench.analysis.gap._unknown import Remainder
 from drivers.base.arrays import Array
 from simulators.effects import Effect
-from tests.analysis.gap.conftest import effect
+from tests.analysis.gap.conftest import effect, made_run, stimulus
 
 _EFFECTS = {
     name: effect(name)
@@ -182,3 +183,47 @@ def test_a_set_grows_until_one_of_it_surely_acts() -> None:
 def test_effects_of_the_catalogue_are_what_these_tests_take_them_for() -> None:
     assert all(isinstance(each, Effect) for each in _EFFECTS.values())
     assert len(_EFFECTS["shupe"].parameters) == len(_EFFECTS["gradient"].parameters) + 1
+
+
+def test_even_functions_of_rate_are_akin_and_odd_ones_not_to_them() -> None:
+    parity = {
+        name: effect(name).parity
+        for name in (
+            "scale_factor_asymmetry",
+            "vibration_rectification",
+            "scale_factor_nonlinearity",
+            "saturation",
+            "dead_zone",
+            "scale_factor_temperature",
+            "table_wobble_once",
+        )
+    }
+    assert list(parity.values()) == [1, 1, -1, -1, None, None, None]
+
+
+def test_what_a_generator_of_asymmetry_leaves_is_no_vibration() -> None:
+    effects = {name: effect(name) for name in ("scale_factor_asymmetry", "vibration_rectification")}
+    sets = [
+        _judged(1000.0, evidence=-500.0),
+        _judged(60.0, "scale_factor_asymmetry", evidence=-260.0),
+        _judged(400.0, "vibration_rectification", evidence=-300.0),
+        _judged(10.0, "scale_factor_asymmetry", "vibration_rectification"),
+    ]
+    without = _energies(sets)
+    left = less_forms(sets, lambda one, gone: np.array([without[one.names - gone]]), effects)
+    assert frozenset(effects) not in {one.names for one in left}
+
+
+def test_curves_over_time_since_power_on_resolve_its_beginning() -> None:
+    """A scale factor that settles within ten minutes of three hours is drawn to a hundredth."""
+    s = stimulus(10800, cold=False, rate_dps=20.0)
+    settling = np.exp(-s.time_s / 600.0)
+    curves = [
+        variant
+        for variant in free_curves([made_run("a", s, np.random.default_rng(1))])
+        if variant.effect.name.endswith("scale factor over time since power-on")
+    ]
+    rows = np.concatenate((curves[-1].columns(s), s.input_rate_dph[None]))
+    wanted = 1e-6 * s.input_rate_dph * settling
+    fit = np.linalg.lstsq(rows.T, wanted, rcond=None)[0]
+    assert np.linalg.norm(wanted - fit @ rows) < 0.02 * np.linalg.norm(wanted)

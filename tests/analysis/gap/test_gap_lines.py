@@ -40,3 +40,14 @@ def test_a_line_too_weak_for_one_profile_is_found_in_all_together() -> None:
     # coefficient k has a period of 2 n / k samples, a window holds eight
     assert abs(2.0 * 4000.0 / together.period_s - 1605.0) <= 8.0
     assert alone is None or alone.log_evidence < together.log_evidence
+
+
+def test_what_is_left_of_a_line_that_is_named_is_no_further_one() -> None:
+    """Coefficient 1605 of 4000 samples of a second is at 0.2006 Hz, and so does 7.2006 Hz show."""
+    group = _group("shock")[0]
+    left = np.random.default_rng(3).standard_normal((2, 3999))
+    left[:, 1604] += 9.0
+    assert strongest_line([group], [left], Noise(0.004), {}) is not None
+    for named_hz in (1605.0 / 8000.0, 7.0 + 1605.0 / 8000.0, 1.0 - 1605.0 / 8000.0):
+        assert strongest_line([group], [left], Noise(0.004), {}, [named_hz]) is None
+    assert strongest_line([group], [left], Noise(0.004), {}, [0.3]) is not None

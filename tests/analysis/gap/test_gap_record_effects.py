@@ -159,6 +159,37 @@ def test_what_comes_at_the_same_times_of_every_repeat_is_no_impulse(nominal: Mod
     assert "impulses" in diagnose(apart, nominal).rate.stochastic
 
 
+def test_what_comes_only_while_the_table_turns_fast_is_no_impulse(nominal: Model) -> None:
+    """Turning takes a tenth of the time: that all of five come in it is no chance."""
+    rng = np.random.default_rng(10)
+    s = stimulus(4000, cold=False)
+    angle = np.interp(np.arange(4001.0), [0.0, 1800.0, 2200.0, 4000.0], [0.0, 0.0, 8000.0, 8000.0])
+    turning = replace(s, angle_deg=angle)
+
+    def runs(places: list[int]) -> list[GapRun]:
+        made = []
+        for k in range(3):
+            kicks = np.zeros(len(s))
+            kicks[[place + 37 * k for place in places]] = 40.0
+            made.append(made_run(f"run {k}", turning, rng, kicks))
+        return made
+
+    def named(places: list[int]) -> bool:
+        return "impulses" in without_disturbances(runs(places), nominal).probabilities
+
+    assert not named([1830, 1900, 1960, 2010, 2090])
+    assert named([430, 1900, 1960, 2010, 3090])
+
+
+def test_one_sample_in_hours_is_no_process(nominal: Model) -> None:
+    rng = np.random.default_rng(12)
+    s = stimulus(4000, cold=False)
+    kicks = np.zeros(len(s))
+    kicks[1234] = 40.0
+    once = [made_run("a", s, rng, kicks), made_run("b", s, rng)]
+    assert "impulses" not in without_disturbances(once, nominal).probabilities
+
+
 def test_impulses_are_counted_measured_and_left_out(nominal: Model) -> None:
     rng = np.random.default_rng(7)
     runs = [
