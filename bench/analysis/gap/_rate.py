@@ -338,8 +338,10 @@ def _differing(data: Prepared, solution: Solution) -> list[UnknownPart]:
         coefficients = np.zeros((len(left), n))
         slow = math.ceil(2.0 * n * period_s / max(noise.correlation_time_s, 20.0 * period_s))
         coefficients[:, 1 : slow + 1] = (left * np.sqrt(power_of(noise, n, period_s)))[:, :slow]
-        curves = idct(coefficients, norm="ortho", axis=-1).reshape(len(group.runs), -1, n)
-        apart = (curves - curves.mean(axis=1, keepdims=True)).reshape(len(left), n)
+        curves = idct(coefficients, norm="ortho", axis=-1)
+        number = np.repeat(np.arange(len(group.runs)), [len(repeats) for repeats in group.runs])
+        means = np.stack([curves[number == k].mean(axis=0) for k in range(len(group.runs))])
+        apart = curves - means[number]
         run, sample = np.unravel_index(int(np.abs(apart).argmax()), apart.shape)
         if abs(apart[run, sample]) > most:
             most, run_id = float(abs(apart[run, sample])), group.flat[run].run_id

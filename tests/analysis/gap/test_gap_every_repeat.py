@@ -55,6 +55,24 @@ def test_what_some_repeats_show_and_one_does_not_is_no_cause(nominal: Model) -> 
     assert any("in every repeat" in text for text in found.warnings)
 
 
+def test_repeats_that_differ_are_told_where_one_condition_has_fewer(nominal: Model) -> None:
+    """Beside profiles with three repeats each there is one with two conditions, one of them done once."""
+
+    def cracked(s: Stimulus, repeat: int) -> Array:
+        return np.asarray((repeat > 0) * 0.012 * s.warm_k)
+
+    rng = np.random.default_rng(5)
+    runs = _runs(rng, cracked)
+    s = stimulus(4000)
+    runs += [
+        made_run(f"pair {condition} {k}", s, rng, cracked(s, k), profile="pair", condition=condition)
+        for condition, repeats in (("+20", 3), ("-20", 1))
+        for k in range(repeats)
+    ]
+    parts = diagnose(runs, nominal).rate.unknown_parts
+    assert "the repeat" in [part.follows for part in parts]
+
+
 def test_a_cause_stays_named_beside_something_larger_that_acts_elsewhere(nominal: Model) -> None:
     """Turning heats the unit slowly, which no formula of the catalogue says; a gradient acts in the shocks."""
     rng = np.random.default_rng(1)
