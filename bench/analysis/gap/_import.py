@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import poisson
 
 from bench.analysis.gap._data import GapRun, interpolated, stand_ins
-from bench.analysis.gap._rows import Steps, true_times
+from bench.analysis.gap._rows import Steps, steady_beside, true_times
 from bench.record.exchange import LogEntry, Mapping, read_log, read_mapping
 from bench.record.recording import Run, names_at
 from drivers.base.arrays import Array
@@ -25,6 +25,8 @@ _NEXT_TO_NONE = 20
 _TIMES_CHANCE = 2.0
 _BY_CHANCE = 1e-6
 """Probability below which rows are not equal by chance, where that is as many times as frequent as estimated."""
+_BLOCK = 64
+"""Rows in which a value occurs about as often all the time."""
 _FUZZ = 1e-6
 """Part of a usual step below which two values differ by the rounding of their text."""
 _UNEVEN, _MOST_PLACES = 0.3, 2
@@ -93,6 +95,7 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
     angle = np.zeros(steps.count + 1) if angle is None else angle
     if turned_deg is not None:
         angle, edge_rate = steps.angles(turned_deg)
+        angle = angle if edge_rate is not None else steady_beside(angle, np.isnan(output))
     elevation = np.full(steps.count, entry.elevation_deg)
     if "elevation" in log.columns:
         elevation = interpolated(means("elevation"))
@@ -145,8 +148,9 @@ def _finest_step(rows: Array) -> float:
 def held_rows(values: Array) -> NDArray[np.bool_]:
     """Return which rows only repeat the one before, (n,): a logger does that where a sample is lost.
 
-    None where as many could be equal by chance, as steps next to none say of a coarse signal, and rows two apart
-    that are equal; none of one without noise, where most rows are equal.
+    None where as many could be equal by chance, as steps next to none say of a coarse signal, rows two apart that
+    are equal, and how often a value occurs in the rows about it (a counter's nought); none of one without noise,
+    where most rows are equal.
     """
     steps = np.abs(np.diff(values))
     same = np.concatenate(([False], steps == 0.0))
@@ -157,10 +161,26 @@ def held_rows(values: Array) -> NDArray[np.bool_]:
     quantum = float(apart[apart > _FUZZ * float(np.median(others))].min())
     near = float(others[_NEXT_TO_NONE - 1]) * (1.0 + _FUZZ)
     again = int(((values[2:] == values[:-2]) & (values[1:-1] != values[2:])).sum())
-    by_chance = max(0.5 * int(np.searchsorted(others, near)) * quantum / near, again)
+    by_chance = max(0.5 * int(np.searchsorted(others, near)) * quantum / near, again, _in_blocks(values))
     if poisson.sf(int(same.sum()) - 1, _TIMES_CHANCE * by_chance) > _BY_CHANCE:
         same[:] = False
     return same
+
+
+def _in_blocks(values: Array) -> float:
+    """Return how many rows would equal the one before if those of each block stood in any order.
+
+    A value that stands in one place of the block only says nothing: that may be a row that is held.
+    """
+    expected = 0.0
+    for start in range(0, len(values), _BLOCK):
+        block = values[start : start + _BLOCK]
+        block = block[~np.isnan(block)]
+        own, at, often = np.unique(block, return_inverse=True, return_counts=True)
+        begins = np.append(True, at[1:] != at[:-1])
+        often = often[np.bincount(at[begins], minlength=len(own)) > 1] if len(block) else often
+        expected += float((often * (often - 1)).sum()) / max(len(block), 1)
+    return expected
 
 
 def _checksum(file: Path) -> str:

@@ -21,6 +21,10 @@ _ROUNDED = 0.75
 """Times the last digit of the stamps by which even rows may be off their grid."""
 _ENOUGH, _BESIDE_GRID, _FAR_BETTER = 16, 0.4, 0.7
 """Rows that say whether stamps are true, how far off a grid even ones are, how much less scatter tells."""
+_MASKED, _STEADY = 3, 0.003
+"""Steps of a masked move; part of a rate by which it may change from step to step and be steady."""
+_HALF = 0.6
+"""Part of a step up to which a row counts as half of it: rows of jittered stamps are not quite of one length."""
 _FEW, _ODD = 0.02, 2.0
 """An odd time between rows deviates this many times as much from multiples of the usual one as all but few do."""
 _TWO_ROUNDED, _COARSEST = 1.5, 2
@@ -109,7 +113,7 @@ class Steps:
             if not step or not self.whole[step - 1]:
                 angle[step] = first[step]
             angle[step + 1] = angle[step] + grown[step]
-        if self.usual_s > 0.5 * self.period_s:
+        if self.usual_s > _HALF * self.period_s:
             return angle, None
         before = (last - at(stops - self.usual_s)) / self.usual_s
         after = (at(starts + self.usual_s) - first) / self.usual_s
@@ -190,3 +194,23 @@ def _digits(time_s: Array) -> int:
 
 def _multiples(time_s: Array, unit_s: float) -> bool:
     return bool(np.abs(time_s / unit_s - np.rint(time_s / unit_s)).max() < 1e-3 + _INSTANT_S / unit_s)
+
+
+def steady_beside(angle_deg: Array, missing: NDArray[np.bool_]) -> Array:
+    """Return the angle at the borders of steps (n + 1,), steady rates going on into stretches that are missing.
+
+    Moves are masked with what is steady on both sides; a rate that changes at the border of the mask would
+    change inside the step that was kept. As far as it turns in the stretch, so far it turns there still.
+    """
+    turned = np.diff(angle_deg)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], missing, [False])).astype(np.int8)))
+    for start, stop in edges.reshape(-1, 2).tolist():
+        if stop - start < _MASKED:
+            continue
+        whole = float(turned[start:stop].sum())
+        if start >= 2 and abs(turned[start - 1] - turned[start - 2]) <= _STEADY * abs(turned[start - 1]):
+            turned[start] = turned[start - 1]
+        if stop + 1 < len(turned) and abs(turned[stop] - turned[stop + 1]) <= _STEADY * abs(turned[stop]):
+            turned[stop - 1] = turned[stop]
+        turned[start + 1 : stop - 1] += (whole - turned[start:stop].sum()) / (stop - start - 2)
+    return np.asarray(angle_deg[0] + np.concatenate(([0.0], np.cumsum(turned))))

@@ -235,6 +235,16 @@ def test_rows_of_a_coarse_signal_that_are_equal_by_chance_are_kept() -> None:
         assert not held_rows(coarse).any()
 
 
+def test_noughts_of_a_counter_read_at_uneven_times_are_kept() -> None:
+    """Pulses over the time between two readings: one or two never give the same rate again, none always does."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        counts = np.diff(np.floor(np.cumsum(rng.normal(0.4, 0.5, 3000))))
+        rate = counts / (0.8 + rng.uniform(-2e-3, 2e-3, 2999))
+        assert (np.diff(rate) == 0.0).sum() > 100
+        assert not held_rows(rate).any()
+
+
 def test_stamps_that_are_rounded_to_a_microsecond_make_no_rate(tmp_path: Path) -> None:
     """Rows every 16/15 s, the table to and fro at 12 deg/s: rounded stamps are 0.02 deg/h."""
     time_s = np.arange(600) * 16.0 / 15.0

@@ -10,6 +10,7 @@ import pytest
 
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._rows import steady_beside
 from drivers.base.errors import ConfigurationError
 
 _MAPPING = """
@@ -144,6 +145,19 @@ def test_true_stamps_of_uneven_rows_are_kept(tmp_path: Path) -> None:
     rows[:, 0] = time_s
     rows[1:, 1] = np.diff(rows[:, 2]) / np.diff(time_s)
     assert np.nanmax(np.abs(_left_dph(_run(tmp_path, rows)))) < 2.0
+
+
+def test_a_rate_is_steady_up_to_a_masked_move() -> None:
+    """Rest, a masked move to 20 deg/s within five steps, then steady: the step after the mask keeps its rate."""
+    rates = np.array([0.0, 0, 0, 1, 7, 13, 18, 19, 20, 20, 20])
+    missing = (np.arange(11) >= 3) & (np.arange(11) < 8)
+    angle = steady_beside(5.0 + np.concatenate(([0.0], np.cumsum(rates))), missing)
+    assert angle[-1] == pytest.approx(5.0 + rates.sum())
+    turned = np.diff(angle)
+    assert turned[[2, 3]].tolist() == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert turned[[7, 8]].tolist() == pytest.approx([20.0, 20.0])
+    swinging = np.concatenate(([0.0], np.cumsum(np.sin(np.arange(11.0)))))
+    assert steady_beside(swinging, missing) == pytest.approx(swinging)
 
 
 def test_a_clock_that_is_set_back_far_is_refused(tmp_path: Path) -> None:
