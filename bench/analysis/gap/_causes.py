@@ -13,6 +13,7 @@ from bench.analysis.gap._generic import absorbed
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._unknown import CREDIBLE, PREVALENT, credibility, prevalence
 from bench.analysis.gap._which import Found, set_weights
+from drivers.base.arrays import Array
 from simulators.effects import Variant
 
 _MIMICRY = 0.05
@@ -87,7 +88,7 @@ def models_with_and_without(
 ) -> list[Model]:
     """Return the nominal model with all of the best set, then without each of `names`, itself fitted again."""
     posterior, best, q = found.posterior, found.best, len(model.sigmas)
-    gram, solution = weighted_gram(found.data.cells, found.variance), best.solution
+    solution = best.solution
     terms = {
         posterior.candidates[member].effect: _fitted(member, solution, found, variants, q)
         for member in sorted(best.members)
@@ -95,21 +96,31 @@ def models_with_and_without(
     models = []
     for gone in ("", *names):
         kept = [term for name, term in terms.items() if name != gone]
-        change = solution.values[:q]
-        if gone and q:
-            own = [
-                column + q
-                for member in best.members
-                if posterior.candidates[member].effect == gone
-                for column in posterior.candidates[member].columns
-            ]
-            taken = np.where(np.isin(solution.indices, own), 0.0, solution.values)[q:]
-            nominal, others = np.arange(1, 1 + q), solution.indices[q:]
-            normal = gram[np.ix_(nominal, nominal)] + np.diag(1.0 / model.sigmas**2)
-            change = np.linalg.solve(normal, gram[nominal, 0] - gram[np.ix_(nominal, others)] @ taken)
-        moved = model.moved(change, model.sigmas)
+        values = nominal_beside(found, model, best.names - {gone}) if gone else solution.values
+        moved = model.moved(values, model.sigmas)
         models.append(replace(moved, terms=(*moved.terms, *kept), noise=found.data.noise.noise))
     return models
+
+
+def nominal_beside(found: Found, model: Model, names: Set[str]) -> Array:
+    """Return the nominal parameters' corrections (q,) beside some effects of the best set, the others left out.
+
+    What a curve of the scale factor took of it, the nominal scale factor has where the curve is not there.
+    """
+    posterior, solution, q = found.posterior, found.best.solution, len(model.sigmas)
+    if not q or names == found.best.names:
+        return solution.values[:q]
+    own = [
+        column + q
+        for member in found.best.members
+        if posterior.candidates[member].effect in names
+        for column in posterior.candidates[member].columns
+    ]
+    gram = weighted_gram(found.data.cells, found.variance)
+    taken = np.where(np.isin(solution.indices, own), solution.values, 0.0)[q:]
+    nominal, others = np.arange(1, 1 + q), solution.indices[q:]
+    normal = gram[np.ix_(nominal, nominal)] + np.diag(1.0 / model.sigmas**2)
+    return np.asarray(np.linalg.solve(normal, gram[nominal, 0] - gram[np.ix_(nominal, others)] @ taken))
 
 
 def _one_of(

@@ -27,6 +27,8 @@ _LOOSE = (1.0, 0.1, 0.01)
 """Prior variance of a column's share in units of the whole gap: a freer and a stiffer fit."""
 _LEAST_GAIN = 0.03
 """Part of the gap that a further form must take away, and may add to a profile."""
+_HARDLY = 0.1
+"""Part of a form's largest column from which one is shrunk as if it were larger."""
 _LEAST_SHARE = 0.2
 """Part of the gap, over the profiles left out, from which a learned term is offered."""
 _SURE = 3.0
@@ -162,7 +164,11 @@ class _Problem:
         at = np.array([*range(1, 1 + q), *own])
         size = np.sqrt(np.maximum(np.diag(self.grams.sum(axis=0))[at], 1e-30))
         normal = gram[np.ix_(at, at)] / np.outer(size, size)
-        prior = np.full(len(at), 1.0 / (loose * max(float(self.gap.sum()), 1.0)))
+        # where a form hardly shows, it is not far larger than where it does
+        largest = [size[q:][np.isin(own, self.columns[form])].max() for form in forms]
+        most = np.repeat(largest, [len(self.columns[form]) for form in forms])
+        unseen = np.concatenate((np.ones(q), np.maximum(_HARDLY * most / size[q:], 1.0)))
+        prior = unseen**2 / (loose * max(float(self.gap.sum()), 1.0))
         prior[:q] = 1.0 / (self.sigmas * size[:q]) ** 2
         normal[np.arange(len(at)), np.arange(len(at))] += prior + 1e-12
         inverse = np.linalg.inv(normal)

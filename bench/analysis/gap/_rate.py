@@ -12,7 +12,7 @@ from scipy.fft import idct
 from bench.analysis.gap._aliases import in_rows
 from bench.analysis.gap._align import aligned
 from bench.analysis.gap._candidates import candidate_variants
-from bench.analysis.gap._causes import causes_of, models_with_and_without
+from bench.analysis.gap._causes import causes_of, models_with_and_without, nominal_beside
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
 from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
@@ -155,6 +155,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         left = places(ready.cells, best.left, ready.floor)
         nominal = left_of_runs(ready, nominal_solution(ready.cells, data.model.sigmas))
         model = _corrected(data.model, best.solution, ready.noise.noise)
+        model = _beside(model, found, data.model, causes)
         named = [cause.term for cause in causes]
         closing = learned(ready, data.model, named) if unnamed > 0.5 else None
         finding = RateFinding(
@@ -200,6 +201,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
     ) -> RateFinding:
         finding = _doubted(finding, self._holding(finding, data, sets, held_out), "in held-out runs")
+        finding = replace(finding, model=_beside(finding.model, sets[0], data.model, finding.causes))
         ready = data.data
         # what the nominal model's own parameters take away is no part of the gap
         alone = nominal_solution(ready.cells, data.model.sigmas)
@@ -216,6 +218,16 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         names = [cause.name for cause in finding.causes]
         whole, *without = models_with_and_without(*sets, data.model, names)
         return holding(whole, without, runs, finding.floor)
+
+
+def _beside(corrected: Model, found: Found, model: Model, causes: Sequence[Cause[Term]]) -> Model:
+    """Return a corrected nominal model with the values that fit beside the causes, and nothing else."""
+    values = nominal_beside(found, model, {cause.name for cause in causes})
+    terms = model.moved(values, model.sigmas).terms
+    return replace(
+        corrected,
+        terms=tuple(replace(own, values=new.values) for own, new in zip(corrected.terms, terms, strict=True)),
+    )
 
 
 def _closed(finding: RateFinding, used: Sequence[GapRun]) -> Model:
