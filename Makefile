@@ -14,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # uv reads its own variable for local wheel folders, not pip's.
 export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
 
-.PHONY: setup first-hour demo test lint audit coverage repeats reliability mutants bench bench-gpu fuzz clean
+.PHONY: setup first-hour site pins demo test lint audit coverage repeats reliability mutants bench bench-gpu fuzz clean
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
@@ -43,6 +43,16 @@ audit: $(STAMP)
 # Everything that README and guide tell a newcomer to type, from `make setup` on in a fresh copy: ten minutes and more.
 first-hour: $(STAMP)
 	$(BIN)/python -m benchmarks.first_hour
+
+# The pins of what a bench computer runs, with hashes: constraints.txt without torch, which has another build on every index.
+pins: $(STAMP)
+	$(BIN)/uv pip compile --quiet pyproject.toml --constraint constraints.txt --python-version 3.11.7 --generate-hashes \
+		--no-annotate --no-header --extra analysis --extra exchange --extra panel --extra postgres --extra scale --extra bluesky \
+		--output-file deploy/requirements.txt
+
+# The documentation as a site, in site/index.html; no network is asked.
+site: $(STAMP)
+	$(BIN)/python -m benchmarks.site site
 
 # Branch coverage of the rooms, their subprocesses included; slow: every test runs under the tracer. One process:
 # a pytest-xdist worker that takes more than 10 s to save its data is killed, and its half of the tests is lost.
@@ -81,4 +91,4 @@ fuzz: $(STAMP)
 	$(BIN)/python -m benchmarks.fuzz $(BYTES)
 
 clean:
-	rm -rf $(VENV) demo-out build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo-out site build .pytest_cache .mypy_cache .ruff_cache .hypothesis

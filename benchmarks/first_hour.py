@@ -1,5 +1,6 @@
-"""The first hour, from the pages alone: every command and every line of Python of README.md, docs/guide.md and
-docs/own_procedure.md is typed in a fresh copy of the checkout, in the pages' order, and must do what they say.
+"""The first hour, from the pages alone: every command and line of Python of README.md, docs/guide.md and the
+tutorials is typed and must do what they say. The former are typed in a fresh copy of the checkout, every tutorial
+in a folder of its own that has the examples. A TOML block that begins with a file's name is written to that file.
 
     python -m benchmarks.first_hour            from `make setup` on, in a copy that has no environment yet
     python -m benchmarks.first_hour --quick    with the environment that runs this, without what takes minutes
@@ -23,24 +24,46 @@ from pathlib import Path
 from drivers.base.clock import host_seconds
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "docs/guide.md", "docs/own_procedure.md")
-_PROGRAMS = ("gyrobench", "make", "cp", ".", "import", "from")
-_SLOW = ("make ", "demo-out", "gap exam", "gyrobench run ", "--bench lab.toml --set cold_c")
+CLONE = ("README.md", "docs/guide.md")
+PAGES = (
+    *CLONE,
+    *("docs/tutorials/first_rehearsal.md", "docs/tutorials/bench_file.md", "docs/tutorials/own_gyro.md"),
+    *("docs/own_procedure.md", "docs/tutorials/campaign_overnight.md", "docs/tutorials/gap.md"),
+    "docs/tutorials/own_log.md",
+)
+_PROGRAMS = ("gyrobench", "make", "cp", "cat", ".", "import", "from")
+_SLOW = (
+    "make ",
+    "demo-out",
+    "gap exam",
+    "gap diagnose",
+    "gyrobench run ",
+    "campaign rehearse",
+    "campaign run",
+)
 _SAID = {
     "gyrobench procedures zero-bias-cold-shock": ["soak_min", "degC"],
     "gyrobench rehearse zero-bias-cold-shock": ["completed", "time plan", "the run folder takes"],
     "gyrobench runs list": ["completed"],
     "make demo": ["chosen on the validation runs", "demo-out/compensation.gyrocomp"],
-    "gyrobench gap diagnose": ["unit unit: explained", "relaxation", "of the reducible gap is gone"],
+    "gyrobench gap diagnose cases": ["unit unit: explained", "relaxation", "of the reducible gap is gone"],
     "gyrobench run zero-bias-cold-shock": ["completed  runs/"],
     "gyrobench rehearse ./my_test.py": ["completed  runs/"],
     "gyrobench new procedure": ["my_test.py", "try it:"],
+    "gyrobench runs verify first": ["1 of 1", "whole"],
+    "gyrobench frames check my_gyro.toml": ["1 right"],
+    "gyrobench look log.csv --write": ["out/log_x.toml", "out/log_x_nominal.toml"],
+    "gyrobench gap diagnose out/log_x.toml": ["no gap"],
+    "gyrobench campaign rehearse night.toml": ["turn-2"],
+    "gyrobench campaign status night": ["turn-2"],
 }
 """Command -> what its page says that it gives."""
 _FILES = {
     "gyrobench rehearse zero-bias-cold-shock": "runs/*/report.html",
     "make demo": "demo-out/compensation.h",
-    "gyrobench gap diagnose": "exam/gap.html",
+    "gyrobench gap diagnose cases": "exam/gap.html",
+    "gyrobench report first": "first.html",
+    "gyrobench campaign run": "night/certificate.html",
 }
 _SERVED = """
 gyrobench lab --virtual --bench {file} --write ports.toml > lab.log 2>&1 & lab=$!
@@ -64,6 +87,12 @@ class Block:
         return self.text.startswith(("import ", "from "))
 
     @property
+    def file(self) -> str:
+        """Name of the file that it is the content of, "" for what is typed."""
+        named = re.match(r"# (\S+\.toml)\n", self.text)
+        return named[1] if named else ""
+
+    @property
     def slow(self) -> bool:
         """Whether it takes minutes."""
         return any(part in self.text for part in _SLOW)
@@ -78,10 +107,12 @@ class Block:
 
 def blocks(page: str) -> Iterator[Block]:
     """Yield the blocks of a page that are typed; what a command prints is an indented block, too, and is not."""
-    text = re.sub(r"^```.*?^```$", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.M | re.S)
-    for found in re.finditer(r"(?:^    .*\n(?:\s*\n(?=    ))*)+", text, re.MULTILINE):
-        body = re.sub(r"^    ", "", found[0], flags=re.MULTILINE).strip()
-        if body.split()[0] in _PROGRAMS:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for found in re.finditer(
+        r"^```(.*)\n((?:.*\n)*?)```$|(?:^    .*\n(?:\s*\n(?=    ))*)+", text, re.MULTILINE
+    ):
+        body = found[2] or re.sub(r"^    ", "", found[0], flags=re.MULTILINE).strip()
+        if found[1] == "toml" or (found[1] is None and body.split()[0] in _PROGRAMS):
             yield Block(page, body)
 
 
@@ -107,6 +138,9 @@ def typed(block: Block, place: Path, programs: Path | None = None) -> str:
     environment |= {"COLUMNS": "160", "PYTHONSAFEPATH": "1"}
     if programs is not None:
         environment["PATH"] = f"{programs}{os.pathsep}{environment['PATH']}"
+    if block.file:
+        (place / block.file).write_text(block.text, encoding="utf-8")
+        return ""
     if block.python:
         (place / "typed.py").write_text(block.text + "\n", encoding="utf-8")
         script = "python typed.py"
@@ -131,11 +165,20 @@ def typed(block: Block, place: Path, programs: Path | None = None) -> str:
 
 def _line(line: str) -> str:
     """Return a line as it is typed; `gyrobench run` gets its answers, and an emulated lab behind the file."""
-    if not line.startswith("gyrobench run "):
+    if not line.startswith(("gyrobench run ", "gyrobench campaign run ")):
         return line
     file = re.search(r"--bench (\S+)", line)
-    assert file is not None, line
-    return _SERVED.format(file=file[1], line=line)
+    return _SERVED.format(file=file[1] if file else "lab.toml", line=line)
+
+
+def place_of(page: str, clone: Path) -> Path:
+    """Return the folder in which a page is typed: the clone, or one beside it with the examples."""
+    if page in CLONE:
+        return clone
+    place = clone.parent / Path(page).stem
+    if not place.exists():
+        shutil.copytree(clone / "examples", place / "examples")
+    return place
 
 
 def main() -> int:
@@ -143,15 +186,14 @@ def main() -> int:
     quick = "--quick" in sys.argv
     programs = Path(sys.executable).parent if quick else None
     with tempfile.TemporaryDirectory() as folder:
-        clone, mine = copied(Path(folder)), Path(folder) / "mine"
-        mine.mkdir()
+        clone = copied(Path(folder))
         for block in (block for page in PAGES for block in blocks(page)):
             if quick and (block.slow or "activate" in block.text):
                 continue
             began_s = host_seconds()
-            wrong = typed(block, mine if "own_procedure" in block.page else clone, programs)
+            wrong = typed(block, place_of(block.page, clone), programs)
             took, word = f"{host_seconds() - began_s:6.1f} s", "FAILED" if wrong else "ok"
-            print(f"{word:6s} {took}  {block.page}: {block.lines[0]}", flush=True)
+            print(f"{word:6s} {took}  {block.page}: {block.file or block.lines[0]}", flush=True)
             if wrong:
                 print(block.text, wrong, sep="\n")
                 return 1

@@ -204,7 +204,7 @@ MECHANISMS = (
         _T_JOURNAL,
     ),
     Mechanism(
-        1, "what is written is synced", f"{_RECORDING}._events:AppendFile.sync", Skip("os.fdatasync"), _T_CUT
+        1, "what is written is synced", f"{_RECORDING}._events:AppendFile.sync", Skip("sync_data"), _T_CUT
     ),
     Mechanism(
         1,

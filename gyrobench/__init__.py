@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from gyrobench._operate import open_campaign as open_campaign
     from gyrobench._operate import rehearse as rehearse
     from gyrobench._operate import run as run
+    from gyrobench._show import Plots as Plots
+    from gyrobench._show import plot as plot
 
 _HOMES = {
     "bench": ("__version__",),
@@ -95,6 +97,7 @@ _HOMES = {
     ),
     "gyrobench._open": ("load_bench", "open_run"),
     "gyrobench._operate": ("open_campaign", "rehearse", "run"),
+    "gyrobench._show": ("Plots", "plot"),
 }
 """Module -> the public names that it holds."""
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
@@ -106,7 +109,12 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME_OF:
         raise AttributeError(f"gyrobench has no {name!r}; docs/api.md lists what it has")
     check_rooms()
-    value = getattr(import_module(_HOME_OF[name]), name)
+    try:
+        value = getattr(import_module(_HOME_OF[name]), name)
+    except ModuleNotFoundError as error:
+        from drivers.base.plugins import needs_extra
+
+        raise needs_extra(error, f"gyrobench.{name}") or error from error
     globals()[name] = value
     return value
 

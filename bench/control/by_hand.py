@@ -90,8 +90,8 @@ def _reply(bench: Bench, end_s: float) -> Reply | None:
     return reply
 
 
-def obey(bench: Bench, order: Order, bounds: Bounds) -> None:
-    """Carry out an order. One that the limits forbid is not sent, and the bench goes on as it was."""
+def obey(bench: Bench, order: Order, bounds: Bounds) -> LimitExceeded | None:
+    """Carry out an order; return why it was not sent if the limits forbid it. The bench then stays as it was."""
     before = dict(bench.table.demands), bench.chamber.set_point_c
     try:
         _send(bench, order, bounds)
@@ -99,6 +99,8 @@ def obey(bench: Bench, order: Order, bounds: Bounds) -> None:
         if (dict(bench.table.demands), bench.chamber.set_point_c) != before:
             raise
         bench.note(f"not done: {refused}")
+        return refused
+    return None
 
 
 def _send(bench: Bench, order: Order, bounds: Bounds) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from functools import partial
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,15 @@ _PICTURES = {b"\x89PNG\r\n\x1a\n": "png", b"\xff\xd8\xff": "jpg"}
 _SOFTWARE = ("gyrobench", "numpy", "scipy", "pyserial", "python-can")
 
 
+def _versions() -> dict[str, str]:
+    """Return the versions of what a run's figures may depend on; scipy comes with an extra and may be absent."""
+    found: dict[str, str] = {}
+    for name in _SOFTWARE:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
 class RunRecord:
     """Writes a run folder: events as they come, raw bytes on the journal's cadence, by the journal's thread."""
 
@@ -95,7 +104,7 @@ class RunRecord:
             emulated=None if emulated is None else dict(emulated),
             operators=(),
             flush_interval_s=min(file.recording.flush_interval_s, 1.0),
-            software={"python": platform.python_version()} | {name: version(name) for name in _SOFTWARE},
+            software={"python": platform.python_version()} | _versions(),
         )
         write_manifest(folder, manifest)
         return cls(folder, manifest, file.recording.flush_interval_s)

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base.errors import ConfigurationError
+from drivers.base.system import open_flags
 
 SETTINGS_BYTES = 1 << 20
 """Most bytes of a file that a person writes: bench, campaign, frame, mapping, limits. Parsed TOML takes up to 500
@@ -45,7 +46,7 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{_DEEPEST}}}")
 def read_bounded(path: Path | str, most_bytes: int) -> bytes:
     """Return the content of a regular file; OSError for anything else and for more than `most_bytes`."""
     # O_NONBLOCK: opening a pipe without a writer must not wait for one
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    descriptor = os.open(path, open_flags("O_RDONLY", "O_NONBLOCK"))
     try:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise OSError(errno.EINVAL, "not a regular file", str(path))

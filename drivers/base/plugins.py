@@ -11,6 +11,9 @@ from typing import Any, cast
 
 from drivers.base.errors import ConfigurationError
 
+_EXTRA_OF = {"pandas": "analysis", "scipy": "analysis"}
+"""Top-level package -> the extra of gyrobench that brings it, for those that are imported where they are used."""
+
 
 @cache
 def entry_points_of(group: str) -> EntryPoints:
@@ -23,12 +26,22 @@ def from_extra(module: str, extra: str, what: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise ConfigurationError(
-            f"{what} needs the package {module}",
-            found=str(error),
-            expected=f"the extra `{extra}`",
-            remedy=f"pip install 'gyrobench[{extra}]'",
-        ) from error
+        raise _needs(what, module, extra, error) from error
+
+
+def needs_extra(error: ModuleNotFoundError, what: str) -> ConfigurationError | None:
+    """Return the error that names the extra with the package that is missing; None if no extra of ours has it."""
+    package = (error.name or "").partition(".")[0]
+    return _needs(what, package, _EXTRA_OF[package], error) if package in _EXTRA_OF else None
+
+
+def _needs(what: str, package: str, extra: str, error: ImportError) -> ConfigurationError:
+    return ConfigurationError(
+        f"{what} needs the package {package}",
+        found=str(error),
+        expected=f"the extra `{extra}`",
+        remedy=f"pip install 'gyrobench[{extra}]'",
+    )
 
 
 def names_of_file(path: Path) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.first_hour import PAGES, Block, blocks, copied, typed
+from benchmarks.first_hour import PAGES, Block, blocks, copied, place_of, typed
 
 PROGRAMS = Path(sys.executable).parent
 
@@ -25,9 +25,9 @@ def test_every_page_has_blocks_and_what_does_not_do_as_said_is_noticed(tmp_path:
 
 @pytest.mark.slow
 def test_the_pages_do_what_they_say(tmp_path: Path) -> None:
-    clone, mine = copied(tmp_path), tmp_path / "mine"
-    mine.mkdir()
+    clone = copied(tmp_path)
     for block in (block for page in PAGES for block in blocks(page)):
         if not block.slow:
-            place = mine if "own_procedure" in block.page else clone
-            assert not (wrong := typed(block, place, PROGRAMS)), f"{block.page}: {block.text}\n{wrong}"
+            assert not (wrong := typed(block, place_of(block.page, clone), PROGRAMS)), (
+                f"{block.page}: {block.text}\n{wrong}"
+            )

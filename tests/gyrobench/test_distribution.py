@@ -17,13 +17,28 @@ import gyrobench
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 UV = Path(sys.executable).with_name("uv")
+NEED_ANALYSIS = {"Compensation", "Diagnosis", "Look", "LookOptions", "Study", "diagnose", "look"}
 ROOMS = {"bench", "drivers", "gyrobench", "procedures", "simulators"}
+MAPPING = """
+format = 1
+unit_id = "U"
+latitude_deg = 48.0
+[columns]
+time = { name = "time_s", unit = "s" }
+output = { name = "gyro_x_dps", unit = "deg/s" }
+"""
 INSTALLED = """
 import importlib.metadata, pathlib, gyrobench
 assert "site-packages" in gyrobench.__file__, gyrobench.__file__
 points = importlib.metadata.distribution("gyrobench").entry_points
-print(len([point.load() for point in points if point.group != "pytest11"]))  # needs pytest, which is not there
-print(len([getattr(gyrobench, name) for name in gyrobench.__all__]))
+# pytest is not there, nor is scipy, which models and effects' fits need.
+print(len([point.load() for point in points if point.group != "pytest11"]))
+for name in gyrobench.__all__:
+    try:
+        getattr(gyrobench, name)
+    except gyrobench.ConfigurationError as error:
+        assert "gyrobench[analysis]" in str(error), error
+        print(name)
 """
 
 
@@ -82,32 +97,47 @@ def test_the_wheel_holds_the_rooms_only(built: Path) -> None:
 
 
 def test_every_entry_point_and_public_name_is_there(environment: Path, tmp_path: Path) -> None:
-    points, names = done(environment / "python", "-c", INSTALLED, cwd=tmp_path).split()
+    points, *names = done(environment / "python", "-c", INSTALLED, cwd=tmp_path).split()
     groups = {**PROJECT["entry-points"], "console_scripts": PROJECT["scripts"], "pytest11": {}}
     assert int(points) == sum(map(len, groups.values()))
-    assert int(names) == len(gyrobench.__all__)
+    assert {name for name in names if not name.startswith("fit_")} == NEED_ANALYSIS
 
 
-TRAINING = """
+def test_the_small_install_is_under_350_megabytes(environment: Path) -> None:
+    files = [file for file in (environment.parent / "lib").rglob("*") if file.suffix != ".pyc"]
+    assert sum(file.lstat().st_size for file in files) < 350e6
+
+
+DEVICE = """
+import os
 from bench.analysis.common.device import compute_device
-from bench.analysis.thermal import LstmModel
 from drivers.base.errors import ConfigurationError
-for needy in (lambda: LstmModel().fit([], []), compute_device):
-    try:
-        needy()
-    except ConfigurationError as error:
-        print(error.remedy)
+os.environ["GYROBENCH_DEVICE"] = "cuda"
+try:
+    compute_device()
+except ConfigurationError as error:
+    print(error.remedy)
+import gyrobench
+try:
+    gyrobench.diagnose
+except ConfigurationError as error:
+    print(error.remedy)
 """
 
 
 def test_what_needs_an_extra_that_is_not_installed_names_it(environment: Path, tmp_path: Path) -> None:
-    program = f"import os; os.environ['GYROBENCH_DEVICE'] = 'cuda'{TRAINING}"
-    assert (
-        done(environment / "python", "-c", program, cwd=tmp_path).splitlines()
-        == ["pip install 'gyrobench[torch]'"] * 2
-    )
-    (tmp_path / "log.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    for words, extra in ((["look", "log.h5"], "exchange"), (["panel"], "panel")):
+    assert done(environment / "python", "-c", DEVICE, cwd=tmp_path).splitlines() == [
+        "pip install 'gyrobench[torch]'",
+        "pip install 'gyrobench[analysis]'",
+    ]
+    (tmp_path / "log.csv").write_text("time_s,gyro_x_dps\n0,1\n1,2\n")
+    (tmp_path / "map.toml").write_text(MAPPING)
+    for words, extra in (
+        (["look", "log.csv"], "analysis"),
+        (["import", "log.csv", "--mapping", "map.toml"], "analysis"),
+        (["fit", "standard-test", "runs/one"], "analysis"),
+        (["panel"], "panel"),
+    ):
         ended = subprocess.run(
             [environment / "gyrobench", *words],
             cwd=tmp_path,
@@ -116,6 +146,14 @@ def test_what_needs_an_extra_that_is_not_installed_names_it(environment: Path, t
             env={"PATH": "/bin"},
         )
         assert ended.returncode == 2 and f"gyrobench[{extra}]" in " ".join(ended.stderr.split()), ended.stderr
+
+
+def test_an_lstm_without_torch_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    from bench.analysis.thermal import LstmModel
+
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(gyrobench.ConfigurationError, match=r"gyrobench\[torch\]"):
+        LstmModel().fit([], [])
 
 
 def test_import_takes_less_than_a_quarter_of_a_second_of_processor(environment: Path, tmp_path: Path) -> None:

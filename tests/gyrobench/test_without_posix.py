@@ -1,4 +1,4 @@
-"""Without termios, fcntl, tty, pty and resource, as on Windows: what only reads and works out still works.
+"""Without termios, fcntl, ptys, Unix sockets and more that Windows lacks: what reads and works out works.
 
 Only our modules are kept from them: the libraries underneath have their own ways on Windows.
 """
@@ -9,12 +9,31 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+import gyrobench
+from bench.analysis.gap._case_folder import write_case
+from bench.analysis.gap._exam import make_case, nominal_model
+from bench.analysis.gap._model_file import model_text
+
+ROOT = Path(__file__).parents[2]
+MAPPING = """
+format = 1
+unit_id = "SN1"
+gyro = "fog_1"
+latitude_deg = 48.0
+[columns]
+time = { name = "t", unit = "s" }
+output = { name = "rate", unit = "deg/s" }
+"""
+LIBRARIES = """
+import importlib
+for library in ("asammdf", "distributed", "matplotlib.pyplot", "nicegui", "pymodbus", "torch", "uvicorn"):
+    importlib.import_module(library)
+"""
 HIDDEN = """
 import importlib, pkgutil, sys
-import can, joblib, matplotlib.pyplot, multiprocessing, pandas, pymodbus, pytest, rich.live
-import serial, serial.tools.list_ports, torch
-for library in ("asammdf", "distributed", "nicegui", "uvicorn"):
-    importlib.import_module(library)
+import can, joblib, multiprocessing, pandas, rich.live, serial, serial.tools.list_ports
 
 class Hides:
     def find_spec(self, name, path=None, target=None):
@@ -24,6 +43,14 @@ class Hides:
 for name in ("termios", "fcntl", "tty", "pty", "resource"):
     sys.modules.pop(name, None)
 sys.meta_path.insert(0, Hides())
+import os, signal, socket, tempfile  # those who need more than Windows has ask at their import
+del socket.AF_UNIX, signal.SIGHUP, signal.SIGKILL, signal.SIGUSR1
+for name in (
+    "O_CLOEXEC", "O_NONBLOCK", "O_DIRECTORY", "O_NOFOLLOW", "O_SYNC", "fdatasync", "fork", "openpty", "getuid",
+    "geteuid", "killpg", "getpgid", "setsid", "pread", "pwrite", "mkfifo", "sched_getaffinity",
+    "sched_setaffinity", "statvfs", "posix_fadvise", "ttyname",
+):
+    delattr(os, name)
 """
 IMPORTS = """
 import bench, drivers, gyrobench, procedures, simulators
@@ -40,27 +67,59 @@ import gyrobench
 found = gyrobench.look("log.csv")
 print([(axis.channel.name, axis.figures.mean, axis.figures.sigma) for axis in found.axes])
 """
+WORK = """
+import re, sys
+from pathlib import Path
+import gyrobench
+from bench.present.report import report_run
+
+run = gyrobench.open_run(next(Path("runs").iterdir()))
+print(run, run.seal, run.gyro("fog_1")["rate_dps"].mean())
+made = gyrobench.import_log(Path("log.csv"), Path("map.toml"), Path(sys.argv[1]))
+print(gyrobench.open_run(made).gyro("fog_1")["rate_dps"].sum())
+report = report_run(run.place, Path(sys.argv[1]) / "report.html").read_text(encoding="utf-8")
+print(len(report), re.sub(r"20\\d\\d-\\d\\d-\\d\\d.\\d\\d:\\d\\d(:\\d\\d)?", "", report))
+found = gyrobench.diagnose(["case/runs.toml"], "nominal.toml")
+print(found)
+print([(cause.effect, cause.values) for channel in found.channels for cause in getattr(channel, "causes", ())])
+"""
 NEEDS_POSIX = {
     *("bench.campaign", "bench.control.lease", "bench.control.recover", "bench.control.runner"),
     *("bench.control.watchdog", "bench.lab.rehearsal", "bench.lab.testing", "bench.present.cli._shown_run"),
     *("gyrobench._operate", "simulators.lab._build", "simulators.lab._core", "simulators.lab._ports"),
     *("simulators.lab._service", "simulators.lab._lock_step", "simulators.lab.in_process"),
-    "bench.present.panel",
+    *("bench.present.panel", "gyrobench.bluesky"),
 }
 """What takes a lease or looks for one, locks a campaign, or serves an emulated lab on ptys."""
 
 
-def said(code: str, folder: Path) -> str:
-    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+def said(code: str, folder: Path, *words: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code, *words], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def test_everything_but_running_a_bench_is_imported(tmp_path: Path) -> None:
-    assert set(said(HIDDEN + IMPORTS, tmp_path).split()) == NEEDS_POSIX
+    assert set(said(LIBRARIES + HIDDEN + IMPORTS, tmp_path).split()) == NEEDS_POSIX
 
 
 def test_a_look_has_the_same_figures(tmp_path: Path) -> None:
     rows = [f"{0.01 * k:.2f},{0.001 * ((7919 * k) % 101 - 50):.6f}" for k in range(2000)]
     (tmp_path / "log.csv").write_text("time_s,gyro_x_dps\n" + "\n".join(rows) + "\n")
     assert said(HIDDEN + LOOK, tmp_path) == said(LOOK, tmp_path) != "[]\n"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_runs_imports_reports_and_the_gap_have_the_same_figures(tmp_path: Path) -> None:
+    gyrobench.rehearse("known-state", ROOT / "examples" / "demo.toml", tmp_path / "runs", seed=3)
+    _, given, *_ = make_case(300_000, "single")
+    write_case(tmp_path / "case", given[2:4])
+    (tmp_path / "nominal.toml").write_text(model_text(nominal_model()))
+    rows = [f"{0.01 * k:.2f},{0.001 * ((7919 * k) % 101 - 50):.6f}" for k in range(2000)]
+    (tmp_path / "log.csv").write_text("t,rate\n" + "\n".join(rows) + "\n")
+    (tmp_path / "map.toml").write_text(MAPPING)
+    said_here, said_hidden = (
+        said(code, tmp_path, out) for code, out in ((WORK, "here"), (HIDDEN + WORK, "there"))
+    )
+    assert said_hidden == said_here and "<svg" in said_here

@@ -7,7 +7,6 @@ another.
 
 from __future__ import annotations
 
-import os
 import socket
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from importlib.metadata import version
 from typing import Any, TypeVar
 
 from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.system import processors
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -110,7 +110,7 @@ def _connected(cluster: str, jobs: int | None) -> Iterator[Any]:
             remedy="pip install 'gyrobench[scale]'",
         ) from error
     if cluster == LOCAL:
-        workers = jobs or len(os.sched_getaffinity(0))
+        workers = jobs or processors()
         with (
             LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as own,
             Client(own, set_as_default=False) as client,

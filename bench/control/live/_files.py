@@ -18,6 +18,7 @@ from bench.record.events.run import Note, Requested, Role
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
+from drivers.base.system import open_flags
 
 ACKNOWLEDGED_FILE = "acknowledged.jsonl"
 LIVE_FOLDER = "live"
@@ -144,7 +145,7 @@ def acknowledge(session: Path, keys: Sequence[str], by: str) -> None:
     path = session / LIVE_FOLDER / ACKNOWLEDGED_FILE
     line = {"keys": [key[:_LONGEST_KEY] for key in keys], "by": by.strip()[:_LONGEST_NAME], "utc": utc_now()}
     try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        descriptor = os.open(path, open_flags("O_WRONLY", "O_APPEND", "O_CREAT"), 0o644)
         try:
             os.write(descriptor, json.dumps(line).encode() + b"\n")
         finally:
@@ -196,7 +197,7 @@ def _answer_path(session: Path, prompt_id: int) -> Path:
 
 def _read_small(path: Path) -> dict[str, Any] | None:
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        descriptor = os.open(path, open_flags("O_RDONLY", "O_NOFOLLOW", "O_NONBLOCK"))
     except FileNotFoundError:
         return None
     except OSError as error:

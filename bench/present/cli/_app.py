@@ -150,6 +150,14 @@ def main() -> None:
     except BenchError as error:
         _complain(str(error))
         sys.exit(3 if isinstance(error, RunAborted | RunUnsealed) else 2)
+    except ModuleNotFoundError as error:
+        from drivers.base.plugins import needs_extra
+
+        told = needs_extra(error, "this command")
+        if told is None:
+            raise
+        _complain(str(told))
+        sys.exit(2)
     except KeyboardInterrupt:
         _complain("stopped by Ctrl-C")
         sys.exit(130)

@@ -14,6 +14,7 @@ from typing import NamedTuple, TypeVar
 from bench.record.events import Event, Row, read_event
 from drivers.base.errors import RecordError
 from drivers.base.files import RECORD_BYTES, parse_json, read_bounded
+from drivers.base.system import open_flags, sync_data
 
 EVENTS_FILE = "events.jsonl"
 
@@ -34,7 +35,7 @@ class AppendFile:
         self.size = 0
         self._told = -1
         try:
-            self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            self._fd = os.open(path, open_flags("O_WRONLY", "O_CREAT", "O_EXCL"), 0o644)
         except OSError as error:
             raise record_error(path, error) from error
 
@@ -86,7 +87,7 @@ class AppendFile:
         """Wait until what was written is on the disk; raises OSError. May be called from another thread."""
         self.unsynced = False
         try:
-            os.fdatasync(self._fd)
+            sync_data(self._fd)
         except OSError:
             self.unsynced = True
             raise

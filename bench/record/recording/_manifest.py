@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -19,6 +18,7 @@ from bench.record.recording._events import EVENTS_FILE, record_error
 from bench.record.run_folder import MANIFEST_FILE, PICTURES_FOLDER, PROCEDURE_FILE
 from drivers.base.errors import RecordError
 from drivers.base.files import MANIFEST_BYTES, read_bounded, replace_file
+from drivers.base.system import sync_folder
 
 T = TypeVar("T")
 Outcome = Literal["running", "completed", "invalid", "aborted"]
@@ -176,11 +176,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     path = folder / MANIFEST_FILE
     try:
         replace_file(path, _text(manifest))
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+        sync_folder(folder)
     except OSError as error:
         raise record_error(path, error) from error
 

@@ -19,6 +19,7 @@ from bench.record.events import Event, Row
 from bench.record.events.run import PhaseBegun
 from bench.record.recording._decode import Arrivals, Role, StreamSource, read_arrivals, table_name
 from bench.record.recording._events import Events, Line, read_events
+from bench.record.recording._frames import Framed
 from bench.record.recording._journal import RAW_FOLDER
 from bench.record.recording._manifest import Manifest, checksum, read_manifest, seal_state
 from bench.record.recording._raw import can_frames
@@ -53,7 +54,7 @@ class Phase:
 
 
 @dataclass(frozen=True, repr=False)
-class Run(Shown):
+class Run(Framed, Shown):
     """A run on disk or on object storage, read as asked for: the one way to what a run holds."""
 
     _folder: Path

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 import sys
 from functools import partial
 from pathlib import Path
@@ -17,6 +16,7 @@ from bench.present.cli._texts import duration
 from bench.present.cli.campaign._plan import plan_warnings, run_counter
 from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError, ConfigurationError, RecordError
+from drivers.base.system import processors
 
 if TYPE_CHECKING:
     from bench.analysis.common.fan_out import FanOut
@@ -237,7 +237,7 @@ def rehearse(
     file = load_bench_file(bench)
     plant = load_plant(plant_file, seed)
     campaign, runs_folder = campaign_to_rehearse(campaign_file, file, out)
-    at_once = jobs or len(os.sched_getaffinity(0))
+    at_once = jobs or processors()
     console.print(f"{_extent(campaign)}, {at_once} at a time")
     started, done = host_seconds(), itertools.count(1)
     with run_counter(console, "runs") as count:
