@@ -43,7 +43,19 @@ SECTIONS = {
         *("tutorials/campaign_overnight", "tutorials/gap", "tutorials/own_log", "guide"),
     ),
     "How to": (
-        *("look", "exchange", "campaign", "panel", "pytest", "reports", "faults", "frames", "can", "scale"),
+        *(
+            "look",
+            "exchange",
+            "campaign",
+            "panel",
+            "metrics",
+            "pytest",
+            "reports",
+            "faults",
+            "frames",
+            "can",
+            "scale",
+        ),
         *("add_a_driver", "add_an_effect", "add_a_command_or_report"),
     ),
     "Reference": ("commands", "json", "bench_file", "api", "instruments", "events", "glossary"),
@@ -63,7 +75,7 @@ SECTIONS = {
     ),
     "Project": ("contributing", "changelog", "security"),
 }
-"""The pages in the order in which they are listed. A page that stands nowhere here fails the build."""
+"""The pages in the order in which they are listed; what stands nowhere here is listed last, as "More"."""
 SETTINGS = {
     "project": "gyrobench",
     "copyright": "the gyrobench authors, Apache License 2.0",
@@ -115,8 +127,12 @@ def write_source(place: Path) -> None:
     decisions = place / "decisions" / "README.md"
     with decisions.open("a", encoding="utf-8") as file:
         file.write("\n" + _toctree("", sorted(page.stem for page in decisions.parent.glob("0*.md"))))
+    listed = {page for pages in SECTIONS.values() for page in pages} | {"index"}
+    found = {str(page.relative_to(place).with_suffix("")) for page in place.rglob("*.md")}
+    more = sorted(page for page in found - listed if not page.startswith("decisions/"))
     with (place / "index.md").open("a", encoding="utf-8") as file:
-        file.write("".join(_toctree(caption, pages) for caption, pages in SECTIONS.items()))
+        for caption, pages in (*SECTIONS.items(), *([("More", more)] if more else [])):
+            file.write(_toctree(caption, pages))
 
 
 def _linked(text: str, place: Path, folder: Path) -> str:
