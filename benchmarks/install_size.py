@@ -38,8 +38,9 @@ def measured(requirement: str, module: str) -> tuple[float, float]:
         install = [UV, "pip", "install", "--quiet", "--python", python]
         if requirement.startswith(str(ROOT)):
             install += ["--constraint", ROOT / "constraints.txt"]
-        for command in ([UV, "venv", "--quiet", "--python", sys.executable, place], [*install, requirement]):
-            subprocess.run(command, check=True, cwd=folder, env=environment)
+        made = [UV, "venv", "--quiet", "--python", sys.executable, place]
+        for command in (made, [*install, requirement]):
+            subprocess.run(list(map(str, command)), check=True, cwd=folder, env=environment)
         files = [file for file in (place / "lib").rglob("*") if file.suffix != ".pyc"]
         size_mb = sum(file.lstat().st_size for file in files) / 1e6
         code = f"import time; import {module}; print(time.process_time())"
