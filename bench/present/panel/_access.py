@@ -48,7 +48,7 @@ def needed(method: str, path: str) -> Role:
     """Return the role that a request needs."""
     if path.startswith("/operators"):
         return "configure"
-    if method in _READING or path in ("/sign-out", "/panel/password") or path.startswith("/_nicegui"):
+    if method in _READING or path == "/sign-out" or path.startswith("/_nicegui"):
         return "look"
     if path.startswith("/panel/queue/"):
         return "look" if path.endswith("/plan") else "run"

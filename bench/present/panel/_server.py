@@ -104,7 +104,6 @@ def _serve_sign_in(sign_in: SignIn) -> None:
     app.post("/sign-out")(sign_in.leave)
     app.get("/operators")(sign_in.operators)
     app.post("/operators")(sign_in.change)
-    app.post("/panel/password")(sign_in.own_password)
 
 
 class Hubs:

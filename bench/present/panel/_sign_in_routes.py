@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from urllib.parse import parse_qsl, urlsplit
 
 from fastapi import Request
-from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from bench.control.operators import ROLES, SHORTEST_PASSWORD, OperatorsFile
 from bench.present.panel._access import kept_cookie, visit_of
@@ -65,23 +65,6 @@ class SignIn:
             return self._operators_page(request, self._change(request, form))
         except BenchError as error:
             return self._operators_page(request, str(error), 400)
-
-    async def own_password(self, request: Request) -> Response:
-        """Give whoever is signed in another password; the one before is asked for."""
-        form = await _form_of(request)
-        visit = visit_of(request)
-        address = request.client.host if request.client is not None else ""
-        try:
-            if await self._doorkeeper.check(visit.name, form.get("before", ""), address) is None:
-                return JSONResponse({"error": "The password before is another."}, 400)
-            found = self._operators.set_password(visit.name, form.get("password", ""))
-        except TooMany as many:
-            return JSONResponse({"error": f"Tried too often. Wait {math.ceil(many.wait_s)} s."}, 429)
-        except BenchError as error:
-            return JSONResponse({"error": str(error)}, 400)
-        secure = request.url.scheme == "https"
-        cookie = kept_cookie(self._sessions.begin(found), secure=secure, age_s=SESSION_S)
-        return JSONResponse({"said": "The password is changed."}, headers={"set-cookie": cookie})
 
     def _change(self, request: Request, form: Mapping[str, str]) -> str:
         action, name = form.get("action", ""), form.get("name", "")
