@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.heading import HeadingCompensator, fit_reference
+from bench.analysis.heading import HeadingCompensation, HeadingCompensator, fit_reference
 from bench.analysis.heading._frames import position_error
 from bench.analysis.heading._lagged import fit_lagged
 from benchmarks._heading_plants import CALIBRATIONS, sequence
@@ -28,7 +28,7 @@ GOALS = {"median": 88.0, "p10": 65.0}
 @dataclass(frozen=True)
 class Outcome:
     """Reductions in % of every sequence of the platforms accepted, and what the true drift would give; how many
-    platforms were refused of how many, and warned of."""
+    platforms were refused of how many, and warned of; how many sequences reached what was told at least."""
 
     family: str
     reductions: tuple[float, ...]
@@ -36,6 +36,7 @@ class Outcome:
     refused: int
     platforms: int
     warned: int
+    told: int
 
     @property
     def harm(self) -> int:
@@ -49,14 +50,14 @@ class Outcome:
 
 def examine(family: str, plants: int) -> Outcome:
     """Calibrate on five headings beside the reference, judge on four sequences of others."""
-    drift, found, limits, refused, warned = FAMILIES[family], [], [], 0, 0
+    drift, found, limits, refused, warned, told = FAMILIES[family], [], [], 0, 0, 0
     for seed in range(plants):
         calibration = fly(drift, seed, 10_000 + seed, CALIBRATIONS["5+1"])
         try:
             model = fit_lagged(
                 calibration.log, reference=fit_reference(calibration.warm_angle_rad, calibration.warm_temp_c)
             )
-            HeadingCompensator(model)
+            HeadingCompensation.from_fit(model, "", {}).stream("")
         except BenchError:
             refused += 1
             continue
@@ -65,7 +66,8 @@ def examine(family: str, plants: int) -> Outcome:
             reached, limit = reduction(drift, model, seed, test)
             found.append(reached)
             limits.append(limit)
-    return Outcome(family, tuple(found), tuple(limits), refused, plants, warned)
+            told += reached >= model.evidence.least_reduction_percent
+    return Outcome(family, tuple(found), tuple(limits), refused, plants, warned, told)
 
 
 def reduction(drift: Drift, model: object, seed: int, test: int) -> tuple[float, float]:
@@ -110,14 +112,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--plants", type=int, default=12)
     asked = parser.parse_args(arguments)
     print(
-        "| family | refused | warned | median | p10 | worst | made worse | true drift, median |\n"
-        "|---|---|---|---|---|---|---|---|"
+        "| family | refused | warned | median | p10 | worst | made worse | as told | true drift, median |\n"
+        "|---|---|---|---|---|---|---|---|---|"
     )
     for family in FAMILIES:
         o = examine(family, asked.plants)
         print(
             f"| {family} | {o.refused} of {o.platforms} | {o.warned} | {o.percentile(50):.1f} | "
-            f"{o.percentile(10):.1f} | {o.percentile(0):.1f} | {o.harm} | "
+            f"{o.percentile(10):.1f} | {o.percentile(0):.1f} | {o.harm} | {o.told} of {len(o.reductions)} | "
             f"{np.median(o.limits) if o.limits else float('nan'):.1f} |",
             flush=True,
         )

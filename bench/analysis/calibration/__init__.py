@@ -14,6 +14,7 @@ from bench.analysis.calibration._conventions import (
     Task,
 )
 from bench.analysis.calibration._estimator import BiasWander, Estimate
+from bench.analysis.calibration._record_noise import RecordNoise
 from bench.analysis.calibration._result import Evaluation, evaluate, missed_targets
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
 from bench.analysis.calibration._schedule import (
@@ -51,6 +52,7 @@ __all__ = [
     "Evaluation",
     "ImuCompensation",
     "Noise",
+    "RecordNoise",
     "Schedule",
     "Site",
     "Table",

@@ -15,6 +15,7 @@ from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import Noise, Site, Task
 from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
 from bench.analysis.calibration._navigation import Increments
+from bench.analysis.calibration._record_noise import RecordNoise, record_noise
 from bench.analysis.calibration._result import Evaluation, evaluate
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
 from bench.analysis.calibration._schedule import load_scheme
@@ -27,12 +28,17 @@ _PERIOD_TOLERANCE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a record gave: the estimate, and what its scheme promised."""
+    """What a record gave: the estimate, what its scheme promised, and what the record shows of its noise.
+
+    `corrected`: the estimate is with the noise and wander that the record shows, not with those told.
+    """
 
     run: CalibrationRun
     estimate: Estimate
     evaluation: Evaluation
     wander: BiasWander | None
+    noise: RecordNoise
+    corrected: bool
 
     def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
         """Return the compensation; `declared`: what its user has to know of it."""
@@ -93,8 +99,13 @@ def calibrate(
     wander: BiasWander | None = None,
     lever_arms: bool = False,
     range_dps: float | None = None,
+    as_told: bool = False,
 ) -> Calibration:
-    """Estimate the parameters of an IMU from the record of a scheme; `range_dps`: the measuring range."""
+    """Estimate the parameters of an IMU from the record of a scheme; `range_dps`: the measuring range.
+
+    `noise` is what is known of the unit beforehand. Unless `as_told`, the estimate is made again with the noise
+    and the wander that the record shows.
+    """
     task = Task(site=Site(latitude_deg=run.latitude_deg, gravity=gravity_mps2), noise=noise)
     options = Options(
         wander=wander,
@@ -103,7 +114,13 @@ def calibrate(
         gyro_range_dps=range_dps,
     )
     estimated = estimate(run.increments, task, options, run.schedule)
-    return Calibration(run, estimated, evaluate(task, run.schedule, run.table), wander)
+    shown = record_noise(run.increments, task, options, estimated)
+    if not as_told:
+        wander = wander or shown.wander
+        again = replace(task, noise=shown.found)
+        estimated = estimate(run.increments, again, replace(options, wander=wander), run.schedule)
+    evaluation = evaluate(task, run.schedule, run.table)
+    return Calibration(run, estimated, evaluation, wander, shown, not as_told)
 
 
 def read_increments(path: Path) -> Increments:

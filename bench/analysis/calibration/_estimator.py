@@ -55,7 +55,8 @@ class Estimate:
     """The result. SI: `parameters`, `sigma` (24,); `lever_m` (2, 3) and `lag_s` are zero unless estimated.
 
     `covariance` (24, 24); `course` (positions, 24): sigma at the end of each rest; `innovation_rms`: of whitened
-    innovations, 1 when the noise assumed is the noise there was.
+    innovations, 1 when the noise assumed is the noise there was; the noise told may be far from that without harm
+    (`record_noise` judges).
     """
 
     parameters: Array
@@ -68,11 +69,14 @@ class Estimate:
 
 
 @dataclass
-class _Filtered:
+class Filtered:
+    """State and covariance at the end, sigma at the end of each rest, whitened innovations, their likelihood."""
+
     state: Array
     covariance: Array
     course: list[Array] = field(default_factory=list)
     innovations: list[Array] = field(default_factory=list)
+    log_likelihood: float = 0.0
 
 
 def estimate(
@@ -85,7 +89,7 @@ def estimate(
     """
     require_whole(data, options.gyro_range_dps)
     current = np.zeros(31)
-    sigma = _prior(task, options)
+    sigma = prior_sigma(task, options)
     for number in range(options.passes):
         clean = compensate(data, current)
         track = navigate(clean, align(clean, options.alignment_s), task.site)
@@ -96,7 +100,7 @@ def estimate(
                 require_schedule(track, resting, schedule)
             require_axes(clean, track, resting)
             require_latitude(clean, track, resting, task)
-        found = _filter(track, current, sigma, task, options)
+        found = filter_track(track, current, sigma, task, options)
         current = current + found.state[6:37] * (sigma[6:37] > 0.0)
     covariance = found.covariance[PARAMETERS, PARAMETERS]
     return Estimate(
@@ -110,7 +114,7 @@ def estimate(
     )
 
 
-def _prior(task: Task, options: Options) -> Array:
+def prior_sigma(task: Task, options: Options) -> Array:
     """Return prior sigma of the 30 states, lever arms (6), lag (1), Markov biases (6); 0 pins a state."""
     extra = np.zeros(7)
     if options.lever_arms:
@@ -121,7 +125,7 @@ def _prior(task: Task, options: Options) -> Array:
     return np.concatenate([task.prior_sigma, extra, wander])
 
 
-def _filter(track: Track, current: Array, sigma: Array, task: Task, options: Options) -> _Filtered:
+def filter_track(track: Track, current: Array, sigma: Array, task: Task, options: Options) -> Filtered:
     """Run the filter over a track, prior-scaled. Pinned states stay in the result with zero variance."""
     used = np.flatnonzero(sigma > 0.0)
     scale = sigma[used]
@@ -139,7 +143,7 @@ def _filter(track: Track, current: Array, sigma: Array, task: Task, options: Opt
     r = np.eye(3) * (task.noise.velocity_mps / scale[3]) ** 2
     resting = rest_intervals(track, options)
     measured = track.velocity / scale[3:6]
-    found = _Filtered(np.zeros(43), np.zeros((43, 43)))
+    found = Filtered(np.zeros(43), np.zeros((43, 43)))
     wandering = bool(markov.any())
     for number, row in enumerate(rows):
         through = row @ p
@@ -155,6 +159,9 @@ def _filter(track: Track, current: Array, sigma: Array, task: Task, options: Opt
             root = np.linalg.cholesky(p[3:6, 3:6] + r)
             white = np.linalg.solve(root, np.column_stack([measured[number] - x[3:6], p[3:6]]))
             found.innovations.append(white[:, 0])
+            found.log_likelihood -= 0.5 * float(white[:, 0] @ white[:, 0]) + float(
+                np.log(np.diag(root)).sum()
+            )
             p = p - white[:, 1:].T @ white[:, 1:]
             x = x + white[:, 1:].T @ white[:, 0]
             if number + 1 == len(rows) or not resting[number + 1]:

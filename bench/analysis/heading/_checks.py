@@ -52,6 +52,22 @@ def check_log(log: PlatformLog, *, other_temp_c: Array | None = None) -> list[Fi
     return sorted(found, key=lambda finding: not finding.refuse)
 
 
+def short_stays(log: PlatformLog, least_s: float) -> list[Finding]:
+    """Return a finding if stays are shorter than `least_s`, the core's time constant and the window."""
+    short = [stay for stay in stays(log) if _STEADY_S <= stay.duration_s < least_s - _STEADY_S]
+    if not short:
+        return []
+    shortest = min(short, key=lambda stay: stay.duration_s)
+    return [
+        Finding(
+            f"{len(short)} stays are shorter than time constant and window, {least_s / 3600.0:.1f} h (the "
+            f"shortest {shortest.duration_s / 3600.0:.1f} h at {shortest.heading_deg:.0f} deg)",
+            "the nine coefficients mix the drift of two headings there; the lagged model needs no steady state",
+            False,
+        )
+    ]
+
+
 def refuse_unsound(findings: list[Finding], where: str = "") -> None:
     """Raise RecordError naming every finding that forbids a fit."""
     fatal = [finding for finding in findings if finding.refuse]

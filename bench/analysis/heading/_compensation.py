@@ -10,8 +10,9 @@ import numpy as np
 
 from bench.analysis.common.compensation import FittedCompensation, provenance
 from bench.analysis.heading._compensator import HeadingCompensator
-from bench.analysis.heading._lagged import Evidence, LaggedModel, regressors
+from bench.analysis.heading._lagged import MOST_UNEXPLAINED, Evidence, LaggedModel, regressors
 from bench.analysis.heading._temperature import ReferenceTemperature
+from drivers.base.errors import ConfigurationError
 
 _SAME = ("form", "tau_s", "reference_heading_deg", "latitude_deg", "headings", "hours")
 """Numbers of the model that have the same name in the file."""
@@ -38,7 +39,15 @@ class HeadingCompensation(FittedCompensation):
 
     @classmethod
     def from_fit(cls, model: LaggedModel, unit_id: str, runs: Mapping[str, str]) -> Self:
-        """Attach unit, runs, software and date to a fitted model."""
+        """Attach unit, runs, software and date to a fitted model; ConfigurationError where it explains little."""
+        if model.evidence.cause == "unexplained":
+            raise ConfigurationError(
+                "the measured temperature explains too little of this platform's heading effect",
+                found=f"{100.0 * model.evidence.other_share:.0f} % of it goes with heading, not temperature",
+                expected=f"at most {100.0 * MOST_UNEXPLAINED:.0f} %",
+                remedy="measure the temperature where the drift comes from, or look for friction and magnetic "
+                "fields; compensating with this one could add error",
+            )
         return cls(unit_id, model, **provenance(runs))
 
     def stream(

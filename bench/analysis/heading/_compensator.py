@@ -43,7 +43,7 @@ class HeadingCompensator:
 
     def __init__(self, model: LaggedModel, latitude_deg: float | None = None) -> None:
         """Raises ConfigurationError where the model says that temperature is not what drives the drift."""
-        if model.evidence.cause != "temperature":
+        if model.evidence.cause in ("heading", "none"):
             raise ConfigurationError(
                 "this platform's heading effect is not driven by its temperature",
                 found=f"costs {model.evidence.none:.0f} without a cause, {model.evidence.temperature:.0f} "

@@ -7,6 +7,7 @@ numbers. All are found in one least-squares fit with Gaussian priors, directly o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -22,7 +23,7 @@ from bench.analysis.heading._temperature import ReferenceTemperature, fit_refere
 from drivers.base.arrays import Array
 
 Form = Literal["lag9", "lag15"]
-Cause = Literal["temperature", "heading", "none"]
+Cause = Literal["temperature", "unexplained", "heading", "none"]
 
 FAST_TAU_S = 1800.0
 TAU_RANGE_S = (0.7 * 3600.0, 18.0 * 3600.0)
@@ -34,6 +35,10 @@ _LEAST_COST_DROP = 60.0
 _STEPS_RULE, _MOST_SHARE, _MIXED = 3.0, 0.5, 0.5
 """Ratio of costs, temperature to steps. Emulated platforms: temperature alone at most 0.35, friction alone at
 least 10; with a hidden gradient of 29 % or friction as large as the temperature's effect, anything between."""
+MOST_UNEXPLAINED = 0.25
+"""Share of the effect left to steps beyond which a compensation can do harm: on platforms of six other kinds of
+physics (`benchmarks/off_class`) nearly all that were made worse had more."""
+_DOUBT = 1.5
 _NAMES = {"lag9": ("x", "x cos", "x sin"), "lag15": ("x", "x cos", "x sin", "rate", "quadratic")}
 
 
@@ -59,7 +64,16 @@ class Evidence:
         if self.none - min(self.temperature, self.steps) < _LEAST_COST_DROP * max(1.0, self.residual**2):
             return "none"
         by_steps = self.temperature > _STEPS_RULE * self.steps and self.other_share > _MOST_SHARE
-        return "heading" if by_steps else "temperature"
+        if by_steps:
+            return "heading"
+        return "unexplained" if self.other_share > MOST_UNEXPLAINED else "temperature"
+
+    @property
+    def least_reduction_percent(self) -> float:
+        """Reduction to expect at least at other headings, %: less by what steps explain beside the
+        temperature, and by what is left of this run."""
+        left = math.sqrt(self.temperature / self.none) if self.none > 0.0 else 1.0
+        return 100.0 * max(0.0, 1.0 - left - _DOUBT * math.sqrt(self.other_share))
 
     @property
     def mixed(self) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.heading._calibration import swings
-from bench.analysis.heading._checks import Finding, check_log, check_phase, refuse_unsound
+from bench.analysis.heading._checks import Finding, check_log, check_phase, refuse_unsound, short_stays
 from bench.analysis.heading._compensator import HeadingCompensator, PositionCorrector
 from bench.analysis.heading._lagged import Form, LaggedModel, fit_lagged
 from bench.analysis.heading._log import PlatformLog, Stay, settled, stays
@@ -90,6 +90,7 @@ def study_heading(
     findings = check_log(calibration, other_temp_c=other_temp_c)
     refuse_unsound(findings, "calibration log")
     model = fit_lagged(calibration, form)
+    findings += short_stays(calibration, model.tau_s + window_s)
     nine, refused = None, ""
     try:
         nine = fit_nine(calibration, window_s=window_s)

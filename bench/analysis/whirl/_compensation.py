@@ -51,6 +51,7 @@ class WhirlCompensation(FittedCompensation):
             gauge=gauge,
             gauge_arcsec=gauge_tilt(gauge, fit.lines, fit.amplitudes_arcsec),
             play_arcsec=0j if fit.play_arcsec is None else fit.play_arcsec.value,
+            travel_deg=fit.travel_deg,
             declared=(FREE_PART, f"gauge {gauge}: {MEANING[gauge]}", *fit.declared),
             **provenance(runs),
         )

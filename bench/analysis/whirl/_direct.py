@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.optimize import minimize_scalar
 
-from bench.analysis.whirl._residual import Blocks, make_blocks
+from bench.analysis.whirl._residual import TRAVEL_DEG, Blocks, make_blocks
 from bench.analysis.whirl._types import Complex, NotObservable, TurnRecord
 from drivers.base.arrays import Array
 
@@ -24,6 +25,10 @@ DEFAULT_LINES = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
 SEPARABLE = 10.0
 """Drift and constant tilt are told apart if their columns' condition number is below this (reversals: 1.07)."""
 _SINGULAR = 1e6
+TRAVELS_DEG = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 17.0, 22.0, 30.0)
+"""Travels of play that are tried; what is taken up within a block of 1 s looks alike."""
+_TRAVEL_SEEN = 8.0
+"""Gain of logarithmic likelihood from which a travel other than the usual one is believed."""
 DRIFT_IN_TILT = (
     "drift and the constant tilt of the unit against the spin axis (line +1) are one and the same in "
     "rotation one way: both are in line +1, which also holds what is wrong with the installation angles; a "
@@ -65,6 +70,7 @@ class DirectFit:
     declared: tuple[str, ...]
     blocks: tuple[Blocks, ...]
     residual_arcsec: Complex
+    travel_deg: float = TRAVEL_DEG
 
     def amplitude(self, line: float) -> Estimate:
         """Return a line's estimate; KeyError for one that was not fitted."""
@@ -84,13 +90,15 @@ def fit_direct(
     lines: Sequence[float] = DEFAULT_LINES,
     *,
     play: bool | None = None,
+    travel_deg: float = TRAVEL_DEG,
 ) -> DirectFit:
     """Fit lines common to all records and a body rate for each; line 0 is the gauge's.
 
     A drift of each record is fitted where rotation separates it from the constant tilt, else declared. `play`
-    None: where a record reverses. NotObservable if the columns are dependent (too little rotation for the lines).
+    None: where a record reverses; `travel_deg`: the table angle over which it is taken up. NotObservable if
+    the columns are dependent (too little rotation for the lines).
     """
-    blocks = [make_blocks(record) for record in records]
+    blocks = [make_blocks(record, travel_deg) for record in records]
     separation = drift_separation(blocks)
     with_drift = separation < SEPARABLE
     slack_moves = [float(np.ptp(np.append(part.first_slack, part.last_slack))) > 0.5 for part in blocks]
@@ -113,7 +121,34 @@ def fit_direct(
         declared=declared if 1 in lines or not with_drift else (),
         blocks=tuple(blocks),
         residual_arcsec=residual,
+        travel_deg=travel_deg,
     )
+
+
+def fit_travel(
+    records: Sequence[TurnRecord], lines: Sequence[float], *, travels_deg: Sequence[float] = TRAVELS_DEG
+) -> DirectFit:
+    """Return the direct fit with the travel of the play that leaves least, refined between its neighbours.
+
+    Without play beyond its noise, or without reversals, the travel is the usual one.
+    """
+    usual = fit_direct(records, lines)
+    if usual.play_arcsec is None:
+        return usual
+
+    def left(log_travel: float) -> float:
+        residual = fit_direct(records, lines, travel_deg=float(np.exp(log_travel))).residual_arcsec
+        return float((np.abs(residual) ** 2).sum())
+
+    logs = np.log(travels_deg)
+    costs = [left(float(at)) for at in logs]
+    best = int(np.argmin(costs))
+    low, high = logs[max(0, best - 1)], logs[min(len(logs) - 1, best + 1)]
+    found = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 0.01})
+    fit = fit_direct(records, lines, travel_deg=float(np.exp(found.x)))
+    least = float((np.abs(usual.residual_arcsec) ** 2).sum())
+    variance = float(found.fun) / (2.0 * len(usual.residual_arcsec))
+    return fit if least - float(found.fun) > 2.0 * _TRAVEL_SEEN * variance else usual
 
 
 def drift_separation(blocks: Sequence[Blocks]) -> float:

@@ -13,7 +13,8 @@ from bench.analysis.whirl._direct import DirectFit, fit_direct
 from bench.analysis.whirl._types import Complex, TurnRecord
 from drivers.base.arrays import Array
 
-CANDIDATES = tuple(float(line) for line in range(-8, 9) if line)
+HIGHEST = 24
+CANDIDATES = tuple(float(line) for line in range(-HIGHEST, HIGHEST + 1) if line)
 _STEPS_A_TURN = 3.0
 """Steps of the scan within the width of a line, 1 / turns."""
 _CHUNK = 256
@@ -41,20 +42,31 @@ def choose_lines(
     A line that is not there has a statistic above ln(candidates / false_alarm) with the probability
     false_alarm / candidates, so that a run without whirl gives a line with the probability `false_alarm`.
     """
+    candidates = [line for line in candidates if abs(line) < _fastest(records)]
     fit = fit_direct(records, candidates)
     threshold = math.log(len(candidates) / false_alarm)
     found = [line for line, value in zip(fit.lines, fit.statistic, strict=True) if value > threshold]
     return tuple(sorted({*found, *(float(line) for line in keep)}))
 
 
+def _fastest(records: Sequence[TurnRecord]) -> float:
+    """Return the line that turns by half a turn in a block of 1 s: above it lines cannot be told apart."""
+    speeds = [
+        float(np.percentile(np.abs(np.diff(record.angle_rad)), 90.0)) / record.period_s for record in records
+    ]
+    return math.pi / max(speeds) if max(speeds) > 0.0 else math.inf
+
+
 def scan_lines(
-    fit: DirectFit, *, highest: float = 8.0, false_alarm: float = 0.01, most: int = 4
+    fit: DirectFit, *, highest: float = float(HIGHEST), false_alarm: float = 0.01, most: int = 4
 ) -> tuple[Line, ...]:
     """Return lines off those fitted that the residuals of a fit show, strongest first; at most `most`.
 
     Candidates are spaced by a third of a line's width, 1 / turns, between -highest and highest; within the
     width of a fitted line and of zero nothing can be told. The threshold is ln(candidates / false_alarm).
     """
+    steps = [float(np.percentile(np.abs(part.last_rad - part.first_rad), 90.0)) for part in fit.blocks]
+    highest = min(highest, math.pi / max(steps)) if max(steps) > 0.0 else highest
     turns = sum(float(np.abs(part.last_rad - part.first_rad).sum()) / (2.0 * math.pi) for part in fit.blocks)
     grid = np.arange(-highest, highest, 1.0 / (_STEPS_A_TURN * turns))
     taken = np.array([0.0, *fit.lines])

@@ -17,7 +17,7 @@ from drivers.base.arrays import Array
 from drivers.base.constants import earth_rate_up_dph
 
 TRAVEL_DEG = 0.5
-"""Table angle over which the play is taken up."""
+"""Table angle over which the play is taken up, unless a run says more."""
 _BLOCK_S = 1.0
 
 
@@ -64,7 +64,7 @@ class Blocks:
         return np.asarray(last - first + 0.5j * seen_up * (first + last))
 
 
-def make_blocks(record: TurnRecord) -> Blocks:
+def make_blocks(record: TurnRecord, travel_deg: float = TRAVEL_DEG) -> Blocks:
     """Sum increments over blocks of 1 s; blocks with a sample that is not usable are left out."""
     size = max(1, round(_BLOCK_S / record.period_s))
     count = len(record.usable) // size
@@ -73,7 +73,7 @@ def make_blocks(record: TurnRecord) -> Blocks:
     total = (increments.reshape(count, size) * turn).sum(axis=1)
     keep = ~np.isnan(total)
     edges = record.angle_rad[: count * size + 1 : size]
-    slack_at = slack(record.angle_rad, np.radians(TRAVEL_DEG))[: count * size + 1 : size]
+    slack_at = slack(record.angle_rad, np.radians(travel_deg))[: count * size + 1 : size]
     return Blocks(
         total[keep],
         turn.sum(axis=1)[keep] * record.period_s,

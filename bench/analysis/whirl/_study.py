@@ -16,7 +16,7 @@ from bench.analysis.whirl._attitude import (
 )
 from bench.analysis.whirl._checks import earth_rate_findings
 from bench.analysis.whirl._compensation import WhirlCompensation
-from bench.analysis.whirl._direct import DEFAULT_LINES, DirectFit, fit_direct
+from bench.analysis.whirl._direct import DEFAULT_LINES, DirectFit, fit_travel
 from bench.analysis.whirl._gauge import Gauge
 from bench.analysis.whirl._integral import body_lines, fit_integral, match_coefficients
 from bench.analysis.whirl._kinematics import body_tilt
@@ -88,11 +88,11 @@ def study_whirl(
 ) -> WhirlStudy:
     """Fit on `train`, judge on `test` (on `train` if there is none).
 
-    Lines are the default -3 .. 3 and what else of -8 .. 8 is significant at 1 %.
+    Lines are the default -3 .. 3 and what else of -24 .. 24 is significant at 1 %; the travel of play is fitted.
     """
     records = [turns.record for turns in train]
     lines = choose_lines(records, CANDIDATES, keep=DEFAULT_LINES)
-    fit = fit_direct(records, lines)
+    fit = fit_travel(records, lines)
     findings = [finding for turns in (*train, *test) for finding in turns.findings]
     findings += earth_rate_findings(fit, records[0])
     runs = checksums or {record.run_id: "" for record in records}
@@ -102,7 +102,7 @@ def study_whirl(
     findings += [
         Finding(
             "line",
-            f"a line off the whole numbers, {line.line:.4f} times the table's turn, "
+            f"a line off those fitted, {line.line:.4f} times the table's turn, "
             f"{abs(line.amplitude_arcsec):.2f} arcsec (statistic {line.statistic:.0f}, threshold "
             f"{line.threshold:.1f}): a bearing's cage or rollers. It is not in the compensation, since its phase "
             "is not kept from run to run",

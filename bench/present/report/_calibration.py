@@ -33,17 +33,16 @@ from bench.present.report._parts import made, warnings
 from drivers.base.arrays import Array
 
 if TYPE_CHECKING:
-    from bench.analysis.calibration import BiasWander, CalibrationRun, Estimate, Evaluation
+    from bench.analysis.calibration import BiasWander, CalibrationRun, Estimate, Evaluation, RecordNoise
 
 _CLASSICAL = ("19-position-z-up", "19-position", "23-position")
-_LOUD = 1.1
 _PAINTS = (BLUE, ORANGE, GREEN, PURPLE, SAND, MUTED)
 _FULL_DECADES = 3.0
 _BLIND = 2.0
-_NOISIER = (
-    "Innovations have rms {:.2f}: the unit is noisier than assumed, or its biases wander. Every sigma here is "
-    "too small: give the noise (--arw, --vrw, --wander-dph, --wander-ug)."
-)
+_SIGMAS = {
+    True: "The sigmas are with the noise that the record shows.",
+    False: "Every sigma here is with the noise that was told, and wrong accordingly.",
+}
 _LANES = {
     "Gyro bias": "eps_x eps_y eps_z",
     "Acc. bias": "nabla_x nabla_y nabla_z",
@@ -77,8 +76,9 @@ _DEFINITIONS = [
 class CalibrationContent:
     """What a scheme sees, and with `estimate` what a calibration by it gave.
 
-    `truth` (24,), SI, where the IMU is emulated; `wander` if the filter was told that the biases wander. Arrays
-    in printed units: by state, shape (30,), by parameter (24,), or by position (positions, 30).
+    `truth` (24,), SI, where the IMU is emulated; `wander` if the filter was told that the biases wander, `noise`
+    what the record shows of its noise, `corrected` if the estimate is with that. Arrays in printed units: by
+    state, shape (30,), by parameter (24,), or by position (positions, 30).
     """
 
     evaluation: Evaluation
@@ -87,6 +87,8 @@ class CalibrationContent:
     created_utc: str = ""
     run: CalibrationRun | None = None
     wander: BiasWander | None = None
+    noise: RecordNoise | None = None
+    corrected: bool = False
 
     @cached_property
     def prior(self) -> Array:
@@ -139,9 +141,10 @@ class CalibrationContent:
         """What to mind about the scheme, or about the calibration by it."""
         if self.estimate is None:
             return self.evaluation.warnings
-        loud = self.estimate.innovation_rms > _LOUD and self.wander is None
+        alarms = () if self.noise is None else self.noise.alarms
         return (
-            *([_NOISIER.format(self.estimate.innovation_rms)] if loud else []),
+            *alarms,
+            *([_SIGMAS[self.corrected]] if alarms else []),
             *_model().missed_targets(self.estimate.sigma, self.evaluation.task),
             *self.evaluation.cautions,
         )

@@ -81,6 +81,16 @@ def _verdict(study: HeadingStudy) -> Verdict:
                 "temperature would add error: there is no compensation."
             ],
         )
+    if cause == "unexplained":
+        share = fixed(100.0 * study.model.evidence.other_share, 0)
+        return Verdict(
+            "Not explained by the temperature measured",
+            "bad",
+            [
+                f"{share} % of the heading effect goes with heading and not with the measured temperature. "
+                "Compensating with it could add error: there is no compensation."
+            ],
+        )
     own = [row for row in study.judgements if row.method == study.model.form]
     held = [row for row in own if row.held_out]
     shown = held or own
@@ -91,7 +101,10 @@ def _verdict(study: HeadingStudy) -> Verdict:
         + (f" on {len(held)} held-out logs (median)." if held else " of the log that it was fitted on."),
     ]
     if not held:
-        sentences.append("No held-out log was given: this figure says nothing about other headings.")
+        least = fixed(study.model.evidence.least_reduction_percent, 0)
+        sentences.append(
+            f"No held-out log was given. At other headings a reduction of {least} % or more is to be expected."
+        )
     tone: Tone = "doubt" if not held else "good" if median > 0.0 else "bad"
     before, after = (
         float(np.sqrt(np.mean([getattr(row, name) ** 2 for row in shown])))

@@ -18,7 +18,7 @@ from bench.analysis.heading import (
 )
 from bench.analysis.heading._calibration import Priors
 from bench.analysis.heading._frames import position_error
-from bench.analysis.heading._lagged import fit_lagged
+from bench.analysis.heading._lagged import Evidence, fit_lagged
 from bench.analysis.heading._nine import HeadingPoint, compensate_nine, fit_nine, solve_nine
 from drivers.base.errors import ConfigurationError, RecordError
 from simulators.plant.platform_navigation import PlatformNavigator, rotation
@@ -245,3 +245,13 @@ def _swing() -> tuple[np.ndarray, np.ndarray]:
 def test_drift_integral() -> None:
     time_s = np.array([0.0, 10.0, 40.0])
     np.testing.assert_allclose(integrate(time_s, np.array([[0.0], [1.0], [4.0]]))[:, 0], [0.0, 5.0, 80.0])
+
+
+def test_what_temperature_does_not_explain_is_refused_and_the_rest_is_told() -> None:
+    good, poor = (
+        Evidence(none=10_000.0, temperature=165.0, steps=1600.0, other_share=share, residual=0.37)
+        for share in (0.01, 0.45)
+    )
+    assert (good.cause, poor.cause) == ("temperature", "unexplained")
+    assert good.least_reduction_percent == pytest.approx(100.0 * (1.0 - 0.0165**0.5 - 0.15))
+    assert poor.least_reduction_percent == 0.0

@@ -102,7 +102,7 @@ def test_false_alarms_and_power_of_the_order_test() -> None:
     assert all(
         set(choose_lines([record(seed, turns=60, hz=1.0, lines=weak)])) == {-4.0, 5.0} for seed in range(10)
     )
-    assert len(CANDIDATES) == 16
+    assert len(CANDIDATES) == 48
 
 
 def test_drift_and_constant_tilt_one_way_are_declared_inseparable() -> None:

@@ -164,6 +164,7 @@ def heading_effect(
         for row in study.judgements
     ]
     console.table(("log", "model", "before arcmin", "after arcmin", "reduction %"), rows)
+    console.say(f"reduction to expect at other headings: at least {evidence.least_reduction_percent:.0f} %")
     console.say(f"time constant {study.model.tau_s / 3600.0:.2f} h; files in {out}")
 
 
@@ -173,6 +174,7 @@ def _heading_facts(study: HeadingStudy) -> dict[str, object]:
     caused = study.model.evidence.cause == "temperature"
     return {
         "cause": study.model.evidence.cause,
+        "least_reduction_percent": study.model.evidence.least_reduction_percent if caused else None,
         "tau_h": study.model.tau_s / 3600.0 if caused else None,
         "logs": [{key: getattr(row, key) for key in keys} for row in study.judgements],
         "findings": [f"{finding.what}: {finding.consequence}" for finding in study.findings],
@@ -183,6 +185,12 @@ def _not_temperature(study: HeadingStudy) -> str:
     """Say what drives the drift instead."""
     if study.model.evidence.cause == "none":
         return "no heading effect beyond the noise of this run: nothing to compensate"
+    if study.model.evidence.cause == "unexplained":
+        return (
+            f"{100.0 * study.model.evidence.other_share:.0f} % of the heading effect does not follow "
+            "the measured temperature (a gradient that no sensor sees, friction, a magnetic field?): "
+            "compensating with it could add error, no compensation was written"
+        )
     return (
         "the drift steps with heading and does not follow the temperature (friction, magnetic field, cables?): "
         "compensating with temperature would add error, no compensation was written"

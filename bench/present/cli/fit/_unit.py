@@ -94,6 +94,9 @@ def calibration(
     wander_ug: Annotated[float, Option(help="accelerometer bias wander, ug; 0: none")] = 0.0,
     lever_arms: Annotated[bool, Option("--lever-arms", help="estimate inner lever arms and lag")] = False,
     range_dps: Annotated[float | None, Option(help="measuring range of the gyros, deg/s")] = None,
+    as_told: Annotated[
+        bool, Option("--as-told", help="keep the noise that was told, whatever the record shows")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """System-level calibration of an IMU from the record of a rotation scheme."""
@@ -115,9 +118,17 @@ def calibration(
             wander=wander,
             lever_arms=lever_arms,
             range_dps=range_dps,
+            as_told=as_told,
         )
         content = CalibrationContent(
-            result.evaluation, result.estimate, run.truth, utc_now(), run=run, wander=wander
+            result.evaluation,
+            result.estimate,
+            run.truth,
+            utc_now(),
+            run=run,
+            wander=result.wander,
+            noise=result.noise,
+            corrected=result.corrected,
         )
     compensation = result.compensation((*content.poorly_seen, *content.warnings))
     with saved_together(out) as part:

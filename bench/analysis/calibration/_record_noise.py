@@ -1,0 +1,185 @@
+"""The noise that a record shows of itself, against what the filter was told; wander of biases by likelihood.
+
+White noise is read off the rests: first differences of means of 1 s know nothing of slow wander, nor of what is
+estimated. Gyro: var = 2 N^2. Accelerometer: each second gains white noise V and the jitter J of the table's
+velocity at its two ends, a moving average: cov at lag 1 = -J^2, var = V^2 + 2 J^2. Wander shows in the
+innovations of the filter only, through turns: there the likelihood of a Markov wander is held against none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.calibration._conventions import DPH_RAD_S, Noise, Task
+from bench.analysis.calibration._estimator import (
+    BiasWander,
+    Estimate,
+    Options,
+    filter_track,
+    prior_sigma,
+    rest_intervals,
+)
+from bench.analysis.calibration._navigation import Increments, align, compensate, navigate
+from bench.analysis.common.statistics import stretches
+from drivers.base.arrays import Array
+from drivers.base.constants import UG_MPS2
+
+FACTOR = 1.25
+"""Noise beside what was told by more than this factor is an alarm; a record's own scatter is a few per cent."""
+LIKELIHOOD = 14.0
+"""Twice the gain of logarithmic likelihood that says biases wander; without wander .5 % of records reach 10."""
+_FIRST = ((1e-3, 2.0), (3e-3, 6.0), (9e-3, 18.0))
+"""Wander tried first: gyro deg/h, accelerometer ug."""
+_TIMES_S = (300.0, 1000.0, 3000.0)
+_LAG_SIGMA = 6.0
+_UNSEEN = 0.15
+"""Scatter of the accelerometer noise found, over what was told, beyond which the record does not show it."""
+_VIOLATED = 3.0
+
+
+@dataclass(frozen=True)
+class RecordNoise:
+    """What a record shows of its noise. `told`: what the filter was given.
+
+    `found`: from the rests; `wander`: None where the record does not ask for one; `wander_gain`: twice the gain
+    of logarithmic likelihood by the best wander tried. `correlation`: of innovations a second apart, in sigma of
+    what white ones have.
+    """
+
+    told: Noise
+    found: Noise
+    wander: BiasWander | None
+    wander_gain: float
+    correlation: float
+
+    @property
+    def alarms(self) -> tuple[str, ...]:
+        """What is not as told, in words; none: ()."""
+        said = []
+        pairs = (
+            ("gyro noise", self.found.arw_deg_per_sqrt_h, self.told.arw_deg_per_sqrt_h, "deg/sqrt(h)"),
+            (
+                "accelerometer noise",
+                self.found.vrw_ug_per_sqrt_hz,
+                self.told.vrw_ug_per_sqrt_hz,
+                "ug/sqrt(Hz)",
+            ),
+        )
+        for name, found, told, unit in pairs:
+            if not 1.0 / FACTOR < found / told < FACTOR:
+                said.append(f"The {name} of the rests is {found:.3g} {unit}, {told:.3g} was told.")
+        if self.found.velocity_mps > FACTOR * self.told.velocity_mps:
+            said.append(
+                f"The table moves: its velocity jitters by {1e3 * self.found.velocity_mps:.2f} mm/s, "
+                f"{1e3 * self.told.velocity_mps:.2f} was told."
+            )
+        if self.wander is not None:
+            said.append(
+                f"The biases wander (log likelihood +{self.wander_gain / 2.0:.0f}): about "
+                f"{self.wander.gyro_rad_s / DPH_RAD_S:.2g} deg/h and "
+                f"{self.wander.accelerometer_mps2 / UG_MPS2:.2g} ug over {self.wander.time_s:.0f} s."
+            )
+        if abs(self.correlation) > _LAG_SIGMA:
+            said.append(
+                "Innovations are correlated from second to second: the table sways, or noise is not white. "
+                "The sigmas are not to be relied on."
+            )
+        return tuple(said)
+
+
+def record_noise(data: Increments, task: Task, options: Options, found: Estimate) -> RecordNoise:
+    """Return what a record shows of its noise, `found` from it with the noise of `task`.
+
+    A wander that `options` bring is taken as it is. The likelihoods are of the noise of the rests.
+    """
+    current = np.concatenate([found.parameters, found.lever_m.ravel(), [found.lag_s]])
+    clean = compensate(data, current)
+    track = navigate(clean, align(clean, options.alignment_s), task.site)
+    resting = rest_intervals(track, options)
+    noise = rest_noise(clean, resting, task.noise)
+    quiet = replace(task, noise=noise)
+
+    def likelihood(wander: BiasWander | None) -> float:
+        own = replace(options, wander=wander)
+        return filter_track(track, current, prior_sigma(quiet, own), quiet, own).log_likelihood
+
+    white = filter_track(track, current, prior_sigma(quiet, options), quiet, options).innovations
+    wander, gain = (None, 0.0) if options.wander is not None else best_wander(likelihood)
+    return RecordNoise(task.noise, noise, wander, gain, lag_correlation(np.array(white)))
+
+
+def rest_noise(data: Increments, resting: NDArray[np.bool_], told: Noise) -> Noise:
+    """Return the noise of a record's rests, `resting` (m,) by seconds; the first and last second are left out.
+
+    Jitter is at least a hundredth of what was told: a table has some, and the filter needs some.
+    """
+    samples = round(1.0 / data.period_s)
+    angle, velocity = data.sums(samples, len(resting))
+    gyro, after, neighbour, count = 0.0, 0.0, 0.0, 0
+    for start, stop in stretches(resting):
+        a, v = angle[start + 1 : stop - 1], velocity[start + 1 : stop - 1]
+        if len(a) < 10:
+            continue
+        gyro += float((np.diff(a, axis=0) ** 2).sum()) / 2.0
+        step = np.diff(v, axis=0)
+        after += float((step**2).sum())
+        neighbour += float((step[1:] * step[:-1]).sum()) * (len(step) / (len(step) - 1))
+        count += step.size
+    # Differences of V + J: var = 2 V^2 + 6 J^2, cov at lag 1 = -V^2 - 4 J^2.
+    variance, covariance = after / count, neighbour / count
+    jitter2, told2 = -covariance - variance / 2.0, told.vrw**2
+    white2 = variance / 2.0 - 3.0 * jitter2
+    scatter = 3.0 * variance / math.sqrt(count)
+    if scatter > _UNSEEN * max(told2, white2) or jitter2 < -_VIOLATED * scatter:
+        # The table's jitter hides the accelerometers' noise, or is not white: what was told of them stands.
+        white2, jitter2 = told2, (variance - 2.0 * told2) / 6.0
+    return Noise(
+        math.degrees(math.sqrt(gyro / count)) * 60.0,
+        math.sqrt(max(white2, 0.01 * told2)) / UG_MPS2,
+        max(math.sqrt(max(jitter2, 0.0)), 0.01 * told.velocity_mps),
+    )
+
+
+def best_wander(likelihood: Callable[[BiasWander | None], float]) -> tuple[BiasWander | None, float]:
+    """Return the wander that makes a record likeliest and twice the gain over none; None if it gains little."""
+    none = likelihood(None)
+
+    def gain(gyro_dph: float, accelerometer_ug: float, time_s: float) -> float:
+        return 2.0 * (likelihood(_wander(gyro_dph, accelerometer_ug, time_s)) - none)
+
+    def best_of(gains: dict[tuple[float, float, float], float]) -> tuple[float, float, float]:
+        return max(gains, key=lambda at: gains[at])
+
+    tried: dict[tuple[float, float, float], float] = {
+        (gyro, force, _TIMES_S[1]): gain(gyro, force, _TIMES_S[1]) for gyro, force in _FIRST
+    }
+    if max(tried.values()) <= 0.0:
+        return None, 0.0
+    for index, factor in ((0, 2.0), (0, 0.5), (1, 2.0), (1, 0.5)):
+        at = list(best_of(tried))
+        at[index] *= factor
+        key = (at[0], at[1], at[2])
+        if key not in tried:
+            tried[key] = gain(*key)
+    gyro, accelerometer, _ = best_of(tried)
+    for time_s in _TIMES_S:
+        if (gyro, accelerometer, time_s) not in tried:
+            tried[gyro, accelerometer, time_s] = gain(gyro, accelerometer, time_s)
+    best = best_of(tried)
+    return (_wander(*best) if tried[best] > LIKELIHOOD else None), tried[best]
+
+
+def lag_correlation(innovations: Array) -> float:
+    """Return the correlation of neighbours among whitened innovations (k, 3), over what sigma it should have."""
+    white = np.asarray(innovations)
+    neighbours = float((white[1:] * white[:-1]).sum() / (white**2).sum())
+    return neighbours * math.sqrt(white.size)
+
+
+def _wander(gyro_dph: float, accelerometer_ug: float, time_s: float) -> BiasWander:
+    return BiasWander(gyro_dph * DPH_RAD_S, accelerometer_ug * UG_MPS2, time_s)
