@@ -50,10 +50,10 @@ _SAID = {
     "gyrobench run zero-bias-cold-shock": ["completed  runs/"],
     "gyrobench rehearse ./my_test.py": ["completed  runs/"],
     "gyrobench new procedure": ["my_test.py", "try it:"],
-    "gyrobench runs verify first": ["1 of 1", "whole"],
+    "gyrobench runs verify first": ["verified", "checksums", "tables rebuilt"],
     "gyrobench frames check my_gyro.toml": ["1 right"],
     "gyrobench look log.csv --write": ["out/log_x.toml", "out/log_x_nominal.toml"],
-    "gyrobench gap diagnose out/log_x.toml": ["no gap"],
+    "gyrobench gap diagnose out/log_x.toml": ["nothing to identify"],
     "gyrobench campaign rehearse night.toml": ["turn-2"],
     "gyrobench campaign status night": ["turn-2"],
 }
