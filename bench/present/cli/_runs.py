@@ -121,6 +121,8 @@ def show(run: Path, as_json: Json = False) -> None:
     """Show what a run was, on what, and how it ended."""
     from bench.present.cli._console import Terminal
     from bench.record.recording import Run
+    from bench.record.run_folder import url_of
+    from bench.record.run_notes import read_notes
 
     console = Terminal(as_json=as_json)
     manifest = Run.open(run).manifest
@@ -158,6 +160,44 @@ def show(run: Path, as_json: Json = False) -> None:
         for name, stream in manifest.stream.items()
     ]
     console.table(("gyro", "frames", "lost", "rejected", "sample rate Hz", "clock error ppm"), streams)
+    if not url_of(run) and (notes := read_notes(run)):
+        console.table(
+            ("noted", "by", "note"),
+            [
+                (row.utc[:16].replace("T", " "), row.by, " ".join(filter(None, (row.text, row.picture))))
+                for row in notes
+            ],
+        )
+
+
+@app.command()
+def note(
+    run: Path,
+    text: Annotated[str, Argument(help="what is to be noted")] = "",
+    by: Annotated[str, Option(help="who notes it")] = "",
+    picture: Annotated[Path | None, Option(help="a PNG or JPEG of at most 8 MiB")] = None,
+    as_json: Json = False,
+) -> None:
+    """Attach a note or a picture to a run, beside its record: the seal stays whole."""
+    from bench.present.cli._console import Terminal
+    from bench.record.run_folder import is_run, url_of
+    from bench.record.run_notes import MOST_PICTURE_BYTES, add_note
+    from drivers.base.files import read_bounded
+
+    if url_of(run) or not is_run(run):
+        raise ConfigurationError(
+            "no run to note anything of", where=str(run), expected="a run folder on this machine"
+        )
+    try:
+        content = b"" if picture is None else read_bounded(picture, MOST_PICTURE_BYTES)
+    except OSError as error:
+        raise ConfigurationError(
+            "the picture cannot be read", where=str(picture), found=error.strerror or str(error)
+        ) from error
+    added = add_note(run, by, text, content)
+    console = Terminal(as_json=as_json)
+    console.say(f"noted in {run}: {added.by}, {added.utc}")
+    console.say_json("result", note=asdict(added))
 
 
 @app.command()

@@ -11,6 +11,7 @@ from bench.present.report._page import Block, Definitions, Fact, Facts, Headline
 from bench.present.report._parts import made, warnings
 from bench.present.report._plots import trace_figure
 from bench.present.report._run_content import RunContent, run_content
+from bench.present.report._run_notes import notes_blocks
 from bench.present.report._series import series_blocks
 from bench.present.report._tables import (
     checksum_table,
@@ -104,6 +105,7 @@ def _sections(run: RunContent) -> list[Section]:
     provenance += checksum_table({run.run_id: run.checksum} if run.checksum else {}, caption)
     return [
         warnings(run.warnings),
+        Section("Notes", notes_blocks(run.notes)),
         Section("Course of the run", figures),
         Section("Measurements", measurements_table(run.measurements)),
         Section("Worked out by the procedure", series_blocks(run.series)),

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.present.report._run_notes import Attached, attached_notes
 from bench.present.sentences import safe_sentence, sentence
 from bench.record.events import Event
 from bench.record.events.run import Alarm, Answer, Measured, Series
@@ -71,6 +72,7 @@ class RunContent:
     """What the procedure worked out beside single figures."""
     changed: bool = False
     """Whether the manifest was changed after it was sealed."""
+    notes: Sequence[Attached] = ()
 
     @property
     def run_id(self) -> str:
@@ -120,6 +122,7 @@ def run_content(run: Run, role: str = "") -> RunContent:
         changed=run.seal == "broken",
         role=role,
         series=tuple(series for _, series in run.of(Series)),
+        notes=attached_notes(run.place),
     )
 
 
