@@ -18,7 +18,7 @@ class GyroProgress:
     """One gyro: mean rate of the last minute, the latest block's mean, deg/s; its own temperature, degC.
 
     `frames`, `lost` (by its counter) and `rejected` (by reason) since the stream began; `age_s` since its last
-    block of data.
+    block of data. `samples` and `sum_dps`: valid samples since the stream began and the sum of their rates.
     """
 
     rate_dps: float
@@ -28,6 +28,8 @@ class GyroProgress:
     lost: int = 0
     rejected: Mapping[str, int] = field(default_factory=dict)
     age_s: float = float("nan")
+    samples: int = 0
+    sum_dps: float = 0.0
 
     @property
     def silent(self) -> bool:
@@ -97,4 +99,6 @@ def gyro_progress(station: GyroStation, now_s: float) -> GyroProgress:
         lost=station.lost,
         rejected=station.rejected,
         age_s=now_s - last.get("time_s", nan),
+        samples=station.total_samples,
+        sum_dps=station.total,
     )

@@ -126,6 +126,8 @@ class StreamStation:
         self._blocks: deque[tuple[float, bytes]] = deque()
         self._lock = threading.Lock()
         self._pending_bytes = 0
+        self.total_samples, self.total = 0, 0.0
+        """Valid samples since the stream began and their sum in the first column: means between any two looks."""
         self._loss = StreamLoss(self._decoder)
         self.heard_s = math.nan
         """Bench time of the last bytes; of `listen` before there were any."""
@@ -196,6 +198,9 @@ class StreamStation:
         valid = np.asarray(batch.columns["valid"], dtype=bool)
         samples = _sums(valid, first, last)
         sums = [samples]
+        known = valid & ~np.isnan(values[0])
+        self.total_samples += int(known.sum())
+        self.total += float(values[0][known].sum())
         for column in values:
             known = valid & ~np.isnan(column)
             with np.errstate(invalid="ignore"):  # no known value in a block: its mean is NaN

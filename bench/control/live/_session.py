@@ -22,7 +22,7 @@ from bench.control.live._files import (
     take_requests,
 )
 from bench.control.process import process_start
-from bench.control.progress import Progress
+from bench.control.progress import GyroProgress, Progress
 from bench.control.questions import Operator, Question, Reply
 from bench.record.events import plain
 from bench.record.events.run import Note, Requested
@@ -32,7 +32,7 @@ from drivers.base.errors import BenchError
 from drivers.base.files import replace_file
 
 _EVERY_S = 0.1
-_HISTORY_S = 1.0
+_HISTORY_S = 0.95
 _WAIT_S = 0.05
 _MOST_ALARMS = 20
 _AIR_COLUMNS = ("air_temp_c", "set_point_c")
@@ -73,6 +73,8 @@ class Live:
         self._lock = threading.Lock()
         self._news, self._stop = threading.Event(), threading.Event()
         self._history_from_s = -math.inf
+        self._totals: dict[str, tuple[int, float]] = {}
+        """Of each gyro at the last line of history: samples and the sum of their rates."""
         self._earlier: deque[dict[str, Any]] = deque(maxlen=_MOST_ALARMS)
         """Alarms of the session's earlier runs."""
         self._thread: threading.Thread | None = None
@@ -100,7 +102,7 @@ class Live:
         """Say which run begins: run_id, procedure, expected_s, started_utc, units, bench, auxiliary, emulated."""
         self._earlier.extend(self._alarms())
         self._run_folder, self._progress = folder.absolute(), None
-        self._history_from_s = -math.inf
+        self._history_from_s, self._totals = -math.inf, {}
         self._run_started = host_seconds()
         self._run = {"folder": str(folder.absolute())} | fields
         self._ending = _NO_END
@@ -268,6 +270,7 @@ class Live:
         progress = self._progress
         if progress is None or self._run_folder is None or progress.time_s < self._history_from_s:
             return
+        # a little less than a second: polls once a second must not be left out in turns for being early
         self._history_from_s = progress.time_s + _HISTORY_S
         ages_s = dict.fromkeys(_AIR_COLUMNS, progress.air_age_s)
         ages_s |= dict.fromkeys(_TABLE_COLUMNS, progress.table_age_s)
@@ -280,14 +283,23 @@ class Live:
             },
             "auxiliary_c": {} if no_air else progress.auxiliary_c,
             "gyros": {
-                name: [None, None] if gyro.silent else [gyro.latest_dps, gyro.temp_c]
+                name: [None] * 3
+                if gyro.silent
+                else [gyro.latest_dps, gyro.temp_c, self._mean_dps(name, gyro)]
                 for name, gyro in progress.gyros.items()
             },
         }
+        self._totals = {name: (gyro.samples, gyro.sum_dps) for name, gyro in progress.gyros.items()}
         folder = self._run_folder / LIVE_FOLDER
         folder.mkdir(exist_ok=True)
         with (folder / HISTORY_FILE).open("a", encoding="utf-8") as file:
             file.write(json.dumps(plain(row), ensure_ascii=False, allow_nan=False) + "\n")
+
+    def _mean_dps(self, name: str, gyro: GyroProgress) -> float | None:
+        """Return the mean of all samples since the last line of history, None without any."""
+        samples, sum_dps = self._totals.get(name, (0, 0.0))
+        count = gyro.samples - samples
+        return (gyro.sum_dps - sum_dps) / count if count > 0 else None
 
     def _now(self) -> dict[str, Any]:
         progress, run = self._progress, self._run

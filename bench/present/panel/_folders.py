@@ -12,6 +12,7 @@ from bench.present.sentences import event_of
 from bench.record.events.campaign import SetAside
 from bench.record.recording import Manifest, read_manifest
 from bench.record.run_folder import MANIFEST_FILE
+from bench.record.run_notes import RunNote, notes_changed_ns, read_notes
 from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError
 
@@ -42,6 +43,7 @@ class RunsFolder:
         self.queues: dict[str, str] = {}
         """Bench -> address of its queue, of those on which runs can be started from here."""
         self._manifests: dict[Path, tuple[int, Entry]] = {}
+        self._notes: dict[Path, tuple[int, list[RunNote]]] = {}
         self._journals: dict[Path, tuple[int, dict[str, str]]] = {}
         self._papers: dict[Path, tuple[float, list[tuple[str, str]]]] = {}
 
@@ -130,6 +132,17 @@ class RunsFolder:
             why = {event.folder: event.reason for event in events if isinstance(event, SetAside)}
             self._journals[journal] = (changed, why)
         return self._journals[journal][1].get(f"{run.parent.name}/{run.name}", "")
+
+    def notes(self, run: Path) -> list[RunNote]:
+        """Return the notes of a run; they are read again only when they have changed."""
+        changed = notes_changed_ns(run)
+        if not changed:
+            return []
+        if self._notes.get(run, (0, []))[0] != changed:
+            if len(self._notes) > 4 * _LOOKED_AT:
+                self._notes.clear()
+            self._notes[run] = (changed, read_notes(run))
+        return self._notes[run][1]
 
     def entry(self, folder: Path) -> Entry | None:
         """Return a run by its folder in the runs folder, None if there is no manifest any more."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from fastapi.responses import HTMLResponse, Response
 from bench.control.procedure import load_procedures
 from bench.present.panel._benches import Benches
 from bench.present.panel._desk_routes import PAGE_HEADERS, template
-from bench.present.panel._folders import RunsFolder
+from bench.present.panel._folders import Entry, RunsFolder
 from bench.present.panel._listing import listed
 from bench.record.catalogue import Catalogue, CatalogueRow
 from drivers.base.errors import BenchError, ConfigurationError
@@ -64,15 +64,28 @@ class History:
 
     def find(self, asked: dict[str, str], show: int) -> tuple[list[dict[str, Any]], int]:
         """Return the newest runs that fit, as rows of a list, and how many fit; BenchError for no date."""
+        found, count = self._find(asked, show)
+        return [listed(entry, self._folder, self._benches) for entry in self._entries(found)], count
+
+    def entries(self, asked: dict[str, str]) -> list[Entry]:
+        """Return the newest runs that fit, newest first."""
+        return self._entries(self._find(asked, _MOST)[0])
+
+    def units(self) -> list[str]:
+        """Return the serial numbers of the newest runs, in order."""
+        return sorted({unit for row in self._find({}, _MOST)[0] for unit in row.units})
+
+    def _entries(self, rows: Sequence[CatalogueRow]) -> list[Entry]:
+        return [entry for row in rows if (entry := self._folder.entry(_folder_of(row))) is not None]
+
+    def _find(self, asked: dict[str, str], show: int) -> tuple[list[CatalogueRow], int]:
         wanted = {name: text.strip() for name, text in asked.items() if text.strip()}
         if (outcome := wanted.get("outcome")) is not None and outcome not in OUTCOMES:
             raise ConfigurationError("no outcome of a run", found=outcome, expected=", ".join(OUTCOMES))
         with self._one, Catalogue(self._url) as catalogue:
             for place in self._places():
                 catalogue.update(place)
-            found, count = catalogue.find(limit=show, **wanted)
-        entries = [entry for row in found if (entry := self._folder.entry(_folder_of(row))) is not None]
-        return [listed(entry, self._folder, self._benches) for entry in entries], count
+            return catalogue.find(limit=show, **wanted)
 
     def _places(self) -> Iterator[Path]:
         """Yield the folders that hold run folders: the runs folder, campaigns and rehearsals in it."""

@@ -36,7 +36,7 @@ def build_page(watch: Watch, queue: str, presence: Presence) -> None:
     ui.add_head_html(f"<style>{style_sheet()}</style>")
     operators = presence.signs_in and presence.may("configure")
     ui.add_body_html(_first_paint(watch.values(), watch.news(), queue, operators))
-    for script in ("common", "panel"):
+    for script in ("common", "charts", "panel", "noise"):
         ui.add_body_html(f'<script src="/panel/assets/{script}.js"></script>')
     ui.query(".nicegui-content").classes("panel")
     ui.colors(primary="#005f96", negative="#b3261e", dark="#161d25", dark_page="#0d1116")
@@ -56,8 +56,13 @@ def build_page(watch: Watch, queue: str, presence: Presence) -> None:
             ui.toggle(list(LEVELS), value="run", on_change=lambda event: _show(str(event.value))).props(
                 'no-caps dense unelevated data-testid="window"'
             )
-        for plot in ("temperature", "gyro", "table"):
-            ui.echart({"series": []}).classes("plot").props(f'data-plot="{plot}"')
+        ui.element("div").props("data-lanes")
+    with ui.element("section").classes("plots").props("data-noise hidden"):
+        ui.html("<h2>Noise of the last hour</h2>", sanitize=False)
+        ui.element("div").props(
+            'data-noise-chart role="img" aria-label="Allan deviation; the table has the values"'
+        )
+        ui.element("div").classes("wide").props("data-noise-words")
     ui.element("div").props('data-place="lists"')
     ui.element("div").props('data-place="runs"')
     ui.timer(_CONTROL_S, controls.refresh)
@@ -318,7 +323,7 @@ def style_sheet() -> str:
     """Return the style sheet; dark by the page's own switch, or by the browser's wish until that is there."""
     dark = (_HERE / "assets" / "dark.css").read_text(encoding="utf-8")
     return (
-        (_HERE / "assets" / "panel.css").read_text(encoding="utf-8")
+        "".join((_HERE / "assets" / name).read_text(encoding="utf-8") for name in ("panel.css", "charts.css"))
         + f"body.body--dark {{ {dark} }}\n"
         + f"@media (prefers-color-scheme: dark) {{ body:not(.body--light) {{ {dark} }} }}\n"
     )

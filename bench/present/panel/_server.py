@@ -22,6 +22,7 @@ from bench.present.panel._folders import PAPERS, RunsFolder
 from bench.present.panel._history import History
 from bench.present.panel._metrics import Metrics
 from bench.present.panel._page import build_page, style_sheet
+from bench.present.panel._past import Past
 from bench.present.panel._presence import Presence
 from bench.present.panel._settings import PanelSettings, tls
 from bench.present.panel._sign_in import Sessions
@@ -29,6 +30,7 @@ from bench.present.panel._sign_in_routes import SignIn
 from bench.present.panel._visitors import SERVER_LIMITS, Visitor
 from bench.present.panel._watch import Watch
 from bench.record.run_folder import MANIFEST_FILE, PICTURES_FOLDER
+from bench.record.run_notes import notes_changed_ns
 from drivers.base.errors import BenchError
 
 _TICK_S = 0.1
@@ -68,7 +70,10 @@ def serve(settings: PanelSettings) -> None:
     app.get("/picture/{name:path}")(reports.picture)
     app.get("/report/{name:path}")(reports.get)
     app.get("/certificate/{name:path}")(reports.certificate)
-    app.get("/history")(History(folder, hubs.benches, Path(scratch.name)).page)
+    history = History(folder, hubs.benches, Path(scratch.name))
+    app.get("/history")(history.page)
+    Past(folder, hubs.benches, history, Path(scratch.name)).serve(app)
+    app.get("/panel/window")(hubs.window)
     app.post("/panel/acknowledge")(hubs.acknowledge)
     app.get("/queue/{name}")(desks.page)
     app.get("/panel/queue/{name}")(desks.view)
@@ -126,6 +131,10 @@ class Hubs:
         """Send to one page until it goes, or whoever looks at it is signed out."""
         await self._of(session).attend(page, Presence(visit_of(page), self._sessions))
 
+    def window(self, from_s: float, to_s: float, session: str = "") -> Response:
+        """Return the curves of a stretch that a page has zoomed into."""
+        return JSONResponse(self._of(session).watch.window(from_s, to_s))
+
     def acknowledge(self, request: Request, session: str = Body(), by: str = Body()) -> Response:
         """Write down that somebody has seen the alarms of a session's bench."""
         found = next((one for one in self._benches.sessions if one.name == session), None)
@@ -162,6 +171,7 @@ class Hub:
         self._news: dict[str, Any] = {}
         self._runs: list[dict[str, Any]] = []
         self._tails: dict[str, Any] = {}
+        self._noise: list[dict[str, Any]] = []
         self._versions: tuple[int, ...] = ()
 
     @property
@@ -181,6 +191,8 @@ class Hub:
             message["news"] = news
         if watch.runs() != self._runs:
             message["runs"] = self._runs = watch.runs()
+        if watch.noise() != self._noise:
+            message["noise"] = self._noise = watch.noise()
         if watch.versions() != self._versions:
             message["curves"] = watch.snapshot()
         elif tails != self._tails:
@@ -223,6 +235,7 @@ class Hub:
         while not queue.empty():
             queue.get_nowait()
         everything: dict[str, Any] = {"values": self._values, "news": self._news, "runs": self._runs}
+        everything["noise"] = self._noise
         everything["curves"] = self.watch.snapshot()
         queue.put_nowait(_encoded({"panel": self._name} | everything))
 
@@ -238,7 +251,7 @@ class Reports:
     async def get(self, name: str) -> Response:
         """Answer a request for the report of the run or campaign folder of that name."""
         page = self._folder.page_in(name, PAPERS["report"])
-        if page is None:
+        if page is None or _older_than_notes(page):
             run = self._folder.inside(name)
             if run is None or not (run / MANIFEST_FILE).is_file():
                 return PlainTextResponse("There is no such run.", status_code=404)
@@ -264,7 +277,7 @@ class Reports:
 
     async def _make(self, run: Path) -> Path | None:
         """Have a process of its own make it: numbers and plots cost seconds, and the panel stays smooth."""
-        stamp = (run / MANIFEST_FILE).stat().st_mtime_ns
+        stamp = ((run / MANIFEST_FILE).stat().st_mtime_ns, notes_changed_ns(run))
         target = self._scratch / f"{abs(hash((str(run), stamp)))}.html"
         async with self._making.setdefault(target.name, asyncio.Lock()):
             if not target.exists():
@@ -286,6 +299,10 @@ def _who(request: Request) -> JSONResponse:
     """Tell a page who looks at it."""
     visit = visit_of(request)
     return JSONResponse({"name": visit.name, "role": visit.role}, headers={"cache-control": "no-store"})
+
+
+def _older_than_notes(report: Path) -> bool:
+    return report.stat().st_mtime_ns < notes_changed_ns(report.parent)
 
 
 async def _until_gone(page: WebSocket) -> None:

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from bench.control.live import read_lines
 from drivers.base.files import parse_json
@@ -17,6 +17,8 @@ _MOST_BYTES = 4 << 20
 _KEPT_LINES = 200
 _RECENT_BYTES = 262_144
 _SAMPLES = 1500
+_WINDOW_BYTES = 1 << 20
+_LATEST_S, _MOST_PHASES = 3.2e7, 1000
 
 
 class EventTail:
@@ -36,6 +38,26 @@ class EventTail:
         events = [row for row in rows if "kind" in row]
         self.lines += events
         return bool(events)
+
+
+class PhaseTail:
+    """The phases of a run that goes on, read from where its events.jsonl was left."""
+
+    def __init__(self, run: Path) -> None:
+        self.phases: list[tuple[str, float]] = []
+        """Name and start, s of bench time."""
+        self._path = run / "events.jsonl"
+        self._offset = 0
+
+    def update(self) -> None:
+        """Read what has come; a phase whose line is not as it should be is none."""
+        rows, self._offset = read_lines(self._path, self._offset)
+        for row in rows:
+            name, time_s = row.get("phase"), row.get("time_s")
+            if row.get("kind") != "phase" or not isinstance(name, str) or not isinstance(time_s, int | float):
+                continue
+            if abs(time_s) < _LATEST_S and len(self.phases) < _MOST_PHASES:
+                self.phases.append((name, float(time_s)))
 
 
 class HistoryTail:
@@ -74,6 +96,59 @@ class HistoryTail:
                 recent = file.tell()
         rows, self._offset = read_lines(self._path, recent)
         yield from rows
+
+
+def history_between(run: Path, from_s: float, to_s: float) -> list[Line]:
+    """Return the rows of a run's live/history.jsonl in a stretch of bench time, in order.
+
+    Of a stretch of more than a megabyte a line in each of `_SAMPLES` places.
+    """
+    path = run / "live" / "history.jsonl"
+    try:
+        with path.open("rb", buffering=4096) as file:
+            size = _size(path)
+            low, high = (_place(file, size, time_s) for time_s in (from_s, to_s))
+            high = min(size, high + _TAIL_BYTES)  # the last lines of the stretch begin there
+            if high - low <= _WINDOW_BYTES:
+                file.seek(low)
+                lines = file.read(high - low).splitlines()
+            else:
+                lines = []
+                for start in range(low, high, (high - low) // _SAMPLES):
+                    file.seek(start)
+                    file.readline(_RECENT_BYTES)
+                    lines.append(file.readline(_RECENT_BYTES))
+    except OSError:
+        return []
+    rows = [row for line in lines if (row := _parsed(line)) is not None]
+    return [row for row in rows if from_s <= row["time_s"] <= to_s]
+
+
+def _place(file: BinaryIO, size: int, time_s: float) -> int:
+    """Return an offset at which a line begins: those before it are earlier than `time_s`, by halving."""
+    low, high = 0, size
+    while high - low > 1:
+        middle = (low + high) // 2
+        file.seek(middle)
+        file.readline(_RECENT_BYTES)
+        row = _parsed(file.readline(_RECENT_BYTES))
+        if row is not None and row["time_s"] < time_s:
+            low = middle
+        else:
+            high = middle
+    if low:
+        file.seek(low)
+        file.readline(_RECENT_BYTES)
+        return file.tell()
+    return 0
+
+
+def _parsed(line: bytes) -> Line | None:
+    with suppress(ValueError):
+        row = parse_json(line)
+        if isinstance(row, dict) and isinstance(row.get("time_s"), int | float):
+            return row
+    return None
 
 
 def _size(path: Path) -> int:

@@ -13,13 +13,16 @@ from bench.present.panel._advice import MANUAL, NOT_HERE, nothing_yet
 from bench.present.panel._benches import Benches
 from bench.present.panel._folders import Entry, RunsFolder
 from bench.present.panel._listing import listed
+from bench.present.panel._noise import Noise
 from bench.present.panel._series import MinMax, Row
 from bench.present.panel._session import Session, shown
-from bench.present.panel._tails import HistoryTail
+from bench.present.panel._tails import HistoryTail, PhaseTail, history_between
 from bench.present.panel._texts import texts
 from drivers.base.clock import host_seconds
 
 _BUCKETS = 480
+_FINE = 800
+"""Stretches of a window that somebody zoomed into."""
 LEVELS = {"5 min": 300.0, "1 h": 3600.0, "run": 0.0}
 """Stretches that can be shown, in s; 0: the whole run."""
 _LOOK_EVERY_S = 2.0
@@ -55,6 +58,8 @@ class Watch:
         self.levels: dict[str, MinMax] = {}
         self._run: Path | None = None
         self._history: HistoryTail | None = None
+        self._phases: PhaseTail | None = None
+        self._noise: Noise | None = None
         self._look_at = -math.inf
         self._newest_s = -math.inf
         self._entries: list[Entry] = []
@@ -68,9 +73,13 @@ class Watch:
             self._choose()
             self._entries = self.folder.history()
             self._runs = [listed(entry, self.folder, self.benches) for entry in self._entries]
+            if self._phases is not None:
+                self._phases.update()
         if self.session is not None and self.session.update() and self.session.now is not None:
             self._follow(self.session.now)
             self._add(self.session.now)
+        if self._noise is not None and self.steerable:
+            self._noise.update(self._newest_s)
 
     @property
     def now(self) -> dict[str, Any]:
@@ -121,6 +130,7 @@ class Watch:
             "log": [shown(line) for line in (session.lines if session is not None else [])[-_LINES_SHOWN:]][
                 ::-1
             ],
+            "phases": self._phases.phases if self._phases is not None else [],
             "alarms": alarms,
             "gyros": sorted(self.now.get("gyros") or {}),
             "auxiliary": _auxiliary(self.now),
@@ -135,6 +145,22 @@ class Watch:
     def runs(self) -> list[dict[str, Any]]:
         """Return the newest runs as the page lists them."""
         return self._runs
+
+    def noise(self) -> list[dict[str, Any]]:
+        """Return the Allan deviations of the last hour, a gyro each."""
+        return self._noise.curves if self._noise is not None else []
+
+    def window(self, from_s: float, to_s: float) -> dict[str, Any]:
+        """Return the curves of a stretch of the run that is shown, as fine as its history has them."""
+        run, columns = self._run, self.columns
+        if run is None or not 0.0 < to_s - from_s < 2.0 * _MOST_S:
+            return {"epoch": self.epoch, "rows": []}
+        gyros = tuple(sorted(self.now.get("gyros") or {}))
+        numbers = [number for number, _ in _auxiliary(self.now)]
+        fine = MinMax(len(columns), max((to_s - from_s) / _FINE, 0.05), 2 * _FINE, growing=False)
+        for row in history_between(run, from_s, to_s):
+            fine.add(row["time_s"], [_number(value) for value in _of_history(row, gyros, numbers)])
+        return {"epoch": self.epoch, "rows": fine.rows()}
 
     def snapshot(self) -> dict[str, Any]:
         """Return all curves, for a page that opens."""
@@ -181,6 +207,10 @@ class Watch:
             }
             self._newest_s = -math.inf
             self._history = HistoryTail(folder) if folder is not None else None
+            self._phases = PhaseTail(folder) if folder is not None else None
+            self._noise = Noise(folder) if folder is not None else None
+            if self._phases is not None:
+                self._phases.update()
             numbers = [number for number, _ in _auxiliary(now)]
             for row in self._history.update() if self._history is not None else ():
                 self._take(row.get("time_s"), _of_history(row, gyros, numbers))

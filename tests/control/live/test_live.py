@@ -93,7 +93,7 @@ def test_history_has_a_row_a_second_at_most_and_is_read_piece_by_piece(session, 
         step(session)
     rows, offset = read_lines(tmp_path / "live" / "history.jsonl")
     assert [row["time_s"] for row in rows] == [0.0, 1.0, 2.5]
-    assert rows[0]["gyros"] == {"fog_1": [1.5, 24.0]}
+    assert rows[0]["gyros"] == {"fog_1": [1.5, 24.0, None]}
     session(progress(9.0))
     step(session)
     with (tmp_path / "live" / "history.jsonl").open("a") as file:
@@ -271,3 +271,16 @@ def test_the_thread_does_both_and_ends_with_the_session(tmp_path):
     now = read_now(tmp_path)
     assert now["state"] == "ended" and now["outcome"] == "completed" and not now["alive"]
     assert not any(thread.name == "live files" for thread in threading.enumerate())
+
+
+def test_a_row_of_the_history_has_the_mean_of_all_samples_since_the_row_before(session, tmp_path):
+    (tmp_path / "run").mkdir()
+    session._run_folder = tmp_path / "run"
+    sums = {1.0: (100, 50.0), 1.5: (150, 51.0), 2.0: (200, 80.0), 3.0: (200, 80.0), 4.0: (300, 80.0)}
+    for time_s, (samples, sum_dps) in sums.items():
+        gyro = GyroProgress(1.0, 9.0, 24.0, age_s=0.1, samples=samples, sum_dps=sum_dps)
+        session(progress(time_s, gyros={"fog_1": gyro}))
+        session._write()
+    rows, _ = read_lines(tmp_path / "run" / "live" / "history.jsonl")
+    found = [(row["time_s"], row["gyros"]["fog_1"][2]) for row in rows]
+    assert found == [(1.0, 0.5), (2.0, 0.3), (3.0, None), (4.0, 0.0)]

@@ -90,7 +90,7 @@ def test_an_operator_sees_answers_and_aborts(panel: Panel, session: subprocess.P
         )
         before = page.evaluate("window.gyrobench.messages")
         page.wait_for_function(f"window.gyrobench.messages > {before + 5} && window.gyrobench.rows() > 5")
-        assert page.locator("[data-plot=temperature] canvas").count() == 1
+        assert page.locator("[data-lanes] canvas").count() == 1
 
         # a panel that dies does not touch the run, and the page comes back by itself
         page.evaluate("window.ofTheFirstPanel = true")

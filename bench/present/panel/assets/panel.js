@@ -3,13 +3,10 @@
 (() => {
   "use strict";
   const { element, paper, place, setText, showBenches } = window.gyrobenchPage;
-  const state = { values: {}, session: "", columns: [], levels: {}, capacity: 0, level: "run", gyros: "", auxiliary: "" };
-  const PLOTS = {
-    temperature: { unit: "°C", title: "Temperature", least: 2 },
-    gyro: { unit: "°/s", title: "Gyro rate", least: 1e-5 },
-    table: { unit: "°/s", title: "Table rate", least: 0.2 },
-  };
-  const PAINTS = ["--c1", "--c3", "--c4", "--c5", "--c6", "--c7", "--c8"];
+  const state = { values: {}, session: "", columns: [], levels: {}, capacity: 0, level: "run", gyros: "", auxiliary: "", phases: [], held: null, fine: null, epoch: -1 };
+  const { Lanes, clock, paintOf } = window.gyrobenchCharts;
+  const LEAST = { Temperature: 2, "Table rate": 0.2 };
+  let chart = null;
 
   // Numbers
 
@@ -90,13 +87,6 @@
 
   // Banner and lists
 
-  function clock(seconds) {
-    if (typeof seconds !== "number") return "";
-    const whole = Math.round(seconds);
-    const two = (number) => String(number).padStart(2, "0");
-    return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
-  }
-
   function showNews(news) {
     const head = news.banner;
     const section = place("[data-banner]");
@@ -120,6 +110,7 @@
     place("[data-unseen]").hidden = !news.alarms.some((alarm) => !alarm.seen);
     place("[data-papers]").replaceChildren(...news.papers.map(paper));
     showBenches(news.benches, news.session);
+    state.phases = news.phases;
     buildGyros(news.gyros);
     buildAuxiliary(news.auxiliary, news.readings);
   }
@@ -147,6 +138,7 @@
         element("span", "", run.length || ""), outcome, links,
       );
       if (run.why && run.kind !== "completed") row.append(element("span", "why", run.why));
+      if (run.noted) row.append(element("span", "why", `Note: ${run.noted}`));
       return row;
     });
     place("[data-runs]").replaceChildren(...(rows.length ? rows : [element("li", "k-none", "No runs in this folder yet.")]));
@@ -185,102 +177,45 @@
     }
   }
 
-  // Where nothing came the line ends: a null, not a straight line to the next value.
-  function points(rows, column, factor) {
-    const found = [];
-    for (const row of rows) {
-      const low = row[1 + 2 * column];
-      const high = row[2 + 2 * column];
-      if (low === null) {
-        found.push([row[0], null]);
-        continue;
-      }
-      found.push([row[0], low * factor]);
-      if (high !== low) found.push([row[0], high * factor]);
-    }
-    return found;
+  // What is shown: the newest stretch, or one that is held; of that the server has finer values.
+
+  function series(rows, index) {
+    return { t: rows.map((row) => row[0]), low: rows.map((row) => row[1 + 2 * index]), high: rows.map((row) => row[2 + 2 * index]) };
   }
 
-  function chartOf(plot) {
-    const node = place(`[data-plot="${plot}"]`);
-    if (!node || !node.id || typeof getElement !== "function") return null;
-    return getElement(Number(node.id.slice(1)))?.chart ?? null;
+  function lanes(rows, from, to) {
+    const shown = [];
+    let painted = 0;
+    const curve = (column, index, colour, dash) => ({ id: column.key, name: column.name, colour, dash, ...series(rows, index) });
+    state.columns.forEach((column, index) => {
+      if (column.plot === "gyro") return void shown.push({ title: column.name, unit: "°/s", small: true, least: 1e-5, series: [curve(column, index, paintOf(shown.length))] });
+      const name = column.plot === "table" ? "Table rate" : "Temperature";
+      let lane = shown.find((one) => one.title === name);
+      if (!lane) shown.push((lane = { title: name, unit: column.unit, least: LEAST[name], series: [] }));
+      lane.series.push(column.key === "set" ? curve(column, index, "--c2", "dashed") : curve(column, index, name === "Temperature" ? paintOf(painted++) : "--c1"));
+    });
+    const order = (lane) => (lane.title === "Temperature" ? 0 : lane.title === "Table rate" ? 2 : 1);
+    shown.sort((one, other) => order(one) - order(other));
+    window.gyrobenchExpected?.add(shown, from, to, state.phases);
+    return shown;
   }
 
-  const STEPS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400];
-  const step = (length) => STEPS.find((one) => length / one <= 8) ?? 86400 * Math.ceil(length / 86400 / 8);
-
-  // A curve that does not move is drawn as a line in the middle, not as its last digit.
-  function span(plot, series, factor) {
-    let [low, high] = [Infinity, -Infinity];
-    for (const one of series) for (const [, y] of one.data) if (y !== null) [low, high] = [Math.min(low, y), Math.max(high, y)];
-    const least = PLOTS[plot].least * factor;
-    if (!(low <= high) || high - low >= least) return { min: null, max: null };
-    const unit = least / 4;
-    const middle = unit * Math.round((low + high) / 2 / unit);
-    return { min: Number((middle - least / 2).toPrecision(8)), max: Number((middle + least / 2).toPrecision(8)) };
-  }
-
-  function draw(plot, whole) {
-    const chart = chartOf(plot);
+  function draw() {
     const level = state.levels[state.level];
-    if (!chart || !level) return false;
-    const css = getComputedStyle(document.body);
-    const paint = (name) => css.getPropertyValue(name).trim();
-    const mine = state.columns.map((column, index) => ({ ...column, index })).filter((c) => c.plot === plot);
-    const rows = level.rows;
-    const lanes = plot === "gyro" ? mine.map((c) => [c]) : [mine];
-    const [factors, units] = [[], []];
-    for (const [c] of lanes) {
-      let most = 0;
-      for (const row of rows) most = Math.max(most, Math.abs(row[1 + 2 * c.index] ?? 0), Math.abs(row[2 + 2 * c.index] ?? 0));
-      const small = plot === "gyro" && most < 0.05;
-      factors.push(small ? 3600 : 1);
-      units.push(small ? "°/h" : PLOTS[plot].unit);
-    }
-    const lane = (c) => (plot === "gyro" ? mine.indexOf(c) : 0);
-    const last = rows.length ? rows[rows.length - 1][0] : 0;
-    const from = level.span_s ? last - level.span_s : 0;
-    const measured = mine.filter((c) => c.key !== "set");
-    const colour = (c) => paint(c.key === "set" ? "--c2" : PAINTS[measured.indexOf(c) % PAINTS.length]);
-    const series = mine.map((c) => ({
-      id: c.key,
-      name: c.name,
-      type: "line",
-      showSymbol: false,
-      animation: false,
-      silent: true,
-      lineStyle: { width: 1.5, color: colour(c), type: c.key === "set" ? "dashed" : "solid" },
-      itemStyle: { color: colour(c) },
-      xAxisIndex: lane(c),
-      yAxisIndex: lane(c),
-      data: points(rows, c.index, factors[lane(c)]),
-    }));
-    const axis = { axisLabel: { color: paint("--muted") }, axisLine: { onZero: false, lineStyle: { color: paint("--line") } } };
-    const height = 165;
-    const shownLanes = Math.max(1, lanes.length);
-    if (plot === "gyro" && chart.getHeight() !== height * shownLanes + 25) {
-      place('[data-plot="gyro"]').style.setProperty("height", `${height * shownLanes + 25}px`, "important");
-      chart.resize();
-    }
-    const name = (index) => (plot === "gyro" && mine[index] ? `${mine[index].name}, ${units[index]}` : `${PLOTS[plot].title}, ${units[index] ?? PLOTS[plot].unit}`);
-    const title = { left: 4, textStyle: { color: paint("--ink"), fontSize: 13, fontWeight: 600, fontFamily: paint("--sans") } };
-    const every = [...Array(shownLanes).keys()];
-    const option = {
-      animation: false,
-      title: every.map((index) => ({ ...title, text: name(index), top: 2 + index * height })),
-      legend: { show: plot !== "gyro", right: 8, top: 2, left: 170, type: "scroll", icon: "roundRect", itemWidth: 14, itemHeight: 3, textStyle: { color: paint("--muted") } },
-      grid: every.map((index) => (plot === "gyro" ? { left: 66, right: 14, top: 30 + index * height, height: height - 55 } : { left: 66, right: 14, top: 30, bottom: 24 })),
-      tooltip: { trigger: "axis", confine: true, transitionDuration: 0, backgroundColor: paint("--paper"), borderColor: paint("--line"), textStyle: { color: paint("--ink") } },
-      xAxis: every.map((index) => ({ ...axis, gridIndex: index, type: "value", min: Math.max(from, Math.min(0, from)), max: Math.max(last, from + 1), interval: step(last - Math.max(from, 0)), splitLine: { show: false }, axisLabel: { ...axis.axisLabel, formatter: clock, hideOverlap: true }, axisPointer: { label: { formatter: (p) => clock(p.value) } } })),
-      yAxis: every.map((index) => ({ ...axis, gridIndex: index, type: "value", scale: true, ...span(plot, series.filter((one) => one.yAxisIndex === index), factors[index] ?? 1), splitNumber: plot === "gyro" ? 3 : 4, splitLine: { lineStyle: { color: paint("--grid") } } })),
-      series,
-    };
-    chart.setOption(option, whole ? { notMerge: true, lazyUpdate: true } : { lazyUpdate: true });
-    return true;
+    if (!level || !chart) return;
+    const whole = state.levels.run.rows;
+    const last = whole.length ? Math.max(whole[whole.length - 1][0], level.rows.length ? level.rows[level.rows.length - 1][0] : 0) : 1;
+    const first = level.span_s ? Math.max(0, last - level.span_s) : 0;
+    const [from, to] = state.held ?? [first, Math.max(last, first + 1)];
+    const fine = state.held && state.fine && state.fine.of === String(state.held) ? state.fine.rows : null;
+    const rows = fine ?? (state.held ? whole : level.rows);
+    const phases = state.phases.map(([name, start], index) => [name, start, state.phases[index + 1]?.[1] ?? Infinity]);
+    chart.show({ lanes: lanes(rows, from, to), from, to, full: [0, Math.max(last, 1)], phases: phases.map(([name, start, end]) => [name, start, Math.min(end, Math.max(last, start + 1))]), newest: !state.held });
+    const hold = place("[data-hold]");
+    setText(hold, state.held ? "Follow the run" : "Hold the curves");
+    setText(place("[data-held]"), state.held ? `Held; the run is at ${state.values.elapsed ?? clock(last)}` : "");
   }
 
-  let whole = true;
   let waiting = false;
 
   function redraw() {
@@ -288,10 +223,38 @@
     waiting = true;
     requestAnimationFrame(() => {
       waiting = false;
-      const drawn = Object.keys(PLOTS).map((plot) => draw(plot, whole));
-      if (drawn.every(Boolean)) whole = false;
-      else if (state.columns.length) setTimeout(redraw, 100);
+      draw();
     });
+  }
+
+  function hold(view) {
+    state.held = view;
+    redraw();
+    clearTimeout(state.asking);
+    if (view) state.asking = setTimeout(askFiner, 200);
+  }
+
+  async function askFiner() {
+    const view = state.held;
+    if (!view) return;
+    const session = new URLSearchParams(location.search).get("session") || "";
+    const query = new URLSearchParams({ session, from_s: view[0], to_s: view[1] });
+    const found = await (await fetch(`/panel/window?${query}`)).json();
+    if (state.held !== view || found.epoch !== state.epoch || found.rows.length < 2) return;
+    state.fine = { of: String(view), rows: found.rows };
+    redraw();
+  }
+
+  function makeCurves() {
+    chart = new Lanes(place("[data-lanes]"), hold);
+    const button = element("button", "do quiet", "Hold the curves");
+    button.type = "button";
+    button.dataset.hold = "";
+    button.addEventListener("click", () => hold(state.held ? null : [chart.data.from, chart.data.to]));
+    const word = element("span", "held", "");
+    word.dataset.held = "";
+    chart.bar.prepend(button);
+    chart.bar.append(word);
   }
 
   // The socket
@@ -301,9 +264,11 @@
     if (message.news) showNews(message.news);
     if (message.runs) showRuns(message.runs);
     if (message.curves) {
-      Object.assign(state, { columns: message.curves.columns, levels: message.curves.levels, capacity: message.curves.capacity });
-      whole = true;
+      const { columns, levels, capacity, epoch } = message.curves;
+      if (epoch !== state.epoch) Object.assign(state, { held: null, fine: null });
+      Object.assign(state, { columns, levels, capacity, epoch });
     }
+    if (message.noise) window.gyrobenchNoise.show(message.noise);
     if (message.rows) addRows(message.rows);
     if (message.curves || message.rows) redraw();
     window.gyrobench.messages += 1;
@@ -340,8 +305,10 @@
 
   window.gyrobench = {
     messages: 0,
-    show(level) { state.level = level; whole = true; redraw(); },
-    repaint() { whole = true; redraw(); },
+    show(level) { state.level = level; hold(null); },
+    repaint() { chart?.repaint(); window.gyrobenchNoise.repaint(); },
+    chart: () => chart,
+    held: () => state.held,
     levels: () => state.levels,
     columns: () => state.columns,
     rows: () => state.levels[state.level]?.rows.length ?? 0,
@@ -353,6 +320,7 @@
     if (!place("[data-place]")) return void setTimeout(settle, 20);
     for (const node of document.querySelectorAll("[data-move]")) place(`[data-place="${node.dataset.move}"]`).append(node);
     place("#first-paint")?.remove();
+    makeCurves();
     redraw();
   }
   place('[data-testid="acknowledge"]').addEventListener("click", acknowledge);
