@@ -13,6 +13,7 @@ from bench.record.recording import EventLog, Manifest, Run, seal, verify, write_
 from bench.record.run_notes import add_note, note_picture, notes_changed_ns, read_notes
 from drivers.base.errors import ConfigurationError, RecordError
 
+pytestmark = pytest.mark.concurrent
 PNG = bytes.fromhex(
     "89504e470d0a1a0a0000000d4948445200000001000000010802000000907753de0000000c49444154789c63f8cf"
     "c0000003010100c9fe92ef0000000049454e44ae426082"
