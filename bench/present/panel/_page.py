@@ -36,7 +36,7 @@ def build_page(watch: Watch, queue: str, presence: Presence) -> None:
     ui.add_head_html(f"<style>{style_sheet()}</style>")
     operators = presence.signs_in and presence.may("configure")
     ui.add_body_html(_first_paint(watch.values(), watch.news(), queue, operators))
-    for script in ("common", "charts", "noise", "panel"):
+    for script in ("common", "charts", "expected", "noise", "panel"):
         ui.add_body_html(f'<script src="/panel/assets/{script}.js"></script>')
     ui.query(".nicegui-content").classes("panel")
     ui.colors(primary="#005f96", negative="#b3261e", dark="#161d25", dark_page="#0d1116")

@@ -51,7 +51,7 @@ class Past:
         self._benches = benches
         self._history = history
         self._figures = FigureStore(folder.root, scratch)
-        self._workshop = Workshop()
+        self._workshop, self._rehearsing = Workshop(), Workshop()
         self._curves: dict[tuple[object, ...], dict[str, Any]] = {}
         self._trends: dict[tuple[str, ...], tuple[object, dict[str, Any]]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -60,6 +60,7 @@ class Past:
         """Have a server answer for these pages."""
         app.get("/curves")(self.curves_page)
         app.get("/panel/curves")(self.curves)
+        app.get("/panel/expected")(self.expected)
         app.post("/panel/notes/{name:path}")(self.note)
         app.get("/panel/picture/{picture}")(self.picture)
         app.get("/trends")(self.trends_page)
@@ -93,11 +94,26 @@ class Past:
             return JSONResponse({"problem": str(error)}, status_code=400)
         key = (run, (folder / MANIFEST_FILE).stat().st_mtime_ns, from_s, to_s)
         if key not in self._curves:
-            answer = await self._workshop.ask("curves", run=str(folder), from_s=from_s, to_s=to_s)
-            while len(self._curves) >= _KEPT_CURVES:
-                del self._curves[next(iter(self._curves))]
-            self._curves[key] = answer
+            self._keep(key, await self._workshop.ask("curves", run=str(folder), from_s=from_s, to_s=to_s))
         return JSONResponse(self._curves[key])
+
+    async def expected(self, run: str) -> Response:
+        """Return the plan's curves of a run, as `run_expected` has them."""
+        folder = self._run(run)
+        if folder is None:
+            return JSONResponse({"problem": "There is no such run."}, status_code=404)
+        key = (run, "expected")
+        if key not in self._curves:
+            answer = await self._rehearsing.ask("expected", run=str(folder))
+            if "problem" in answer:
+                return JSONResponse(answer)
+            self._keep(key, answer)
+        return JSONResponse(self._curves[key])
+
+    def _keep(self, key: tuple[object, ...], answer: dict[str, Any]) -> None:
+        while len(self._curves) >= _KEPT_CURVES:
+            del self._curves[next(iter(self._curves))]
+        self._curves[key] = answer
 
     async def note(self, name: str, request: Request) -> Response:
         """Attach a note that a page sends: {"by", "text", "picture": base64 or empty}."""

@@ -126,6 +126,7 @@ class Watch:
             "banner": asdict(head),
             "benches": self.benches.strip(),
             "session": session.name if session is not None else "",
+            "run": self._run_name(),
             "papers": self.folder.papers(session.path) if session is not None else [],
             "log": [shown(line) for line in (session.lines if session is not None else [])[-_LINES_SHOWN:]][
                 ::-1
@@ -141,6 +142,11 @@ class Watch:
                 for words, unit in (column_words(column),)
             ],
         }
+
+    def _run_name(self) -> str:
+        """Return the run's folder relative to the runs folder, empty without one."""
+        run = self.session.run if self.session is not None else None
+        return "" if run is None else str(run.relative_to(self.folder.root))
 
     def runs(self) -> list[dict[str, Any]]:
         """Return the newest runs as the page lists them."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.present.panel._run_curves import run_curves
+from bench.present.panel._run_expected import run_expected
 from bench.present.panel._run_figures import run_figures
 from drivers.base.errors import BenchError
 
@@ -28,7 +29,15 @@ def _figures(asked: dict[str, Any]) -> dict[str, Any]:
     return {"figures": run_figures(Path(asked["run"]))}
 
 
-JOBS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {"curves": _curves, "figures": _figures}
+def _expected(asked: dict[str, Any]) -> dict[str, Any]:
+    return run_expected(Path(asked["run"]))
+
+
+JOBS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    "curves": _curves,
+    "figures": _figures,
+    "expected": _expected,
+}
 
 
 def answer(line: str) -> str:

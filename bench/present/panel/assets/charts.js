@@ -246,7 +246,7 @@ window.gyrobenchCharts = (() => {
     read() {
       this.reading.classList.toggle("at-cursor", this.cursor !== null);
       this.reading.setAttribute("aria-live", this.cursor === null ? "off" : "polite");
-      const time = this.cursor ?? (this.data.newest ? this.data.to : null);
+      const time = this.cursor ?? (this.data.newest || null);
       if (time === null) {
         if (this.reading.dataset.at === "none") return;
         this.reading.dataset.at = "none";

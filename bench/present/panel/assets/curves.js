@@ -31,9 +31,12 @@
         found.get(curve.lane).series.push({ id: `${run.name} ${curve.key}`, name: label, colour: run.colour, dash: curve.key === "set" ? "dashed" : undefined, t: curve.t.map((time) => time - shift), low: curve.low, high: curve.high });
       }
     }
+    const [only] = there();
+    if (plan?.drawn && only) plan.add([...found.values()], only.whole.phases, start(only));
     return [...found.values()];
   }
 
+  let plan = null;
   const chart = new Lanes(node, (wanted) => {
     view = wanted;
     for (const run of runs) run.fine = null;
@@ -91,6 +94,7 @@
     chart.zoomed(lengths.length ? [0, Math.max(...lengths, 1)] : null);
   });
 
+  if (runs.length === 1) plan = new window.gyrobenchExpected.Expected(chart.bar, () => runs[0].name, show);
   window.gyrobenchCurves = { runs, chart, view: () => view };
   colours();
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { colours(); chart.repaint(); });

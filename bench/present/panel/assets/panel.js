@@ -6,7 +6,8 @@
   const state = { values: {}, session: "", columns: [], levels: {}, capacity: 0, level: "run", gyros: "", auxiliary: "", phases: [], held: null, fine: null, epoch: -1 };
   const { Lanes, clock, paintOf } = window.gyrobenchCharts;
   const LEAST = { Temperature: 2, "Table rate": 0.2 };
-  let chart = null;
+  const { Expected } = window.gyrobenchExpected;
+  let [chart, plan] = [null, null];
 
   // Numbers
 
@@ -106,7 +107,7 @@
       return row;
     });
     fill("alarms", own, "No alarms.");
-    state.session = news.session;
+    [state.session, state.run] = [news.session, news.run];
     place("[data-unseen]").hidden = !news.alarms.some((alarm) => !alarm.seen);
     place("[data-papers]").replaceChildren(...news.papers.map(paper));
     showBenches(news.benches, news.session);
@@ -183,7 +184,7 @@
     return { t: rows.map((row) => row[0]), low: rows.map((row) => row[1 + 2 * index]), high: rows.map((row) => row[2 + 2 * index]) };
   }
 
-  function lanes(rows, from, to) {
+  function lanes(rows) {
     const shown = [];
     let painted = 0;
     const curve = (column, index, colour, dash) => ({ id: column.key, name: column.name, colour, dash, ...series(rows, index) });
@@ -196,7 +197,7 @@
     });
     const order = (lane) => (lane.title === "Temperature" ? 0 : lane.title === "Table rate" ? 2 : 1);
     shown.sort((one, other) => order(one) - order(other));
-    window.gyrobenchExpected?.add(shown, from, to, state.phases);
+    if (plan?.drawn) plan.add(shown, state.phases);
     return shown;
   }
 
@@ -206,11 +207,12 @@
     const whole = state.levels.run.rows;
     const last = whole.length ? Math.max(whole[whole.length - 1][0], level.rows.length ? level.rows[level.rows.length - 1][0] : 0) : 1;
     const first = level.span_s ? Math.max(0, last - level.span_s) : 0;
-    const [from, to] = state.held ?? [first, Math.max(last, first + 1)];
+    const end = plan?.drawn ? Math.max(last, plan.end(state.phases)) : last;
+    const [from, to] = state.held ?? [first, Math.max(level.span_s ? last : end, first + 1)];
     const fine = state.held && state.fine && state.fine.of === String(state.held) ? state.fine.rows : null;
     const rows = fine ?? (state.held ? whole : level.rows);
     const phases = state.phases.map(([name, start], index) => [name, start, state.phases[index + 1]?.[1] ?? Infinity]);
-    chart.show({ lanes: lanes(rows, from, to), from, to, full: [0, Math.max(last, 1)], phases: phases.map(([name, start, end]) => [name, start, Math.min(end, Math.max(last, start + 1))]), newest: !state.held });
+    chart.show({ lanes: lanes(rows), from, to, full: [0, Math.max(end, 1)], phases: phases.map(([name, start, end]) => [name, start, Math.min(end, Math.max(last, start + 1))]), newest: !state.held && last });
     const hold = place("[data-hold]");
     setText(hold, state.held ? "Follow the run" : "Hold the curves");
     setText(place("[data-held]"), state.held ? `Held; the run is at ${state.values.elapsed ?? clock(last)}` : "");
@@ -255,6 +257,7 @@
     word.dataset.held = "";
     chart.bar.prepend(button);
     chart.bar.append(word);
+    plan = new Expected(chart.bar, () => state.run, redraw);
   }
 
   // The socket
