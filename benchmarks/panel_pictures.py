@@ -119,7 +119,7 @@ def _take(chromium: Any, url: str, queue: BenchQueue) -> None:
             page.wait_for_selector(".facts")
             page.wait_for_selector(".waiting .about")
         else:
-            page.wait_for_selector("[data-loaded=true]", timeout=1000.0 * _PATIENCE_S)
+            page.wait_for_selector("[data-loaded=true] canvas", timeout=1000.0 * _PATIENCE_S)
         if address == curves:
             page.get_by_test_id("align").select_option("bias")
             page.wait_for_selector("[data-finer]")
