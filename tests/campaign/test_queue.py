@@ -50,6 +50,10 @@ class Processes:
     def poll(self):
         return None
 
+    def wait(self, timeout):
+        assert self.pid not in self.alive
+        return 0
+
     def end(self, **result):
         """End the process that was started last, with its last line."""
         del self.alive[self.pid]

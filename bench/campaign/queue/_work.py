@@ -11,7 +11,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -41,6 +41,8 @@ from drivers.base.errors import BenchError, BenchInUse, ConfigurationError
 _ATTENDED_EVERY = timedelta(minutes=1)
 _LEFT_ALONE = timedelta(minutes=10)
 _TAIL_BYTES = 1 << 18
+_TORN_DOWN_S = 5.0
+"""Time that the threads of a process take at most to end once its first one has, s."""
 _GOOD = ("completed", "invalid")
 """Outcomes after which the next item begins: a run that is invalid was recorded to its end."""
 
@@ -200,14 +202,20 @@ class BenchQueue:
         change.state = change.state.but(current=item)
         return item
 
-    def _reap(self) -> None:
+    def _reap(self, ended: Item | None = None) -> None:
+        """Forget children that have ended. That of `ended` has: only threads of it are being torn down."""
+        started = ended.started if ended is not None else None
+        for child in self._children:
+            if started is not None and child.pid == started.pid:
+                with suppress(subprocess.TimeoutExpired):
+                    child.wait(_TORN_DOWN_S)
         self._children = [child for child in self._children if child.poll() is None]
 
     def _see_the_end(self, change: _Change) -> None:
         item = change.state.current
         if item is None or _alive(item):
             return
-        self._reap()  # it may have ended since the last look, and this queue may be dropped now
+        self._reap(item)
         ended = self._how(item)
         item = item.model_copy(update={"ended": ended})
         held = change.state.held if ended.outcome in _GOOD else Hold(why="ended_badly")
