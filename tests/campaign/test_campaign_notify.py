@@ -9,7 +9,7 @@ import pytest
 
 from bench.campaign import Notice
 from bench.campaign._notify import Announcing, Notifier
-from bench.control.questions import AssumeYes, Question
+from bench.control.questions import AssumeYes, Question, Reply
 
 pytestmark = pytest.mark.concurrent
 
@@ -91,6 +91,6 @@ def test_only_those_who_want_to_know_are_told(tmp_path):
 def test_a_question_is_announced_and_then_asked(tmp_path):
     notifier = Notifier((Notice(file=tmp_path / "notes"),), "Lot 12")
     operator = Announcing(AssumeYes(), notifier)
-    assert operator.ask(Question("Door closed?"))() == ("yes", "answered beforehand")
+    assert operator.ask(Question("Door closed?"))() == Reply("yes", "answered beforehand")
     notifier.wait()
     assert json.loads((tmp_path / "notes").read_text())["text"] == "Door closed?"
