@@ -68,7 +68,7 @@ def replace_file(path: Path, content: bytes | str, *, sync: bool = True, mode: i
     """
     part = path.with_name(f"{path.name}.part")
     try:
-        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, mode)
+        descriptor = os.open(part, open_flags("O_WRONLY", "O_CREAT", "O_TRUNC"), mode)
         with os.fdopen(descriptor, "wb") as file:
             file.write(content.encode("utf-8") if isinstance(content, str) else content)
             if sync:
