@@ -84,7 +84,13 @@ print(found)
 print([(cause.effect, cause.values) for channel in found.channels for cause in getattr(channel, "causes", ())])
 """
 NEEDS_POSIX = {
-    *("bench.campaign", "bench.control.lease", "bench.control.operators", "bench.control.recover", "bench.control.runner"),
+    *(
+        "bench.campaign",
+        "bench.control.lease",
+        "bench.control.operators",
+        "bench.control.recover",
+        "bench.control.runner",
+    ),
     *("bench.control.watchdog", "bench.lab.rehearsal", "bench.lab.testing", "bench.present.cli._shown_run"),
     *("gyrobench._operate", "simulators.lab._build", "simulators.lab._core", "simulators.lab._ports"),
     *("simulators.lab._service", "simulators.lab._lock_step", "simulators.lab.in_process"),
