@@ -21,6 +21,8 @@ _LONGEST_S = 60.0
 """What repeats more slowly is switched by something (a compressor, a controller) and no vibration or mains."""
 _CLEAR = 14.0
 """Log evidence of a line, over all the frequencies looked at."""
+_MOST_POWER = 1e4
+"""Largest power of one bin over its surroundings that counts as evidence."""
 _FINER = 4
 _AROUND = 129
 _ORDERS = 60
@@ -134,10 +136,13 @@ def _strongest(rests: Sequence[Array], records: Sequence[Record], period_s: floa
     size = _FINER * max(len(rest) for rest in rests)
     frequency = np.arange(size // 2 + 1) / size
     total = np.zeros(len(frequency))
+    power = np.zeros(len(frequency))
     count = np.zeros(len(frequency))
     for rest, record in zip(rests, records, strict=True):
         use = ~_turned(record.stimulus, frequency, len(rest))
-        total[use] += np.minimum(_spectrum(rest, size)[use], 1e4)
+        spectrum = _spectrum(rest, size)
+        total[use] += np.minimum(spectrum[use], _MOST_POWER)  # one run alone must not outvote all others
+        power[use] += spectrum[use]
         count += use
     use = (frequency > period_s / _LONGEST_S) & (frequency < 0.5 - 2.0 * _FINER / size) & (count > 0)
     if not use.any():
@@ -147,7 +152,9 @@ def _strongest(rests: Sequence[Array], records: Sequence[Record], period_s: floa
     log_p = np.zeros(len(frequency))
     log_p[use] = gamma.logsf(total[use], count[use])
     log_p[use & ~np.isfinite(log_p)] = -total[use & ~np.isfinite(log_p)]
-    best = int(np.argmin(log_p))
+    # all bins of a strong line reach the limit: take the highest of them
+    alike = np.flatnonzero(log_p == log_p.min())
+    best = int(alike[np.argmax(power[alike])])
     return float(frequency[best]), -float(log_p[best]) - math.log(len(frequency))
 
 

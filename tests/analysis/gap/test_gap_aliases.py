@@ -12,10 +12,6 @@ from bench.analysis.gap import diagnose, read_model, read_recordings
 RATE, ROWS = 50.0, 60_000
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="of these rows 1,199 s are read: a strong line between two bins is placed two bins beside itself",
-)
 @pytest.mark.parametrize(
     ("at_hz", "told"), [(9.185, "is an alias: it is at 9.185 Hz"), (0.185, "is at 0.185 Hz")]
 )
