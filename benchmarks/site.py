@@ -231,6 +231,8 @@ def bench_file_page() -> str:
     ]
     for name in ("bench", "limits", "safe", "recording"):
         parts += _section(f"[{name}]", _resolved(schema["properties"][name], schema), schema)
+    calibration = _resolved(schema["properties"]["calibration"]["items"], schema)
+    parts += _section("[[calibration]]", calibration, schema)
     for role, model in sorted(roles().items(), key=lambda pair: _ORDER.index(pair[0])):
         schema = model.adapter().json_schema()
         heading = f"[{role}]" if role in ("table", "chamber") else f"[[{role}]]"

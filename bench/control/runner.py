@@ -24,13 +24,15 @@ from bench.control.safe_state import bring_to_rest
 from bench.control.session import Bench
 from bench.control.stream_stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from bench.control.watchdog import Watchdog
-from bench.record.benchfile import BenchFile
+from bench.record.benchfile import BenchFile, Calibration, overdue
 from bench.record.events.campaign import Started
+from bench.record.events.run import Alarm
 from bench.record.events.safe import SafeState
 from bench.record.shown import Shown
-from drivers.base.clock import Clock, WallClock
+from drivers.base.clock import Clock, WallClock, utc_now
 from drivers.base.errors import (
     BenchError,
+    ConfigurationError,
     DeviceRefused,
     DeviceSilent,
     ProtocolError,
@@ -104,6 +106,8 @@ def run_procedure(request: RunRequest) -> RunResult:
     procedure.check_bench(file)
     beyond = list(beyond_limits(procedure.demands(request.parameters), file))
     require_none_beyond(beyond, file, "the run", procedure.name)
+    if late := overdue(file.calibration, utc_now()):
+        _refuse_overdue(late, file)
     if request.lease is None:
         with take_lease(request.file, f"run {request.run_id or request.procedure.name}") as lease:
             return _run(replace(request, lease=lease))
@@ -123,6 +127,12 @@ def _run(request: RunRequest) -> RunResult:
         record.keep_procedure(request.procedure.text)
     if (starter := request.started_by) is not None:
         record.event(0.0, Started(starter.name, role=starter.role))
+    for late in overdue(request.file.calibration, record.started_utc):
+        text = (
+            f"the calibration of {late.quantity} ({late.instrument}, {late.certificate}) was due {late.due}"
+        )
+        facts = {"quantity": late.quantity, "certificate": late.certificate, "due": str(late.due)}
+        record.event(0.0, Alarm("calibration", text, "calibration_overdue", facts))
     if request.live is not None:
         request.live.begin_run(
             record.folder,
@@ -180,6 +190,17 @@ def _run(request: RunRequest) -> RunResult:
         if request.live is not None:
             request.live.end(sealed.outcome, sealed.reason, warnings, error=error, safe=safe)
     return RunResult(record.folder, sealed.outcome, sealed.reason, duration_s, error, warnings, tuple(safe))
+
+
+def _refuse_overdue(late: Sequence[Calibration], file: BenchFile) -> None:
+    if file.limits.overdue == "refuse":
+        raise ConfigurationError(
+            "a calibration is overdue, and the bench file refuses such a run",
+            where="calibration",
+            found="; ".join(f"{item.quantity}, {item.certificate}, due {item.due}" for item in late),
+            expected="calibrations that hold today ([limits] overdue)",
+            remedy="calibrate and enter the new certificate, or set overdue to 'say'",
+        )
 
 
 def _unsealed(

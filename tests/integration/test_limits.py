@@ -7,7 +7,7 @@ import pytest
 from bench.control.procedure import Demands, Procedure
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import bench_file_from
-from drivers.base.errors import LimitExceeded
+from drivers.base.errors import ConfigurationError, LimitExceeded
 
 DOOR = {"name": "spin with the door open", "rate_dps": {"above": 0.1}, "door": "open"}
 COLD = {"name": "spin in the cold", "rate_dps": {"above": 4.0}, "air_temp_c": {"below": 10.0}}
@@ -106,3 +106,22 @@ def test_air_that_changes_too_fast_ends_the_run(bench, fog_file, tmp_path):
 
         result = bench.drive(lab.file, tmp_path, acting(bench, run))
     assert isinstance(result.error, LimitExceeded) and "changes faster" in result.reason
+
+
+def test_a_run_with_an_overdue_calibration_says_so_or_is_refused(bench, fog_file, tmp_path):
+    facts = {"instrument": "clock 1", "certificate": "K-9", "date": "2019-01-01", "uncertainty": 1.0}
+    late = facts | {"quantity": "time_base_ppm", "due": "2020-01-01"}
+    held = facts | {"quantity": "table_level_deg", "due": "2999-01-01"}
+    data = fog_file.model_dump(mode="json") | {"calibration": [late, held]}
+    with EmulatedLab(bench_file_from(data), Plant()) as lab:
+        result = bench.drive(lab.file, tmp_path, hold_s=1.0)
+        assert result.outcome == "completed"
+        (alarm,) = events(result, "alarm")
+        assert alarm["facts"] == {"quantity": "time_base_ppm", "certificate": "K-9", "due": "2020-01-01"}
+        data["limits"]["overdue"] = "refuse"
+        strict = bench_file_from(data | {"bench": lab.file.bench.model_dump(mode="json")})
+        with pytest.raises(ConfigurationError, match=r"K-9, due 2020-01-01\. "):
+            bench.drive(strict, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+    manifest = json.loads((result.folder / "manifest.json").read_text())
+    assert [row["certificate"] for row in manifest["bench"]["calibration"]] == ["K-9", "K-9"]

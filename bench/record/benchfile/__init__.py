@@ -1,5 +1,6 @@
 """The bench file: which devices stand on which ports, and the limits of the place."""
 
+from bench.record.benchfile._calibration import Calibration, overdue
 from bench.record.benchfile._load import bench_file_from, bench_file_text, load_bench_file
 from bench.record.benchfile._model import (
     Band,
@@ -15,6 +16,7 @@ __all__ = [
     "Band",
     "BenchFile",
     "BenchSection",
+    "Calibration",
     "Emulated",
     "ForbiddenState",
     "LimitsSection",
@@ -22,4 +24,5 @@ __all__ = [
     "bench_file_from",
     "bench_file_text",
     "load_bench_file",
+    "overdue",
 ]

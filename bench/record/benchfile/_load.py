@@ -94,6 +94,8 @@ def _mistake(details: ErrorDetails, data: Mapping[str, Any]) -> Mistake:
     expected = _description(location, data) or details["msg"]
     if details["type"] == "missing":
         return Mistake(_key(location), "nothing", expected)
+    if details["type"] == "value_error":
+        expected = f"{expected}; {details['msg'].removeprefix('Value error, ')}"
     limits = _bounds(details)
     return Mistake(_key(location), _shown(details["input"]), expected + (f" ({limits})" if limits else ""))
 
@@ -103,7 +105,7 @@ def _key(location: list[Any]) -> str:
     text = ""
     for part in location:
         inside_array = isinstance(part, int) and (
-            text in ("gyro", "platform", "limits.forbid", *instrument_roles())
+            text in ("gyro", "platform", "calibration", "limits.forbid", *instrument_roles())
             or text.endswith((".axes", ".outputs"))
         )
         text += f"[{part}]" if inside_array else f".{part}" if text else str(part)

@@ -16,10 +16,12 @@ from pydantic import (
     PrivateAttr,
     SerializationInfo,
     SerializerFunctionWrapHandler,
+    field_validator,
     model_serializer,
     model_validator,
 )
 
+from bench.record.benchfile._calibration import Calibration
 from bench.record.shown import Shown
 from drivers.base.constants import earth_rate_north_dph
 from drivers.kit.config import (
@@ -173,6 +175,9 @@ class LimitsSection(Section):
     max_ramp_k_per_min: float = Field(
         default=25.0, gt=0, description="the fastest temperature ramp allowed, K/min"
     )
+    overdue: Literal["say", "refuse"] = Field(
+        default="say", description="'say' or 'refuse': a run with a [[calibration]] that is overdue"
+    )
     forbid: tuple[ForbiddenState, ...] = Field(
         default=(),
         strict=False,
@@ -226,7 +231,19 @@ class BenchFile(Shown, Section):
     limits: LimitsSection = Field(default=LimitsSection(), description="a [limits] section")
     safe: SafeSection = Field(default=SafeSection(), description="a [safe] section")
     recording: RecordingSection = Field(default=RecordingSection(), description="a [recording] section")
+    calibration: tuple[Calibration, ...] = Field(
+        default=(),
+        strict=False,
+        description="[[calibration]] with quantity, instrument, certificate, date, due, uncertainty",
+    )
     _sha256: str = PrivateAttr(default="")
+
+    @field_validator("calibration")
+    @classmethod
+    def _one_each(cls, calibrations: tuple[Calibration, ...]) -> tuple[Calibration, ...]:
+        if len({item.quantity for item in calibrations}) < len(calibrations):
+            raise ValueError("a quantity twice")
+        return calibrations
 
     @model_validator(mode="before")
     @classmethod
