@@ -4,7 +4,7 @@ One thread a process, as the Makefile has it: BLAS threads of two workers on two
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,20 @@ settings.register_profile(
     print_blob=True,
 )
 settings.load_profile("gyrobench")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_report_to_serializable() -> Generator[None, Any, Any]:
+    """Hostile text has half a surrogate: in a failure's report it would end the worker and hide all failures."""
+    return _encodable((yield))
+
+
+def _encodable(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _encodable(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return type(data)(map(_encodable, data))
+    return data.encode("utf-8", "replace").decode() if isinstance(data, str) else data
 
 
 @pytest.fixture(scope="session", autouse=True)

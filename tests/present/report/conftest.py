@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.thermal import Scores, Study, ThermalRun
+from bench.analysis.thermal._selection import ModelScore
 from bench.present.report import render_page
 from bench.present.report._campaign import campaign_page
 from bench.present.report._page import Page
@@ -244,7 +245,7 @@ def campaign_of(folder: Path) -> Campaign:
         tests=tuple(map(run_of_study, runs[5:])),
         models={},
         selection=tuple(
-            SimpleNamespace(name=name, score=0.2 + 0.1 * n) for n, name in enumerate(IMPROVEMENTS)
+            ModelScore(name, None, None, score=0.2 + 0.1 * n) for n, name in enumerate(IMPROVEMENTS)
         ),
         compensation=compensation,
         scores=scores,

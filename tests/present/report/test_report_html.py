@@ -10,7 +10,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from html.parser import HTMLParser
-from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -18,6 +17,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.thermal import Scores
+from bench.analysis.thermal._selection import ModelScore
 from bench.present.report import render_page, run_page
 from bench.present.report._numbers import DASH
 from bench.present.report._plots import Comparison
@@ -275,7 +275,7 @@ def test_hostile_text_stays_text(campaign: Any) -> None:
     study = replace(
         campaign.study,
         tests=tests,
-        selection=(SimpleNamespace(name=HOSTILE, score=0.5),),
+        selection=(ModelScore(HOSTILE, None, None, score=0.5),),
         scores={HOSTILE: tuple(replace(score, run_id=HOSTILE) for _, score in campaign.scores[:2])},
     )
     shown = [replace(campaign.comparisons[0], run_id=name, note=HOSTILE) for name in (HOSTILE, r"$\frac$")]
@@ -314,7 +314,7 @@ def test_unknown_numbers_are_dashes_everywhere(campaign: Any) -> None:
         "m1": (Scores("r1", 0.1, nothing, None, nothing, oracle_pct=nothing, sf_rms_ppm=nothing),),
         "m2": (Scores("r1"),),
     }
-    selection = tuple(SimpleNamespace(name=name, score=0.5) for name in scores)
+    selection = tuple(ModelScore(name, None, None, score=0.5) for name in scores)
     content = replace(
         campaign,
         study=replace(campaign.study, scores=scores, selection=selection),
