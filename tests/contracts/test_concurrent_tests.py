@@ -11,6 +11,7 @@ MODULES = {"threading", "multiprocessing", "concurrent", "tests.ptys"}
 CALLS = {"subprocess.Popen", "os.fork", "os.openpty", "pty.openpty", "os.kill", "signal.pidfd_send_signal"}
 NAMES = {"WallClock", "take_lease", "fan_out"}
 WITHOUT = {
+    "benchmarks/test_site.py": "its process is one call after which nothing runs",
     "campaign/conftest.py": "its processes are started by tests that have the mark",
     "present/panel/browser.py": "its panel is started by tests that have the mark",
     "record/recording/test_recover.py": "takes a lease in the test's own thread",
