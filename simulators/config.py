@@ -66,7 +66,7 @@ class GyroInLab:
     config: GyroConfig
     model: str
     unit_seed: int
-    mounting: Mounting = "axis_horizontal"
+    mounting: Mounting | None = None
     mount_azimuth_error_deg: float = 0.0
     clock_error_ppm: float = 0.0
     bearing: Bearing | None = None

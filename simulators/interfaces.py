@@ -63,13 +63,24 @@ class GyroSignal:
 
     `angle_increment_rad`: float64, one entry an axis in the order of `axes`, shape (n, len(axes)).
     `temp_c`: the gyro's own temperature sensor at the end of each interval. `velocity_increment_mps`: float64,
-    shape (n, 3), of the accelerometers x, y, z of an IMU; None for a unit that has none.
+    shape (n, 3), of the accelerometers x, y, z: the time integral of specific force, which at rest points up.
+    `turned_rad`: float64, shape (n, 3), what x, y, z truly turned through in inertial space. Both are None where
+    the plant does not say.
     """
 
     axes: str
     angle_increment_rad: NDArray[np.float64]
     temp_c: NDArray[np.float64]
     velocity_increment_mps: NDArray[np.float64] | None = None
+    turned_rad: NDArray[np.float64] | None = None
+
+    def angle_rad(self, axis: str) -> NDArray[np.float64]:
+        """Return increments about x, y or z, (n,): as measured, and the true ones where the unit has no gyro."""
+        if axis in self.axes:
+            return self.angle_increment_rad[:, self.axes.index(axis)]
+        return (
+            np.zeros(len(self.temp_c)) if self.turned_rad is None else self.turned_rad[:, "xyz".index(axis)]
+        )
 
 
 class GyroPlant(Protocol):

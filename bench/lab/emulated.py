@@ -18,7 +18,7 @@ from bench.lab._process import LabProcess
 from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
-from drivers.kit.config import GyroConfig
+from drivers.kit.config import GyroConfig, Mounting
 from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
 from simulators.faults import Fault
 
@@ -42,6 +42,8 @@ class Plant(BaseModel):
     models: dict[str, str] = Field(default_factory=dict)
     """Unit id -> model name (fog_mid, fog_nav, mems, ins_triad, rlg, imu, imu_full)."""
     mount_azimuth_error_deg: float = Field(default=0.3, ge=-5, le=5)
+    mounting: dict[str, Mounting] = Field(default_factory=dict)
+    """Gyro name -> how it lies at first: axis_horizontal (not named, unless an imu: z_up), axis_up or z_up."""
     heading_effect_dph: float = Field(default=1e-3, ge=0, le=1)
     """rms over headings of the change of a platform's mean drift"""
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
@@ -260,6 +262,7 @@ def lab_config(
                 config=gyro,
                 model=plant.model_of(gyro, len(file.table.all_axes)),
                 unit_seed=unit_seed(gyro.unit),
+                mounting=plant.mounting.get(gyro.name),
                 mount_azimuth_error_deg=plant.mount_azimuth_error_deg,
                 clock_error_ppm=plant.sample_clock_error_ppm(gyro),
                 bearing=plant.bearing.get(gyro.unit),

@@ -35,8 +35,9 @@ class CanEmulator:
     (k + 1) / rate / (1 + clock_error_ppm * 1e-6) of lab time, and says (k + 1) / rate, or counts k + 1. The
     frames of a sample follow at once, one after the other at `bitrate`; the adapter hands on a frame when it has
     ended. Messages whose values are held come before each sample. A cycle passes whole or not at all. While the
-    adapter passes nothing the plant is not asked. Axes that the plant does not have read 0 deg/s, signals without
-    a meaning raw 0. `source_address`: of a J1939 unit, default that of the DBC file. `adapter`: one that is there
+    adapter passes nothing the plant is not asked. Axes that the plant has no gyro for show what they truly turn
+    through, signals without a meaning raw 0.
+    `source_address`: of a J1939 unit, default that of the DBC file. `adapter`: one that is there
     already, as it is when only the unit is switched off and on.
     """
 
@@ -156,9 +157,7 @@ class CanEmulator:
             velocity = signal.velocity_increment_mps
             force = np.zeros(len(numbers)) if velocity is None else velocity[:, _AXES.index(use.axis)]
             return layout.quantise(force / self._period_s / use.factor)
-        angle_rad = np.zeros(len(numbers))
-        if use.axis in signal.axes:
-            angle_rad = signal.angle_increment_rad[:, signal.axes.index(use.axis)]
+        angle_rad = signal.angle_rad(use.axis)
         if use.role == "delta_angle":
             return layout.quantise(np.degrees(angle_rad) / use.factor)
         if use.factor == math.degrees(1.0):

@@ -34,8 +34,8 @@ class FrameEmulator:
 
     Its clock is fast by `clock_error_ppm`: sample k is complete (k + 1) / rate / (1 + clock_error_ppm * 1e-6)
     after `start_s`, and its frame is out one transmission time later. Gyro channels, accelerations,
-    temperatures, counter and time are filled from the plant; every other field has its usual value. Axes the
-    plant does not have stand still.
+    temperatures, counter and time are filled from the plant; every other field has its usual value. Axes that
+    the plant has no gyro for show what they truly turn through.
     """
 
     def __init__(
@@ -74,9 +74,7 @@ class FrameEmulator:
         self._sent = 0
         self._turned: dict[str, float] = {}
         channels(family, self._form, axes)
-        # The one axis of a single-axis unit has the name that its description gives it.
-        self._plant_axes = axes if len(axes) == len(plant.axes) == 1 else plant.axes
-        if not set(axes) <= set(self._plant_axes):
+        if not set(axes) <= set(plant.axes):
             raise ConfigurationError(
                 "the emulated unit has fewer axes than the bench file says",
                 where="emulated gyro",
@@ -140,10 +138,8 @@ class FrameEmulator:
                 values[spec.name] = (numbers - 1) % (1 << spec.bits[1])
             elif spec.role == "time" and spec.usual is None:  # a latency is no clock: it has its usual value
                 values[spec.name] = numbers / self._rate_hz / unit
-            elif (
-                spec.role in ("rate", "delta_angle", "cumulative_angle") and axis and axis in self._plant_axes
-            ):
-                angle_deg = np.degrees(signal.angle_increment_rad[:, self._plant_axes.index(axis)])
+            elif spec.role in ("rate", "delta_angle", "cumulative_angle") and axis:
+                angle_deg = np.degrees(signal.angle_rad(axis))
                 if spec.role == "rate":
                     angle_deg = angle_deg / self._period_s
                 elif spec.role == "cumulative_angle":

@@ -14,6 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.base.constants import STANDARD_GRAVITY_MPS2
 from drivers.base.errors import ConfigurationError
 from drivers.kvh import KvhConfig, encode_bit, encode_frames
 from drivers.kvh.commands import FACTORY, SETTINGS
@@ -303,6 +304,9 @@ class KvhEmulator:
             bad = min(self._invalid, count)
             rot[:bad], status[:bad] = 0.0, 0
             self._invalid -= bad
+        force_g: NDArray[np.float64] | float = 0.0  # reserved bytes of a DSP-1750; a 1775 has all three axes
+        if signal.velocity_increment_mps is not None and len(self._columns) == len(AXES):
+            force_g = signal.velocity_increment_mps / (self._period_s * STANDARD_GRAVITY_MPS2)
         numbers = np.arange(1, count + 1)
         data = encode_frames(
             _format(self._settings),
@@ -311,6 +315,7 @@ class KvhEmulator:
             temp_c=signal.temp_c,
             temp_units=_temp_units(self._settings),
             status=status,
+            acc_g=force_g,
             timestamp_us=self._device_time_us(numbers),
         )
         self._counter = (self._counter + count) % COUNTER_MODULO

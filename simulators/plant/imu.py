@@ -161,7 +161,7 @@ class ImuUnit:
 
     def mount(self, now_s: float, mounting: Mounting) -> None:
         """Mount it as a test of one axis asks for, told with all axes at 0."""
-        self.mount_at(now_s, NORTH_WEST_UP @ Mount(mounting, axis=self._axis).axes_in_table(3).T)
+        self.mount_at(now_s, NORTH_WEST_UP @ Mount(mounting, axis=self._axis).axes_in_table().T)
 
     def case_reading_c(self, now_s: float) -> float:
         """Return the temperature of its case, held from the last tick."""

@@ -51,7 +51,8 @@ class UnitConfig:
     """A unit under test. Unit seed 0 of a FOG grade is the nominal unit; `change` is made to every model of it.
 
     `axis`: the one under test, which a mounting speaks of. `aux_sensor`: number of the chamber's auxiliary sensor
-    glued to its case, 0 for none. `wobble`: the bearing that an `ins_triad` turns in, None for the nominal one of
+    glued to its case, 0 for none. `mounting` None: its axis horizontal, an IMU z up.
+    `wobble`: the bearing that an `ins_triad` turns in, None for the nominal one of
     its seed; other units turn in a perfect one. `errors`: those of a fitted model instead of the unit's own; the
     thermal network stays.
     """
@@ -60,7 +61,7 @@ class UnitConfig:
     model: UnitKind = "fog_mid"
     unit_seed: int = 0
     axis: str = "x"
-    mounting: Mounting = "axis_horizontal"
+    mounting: Mounting | None = None
     mount_azimuth_error_deg: float = 0.0
     tilt_deg: float = 0.0
     aux_sensor: int = 0
@@ -199,9 +200,12 @@ class LabPlant:
     def _add(self, config: UnitConfig) -> None:
         if config.name in self._units:
             raise ConfigurationError("two units of one name", where="plant", found=config.name)
-        if config.mounting not in MOUNTINGS:
+        if config.mounting not in (None, *MOUNTINGS):
             raise ConfigurationError(
-                "no such mounting", where=config.name, found=config.mounting, expected=" or ".join(MOUNTINGS)
+                "no such mounting",
+                where=config.name,
+                found=str(config.mounting),
+                expected=" or ".join(MOUNTINGS),
             )
         source = NoiseSource(self.config.seed, f"unit {config.name}")
         if config.model in ("imu", "imu_full"):
@@ -223,6 +227,8 @@ class LabPlant:
                 axis=config.axis,
                 azimuth_error_deg=config.mount_azimuth_error_deg,
             )
+            if config.mounting is not None:
+                imu.mount(0.0, config.mounting)
             imu.start(self.config.room_temp_c)
             self._units[config.name] = imu
             return
@@ -236,7 +242,8 @@ class LabPlant:
                 + ", ".join(f"{name} {direction}" for name, direction in self.config.axes),
                 expected="another model, or a bench file without [[table.axes]]",
             )
-        mount = Mount(config.mounting, config.mount_azimuth_error_deg, config.tilt_deg, config.axis)
+        lying = config.mounting or "axis_horizontal"
+        mount = Mount(lying, config.mount_azimuth_error_deg, config.tilt_deg, config.axis)
         whirling = config.model == "ins_triad"
         if whirling:
             mount = replace(mount, mounting="z_up")

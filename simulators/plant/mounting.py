@@ -42,19 +42,15 @@ class Mount:
     tilt_deg: float = 0.0
     axis: str = "x"
 
-    def axes_in_table(self, count: int) -> Array:
-        """Return the first `count` of the axes x, y, z as rows in the table frame, float64 (count, 3).
-
-        The only axis of a unit is the one under test, and lies as that axis of a unit of three.
-        """
+    def axes_in_table(self) -> Array:
+        """Return the axes x, y, z as rows in the table frame, float64 (3, 3)."""
         sin, cos = math.sin(math.radians(self.tilt_deg)), math.cos(math.radians(self.tilt_deg))
         if self.mounting == "axis_up":
             rows = [[sin, 0.0, cos], [cos, 0.0, -sin], [0.0, 1.0, 0.0]]
         else:
             rows = [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]
         under_test = _AXES.index(self.axis)
-        lying = np.roll(np.array(rows), 0 if self.mounting == "z_up" else under_test, axis=0)
-        return lying[[under_test]] if count == 1 else lying[:count]
+        return np.roll(np.array(rows), 0 if self.mounting == "z_up" else under_test, axis=0)
 
 
 def turned_rad(

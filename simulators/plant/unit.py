@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
+from drivers.base.constants import gravity_mps2
 from drivers.base.errors import ConfigurationError
 from drivers.kit.config import Mounting
 from simulators.effects import SamplePath
 from simulators.interfaces import GyroSignal
-from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up
+from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, simpson
 from simulators.plant.model import UnitModel
 from simulators.plant.mounting import Mount, turned_rad
 from simulators.plant.noise import BLOCK, GyroNoise, NoiseSource, flicker
@@ -73,7 +74,7 @@ class GyroUnit:
     """A unit (see `simulators.interfaces.GyroPlant`), switched on at 0 s at the room's temperature.
 
     `table`: the axis that carries it; `gimbals`: all of them, unless that is the only one, and up. Mountings are
-    told with all axes at 0.
+    told with all axes at 0. Its accelerometers, and the gyros that the model lacks, are without errors.
     """
 
     def __init__(
@@ -87,10 +88,11 @@ class GyroUnit:
         gimbals: Gimbals | None = None,
     ) -> None:
         self.model = model
-        self.axes = model.axes
+        self.axes = mount.axis if len(model.axes) == 1 else model.axes
+        self._own = ["xyz".index(axis) for axis in self.axes]
         self._table, self._gimbals = table, gimbals
         self._latitude_deg = latitude_deg
-        self._mounts = [(0.0, mount, mount.axes_in_table(len(model.axes)))]
+        self._mounts = [(0.0, mount, mount.axes_in_table())]
         self._flicker = [
             flicker(source.substream(_FLICKER + index), axis.noise.bias_instability_dph)
             for index, axis in enumerate(model.axis_models)
@@ -137,7 +139,7 @@ class GyroUnit:
         """Turn the unit on its bracket at `now_s`; its mounting errors stay."""
         last = self._mounts[-1][1]
         mount = replace(last, mounting=mounting)
-        self._mounts.append((now_s, mount, mount.axes_in_table(len(self.axes))))
+        self._mounts.append((now_s, mount, mount.axes_in_table()))
 
     def switch(self, at_s: float, model: UnitModel | None) -> None:
         """Switch the unit off at a time (None), or on: `model` and a bias drawn anew hold from there.
@@ -164,7 +166,8 @@ class GyroUnit:
     def measure(self, start_s: float, count: int, period_s: float) -> GyroSignal:
         """Return `count` samples (see `GyroPlant`); ConfigurationError beyond the last tick."""
         if count == 0:
-            return GyroSignal(self.axes, np.empty((0, len(self.axes))), np.empty(0))
+            none = np.empty((0, 3))
+            return GyroSignal(self.axes, none[:, self._own], np.empty(0), none, none)
         index = self._samples.take(start_s, count, period_s)
         edges_s = self._samples.time_s(index + np.arange(count + 1))
         check_advanced("gyro plant", float(edges_s[-1]), self._ticks)
@@ -172,7 +175,8 @@ class GyroUnit:
         axes = len(self.axes)
         values = self._between_ticks(middle_s)
         bias_dph = values[:axes] + values[axes : 2 * axes]
-        turned = self._turned(edges_s, middle_s, period_s)
+        felt, velocity = self._motion(edges_s, middle_s, period_s)
+        turned = felt[self._own]
         sf_ppm = values[2 * axes :] + self._rate_errors_ppm(turned, period_s)
         increments = turned * (1.0 + 1e-6 * sf_ppm) + bias_dph * (math.radians(period_s) / 3600.0)
         for axis, noise in enumerate(self._noise):
@@ -180,7 +184,8 @@ class GyroUnit:
         self._add_sample_effects(increments, edges_s, middle_s, period_s)
         # a sample that ends on a tick holds that tick's reading, whatever the rounding of its end
         held = (edges_s[1:] + 1e-9).astype(np.int64)
-        return GyroSignal(self.axes, np.ascontiguousarray(increments.T), self._record[held, 3 * axes])
+        angle = np.ascontiguousarray(increments.T)
+        return GyroSignal(self.axes, angle, self._record[held, 3 * axes], velocity.T, felt.T)
 
     def _between_ticks(self, times_s: Array) -> Array:
         """Return the recorded errors at `times_s`, linear between ticks; float64 (3 axes, n)."""
@@ -193,18 +198,28 @@ class GyroUnit:
         low, high = errors[before].T, errors[np.minimum(before + 1, self._ticks - 1)].T
         return np.asarray(low + (high - low) * (times_s - before))
 
+    def _motion(self, edges_s: Array, middle_s: Array, period_s: float) -> tuple[Array, Array]:
+        """Return what x, y, z truly turn through an interval, and their velocity; rad, m/s, float64 (3, n)."""
+        velocity = np.empty((3, len(middle_s)))
+        gravity = gravity_mps2(self._latitude_deg) * period_s
+        if self._gimbals is None or self._gimbals.upright(edges_s):
+            for first, _, matrix in self._mounts_from(middle_s):
+                velocity[:, first:] = gravity * matrix[:, 2:]
+            return self._turned(edges_s, middle_s, period_s), velocity
+        turned = np.empty_like(velocity)
+        times_s = np.empty(2 * len(middle_s) + 1)
+        times_s[::2], times_s[1::2] = edges_s, middle_s
+        for first, mount, matrix in self._mounts_from(middle_s):
+            lines = about_up(mount.azimuth_error_deg) @ NORTH_WEST_UP @ matrix.T
+            rest_s = times_s[2 * first :]
+            turned[:, first:] = self._gimbals.turned_rad(rest_s, lines, self._latitude_deg).T
+            up = self._gimbals.attitude(self._gimbals.angles_rad(rest_s), lines)[:, 2]
+            velocity[:, first:] = gravity * (up if len(up) == 1 else simpson(up)).T
+        return turned, velocity
+
     def _turned(self, edges_s: Array, middle_s: Array, period_s: float) -> Array:
-        """Return the true angle each axis turned through in each interval, rad, float64 (axes, n)."""
-        turned = np.empty((len(self.axes), len(middle_s)))
-        if self._gimbals is not None and not self._gimbals.upright(edges_s):
-            times_s = np.empty(2 * len(middle_s) + 1)
-            times_s[::2], times_s[1::2] = edges_s, middle_s
-            for first, mount, matrix in self._mounts_from(middle_s):
-                lines = about_up(mount.azimuth_error_deg) @ NORTH_WEST_UP @ matrix.T
-                turned[:, first:] = self._gimbals.turned_rad(
-                    times_s[2 * first :], lines, self._latitude_deg
-                ).T
-            return turned
+        """Return the true angle each of x, y, z turns through on a table whose axis points up, rad, (3, n)."""
+        turned = np.empty((3, len(middle_s)))
         for first, angles_deg, matrix in self._mounted(edges_s, middle_s):
             turned[:, first:] = turned_rad(matrix, angles_deg, self._latitude_deg, period_s)
         return turned
@@ -237,7 +252,8 @@ class GyroUnit:
             own_s = edges_s[first:]
             angle = angles_deg if len(angles_deg) == len(own_s) else np.full(len(own_s), angles_deg[0])
             for axis, model in enumerate(self.model.axis_models):
-                elevation = math.degrees(math.asin(min(max(float(matrix[axis, 2]), -1.0), 1.0)))
+                up = min(max(float(matrix[self._own[axis], 2]), -1.0), 1.0)
+                elevation = math.degrees(math.asin(up))
                 path = SamplePath(own_s, angle, elevation, self._latitude_deg, period_s)
                 added = [effect(path) for effect in model.sample_rad.values()]
                 increments[axis, first:] = before[axis, first:] + sum(added)

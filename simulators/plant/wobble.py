@@ -168,7 +168,7 @@ def _earth_in_body(mount: Mount, latitude_deg: float) -> Array:
     azimuth = math.radians(mount.azimuth_error_deg)
     north, up = earth_rate_north_dph(latitude_deg), earth_rate_up_dph(latitude_deg)
     level = np.array([north * math.cos(azimuth), -north * math.sin(azimuth), up])
-    return np.asarray(mount.axes_in_table(3) @ level * ARCSEC_RAD)
+    return np.asarray(mount.axes_in_table() @ level * ARCSEC_RAD)
 
 
 def _about_z(angle_rad: Array) -> Array:

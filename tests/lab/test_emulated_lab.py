@@ -13,7 +13,7 @@ import pytest
 from bench.control.procedure import find_procedure
 from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest
-from bench.lab.emulated import EmulatedLab, Plant
+from bench.lab.emulated import EmulatedLab, Plant, lab_config, load_plant
 from bench.lab.rehearsal import run_in_lab
 from bench.lab.testing import usual_bench
 from bench.record.benchfile import bench_file_from, bench_file_text
@@ -147,6 +147,15 @@ def test_a_lab_that_cannot_be_says_why(apart):
     with pytest.raises(ConfigurationError, match="no such gyro") as refused:
         EmulatedLab(file, plant, apart=apart)
     assert refused.value.expected
+
+
+def test_a_plant_file_says_how_a_unit_lies_at_first(tmp_path):
+    (tmp_path / "plant.toml").write_text('mounting = { fog_1 = "axis_up" }\n')
+    config = lab_config(usual_bench(None), load_plant(tmp_path / "plant.toml"))
+    assert {gyro.config.name: gyro.mounting for gyro in config.gyros} == {"fog_1": "axis_up", "mems_1": None}
+    (tmp_path / "plant.toml").write_text('mounting = { fog_1 = "upside_down" }\n')
+    with pytest.raises(ConfigurationError, match="axis_up"):
+        load_plant(tmp_path / "plant.toml")
 
 
 def test_a_lab_in_the_background_of_a_shell_ends_on_sigterm(tmp_path):

@@ -120,5 +120,9 @@ def test_a_lab_has_an_imu_on_two_axes_and_refuses_there_what_it_cannot_turn():
     # x of the unit points up now
     assert signal.velocity_increment_mps.sum(axis=0)[0] == pytest.approx(9.80, abs=0.03)
     assert set(lab.true_drift("imu")) >= {"kg", "ka", "eps_rad_s"}
+    lying = LabPlant(PlantConfig(units=(UnitConfig("imu", model="imu", axis="y", mounting="axis_up"),)))
+    lying.advance(2.0)
+    force = lying.unit("imu").measure(0.0, 100, 0.01).velocity_increment_mps.sum(axis=0)
+    assert force[1] == pytest.approx(9.80, abs=0.03)
     with pytest.raises(ConfigurationError, match="needs a table of one axis that points up"):
         LabPlant(PlantConfig(axes=axes, units=(UnitConfig("ins", model="ins_triad"),)))
