@@ -133,6 +133,11 @@ class ChamberStation(Station):
                 remedy="lower the ramp parameter, or raise limits.max_ramp_k_per_min if the unit allows it",
             )
 
+    def take(self, air: ChamberState) -> None:
+        """Keep telemetry that has come just now."""
+        auxiliary = (air.auxiliary_c[number] for number in self.auxiliary)
+        self.history.append(self._session.now_s, air.air_temp_c, air.set_point_c, *auxiliary)
+
     def read_state(self) -> ChamberState:
         """Read telemetry; once more if air or a sensor seems to have moved as none does: a digit was damaged.
 

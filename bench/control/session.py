@@ -20,6 +20,7 @@ from bench.control.station import Station
 from bench.control.stream_stations import GyroStation, PlatformStation, StreamStation
 from bench.control.stream_watchdog import Reconnect, StreamWatchdog
 from bench.control.table_station import TableStation
+from bench.control.time_watch import TimeWatch
 from bench.record.benchfile import BenchFile
 from bench.record.events import Event
 from bench.record.events.run import (
@@ -91,6 +92,7 @@ class Bench:
         self._step = self._doing = ""
         self._next_poll_s, self._next_alarms_s = clock.now(), clock.now() + _ALARMS_S
         self._poll_s, self._shown_at = _POLL_S, 0.0
+        self._time_watch = TimeWatch(clock, self.alert)
 
     def install(self, table: Turntable, chamber: Chamber, auxiliary: tuple[int, ...]) -> None:
         """Put the polled instruments in place."""
@@ -197,8 +199,7 @@ class Bench:
         self, condition: Callable[[], bool], *, timeout_s: float, what: str, every_s: float = _POLL_S
     ) -> bool:
         """Wait until `condition` holds after a poll (True) or `timeout_s` passed (False)."""
-        end = self.clock.now() + timeout_s
-        check_at = self.clock.now()
+        end, check_at = self.clock.now() + timeout_s, self.clock.now()
         while end - self.clock.now() > _RESOLUTION_S:
             self._tick(end, what)
             if self.clock.now() >= check_at:
@@ -225,13 +226,12 @@ class Bench:
 
     def poll(self) -> None:
         """Ask both instruments, then collect: their answers travel at the same time."""
+        self._time_watch.look(self._poll_s)
         table, chamber = self.table, self.chamber
         table.device.request_state()
         chamber.device.request_state()
         self.instruments.request()
-        air = chamber.read_state()
-        auxiliary = (air.auxiliary_c[number] for number in chamber.auxiliary)
-        chamber.history.append(self.clock.now(), air.air_temp_c, air.set_point_c, *auxiliary)
+        chamber.take(chamber.read_state())
         turned = table.device.read_state()  # the quicker device: its answer has come meanwhile
         table.take(self.clock.now(), turned)
         self.instruments.collect()

@@ -141,6 +141,21 @@ def host_seconds() -> float:
     return time.perf_counter()
 
 
+def host_offsets() -> tuple[float, float]:
+    """Return how far the host's date, and its time since boot with what it was suspended, are ahead of the
+    monotonic time, s. The second is 0 on hosts without such a clock.
+    """
+    for _ in range(_TRIES):  # whoever loses the processor between the readings reads again
+        before_s = time.monotonic()
+        date_s, boot_s = time.time(), time.clock_gettime(_BOOT) if _BOOT is not None else before_s
+        after_s = time.monotonic()
+        if after_s - before_s < _READ_S:
+            break
+    return date_s - before_s, boot_s - before_s
+
+
+_TRIES, _READ_S = 20, 0.01
+_BOOT: int | None = getattr(time, "CLOCK_BOOTTIME", None)
 _PULSE_S = 0.5
 
 

@@ -136,6 +136,18 @@ def test_a_hole_in_the_record_is_an_alarm_and_makes_the_run_invalid_while_it_goe
     assert len(made.record.kept) == 6
 
 
+def test_time_that_passes_over_the_bench_is_an_alarm_then_the_end(made):
+    made.bench.wait(3.0)
+    made.clock.ns += 6_000_000_000  # the machine stood still
+    made.bench.wait(3.0)
+    ((code, facts),) = [(row["code"], row["facts"]) for row in made.record.of("alarm")]
+    assert code == "poll_gap" and facts["late_s"] == pytest.approx(5.0, abs=0.1)
+    made.clock.ns += 12_000_000_000
+    with pytest.raises(RunAborted, match="nobody watched"):
+        made.bench.wait(3.0)
+    assert [reason.code for reason in made.bench.invalid_reasons] == ["unwatched"]
+
+
 def test_wait_until_sees_every_poll_and_says_whether_it_came(made):
     seen = []
 

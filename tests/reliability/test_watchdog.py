@@ -204,6 +204,32 @@ def test_a_dead_or_stopped_watchdog_is_an_alarm_within_two_seconds_and_the_next_
     assert (rows[-1]["kind"], rows[-1]["confirmed"]) == ("takeover_ended", True)
 
 
+@pytest.mark.parametrize(("stopped_s", "code"), [(4.0, "poll_gap"), (13.0, "unwatched")])
+def test_a_bench_that_stood_still_as_a_whole_says_so_and_ends_when_it_was_long(
+    lab, tmp_path, stopped_s, code
+):
+    """Runner and watchdog are stopped and go on together, as on a virtual machine that was paused."""
+    folder = tmp_path / "run"
+    with turning(lab, tmp_path) as process:
+        watchdog = lease_holder(lab.file).watchdog_pid
+        for number in (signal.SIGSTOP, signal.SIGCONT):
+            for pid in (process.pid, watchdog):
+                os.kill(pid, number)
+            if number == signal.SIGSTOP:
+                with pytest.raises(subprocess.TimeoutExpired):
+                    process.wait(timeout=stopped_s)
+        assert wait_for(lambda: alarms(folder), 20.0) and alarms(folder)[0][1] == code
+        if code == "poll_gap":
+            assert wait_for(lambda: code in shown(folder), 20.0)
+            process.send_signal(signal.SIGTERM)
+        assert process.stdout.readline() == b"aborted\n"
+        process.wait()
+    run = Run.open(folder)
+    assert ("nobody watched" in run.manifest.reason) == (code == "unwatched")
+    assert {state.device for _, state in run.of(SafeState) if state.confirmed} == {"table", "chamber"}
+    assert not (folder / "watchdog").exists()  # nobody took over
+
+
 def test_a_run_without_another_watchdog_ends_invalid_with_the_bench_at_rest(lab, tmp_path):
     folder = tmp_path / "run"
     with turning(lab, tmp_path, "no-other-watchdog") as process:

@@ -281,6 +281,24 @@ def test_what_lay_unread_in_the_pipe_is_no_sign_of_life_of_now(monkeypatch):
     assert heard.written == [(1, b"ready\n"), (1, beat)]  # the answer is to the last of them
 
 
+@pytest.mark.parametrize("beat", [[], [beat_line(1, 100.1)]])
+def test_a_watchdog_that_was_stopped_gives_the_runner_its_time_anew_once(monkeypatch, beat):
+    """It wants to wake after 2 s and does after 9; the runner was stopped too, and says nothing any more."""
+    heard, now_s, waited_s = Heard(monkeypatch, [ARM, *beat]), [100.0], []
+    waits = iter([([0], 0.0), ([0] if beat else [], 9.0), ([], 2.0), ([], 9.0)])
+
+    def select(readers, _, __, timeout_s):
+        waited_s.append(timeout_s)
+        ready, for_s = next(waits)
+        now_s[0] += for_s
+        return ready, [], []
+
+    monkeypatch.setattr(_process.select, "select", select)
+    monkeypatch.setattr(_process, "host_seconds", lambda: now_s[0])
+    assert _process.main() == 0
+    assert heard.taken == [(7, pytest.approx(2.0))] and waited_s == [60.0, 2.0, 2.0]
+
+
 @pytest.mark.parametrize(("settings", "runner"), [({}, 7), ({"ready": lost}, 7), ({"runner": ended}, None)])
 def test_one_that_takes_the_place_of_a_lost_watchdog_guards_from_its_start(monkeypatch, settings, runner):
     """The runner that ordered it died before it was up."""
@@ -524,6 +542,16 @@ def test_a_watchdog_that_answers_is_well_however_late_the_runner_looks(guarded):
     assert guarded.run(5.0) == []
     guarded.now_s += 30.0  # the runner was busy; the answer has come long since
     assert guarded.run(2.0) == [] and len(guarded.started) == 1
+
+
+@pytest.mark.parametrize("dead", [False, True])
+def test_a_watchdog_that_was_stopped_together_with_its_runner_is_well(guarded, dead):
+    guarded.arm()
+    guarded.run(0.25, answering=False)
+    guarded.now_s += 7.0  # a beat is unanswered: both were stopped
+    guarded.dog.beat()
+    assert guarded.told == []
+    assert [code for code, _ in guarded.run(2.0, answering=not dead)] == (["watchdog_lost"] if dead else [])
 
 
 @pytest.mark.parametrize("stopped", [False, True])

@@ -128,6 +128,10 @@ class _Process:
         hung = not SilenceTimeout(sent_s, waited_s, UNANSWERED_S).left_s(now_s, runqueue_wait_s(self.pid))
         return now_s - sent_s if hung else None
 
+    def excuse(self, now_s: float) -> None:
+        """Count what is unanswered from now on."""
+        self._unanswered = deque((number, now_s, waited_s) for number, _, waited_s in self._unanswered)
+
     def write(self, data: bytes) -> None:
         # `listen` tells of a watchdog that is dead or stopped
         with suppress(BrokenPipeError, BlockingIOError):
@@ -206,12 +210,15 @@ class Watchdog:
         now_s = host_seconds()
         if now_s - self._beaten_s < _BEAT_EVERY_S or self._dismissed:
             return
+        away = now_s - self._beaten_s > HUNG_S
         self._beaten_s = now_s
         process = self._process
         if not self._watched:  # what has not been armed answers when it has come up, which nobody waits for
             process.write(beat_line(0, now_s))
             return
         process.listen()
+        if away:  # this process was stopped, and what guards it, which has let it live, perhaps with it
+            process.excuse(now_s)
         silent_s = process.silent_s(now_s)
         late = not process.ready and now_s - process.started_s > REPLACED_S
         if process.ended or late or silent_s is not None:

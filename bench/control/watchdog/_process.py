@@ -34,6 +34,10 @@ from drivers.kit.link import Tap
 _PORTS_TIMEOUT_S = 60.0
 """How long a port that cannot be opened is tried again: a gone adapter may come back."""
 
+_OVERSLEPT_S = 1.0
+"""A watchdog that wakes so much later was stopped, its runner perhaps too: that is given its time anew, once. It
+tells of the gap itself (`bench.control.time_watch`)."""
+
 _FIRST_TRY_S = 1.0
 _AGAIN_S = 0.02
 
@@ -70,9 +74,10 @@ def main() -> int:
         os.write(1, READY + b"\n")
     armed, unread = order.armed, b""
     timeout = SilenceTimeout(host_seconds(), runqueue_wait_s(order.runner), HUNG_S if armed else UNARMED_S)
+    excused = False
     while True:
-        waited_s = runqueue_wait_s(order.runner)
-        left_s = timeout.left_s(host_seconds(), waited_s)
+        waited_s, began_s = runqueue_wait_s(order.runner), host_seconds()
+        left_s = timeout.left_s(began_s, waited_s)
         ready, _, _ = select.select([0], [], [], left_s)
         said = os.read(0, 4096) if ready else b""
         *lines, unread = (unread + said).split(b"\n")
@@ -82,12 +87,16 @@ def main() -> int:
             silent_s = None  # the runner's process has ended
             break
         now_s = host_seconds()
+        overslept = not excused and now_s - began_s > left_s + _OVERSLEPT_S
         if lines:
             armed = armed or ARMED in lines
             with suppress(OSError):
                 os.write(1, lines[-1] + b"\n")
-            heard_s = now_s if lines[-1] == ARMED else sent_s(lines[-1])
+            heard_s = now_s if overslept or lines[-1] == ARMED else sent_s(lines[-1])
             timeout = SilenceTimeout(heard_s, waited_s, HUNG_S if armed else UNARMED_S)
+            excused = overslept
+        elif overslept:
+            timeout, excused = replace(timeout, heard_s=now_s), True
         elif not timeout.left_s(now_s, runqueue_wait_s(order.runner)):
             silent_s = now_s - timeout.heard_s
             break
