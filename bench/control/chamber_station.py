@@ -162,6 +162,7 @@ class ChamberStation(Station):
 
     def watch(self) -> None:
         """Move the set point on a ramp; write an alarm, once a demand, when the air gets no nearer to it."""
+        self.check_step(self.device)
         now_s = self._session.now_s
         self._follow(now_s)
         if not self._stall.due(now_s) or not (before := self.history.row_at(now_s - WINDOW_S)):

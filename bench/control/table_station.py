@@ -204,6 +204,7 @@ class TableStation(Station):
 
     def watch(self) -> None:
         """Raise RunAborted if telemetry shows that the table has left what it had settled at, or its stops."""
+        self.check_step(self.device)
         last = self.history.last
         for name, axis in self.axes.items():
             check_stops(axis, self.angle_deg(name), self._where(name))

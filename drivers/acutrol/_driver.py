@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 
-from drivers.acutrol._exchange import AcutrolExchanges
+from drivers.acutrol._exchange import REPLY_TIMEOUT_S, AcutrolExchanges
 from drivers.acutrol.codec import (
     DIAGNOSTIC_BITS,
     ERROR_BITS,
@@ -20,6 +20,7 @@ from drivers.kit.config import TableConfig
 from drivers.kit.instruments import Identity, Rest, TableLimits, TableState
 from drivers.kit.kinds import Connection
 from drivers.kit.polled import REST_DPS, TROUBLES
+from drivers.kit.retry import pass_over
 
 SERVO_TIMEOUT_S = 10.0
 """Drive enable delay (parameter x029) and fail-safe test delays run before the interlock reports Close."""
@@ -41,7 +42,7 @@ class AcutrolTable(AcutrolExchanges):
         super().__init__(connection.link(config.port, config.baudrate))
         self._numbers_by_name = {axis.name: axis.number for axis in config.all_axes}
         self.axes = tuple(self._numbers_by_name)
-        self._closed_by_us = False
+        self._closed_by_us, self._marked = False, True
 
     def _introduction(self) -> Identity:
         """Ask `*IDN?`: maker, model, serial number, firmware; the model is to be an Acutrol3000."""
@@ -123,16 +124,26 @@ class AcutrolTable(AcutrolExchanges):
     def request_state(self) -> None:
         """Ask for angle and rate without waiting; `read_state` must follow before any other exchange."""
         self._settle_input()
-        self.link.write(encode_state_query(*self._numbers_by_name.values()))
+        self._marked = not self._marked
+        self.link.write(encode_state_query(*self._numbers_by_name.values(), marked=self._marked))
         self._state_asked = True
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state`."""
-        numbers = self._collected(self.request_state, lambda: self._take(2 * len(self.axes)))
+        numbers = self._collected(self.request_state, lambda: self._take(2 * len(self.axes) + self._marked))
         outer = {
             name: TableState(numbers[2 * at], numbers[2 * at + 1]) for at, name in enumerate(self.axes[:-1])
         }
-        return TableState(numbers[-2], numbers[-1], outer)
+        last = 2 * len(self.axes) - 2
+        return TableState(numbers[last], numbers[last + 1], outer)
+
+    def in_step(self) -> bool:
+        """Ask for the identification, the one answer with its model in it."""
+        self._settle_input()
+        self.link.write(encode_command("*IDN?"))
+        return pass_over(
+            self.link, REPLY_TIMEOUT_S, lambda left_s: "acutrol" in self._read_reply(left_s).text.lower()
+        )
 
     def alarms(self) -> list[str]:
         """Return interlock fault, aborts, software faults and interlock inputs in words.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
 from drivers.acutrol.codec import decode_numbers, encode_state_query, split_reply
 from drivers.base.errors import ProtocolError
@@ -18,12 +19,13 @@ def decode_transcript(exchanges: Iterable[Exchange], config: TableConfig) -> Tra
     float64 of the last axis, `<name>_angle_deg` and `<name>_rate_dps` of the others.
     Counts: `polls` asked, `damaged` of them without a good reply.
     """
-    query = encode_state_query(*(axis.number for axis in config.all_axes)).strip()
+    numbers = [axis.number for axis in config.all_axes]
+    queries = [encode_state_query(*numbers, marked=marked).strip() for marked in (False, True)]
     outer = [f"{axis.name}_{what}" for axis in config.all_axes[:-1] for what in ("angle_deg", "rate_dps")]
     names = [*outer, "angle_deg", "rate_dps"]
     return polled(
-        match_replies(exchanges, split_line, _split),
-        lambda request: request == query,
+        match_replies(exchanges, split_line, partial(_split, queries)),
+        lambda request: request in queries,
         lambda reply: _state(reply, names),
         ("angle_deg", "rate_dps", *outer),
     )
@@ -35,9 +37,15 @@ def _state(reply: bytes, names: list[str]) -> dict[str, float]:
         raise ProtocolError(
             "no state", found=repr(reply[:80]), expected=f"{len(names)} numbers without error"
         )
-    return dict(zip(names, decode_numbers(answer[0].text, len(names)), strict=True))
+    marked = answer[0].text.count(";") == len(names)
+    return dict(zip(names, decode_numbers(answer[0].text, len(names) + marked), strict=False))
 
 
-def _split(request: bytes, buffer: bytes) -> tuple[bytes, int] | None:
+def _split(queries: list[bytes], request: bytes, buffer: bytes) -> tuple[bytes, int] | None:
+    """A poll's answer has as many numbers as were asked for: one more in every other poll."""
     found = split_reply(buffer)
-    return None if found is None else (buffer[: found[1]], found[1])
+    if found is None:
+        return None
+    if request in queries and not found[0].error and found[0].text.count(";") != request.count(b";"):
+        raise ProtocolError("the answer to another poll", found=found[0].text[:80])
+    return buffer[: found[1]], found[1]

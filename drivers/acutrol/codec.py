@@ -138,9 +138,13 @@ def split_reply(buffer: bytes) -> tuple[Reply, int] | None:
     return Reply(error, decode_text(buffer[HEADER_BYTES:end])), end
 
 
-def encode_state_query(*axes: int) -> bytes:
-    """Return the one line that polls angle and rate of axes (TM-8004-C 4.10.5, joined reads)."""
-    reads = ";".join(f"pos? {axis};rate? {axis}" for axis in axes)
+def encode_state_query(*axes: int, marked: bool = False) -> bytes:
+    """Return the one line that polls angle and rate of axes (TM-8004-C 4.10.5, joined reads).
+
+    `marked`: the first angle once more at the end. Every other poll asks so: its answer cannot be taken for that
+    to the poll before.
+    """
+    reads = ";".join(f"pos? {axis};rate? {axis}" for axis in axes) + (f";pos? {axes[0]}" if marked else "")
     return f":read:{reads}".encode("ascii") + TERMINATOR
 
 

@@ -24,7 +24,7 @@ from drivers.kit.chamber import PolledChamber
 from drivers.kit.config import ChamberConfig, key
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, Identity, require_ramp
 from drivers.kit.kinds import Connection
-from drivers.kit.retry import command_with_retry, misfit, query_with_retry
+from drivers.kit.retry import command_with_retry, misfit, pass_over, query_with_retry
 
 REPLY_TIMEOUT_S = 3.0
 """What the maker's own library allows."""
@@ -115,6 +115,17 @@ class EspecChamber(PolledChamber):
         """Return active alarms by their code; what it means stands in the manual of the chamber."""
         codes = self._query("ALARM?", decode_alarms)
         return [f"alarm {code} (see the alarm list of the chamber's manual)" for code in codes]
+
+    def in_step(self) -> bool:
+        """Ask for the type, whose answer alone begins with a letter and has commas: T,S2,160.0."""
+
+        def is_type(timeout_s: float) -> bool:
+            reply = self.link.read_until(END, timeout_s).strip()
+            return reply[:1].isalpha() and b"," in reply and b":" not in reply
+
+        self._settle_input()
+        self.link.write(encode_line("TYPE?", self.address))
+        return pass_over(self.link, REPLY_TIMEOUT_S, is_type)
 
     def _send_stop(self) -> None:
         self.link.write(END)

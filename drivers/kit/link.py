@@ -39,6 +39,10 @@ def _nobody(error: BenchError) -> None:
     """Nobody wants to know of repeats."""
 
 
+def _nothing() -> None:
+    """The device has no such question."""
+
+
 class Tap(Protocol):
     """Somebody who wants every byte of a link: the recorder."""
 
@@ -112,6 +116,8 @@ class Link:
     """Whether one is being read back: what is asked meanwhile is asked once."""
     on_retry: Callable[[BenchError], None] = staticmethod(_nobody)
     """Told why an exchange is tried again."""
+    fence: Callable[[], object] = staticmethod(_nothing)
+    """Asks what has an answer unlike any other, and passes over what comes before it (`drivers.kit.retry`)."""
     _discarded_s = -math.inf
 
     def __init__(self, url: str, clock: Clock, *, name: str, tap: Tap | None = None, **settings: Any) -> None:

@@ -24,7 +24,7 @@ from pymodbus.pdu.register_message import (
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.link import Link
-from drivers.kit.retry import command_with_retry, misfit, query_with_retry
+from drivers.kit.retry import command_with_retry, misfit, pass_over, query_with_retry
 
 Framing = Literal["rtu", "tcp"]
 
@@ -160,6 +160,19 @@ class ModbusMaster:
             self._answer()
 
         command_with_retry(self._link, tell, lambda: self.read(start, len(words)) == tuple(words))
+
+    def in_step(self, start: int, count: int) -> bool:
+        """Read registers that are more or fewer than any other read of a run has; return whether their answer was
+        the first to come.
+        """
+        self.request(start, count)
+        asked = self._asked
+
+        def fits(timeout_s: float) -> bool:
+            self._asked = asked
+            return len(self._answer().registers) == count
+
+        return pass_over(self._link, TIMEOUT_S, fits)
 
     def send_write(self, start: int, word: int) -> None:
         """Write one register and wait for nothing, not even for quiet on the line."""

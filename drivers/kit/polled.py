@@ -41,6 +41,7 @@ class PolledInstrument(ABC):
         self.link = link
         self._state_asked = False
         self._halted = False
+        link.fence = self.in_step
 
     @abstractmethod
     def _introduction(self) -> Identity:
@@ -61,6 +62,15 @@ class PolledInstrument(ABC):
             if not (seen := self._seen(error)):
                 raise
             raise self._wrong_device(seen) from error
+
+    def in_step(self) -> bool:
+        """Ask what has an answer unlike any other; return whether that was the first to come.
+
+        If not, the line was late, and telemetry belonged to earlier questions; now it is in step. True where the
+        protocol has no such question, or numbers its answers. DeviceSilent or ProtocolError if the answer does
+        not come.
+        """
+        return True
 
     def halt(self) -> None:
         """Write what brings it to rest and wait for nothing."""

@@ -1,13 +1,14 @@
 """A line may damage or lose an answer: questions are asked again, commands read back, a few times and no more.
 
 Nothing is added to an exchange that goes well. After one that did not, whatever is still on its way is waited for
-and dropped, lest the late answer to one question be taken for that to the next. Every repeat is told to
-`Link.on_retry` with what was received.
+and dropped, and a question is asked whose answer is unlike any other (`Link.fence`), lest the late answer to one
+question be taken for that to the next. Every repeat is told to `Link.on_retry` with what was received.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TypeVar
 
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
@@ -28,19 +29,22 @@ def query_with_retry(link: Link, question: Callable[[], _T]) -> _T:
     A refusal counts as damage: a question that met a flipped bit on its way is refused. An answer after a trouble
     is believed when nothing follows it; else it was the late one to the question before, and it is asked anew.
     """
-    begun_s, troubled = link.clock.now(), False
+    begun_s = link.clock.now()
+    trouble: BenchError | None = None
     for left in range(link.retries, -1, -1):
         last = not left or link.retrying
         try:
+            if trouble is not None:
+                _fence(link, trouble)
             answer = question()
         except _TROUBLES as error:
             if last or link.clock.now() - begun_s > RETRY_TIMEOUT_S:
                 raise
             link.on_retry(error)
             link.drain()
-            troubled = True
+            trouble = error
             continue
-        if last or not troubled or not link.drain():
+        if last or trouble is None or not link.drain():
             return answer
     raise AssertionError("unreachable")
 
@@ -118,6 +122,31 @@ def await_confirmation(link: Link, timeout_s: float, confirmed: Callable[[float]
             raise (problem or error) from error
 
 
+def pass_over(link: Link, timeout_s: float, is_mine: Callable[[float], bool]) -> bool:
+    """Wait for the one answer that no other question has; return whether it was the first to come.
+
+    `is_mine` reads an answer in so many seconds. ProtocolError if others come and not that one, DeviceSilent if
+    nothing does.
+    """
+    first = True
+
+    def confirmed(timeout_s: float) -> bool:
+        nonlocal first
+        if is_mine(timeout_s):
+            return True
+        first = False
+        raise ProtocolError(
+            "answers to earlier questions come, and not that to the last",
+            where=link.where,
+            found="an answer that fits another question",
+            expected="one answer to each question",
+            remedy="check for an adapter that holds answers back, and that nobody else talks on the line",
+        )
+
+    await_confirmation(link, timeout_s, confirmed)
+    return first
+
+
 def misfit(whose: str, where: str, found: str, expected: str) -> ProtocolError:
     """Return the error for an answer that is none to the question."""
     return ProtocolError(
@@ -129,9 +158,21 @@ def misfit(whose: str, where: str, found: str, expected: str) -> ProtocolError:
     )
 
 
+def _fence(link: Link, trouble: BenchError) -> None:
+    """Have the line in step again after a `trouble`, or raise that; a refusal is an answer and needs no more."""
+    if isinstance(trouble, DeviceRefused):
+        return
+    try:
+        link.fence()
+    except _TROUBLES as error:
+        raise trouble from error
+
+
 def _holds(link: Link, in_force: Callable[[], bool]) -> bool:
     link.retrying = True
     try:
+        with suppress(*_TROUBLES):
+            link.fence()
         return in_force()
     except _TROUBLES:
         return False

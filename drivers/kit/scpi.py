@@ -15,7 +15,7 @@ from drivers.kit.kinds import Exchange
 from drivers.kit.link import Link
 from drivers.kit.matching import match_replies
 from drivers.kit.polled import PolledInstrument
-from drivers.kit.retry import command_with_retry, misfit, query_with_retry
+from drivers.kit.retry import command_with_retry, misfit, pass_over, query_with_retry
 
 END = b"\n"
 REPLY_TIMEOUT_S = 3.0
@@ -92,6 +92,17 @@ class ScpiInstrument(PolledInstrument):
             raise self._odd(", ".join(fields)[:80], self._known_by)
         maker, model, serial_number, firmware = fields
         return Identity(maker, model, serial_number, firmware)
+
+    def in_step(self) -> bool:
+        """Ask who it is: maker, model, serial number, firmware."""
+
+        def is_identity(timeout_s: float) -> bool:
+            fields = self.link.read_until(END, timeout_s).decode("latin-1").split(",")
+            return len(fields) == 4 and fields[1].strip().upper().startswith(self._models)
+
+        self._settle_input()
+        self._write("*IDN?")
+        return pass_over(self.link, REPLY_TIMEOUT_S, is_identity)
 
     def _query(self, text: str, read: Callable[[str], _T]) -> _T:
         """Ask and return what `read` makes of the answer."""

@@ -177,6 +177,12 @@ class WatlowChamber(PolledChamber):
     def _is_running(self) -> bool:
         return self._modbus.read(self._switched_register, 1)[0] != self._off
 
+    def in_step(self) -> bool:
+        """Read the limits of an F4's set point, two registers, or an F4T's mode, one: no poll reads as many."""
+        if self._width == 1:
+            return self._modbus.in_step(self._limits_register, 2)
+        return self._modbus.in_step(self._switch_register, 1)
+
     def _send_stop(self) -> None:
         self._modbus.send_write(self._switch_register, self._off)
 

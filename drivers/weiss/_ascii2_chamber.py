@@ -7,9 +7,17 @@ from collections.abc import Callable, Iterable
 from drivers.base.errors import DeviceRefused, ProtocolError
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, require_ramp
 from drivers.kit.kinds import Connection
-from drivers.kit.retry import command_with_retry, query_with_retry
+from drivers.kit.retry import command_with_retry, pass_over, query_with_retry
 from drivers.weiss._driver import QUIET_S, REPLY_TIMEOUT_S, WeissChamber, WeissConfig
-from drivers.weiss.ascii2 import CR, Values, decode_values, encode_gradient, encode_read, encode_set
+from drivers.weiss.ascii2 import (
+    CR,
+    Values,
+    decode_values,
+    encode_configuration_query,
+    encode_gradient,
+    encode_read,
+    encode_set,
+)
 
 _RESOLUTION_C = 0.11
 """Values are rounded to 0.1 degC."""
@@ -67,6 +75,21 @@ class Ascii2Chamber(WeissChamber):
             for index, name in self.configuration().digital_names.items()
             if digital[index : index + 1] == "1" and any(word in name.lower() for word in _ALARM_WORDS)
         ]
+
+    def in_step(self) -> bool:
+        """Ask for the configuration, whose text begins with the name of the protocol."""
+
+        def is_text(timeout_s: float) -> bool:
+            if b"PROTOCOL" not in self.link.read_until(CR, timeout_s):
+                return False
+            while self.link.read_some(QUIET_S):
+                pass
+            self.link.discard()
+            return True
+
+        self._settle_input()
+        self.link.write(encode_configuration_query(self.address))
+        return pass_over(self.link, REPLY_TIMEOUT_S, is_text)
 
     def _send_stop(self) -> None:
         """Write a line end: a stop is part of a telegram for which values must be read first."""

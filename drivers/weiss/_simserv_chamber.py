@@ -11,7 +11,7 @@ from typing import TypeVar
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.kit.instruments import ChamberCapabilities, ChamberLimits, ChamberState, require_ramp
 from drivers.kit.kinds import Connection
-from drivers.kit.retry import await_confirmation, command_with_retry, misfit, query_with_retry
+from drivers.kit.retry import await_confirmation, command_with_retry, misfit, pass_over, query_with_retry
 from drivers.weiss._driver import REPLY_TIMEOUT_S, WeissChamber, WeissConfig
 from drivers.weiss.simserv import (
     MESSAGE_TYPES,
@@ -118,6 +118,17 @@ class SimServChamber(WeissChamber):
                 found.append(f"{kind}: {self._text(Number.MESSAGE_TEXT, index)}")
         return found or [f"chamber status {int(status)} without an active message"]
 
+    def in_step(self) -> bool:
+        """Ask for the model, which is text where all other questions of a run have a number for an answer."""
+
+        def is_text(timeout_s: float) -> bool:
+            reply = self._read(timeout_s)
+            return len(reply.fields) == 1 and not _is_number(reply.fields[0])
+
+        self._settle_input()
+        self._request(Number.CHAMBER_INFO, 1)
+        return pass_over(self.link, REPLY_TIMEOUT_S, is_text)
+
     def _send_stop(self) -> None:
         self.link.write(b"\r")
         for command in self._first_commands():
@@ -187,13 +198,9 @@ class SimServChamber(WeissChamber):
     def _take_value(self, number: Number) -> float:
         """Take the answer to `_request` as a finite number."""
         field = self._take_field(number)
-        try:
-            value = float(field)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
+        if not _is_number(field):
             raise self._unfit(field, number, "a number")
-        return value
+        return float(field)
 
     def _confirm(self, number: Number, *arguments: object) -> None:
         """Wait for the confirmation of a command that was sent.
@@ -247,3 +254,9 @@ class SimServChamber(WeissChamber):
 
     def _unfit(self, found: str, number: Number, expected: str) -> ProtocolError:
         return misfit("chamber", f"{self._where}, SimServ command {int(number)}", found, expected)
+
+
+def _is_number(field: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return math.isfinite(float(field))
+    return False

@@ -10,7 +10,14 @@ from bench.control.session import Bench
 from bench.record.benchfile import LimitsSection, SafeSection
 from bench.record.events.run import Invalid, Requested
 from drivers.base.clock import Interrupt
-from drivers.base.errors import ConfigurationError, DeviceSilent, LimitExceeded, LinkLost, RunAborted
+from drivers.base.errors import (
+    ConfigurationError,
+    DeviceSilent,
+    LimitExceeded,
+    LinkLost,
+    ProtocolError,
+    RunAborted,
+)
 from drivers.kit.config import TableConfig
 from drivers.kit.instruments import ChamberState, Rest, TableState
 
@@ -146,6 +153,29 @@ def test_time_that_passes_over_the_bench_is_an_alarm_then_the_end(made):
     with pytest.raises(RunAborted, match="nobody watched"):
         made.bench.wait(3.0)
     assert [reason.code for reason in made.bench.invalid_reasons] == ["unwatched"]
+
+
+def test_an_instrument_that_answers_one_question_late_makes_the_run_invalid_from_when_it_was_well(made):
+    answers = iter([True, False, True])
+    made.chamber.in_step = lambda: next(answers)
+    made.chamber.link = SimpleNamespace(clock=made.clock, retries=2, retrying=False)
+    made.bench.wait(200.0)
+    (reason,) = made.record.of("invalid")
+    assert reason["code"] == "stale_telemetry"
+    assert reason["facts"] == {"device": "chamber", "from_s": pytest.approx(60.0, abs=0.1)}
+    assert not list(answers)
+
+
+def test_an_instrument_that_only_answers_earlier_questions_ends_the_run(made):
+    def late():
+        raise ProtocolError("answers to earlier questions come")
+
+    made.table.in_step = late
+    quiet = {"drain": lambda: b"", "fence": late, "on_retry": lambda error: None}
+    made.table.link = SimpleNamespace(clock=made.clock, retries=2, retrying=False, **quiet)
+    with pytest.raises(ProtocolError):
+        made.bench.wait(100.0)
+    assert [row["code"] for row in made.record.of("invalid")] == ["stale_telemetry"]
 
 
 def test_wait_until_sees_every_poll_and_says_whether_it_came(made):

@@ -109,6 +109,7 @@ def test_command_bytes() -> None:
     assert encode_command(":demand:position", 1, 135.223) == b":demand:position 1,135.223000\r\n"
     assert encode_command("*IDN?") == b"*IDN?\r\n"
     assert encode_state_query(1) == b":read:pos? 1;rate? 1\r\n"
+    assert encode_state_query(1, 2, marked=True) == b":read:pos? 1;rate? 1;pos? 2;rate? 2;pos? 1\r\n"
 
 
 def test_reply_in_either_byte_order_and_with_padding() -> None:

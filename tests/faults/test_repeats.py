@@ -238,10 +238,11 @@ def test_the_captured_watlow_reply_with_each_bit_flipped_is_asked_again() -> Non
 
 def test_an_echo_that_is_not_the_command_is_not_taken_for_it() -> None:
     """25.0 reached the chamber as 35.0: it says so, and is told again."""
-    link = scripted(b"STANDBY\r\n", b"OK:TEMP,S35.0\r\n", b"26.4,35.0,140.0,-50.0\r\n", b"OK:TEMP,S25.0\r\n")
+    kind, state = b"T,S2,160.0\r\n", b"26.4,35.0,140.0,-50.0\r\n"
+    link = scripted(b"STANDBY\r\n", b"OK:TEMP,S35.0\r\n", kind, state, b"OK:TEMP,S25.0\r\n")
     link.retries = 2
     p300(link).set_temperature(25.0)
-    assert link.sent.split(b"\r\n") == [b"MODE?", b"TEMP, S25.0", b"TEMP?", b"TEMP, S25.0", b""]
+    assert link.sent.split(b"\r\n") == [b"MODE?", b"TEMP, S25.0", b"TYPE?", b"TEMP?", b"TEMP, S25.0", b""]
 
 
 def test_a_late_answer_is_never_taken_for_that_to_the_next_question() -> None:
@@ -262,4 +263,82 @@ def test_a_late_answer_is_never_taken_for_that_to_the_next_question() -> None:
     for _ in range(3):
         state = table.state()
         assert (state.rate_dps, state.angle_deg) == (5.0, 123.4)
+    assert len(told) == 1
+
+
+class Held:
+    """A device server that, from when it is `armed`, gives out each answer when the next question comes."""
+
+    def __init__(self, device: Any) -> None:
+        self.device, self.armed, self.kept = device, False, []  # type: ignore[var-annotated]
+
+    def __call__(self, data: bytes, now_s: float) -> list[tuple[float, bytes]]:
+        fresh = [reply.data for reply in self.device.receive(data, now_s)]
+        if not self.armed:
+            out, self.kept = self.kept + fresh, []
+        else:
+            out, self.kept = self.kept, fresh
+        return [(now_s + 0.05 * place, answer) for place, answer in enumerate(out, 1)]
+
+
+def held(kind: str) -> tuple[Any, Held, list[str]]:
+    make, driver = (CHAMBERS | TABLES)[kind]
+    server = Held(make(TableAxis(TableParameters()) if kind in TABLES else ChamberPlant()))
+    link = MemoryLink(server)
+    told: list[str] = []
+    link.on_retry = lambda error: told.append(str(error))
+    device = driver(link)
+    device.identify()
+    return device, server, told
+
+
+def first_question(device: Any) -> bytes:
+    """Return what a poll begins with."""
+    before = len(device.link.sent)
+    device.request_state()
+    question = bytes(device.link.sent[before:])
+    device.link.sleep(1.0)
+    device.read_state()
+    return question
+
+
+NOT_ATL = [kind for kind in (*CHAMBERS, *TABLES) if kind != "atl"]
+"""ATL's queries have numbers for answers, all alike: it cannot be asked whether it is in step."""
+
+
+@pytest.mark.parametrize("kind", NOT_ATL)
+def test_a_line_that_is_one_question_late_is_found_and_brought_in_step(kind: str) -> None:
+    device, server, _ = held(kind)
+    assert device.in_step() is True
+    server.kept = [reply.data for reply in server.device.receive(first_question(device), 0.0)]
+    numbered = kind == "watlow f4t"  # Modbus TCP passes over numbers that it did not ask
+    assert device.in_step() is numbered
+    assert device.in_step() is True
+    device.state()
+
+
+@pytest.mark.parametrize("kind", NOT_ATL)
+def test_a_line_that_stays_one_question_late_is_no_telemetry(kind: str) -> None:
+    device, server, told = held(kind)
+    device.state()
+    server.armed = True
+    with pytest.raises((DeviceSilent, ProtocolError)):
+        for _ in range(3):
+            device.state()
+    assert told
+
+
+def test_an_acutrol_poll_is_never_answered_by_the_poll_before() -> None:
+    """An answer too many is given out when the next one is due: no time-out, and the right kind of numbers."""
+    table, server, told = held("acutrol")
+    table.servo_on()
+    table.spin(5.0)
+    table.link.sleep(10.0)
+    question = first_question(table)
+    server.kept = [reply.data for reply in server.device.receive(question, table.link.now())]
+    table.link.sleep(5.0)
+    before_deg = table.state().angle_deg
+    assert len(told) == 1
+    table.link.sleep(5.0)
+    assert math.remainder(table.state().angle_deg - before_deg - 25.0, 360.0) == pytest.approx(0.0, abs=1.0)
     assert len(told) == 1
